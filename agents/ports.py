@@ -1,0 +1,124 @@
+"""The seams between an agent and the world: the vehicle link and the peer bus, as protocols."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from math import isfinite
+from typing import Protocol
+
+from estimation.frames import Triple
+from estimation.state import Sighting, Telemetry
+
+
+class FlightMode(Enum):
+    """The autopilot's flight mode, as far as an agent has to tell them apart."""
+
+    UNKNOWN = "unknown"
+    READY = "ready"
+    TAKE_OFF = "take-off"
+    HOLD = "hold"
+    OFFBOARD = "offboard"
+    LAND = "land"
+    RETURN = "return"
+    OTHER = "other"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleStatus:
+    """What a vehicle's autopilot says about itself beside its motion; `battery` is a fraction, None if unknown."""
+
+    connected: bool = False
+    armed: bool = False
+    in_air: bool = False
+    mode: FlightMode = FlightMode.UNKNOWN
+    battery: float | None = None
+    local_position_ok: bool = False
+    armable: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """A position setpoint in the mission frame, and the yaw counter-clockwise from its x axis.
+
+    Raises ValueError when a number is not finite: nothing else may reach a wire.
+    """
+
+    position_m: Triple
+    yaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(map(isfinite, (*self.position_m, self.yaw_rad))):
+            raise ValueError(f"setpoint {self.position_m}, {self.yaw_rad} is not finite")
+
+
+class VehicleRefusedError(Exception):
+    """A vehicle cannot or will not do what the mission needs: the reason, and what to do next."""
+
+    def __init__(self, reason: str, next_step: str) -> None:
+        super().__init__(f"{reason}; {next_step}")
+        self.reason = reason
+        self.next_step = next_step
+
+
+class VehicleLink(Protocol):
+    """One vehicle, in mission-frame metres: degrees, NED and the autopilot's dialect stop behind this seam.
+
+    Coroutines raise VehicleRefusedError with the autopilot's own words when it refuses or does not answer.
+    """
+
+    @property
+    def status(self) -> VehicleStatus:
+        """The newest status heard."""
+        ...
+
+    async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
+        """Find the vehicle, verify its system id, request rates, and deliver telemetry on the event loop from now on."""
+        ...
+
+    async def take_off(self, altitude_m: float) -> None:
+        """Arm, climb to `altitude_m` above the mission origin's datum, and return when the vehicle hovers there."""
+        ...
+
+    async def start_offboard(self) -> None:
+        """Enter offboard; setpoints must be flowing. Returns when the flight mode, not the acknowledgement, says so."""
+        ...
+
+    async def stop_offboard(self) -> None:
+        """Leave offboard into hold; returns when the flight mode says so."""
+        ...
+
+    async def land(self) -> None:
+        """Land where the vehicle is; returns when it is disarmed."""
+        ...
+
+    def send(self, setpoint: Setpoint) -> None:
+        """Send one setpoint now; never blocks, never raises for a lost link."""
+        ...
+
+    async def close(self) -> None:
+        """Release the link; calls in flight are drained first."""
+        ...
+
+
+class PeerBus(Protocol):
+    """Messages between vehicles: opaque bytes on named topics, and who is present."""
+
+    async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
+        """Join; both callbacks run on the event loop: a peer's payload; a peer's id and whether it is present."""
+        ...
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """Send to every peer; never blocks."""
+        ...
+
+    async def close(self) -> None:
+        """Leave; peers see it at once."""
+        ...
+
+
+class TargetSensor(Protocol):
+    """A sensor of the target that travels with one vehicle."""
+
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
+        """Return a sighting when one is due and the target is within range of `position_m`."""
+        ...

@@ -1,0 +1,96 @@
+"""The only place where frames are converted: geodetic, mission frame and a vehicle's local NED; and angle wrapping.
+
+The mission frame is tangent to the ellipsoid at the mission origin: x along a stated bearing, z up, y completing the
+right-handed system. A vehicle's local NED is parallel to north-east-down at the mission origin, shifted to that
+vehicle's own estimator origin: over the kilometre a team covers, the two tangent planes differ by under a millimetre.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, isfinite, remainder, sin, tau
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pyproj
+
+Triple = tuple[float, float, float]
+
+
+def wrap_signed_rad(angle_rad: float) -> float:
+    """Wrap an angle to [-pi, pi]."""
+    return remainder(angle_rad, tau)
+
+
+def wrap_turn_rad(angle_rad: float) -> float:
+    """Wrap an angle to (0, 2 pi]: the angle to turn through, counter-clockwise, where none means a whole turn."""
+    turned = angle_rad % tau
+    return turned if turned > 0.0 else tau
+
+
+@dataclass(frozen=True)
+class Geodetic:
+    """A WGS-84 position: degrees, and metres above the ellipsoid or any one datum used throughout.
+
+    Raises ValueError when it is not a place on Earth.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+    def __post_init__(self) -> None:
+        if not (abs(self.latitude_deg) <= 90.0 and abs(self.longitude_deg) <= 180.0 and isfinite(self.altitude_m)):
+            raise ValueError(f"{self} is not a place on Earth")
+
+
+@dataclass(frozen=True)
+class MissionFrame:
+    """The frame a mission is written in: its origin, and the bearing of its x axis clockwise from north."""
+
+    origin: Geodetic
+    x_bearing_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not isfinite(self.x_bearing_rad):
+            raise ValueError(f"x_bearing_rad = {self.x_bearing_rad} is not a bearing")
+
+    def mission_from_ned(self, ned: Triple) -> Triple:
+        """Rotate north-east-down into the mission frame; for velocities, and for positions about one origin [m, m/s]."""
+        north, east, down = ned
+        cosine, sine = cos(self.x_bearing_rad), sin(self.x_bearing_rad)
+        return north * cosine + east * sine, north * sine - east * cosine, -down
+
+    def ned_from_mission(self, mission: Triple) -> Triple:
+        """Rotate the mission frame into north-east-down; the inverse of `mission_from_ned` (and its own mirror)."""
+        x, y, z = mission
+        cosine, sine = cos(self.x_bearing_rad), sin(self.x_bearing_rad)
+        return x * cosine + y * sine, x * sine - y * cosine, -z
+
+    def mission_from_geodetic(self, place: Geodetic) -> Triple:
+        """Return the mission coordinates of a place [m]."""
+        east, north, up = self._enu_from_geodetic.transform(
+            place.longitude_deg, place.latitude_deg, place.altitude_m
+        )
+        return self.mission_from_ned((north, east, -up))
+
+    def geodetic_from_mission(self, mission: Triple) -> Geodetic:
+        """Return the place at mission coordinates [m]."""
+        north, east, down = self.ned_from_mission(mission)
+        longitude, latitude, altitude = self._enu_from_geodetic.transform(
+            east, north, -down, direction="INVERSE"
+        )
+        return Geodetic(latitude, longitude, altitude)
+
+    @cached_property
+    def _enu_from_geodetic(self) -> "pyproj.Transformer":
+        # pyproj takes a tenth of a second to import: missions that never leave the simulation do without.
+        from pyproj import Transformer  # noqa: PLC0415
+
+        origin = self.origin
+        return Transformer.from_pipeline(
+            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
+            f"+step +proj=topocentric +ellps=WGS84 +lon_0={origin.longitude_deg!r} +lat_0={origin.latitude_deg!r} "
+            f"+h_0={origin.altitude_m!r}"
+        )
+
+

@@ -1,0 +1,109 @@
+"""The identified plant: how one horizontal axis of a vehicle answers a position setpoint.
+
+`x'' = a0 (X_d - x) - a1 x' + w` per axis (mathematics.md section 1; paper section 2). One discretisation serves the
+filters, the controllers, the simulation and the stub.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import cos, cosh, exp, isfinite, sin, sinh, sqrt
+
+import numpy as np
+
+from estimation.state import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class PlantAxis:
+    """One axis of the plant; `a0` is the stiffness [1/s²] and `a1` the damping [1/s], both positive.
+
+    Raises ValueError when the axis is not asymptotically stable.
+    """
+
+    a0_per_s2: float
+    a1_per_s: float
+
+    def __post_init__(self) -> None:
+        for name, value in (("a0_per_s2", self.a0_per_s2), ("a1_per_s", self.a1_per_s)):
+            if not (isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} = {value} makes the plant unstable: it must be positive")
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """Both horizontal axes of the mission frame, and the delay between a setpoint and its effect [s]."""
+
+    x: PlantAxis
+    y: PlantAxis
+    delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.delay_s) and 0.0 <= self.delay_s <= 1.0):
+            raise ValueError(f"delay_s = {self.delay_s}: it must lie between 0 and 1 s")
+
+    @property
+    def a0_per_s2(self) -> Vector:
+        """Stiffness of both axes, shape (2,)."""
+        return np.array([self.x.a0_per_s2, self.y.a0_per_s2])
+
+    @property
+    def a1_per_s(self) -> Vector:
+        """Damping of both axes, shape (2,)."""
+        return np.array([self.x.a1_per_s, self.y.a1_per_s])
+
+
+@dataclass(frozen=True, slots=True)
+class PlantStep:
+    """The plant over one time step: `next = transition @ state + input_gain @ setpoint + disturbance_gain @ w`.
+
+    Shapes (4, 4), (4, 2) and (4, 2); the state is [x y x' y'], setpoint and `w` are held over the step.
+    """
+
+    transition: Vector
+    input_gain: Vector
+    disturbance_gain: Vector
+
+    def advance(self, state: Vector, setpoint_m: Vector, disturbance_m_s2: Vector) -> Vector:
+        """Return the state (4,) one step later."""
+        forced = self.input_gain @ setpoint_m + self.disturbance_gain @ disturbance_m_s2
+        return np.asarray(self.transition @ state + forced, dtype=np.float64)
+
+
+@lru_cache(maxsize=256)
+def exact_step(plant: Plant, step_s: float) -> PlantStep:
+    """Discretise the plant exactly for inputs held over `step_s` (the matrix exponential in closed form)."""
+    transition = np.zeros((4, 4))
+    input_gain = np.zeros((4, 2))
+    for index, axis in enumerate((plant.x, plant.y)):
+        position, velocity = index, index + 2
+        free, decay, slope, rate = _axis_response(axis, step_s)
+        transition[position, position] = free
+        transition[position, velocity] = decay
+        transition[velocity, position] = slope
+        transition[velocity, velocity] = rate
+        input_gain[position, index] = 1.0 - free
+        input_gain[velocity, index] = -slope
+    disturbance_gain = input_gain / plant.a0_per_s2
+    for matrix in (transition, input_gain, disturbance_gain):
+        matrix.setflags(write=False)
+    return PlantStep(transition, input_gain, disturbance_gain)
+
+
+def _axis_response(axis: PlantAxis, step_s: float) -> tuple[float, float, float, float]:
+    """Return the four entries of exp([[0, 1], [-a0, -a1]] step) of one axis, row by row."""
+    half = axis.a1_per_s / 2.0
+    discriminant = half**2 - axis.a0_per_s2
+    root = sqrt(abs(discriminant))
+    if root * step_s < 1e-6:  # critically damped: the limit of both branches below
+        even, odd = 1.0, step_s
+    elif discriminant > 0.0:
+        even, odd = cosh(root * step_s), sinh(root * step_s) / root
+    else:
+        even, odd = cos(root * step_s), sin(root * step_s) / root
+    envelope = exp(-half * step_s)
+    return (
+        envelope * (even + half * odd),
+        envelope * odd,
+        -axis.a0_per_s2 * envelope * odd,
+        envelope * (even - half * odd),
+    )

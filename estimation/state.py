@@ -1,0 +1,85 @@
+"""The vocabulary of the estimators: what is measured, what is believed, and how state vectors are laid out.
+
+Everything is in the mission frame (x, y right-handed with z up), SI units and radians.
+"""
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+POSITION = slice(0, 2)
+VELOCITY = slice(2, 4)
+MOTION = slice(0, 4)
+DISTURBANCE = slice(4, 6)
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """One sample of a vehicle's own motion, as its autopilot reports it.
+
+    Raises ValueError when a number is not finite: NaN stops here.
+    """
+
+    time_s: float
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        _require_finite("telemetry", self.time_s, *self.position_m, *self.velocity_m_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """One observation of the target by one vehicle's sensor, with the target's importance and threat in [0, 1].
+
+    `covariance_m2` holds (xx, xy, yy). Raises ValueError when a number is not finite, the covariance is not positive
+    definite, or importance or threat leave [0, 1].
+    """
+
+    time_s: float
+    sensor_id: int
+    position_m: tuple[float, float]
+    covariance_m2: tuple[float, float, float]
+    importance: float
+    threat: float
+
+    def __post_init__(self) -> None:
+        xx, xy, yy = self.covariance_m2
+        _require_finite("sighting", self.time_s, *self.position_m, xx, xy, yy, self.importance, self.threat)
+        if not (xx > 0.0 and xx * yy - xy**2 > 0.0):
+            raise ValueError(f"sighting covariance {self.covariance_m2} is not positive definite")
+        if not (0.0 <= self.importance <= 1.0 and 0.0 <= self.threat <= 1.0):
+            raise ValueError(f"importance {self.importance} and threat {self.threat} must lie in [0, 1]")
+
+
+@dataclass(frozen=True, slots=True)
+class OwnEstimate:
+    """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] and covariance (6, 6) at `time_s`."""
+
+    time_s: float
+    mean: Vector
+    covariance: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class TargetEstimate:
+    """A vehicle's belief about the target: mean (4,) = [x y x' y'] and covariance (4, 4) at `time_s`.
+
+    `sighted_s` is the time of the newest sighting behind it; importance and threat are that sighting's.
+    """
+
+    time_s: float
+    mean: Vector
+    covariance: Vector
+    sighted_s: float
+    importance: float
+    threat: float
+
+
+def _require_finite(what: str, *values: float) -> None:
+    if not all(map(isfinite, values)):
+        raise ValueError(f"{what} holds a number that is not finite: {values}")

@@ -1,0 +1,1 @@
+"""The ground station: mission files, the MAVSDK link, metrics, figures and the command line."""
