@@ -1,0 +1,372 @@
+"""`VehicleCore`: one vehicle's whole decision making, without clock, sockets or asyncio.
+
+What the world says comes in through the `on_...` methods, the time is an argument of `tick`, and everything the vehicle
+wants done comes back from it: the same object flies over MAVLink, in the simulation, and again from a log.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.encirclement import Approach, EncirclementPlanner
+from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
+from agents.linearize import Polar, polar_from_motion
+from agents.lmpc import QpStatus
+from agents.messages import TOPICS, MemberState, Muster, NeighbourAngle, PeerMessage, TargetPackage, decode, encode
+from agents.ports import Setpoint
+from agents.ring import RingPlace, ring_place
+from agents.settings import AgentConfig
+from agents.tactics import Event, Tactic, decides_to_encircle, mixing_share, next_tactic
+from agents.team import Team
+from estimation.own import OwnFilter
+from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, OwnEstimate, Sighting, TargetEstimate, Telemetry, Vector
+from estimation.target import TargetFilter
+
+_CLOCK_AHEAD_MAX_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """A message for the peers: its topic and its bytes."""
+
+    topic: str
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class CoreStatus:
+    """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,)."""
+
+    vehicle_id: int
+    time_s: float
+    tactic: Tactic
+    mixing: float
+    motion: Vector | None
+    target: Vector | None
+    polar: Polar | None
+    place: RingPlace | None
+    approach: Approach | None
+    qp: QpStatus | None
+    messages_dropped: int
+
+
+@dataclass(frozen=True, slots=True)
+class TickOutput:
+    """What one tick asks for: a setpoint (None before any telemetry), messages to peers, and the status."""
+
+    setpoint: Setpoint | None
+    messages: tuple[Outgoing, ...]
+    status: CoreStatus
+
+
+@dataclass(frozen=True, slots=True)
+class _Situation:
+    """What a tick decides on: the estimates now, and both motions (4,) at the moment the next setpoint acts."""
+
+    now_s: float
+    acting_s: float
+    own: OwnEstimate
+    acting_motion: Vector
+    disturbance: Vector
+    target: TargetEstimate | None
+    acting_target: Vector | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Wish:
+    """The setpoint (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about."""
+
+    setpoint_m: Vector
+    undisturbed_m: Vector
+    rate_m_s: Vector
+    place: RingPlace | None = None
+    approach: Approach | None = None
+    qp: QpStatus | None = None
+
+
+class VehicleCore:
+    """Estimates, decides and plans for one vehicle."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._config = config
+        self._own = OwnFilter(config.plant, config.own_filter)
+        self._target = TargetFilter(config.target_filter)
+        self._team = Team()
+        self._formation = FormationPlanner(config)
+        self._encirclement = EncirclementPlanner(config)
+        self._tactic = Tactic.STANDBY
+        self._start_s = np.inf
+        self._engaged_s = -np.inf
+        self._hold_m: Vector | None = None
+        self._predecessor_id: int | None = None
+        self._sightings: list[Sighting] = []
+        self._dropped = 0
+        # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
+        self._acts_after_s = config.plant.delay_s + 0.5 / config.rate_hz
+
+    @property
+    def tactic(self) -> Tactic:
+        """The present tactic."""
+        return self._tactic
+
+    def start(self, at_s: float) -> None:
+        """Begin the mission at `at_s`: the formation's clock starts then."""
+        self._start_s = at_s
+
+    def on_event(self, event: Event) -> None:
+        """Take an operator's or the shell's event."""
+        self._change(event)
+
+    def on_telemetry(self, telemetry: Telemetry) -> None:
+        """Take a sample of the vehicle's own motion."""
+        self._own.measure(telemetry)
+
+    def on_sighting(self, sighting: Sighting) -> None:
+        """Take a sighting by the vehicle's own sensor; peers are told in the next tick."""
+        self._target.sight(sighting)
+        self._sightings.append(sighting)
+
+    def on_message(self, payload: bytes, now_s: float) -> None:
+        """Take a peer's message; what is malformed, foreign or from the future is counted and dropped."""
+        try:
+            message = decode(payload)
+        except ValueError:
+            self._dropped += 1
+            return
+        if not self._plausible(message, now_s):
+            self._dropped += 1
+            return
+        match message:
+            case MemberState():
+                self._team.hear_member(message)
+            case NeighbourAngle():
+                self._team.hear_angle(message)
+            case TargetPackage():
+                self._hear_target(message)
+            case Muster():
+                pass  # the shell's concern, before the mission starts
+
+    def on_presence(self, vehicle_id: int, present: bool) -> None:
+        """Take the news that a peer has come or gone."""
+        if not present:
+            self._team.forget(vehicle_id)
+
+    def tick(self, now_s: float) -> TickOutput:
+        """Estimate, decide, plan: one step of the control loop at `now_s`."""
+        self._team.expire(now_s)
+        situation = self._assess(now_s)
+        if situation is None:
+            return TickOutput(None, (), self._status(now_s, None, None))
+        self._decide(situation)
+        wish = self._plan(situation)
+        setpoint_m = self._led(wish.setpoint_m, situation)
+        self._own.command(now_s, setpoint_m)
+        x, y = setpoint_m.tolist()
+        return TickOutput(
+            Setpoint(self._config.at_altitude((x, y))),
+            self._messages(situation, wish),
+            self._status(now_s, situation, wish),
+        )
+
+    def _assess(self, now_s: float) -> _Situation | None:
+        own = self._own.estimate(now_s)
+        if own is None:
+            return None
+        target = self._target.estimate(now_s)
+        acting_s = now_s + self._acts_after_s
+        return _Situation(
+            now_s,
+            acting_s,
+            own,
+            self._own.predicted_motion(own, acting_s),
+            own.mean[DISTURBANCE],
+            target,
+            None if target is None else _moved(target.mean, acting_s - target.time_s),
+        )
+
+    def _decide(self, situation: _Situation) -> None:
+        now_s, target = situation.now_s, situation.target
+        heard_s = self._own.heard_s
+        if heard_s is None or now_s - heard_s > self._config.safety.telemetry_timeout_s:
+            self._change(Event.HOLD)
+        if self._tactic is Tactic.STANDBY and now_s >= self._start_s:
+            self._change(Event.START)
+        if self._tactic is Tactic.ENCIRCLE and target is None:
+            self._change(Event.TARGET_LOST)
+        if (
+            self._tactic is Tactic.FORMATION
+            and target is not None
+            and decides_to_encircle(target, situation.own.mean[POSITION], self._config.decision)
+        ):
+            self._engaged_s = now_s
+            self._change(Event.ENGAGE)
+
+    def _change(self, event: Event) -> None:
+        after = next_tactic(self._tactic, event)
+        if after is self._tactic:
+            return
+        self._tactic = after
+        self._hold_m = None
+        if after is Tactic.FORMATION:
+            self._formation.reset()
+        if after is Tactic.ENCIRCLE:
+            self._encirclement.reset()
+
+    def _plan(self, situation: _Situation) -> _Wish:
+        if self._tactic is Tactic.FORMATION:
+            return self._form(situation)
+        if self._tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
+            ring = self._encircle(situation, situation.acting_target)
+            share = mixing_share(situation.now_s - self._engaged_s, self._config.encirclement.smoothing_time_s)
+            return ring if share >= 1.0 else _mixed(self._form(situation), ring, share)
+        return self._hold(situation)
+
+    def _form(self, situation: _Situation) -> _Wish:
+        config = self._config
+        flying = {*self._team.in_formation(), config.vehicle_id} & set(config.slots)
+        leader = config.formation.leader
+        predecessor_id = predecessor_of(config.vehicle_id, flying, config.slots, leader)
+        if predecessor_id != self._predecessor_id:
+            self._formation.reset()
+            self._predecessor_id = predecessor_id
+        rate = np.array([config.formation.speed_m_s, 0.0])
+        if predecessor_id is None:
+            predecessor, offset = self._own_line(situation.acting_s), (0.0, 0.0)
+        else:
+            predecessor = _extrapolated(self._team.member(predecessor_id), situation.acting_s)
+            offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
+        plan = self._formation.plan(situation.acting_motion, situation.disturbance, predecessor, offset)
+        return _Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
+
+    def _own_line(self, at_s: float) -> Predecessor:
+        """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""
+        config = self._config
+        shift_x, shift_y = config.slot_offset_m(config.vehicle_id, config.formation.leader)
+        start = config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
+        return mission_line(config.plant, start, config.formation.speed_m_s, max(at_s - self._start_s, 0.0))
+
+    def _encircle(self, situation: _Situation, target: Vector) -> _Wish:
+        polar = polar_from_motion(situation.acting_motion, target)
+        rate = self._config.encirclement.angular_rate_rad_s
+        place = ring_place(polar.bearing_rad, self._team.bearings_rad(situation.acting_s, rate))
+        plan = self._encirclement.plan(situation.acting_motion, target, situation.disturbance, place)
+        return _Wish(
+            plan.setpoint_m, plan.setpoint_m, situation.acting_motion[VELOCITY], place, plan.approach, plan.status
+        )
+
+    def _hold(self, situation: _Situation) -> _Wish:
+        if self._hold_m is None:
+            self._hold_m = situation.own.mean[POSITION].copy()
+        return _Wish(self._hold_m, self._hold_m, np.zeros(2))
+
+    def _led(self, setpoint_m: Vector, situation: _Situation) -> Vector:
+        """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
+        position = situation.acting_motion[POSITION]
+        lead = setpoint_m - position
+        distance = float(np.hypot(lead[0], lead[1]))
+        limit = self._config.safety.setpoint_lead_max_m
+        return setpoint_m if distance <= limit else position + lead * (limit / distance)
+
+    def _messages(self, situation: _Situation, wish: _Wish) -> tuple[Outgoing, ...]:
+        messages: list[PeerMessage] = [self._member_state(situation, wish)]
+        if self._tactic is Tactic.ENCIRCLE and situation.target is not None:
+            messages.append(self._neighbour_angle(situation, situation.target))
+        messages += [self._target_package(sighting, situation.own) for sighting in self._sightings]
+        self._sightings.clear()
+        return tuple(Outgoing(TOPICS[type(message)].name, encode(message)) for message in messages)
+
+    def _member_state(self, situation: _Situation, wish: _Wish) -> MemberState:
+        x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
+        at_now = wish.undisturbed_m - wish.rate_m_s * (situation.acting_s - situation.now_s)
+        setpoint_x, setpoint_y = at_now.tolist()
+        rate_x, rate_y = wish.rate_m_s.tolist()
+        return MemberState(
+            self._config.vehicle_id,
+            situation.now_s,
+            self._tactic.value,
+            (x, y),
+            (x_rate, y_rate),
+            (setpoint_x, setpoint_y),
+            (rate_x, rate_y),
+        )
+
+    def _neighbour_angle(self, situation: _Situation, target: TargetEstimate) -> NeighbourAngle:
+        polar = polar_from_motion(situation.own.mean[MOTION], target.mean)
+        return NeighbourAngle(
+            self._config.vehicle_id,
+            situation.now_s,
+            polar.bearing_rad,
+            polar.angular_rate_rad_s,
+            polar.radius_m,
+        )
+
+    def _target_package(self, sighting: Sighting, own: OwnEstimate) -> TargetPackage:
+        return TargetPackage(
+            self._config.vehicle_id,
+            sighting.time_s,
+            sighting.position_m,
+            sighting.covariance_m2,
+            sighting.importance,
+            sighting.threat,
+            self._team.within(own.mean[POSITION], self._config.communication_radius_m),
+        )
+
+    def _hear_target(self, package: TargetPackage) -> None:
+        if self._config.vehicle_id not in package.recipients:
+            return
+        try:
+            sighting = Sighting(
+                package.time_s,
+                package.sender,
+                package.position_m,
+                package.covariance_m2,
+                package.importance,
+                package.threat,
+            )
+        except ValueError:
+            self._dropped += 1
+            return
+        self._target.sight(sighting)
+
+    def _plausible(self, message: PeerMessage, now_s: float) -> bool:
+        age_s = now_s - message.time_s
+        known = message.sender in self._config.slots and message.sender != self._config.vehicle_id
+        return known and -_CLOCK_AHEAD_MAX_S <= age_s <= TOPICS[type(message)].age_max_s
+
+    def _status(self, now_s: float, situation: _Situation | None, wish: _Wish | None) -> CoreStatus:
+        target = None if situation is None or situation.target is None else situation.target.mean
+        motion = None if situation is None else situation.own.mean[MOTION]
+        return CoreStatus(
+            self._config.vehicle_id,
+            now_s,
+            self._tactic,
+            mixing_share(now_s - self._engaged_s, self._config.encirclement.smoothing_time_s),
+            motion,
+            target,
+            None if motion is None or target is None else polar_from_motion(motion, target),
+            None if wish is None else wish.place,
+            None if wish is None else wish.approach,
+            None if wish is None else wish.qp,
+            self._dropped,
+        )
+
+
+def _moved(motion: Vector, by_s: float) -> Vector:
+    """Return a motion (4,) some time later at constant velocity."""
+    later = motion.copy()
+    later[POSITION] += motion[VELOCITY] * by_s
+    return later
+
+
+def _extrapolated(member: MemberState, at_s: float) -> Predecessor:
+    """Return a peer's motion and setpoint at a moment, each going on at its published rate."""
+    ahead_s = at_s - member.time_s
+    motion = np.array([*member.position_m, *member.velocity_m_s])
+    setpoint = np.array(member.setpoint_m) + np.array(member.setpoint_rate_m_s) * ahead_s
+    return Predecessor(_moved(motion, ahead_s), setpoint)
+
+
+def _mixed(formation: _Wish, ring: _Wish, share: float) -> _Wish:
+    """Mix both tactics' setpoints, u = (1 - s) u_formation + s u_encircle (paper, section 4)."""
+    setpoint = (1.0 - share) * formation.setpoint_m + share * ring.setpoint_m
+    return _Wish(setpoint, setpoint, ring.rate_m_s, ring.place, ring.approach, ring.qp)

@@ -1,0 +1,151 @@
+"""Encirclement: LMPC on the linearised polar model - (23) to (26) - and its setpoint through feedback linearisation."""
+
+from dataclasses import dataclass
+from enum import Enum
+from math import tau
+
+import numpy as np
+
+from agents.linearize import Polar, polar_from_motion, setpoint_for, setpoint_for_acceleration
+from agents.lmpc import Bounds, Lmpc, QpStatus
+from agents.ring import RingPlace, spaced_rate_rad_s
+from agents.settings import AgentConfig, EncirclementSettings
+from estimation.state import VELOCITY, Vector
+
+_CONSTRAINED = (1, 2, 3)  # bearing, radial speed, angular rate
+_APPROACH_GAIN_PER_S = 0.5
+_FREE = 1e20
+
+
+class Approach(Enum):
+    """How the vehicle stands to the ring: on its way along it, or where polar control is singular or useless."""
+
+    ORBIT = "orbit"
+    OUTWARD = "outward"
+    INWARD = "inward"
+
+
+@dataclass(frozen=True, slots=True)
+class EncirclementPlan:
+    """The setpoint (2,), how the vehicle stands to the ring, the rate wanted of it, and where the plan came from."""
+
+    setpoint_m: Vector
+    approach: Approach
+    rate_wanted_rad_s: float
+    status: QpStatus
+
+
+class EncirclementPlanner:
+    """Plans one vehicle's flight around the target; remembers the last polar acceleration only."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._plant = config.plant
+        self._settings = config.encirclement
+        self._clearance_rad = config.clearance_rad
+        spacing_weight = self._settings.lag_weight + self._settings.lead_weight
+        self._alone = _lmpc(self._settings, 0.0)
+        self._spaced = _lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
+        self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
+        self._acceleration = np.zeros(2)
+
+    def reset(self) -> None:
+        """Forget the last polar acceleration: the vehicle comes from another tactic."""
+        self._acceleration = np.zeros(2)
+
+    def plan(
+        self, motion: Vector, target: Vector, disturbance_m_s2: Vector, place: RingPlace
+    ) -> EncirclementPlan:
+        """Plan from the vehicle's and the target's motion (4,) at the moment the setpoint acts."""
+        settings = self._settings
+        polar = polar_from_motion(motion, target)
+        wanted = spaced_rate_rad_s(place, settings.angular_rate_rad_s, settings.spacing_gain_per_s)
+        approach = self._approach(polar.radius_m)
+        if approach is not Approach.ORBIT:
+            self.reset()
+            setpoint = self._radial_setpoint(motion, target, polar, disturbance_m_s2)
+            return EncirclementPlan(setpoint, approach, wanted, QpStatus.INTERIOR)
+        lmpc = self._alone if place.members == 1 else self._spaced
+        state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
+        plan = lmpc.solve(
+            state, self._reference(place, wanted), self._acceleration, self._bounds(polar, place)
+        )
+        self._acceleration = plan.first_input
+        setpoint = setpoint_for(motion, polar, plan.first_input, disturbance_m_s2, self._plant)
+        return EncirclementPlan(setpoint, approach, wanted, plan.status)
+
+    def _approach(self, radius_m: float) -> Approach:
+        if radius_m < self._settings.radius_min_m:
+            return Approach.OUTWARD
+        return Approach.INWARD if radius_m > self._settings.radius_far_m else Approach.ORBIT
+
+    def _radial_setpoint(
+        self, motion: Vector, target: Vector, polar: Polar, disturbance_m_s2: Vector
+    ) -> Vector:
+        """Fly straight towards the ring, at a speed that the distance and the speed limit allow."""
+        settings = self._settings
+        speed = _APPROACH_GAIN_PER_S * (settings.radius_m - polar.radius_m)
+        speed = max(-settings.speed_max_m_s, min(settings.speed_max_m_s, speed))
+        outward = np.array([np.cos(polar.bearing_rad), np.sin(polar.bearing_rad)])
+        error = target[VELOCITY] + speed * outward - motion[VELOCITY]
+        return setpoint_for_acceleration(motion, self._plant.a1_per_s * error, disturbance_m_s2, self._plant)
+
+    def _reference(self, place: RingPlace, rate_wanted_rad_s: float) -> Vector:
+        """Return the reference (horizon, 4); both spacing terms of (24) together pull towards one weighted bearing.
+
+        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser; the neighbours go
+        on at the ring's rate - (25), (26).
+        """
+        settings = self._settings
+        reference = np.zeros((settings.horizon, 4))
+        reference[:, 0] = settings.radius_m
+        reference[:, 3] = rate_wanted_rad_s
+        if place.lead_rad is not None and place.lag_rad is not None:
+            behind = place.desired_rad - place.lag_rad
+            ahead = place.lead_rad - place.desired_rad
+            weights = settings.lag_weight + settings.lead_weight
+            middle = (
+                (settings.lag_weight * behind + settings.lead_weight * ahead) / weights if weights else 0.0
+            )
+            reference[:, 1] = middle + settings.angular_rate_rad_s * self._times_s
+        return reference
+
+    def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
+        """Bound the inputs by the acceleration, the states by the speed limit and the clearance to both neighbours.
+
+        A state that is outside already may stay there: it must not make the problem infeasible.
+        """
+        settings = self._settings
+        radius = polar.radius_m
+        limit = np.array([settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / radius])
+        radial = max(settings.speed_max_m_s, abs(polar.radial_speed_m_s))
+        angular = max(settings.speed_max_m_s / radius, abs(polar.angular_rate_rad_s))
+        highest = np.empty((settings.horizon, len(_CONSTRAINED)))
+        highest[:] = (_FREE, radial, angular)
+        lowest = -highest
+        if place.lead_rad is not None and place.lag_rad is not None:
+            drift = settings.angular_rate_rad_s * self._times_s
+            highest[:, 0] = place.lead_rad - min(self._clearance_rad, place.lead_rad) + drift
+            lowest[:, 0] = min(self._clearance_rad, place.lag_rad) - place.lag_rad + drift
+        return Bounds(-limit, limit, lowest, highest)
+
+
+def _lmpc(settings: EncirclementSettings, spacing_weight: float) -> Lmpc:
+    """Build the LMPC of two double integrators in [r phi r' phi'] with inputs [r'' phi''] - (12)."""
+    step_s = settings.prediction_step_s
+    transition = np.eye(4)
+    transition[:2, 2:] = np.eye(2) * step_s
+    input_gain = np.vstack([np.eye(2) * step_s**2 / 2.0, np.eye(2) * step_s])
+    return Lmpc(
+        transition,
+        input_gain,
+        horizon=settings.horizon,
+        control_horizon=settings.control_horizon,
+        state_weight=np.diag([settings.radius_weight, spacing_weight, 0.0, settings.rate_weight]),
+        increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight]),
+        constrained_states=_CONSTRAINED,
+    )
+
+
+def chord_m(radius_m: float, members: int) -> float:
+    """Return the distance between neighbours evenly spaced on the ring, `2 R sin(pi / n)`."""
+    return float(2.0 * radius_m * np.sin(tau / 2.0 / members))

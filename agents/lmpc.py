@@ -1,0 +1,151 @@
+"""Linear model predictive control of a linear plant: the one builder of its quadratic programme, the one importer of OSQP.
+
+Over the decision U = (u_0 ... u_{c-1}), the last input held to the end of the horizon, it minimises
+
+    sum_j (x_j - r_j)' Q (x_j - r_j) + sum_i du_i' R du_i,   x_{j+1} = A x_j + B u_j
+
+under bounds on the inputs and on chosen states - (13), (14) for the formation, (23), (24) for the ring.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import osqp
+from scipy.sparse import csc_matrix
+
+from estimation.state import Vector
+
+_FEASIBLE_SLACK = 1e-9
+
+
+class QpStatus(Enum):
+    """Where a plan came from: the optimum inside the bounds, on the bounds, or the bounded substitute for a failed solve."""
+
+    INTERIOR = "interior"
+    BOUNDED = "bounded"
+    FALLBACK = "fallback"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The first input (m,) of the optimal sequence, the states (horizon, n) it is predicted to lead through, and the status."""
+
+    first_input: Vector
+    states: Vector
+    status: QpStatus
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Bounds of one solve: inputs (m,) each way, and the constrained states (horizon, k) each way."""
+
+    input_min: Vector
+    input_max: Vector
+    state_min: Vector
+    state_max: Vector
+
+
+class Lmpc:
+    """A condensed LMPC whose matrices never change: a solve updates vectors only and starts warm."""
+
+    def __init__(
+        self,
+        transition: Vector,
+        input_gain: Vector,
+        *,
+        horizon: int,
+        control_horizon: int,
+        state_weight: Vector,
+        increment_weight: Vector,
+        constrained_states: tuple[int, ...],
+    ) -> None:
+        """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,)."""
+        states, inputs = input_gain.shape
+        self._shape = (horizon, states)
+        self._inputs = inputs
+        self._control_horizon = control_horizon
+        self._free, self._forced = _condense(transition, input_gain, horizon, control_horizon)
+        weighted = np.kron(np.eye(horizon), state_weight) @ self._forced
+        difference = np.eye(control_horizon * inputs) - np.eye(control_horizon * inputs, k=-inputs)
+        increment_cost = difference.T @ np.diag(np.tile(increment_weight, control_horizon))
+        hessian = 2.0 * (self._forced.T @ weighted + increment_cost @ difference)
+        self._gradient_by_state = 2.0 * weighted.T @ self._free
+        self._gradient_by_reference = -2.0 * weighted.T
+        self._gradient_by_previous = -2.0 * increment_cost[:, :inputs]
+        self._interior = -np.linalg.inv(hessian)
+        rows = [step * states + state for step in range(horizon) for state in constrained_states]
+        self._rows_free = self._free[rows]
+        self._lower, self._upper = np.empty((2, control_horizon * inputs + len(rows)))
+        self._rows = np.vstack([np.eye(control_horizon * inputs), self._forced[rows]])
+        self._solver = _solver(hessian, self._rows)
+
+    def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Plan:
+        """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
+        gradient = (
+            self._gradient_by_state @ state
+            + self._gradient_by_reference @ reference.ravel()
+            + self._gradient_by_previous @ previous_input
+        )
+        drift = self._rows_free @ state
+        size = len(gradient)
+        lower, upper = self._lower, self._upper
+        lower[:size].reshape(-1, self._inputs)[:] = bounds.input_min
+        upper[:size].reshape(-1, self._inputs)[:] = bounds.input_max
+        np.subtract(bounds.state_min.ravel(), drift, out=lower[size:])
+        np.subtract(bounds.state_max.ravel(), drift, out=upper[size:])
+        optimum, status = self._minimise(gradient, lower, upper)
+        states = (self._free @ state + self._forced @ optimum).reshape(self._shape)
+        return Plan(optimum[: self._inputs], states, status)
+
+    def _minimise(self, gradient: Vector, lower: Vector, upper: Vector) -> tuple[Vector, QpStatus]:
+        # Almost always the bounds do not bind: then the optimum is a matrix product, exact, and cheaper than any solver.
+        interior = self._interior @ gradient
+        values = self._rows @ interior
+        if (values >= lower - _FEASIBLE_SLACK).all() and (values <= upper + _FEASIBLE_SLACK).all():
+            return interior, QpStatus.INTERIOR
+        size = len(gradient)
+        if (lower <= upper).all():
+            self._solver.update(q=gradient, l=lower, u=upper)
+            result = self._solver.solve()
+            if result.info.status_val == 1 and np.isfinite(result.x).all():
+                return np.clip(result.x, lower[:size], upper[:size]), QpStatus.BOUNDED
+        # An infeasible problem must not fly: the unbounded optimum, cut to what the inputs may do.
+        return np.clip(interior, lower[:size], np.maximum(lower, upper)[:size]), QpStatus.FALLBACK
+
+
+def _condense(
+    transition: Vector, input_gain: Vector, horizon: int, control_horizon: int
+) -> tuple[Vector, Vector]:
+    """Return the free response (horizon n, n) and the response to the decision (horizon n, control_horizon m)."""
+    states, inputs = input_gain.shape
+    free = np.zeros((horizon * states, states))
+    forced = np.zeros((horizon * states, control_horizon * inputs))
+    power, response = np.eye(states), np.zeros((states, control_horizon * inputs))
+    for step in range(horizon):
+        held = min(step, control_horizon - 1) * inputs
+        power, response = transition @ power, transition @ response
+        response[:, held : held + inputs] += input_gain
+        free[step * states : (step + 1) * states] = power
+        forced[step * states : (step + 1) * states] = response
+    return free, forced
+
+
+def _solver(hessian: Vector, rows: Vector) -> osqp.OSQP:
+    solver = osqp.OSQP()
+    unbounded = np.full(len(rows), 1e20)
+    solver.setup(
+        csc_matrix(np.triu(hessian)),
+        np.zeros(len(hessian)),
+        csc_matrix(rows),
+        -unbounded,
+        unbounded,
+        verbose=False,
+        eps_abs=1e-5,
+        eps_rel=1e-5,
+        max_iter=500,
+        check_termination=5,
+        # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
+        adaptive_rho_interval=25,
+    )
+    return solver

@@ -1,0 +1,54 @@
+"""The ring: who is in front and behind, and the angular rate that spaces everybody evenly - (15) to (22)."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import cos, tau
+
+from estimation.frames import wrap_turn_rad
+
+_FASTEST_MODE_PER_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RingPlace:
+    """A vehicle's place among the `members` on the ring, itself included.
+
+    `lead_rad` and `lag_rad` in (0, 2 pi] are the angles to the vehicle in front and from the one behind; alone on the
+    ring both are None.
+    """
+
+    members: int
+    lead_rad: float | None
+    lag_rad: float | None
+
+    @property
+    def desired_rad(self) -> float:
+        """The even spacing (15)."""
+        return tau / self.members
+
+
+def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingPlace:
+    """Find the neighbours of a vehicle on the ring from everybody's bearings about the target - (16)."""
+    ahead = [wrap_turn_rad(other - bearing_rad) for other in other_bearings_rad]
+    if not ahead:
+        return RingPlace(1, None, None)
+    behind = [wrap_turn_rad(-angle) for angle in ahead]
+    return RingPlace(len(ahead) + 1, min(ahead), min(behind))
+
+
+def spaced_rate_rad_s(place: RingPlace, rate_rad_s: float, gain_per_s: float) -> float:
+    """Return the angular rate wanted of a vehicle - (22), corrected: `w_D + gamma/3 (phi_lead - phi_lag)`.
+
+    The gain grows with the number of vehicles so that the slowest mode of the ring decays at `gain_per_s` for any of them.
+    """
+    if place.lead_rad is None or place.lag_rad is None:
+        return rate_rad_s
+    return rate_rad_s + _scaled_gain_per_s(place.members, gain_per_s) / 3.0 * (place.lead_rad - place.lag_rad)
+
+
+def _scaled_gain_per_s(members: int, gain_per_s: float) -> float:
+    """Return gamma for which the slowest of the ring modes `(2 gamma / 3) (1 - cos(2 pi k / n))` decays at the gain.
+
+    In a large ring that would ask more of the fastest mode, up to `4 gamma / 3`, than a vehicle can follow: it is bounded.
+    """
+    return min(gain_per_s * 1.5 / (1.0 - cos(tau / members)), max(gain_per_s, 0.75 * _FASTEST_MODE_PER_S))

@@ -1,0 +1,102 @@
+"""Settings of one agent: the sections of the mission file that an agent obeys, and its whole configuration."""
+
+from dataclasses import dataclass, field
+from math import pi
+
+from pydantic import Field
+
+from estimation.frames import Triple
+from estimation.plant import Plant
+from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+
+
+class FormationSettings(Settings):
+    """Line abreast: spacing between neighbours, the leader and its speed along x, and the weights of (13)."""
+
+    spacing_m: float = Field(gt=0.0, le=1000.0)
+    speed_m_s: float = Field(ge=0.0, le=20.0)
+    leader: int = Field(ge=1, le=254)
+    position_weight: float = Field(1.0, gt=0.0, le=1e6)
+    velocity_weight: float = Field(1.0, ge=0.0, le=1e6)
+    increment_weight: float = Field(0.5, gt=0.0, le=1e6)
+    speed_max_m_s: float = Field(2.0, gt=0.0, le=20.0)
+    prediction_step_s: float = Field(0.5, gt=0.0, le=5.0)
+    horizon: int = Field(8, ge=2, le=50)
+    control_horizon: int = Field(2, ge=1, le=10)
+
+
+class EncirclementSettings(Settings):
+    """The ring: its radius and angular rate, the spacing gain of (22), the weights of (24) and the bounds of the LMPC."""
+
+    radius_m: float = Field(gt=0.0, le=1000.0)
+    angular_rate_rad_s: float = Field(ge=-2.0, le=2.0)
+    smoothing_time_s: float = Field(5.0, ge=0.0, le=60.0)
+    spacing_gain_per_s: float = Field(0.3, ge=0.0, le=2.0)
+    radius_weight: float = Field(1.0, gt=0.0, le=1e6)
+    rate_weight: float = Field(20.0, gt=0.0, le=1e6)
+    lag_weight: float = Field(6.0, ge=0.0, le=1e6)
+    lead_weight: float = Field(6.0, ge=0.0, le=1e6)
+    radial_increment_weight: float = Field(0.05, gt=0.0, le=1e6)
+    angular_increment_weight: float = Field(2.0, gt=0.0, le=1e6)
+    speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0)
+    acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0)
+    radius_min_m: float = Field(1.0, gt=0.0, le=1000.0)
+    radius_far_m: float = Field(60.0, gt=0.0, le=10000.0)
+    prediction_step_s: float = Field(0.5, gt=0.0, le=5.0)
+    horizon: int = Field(8, ge=2, le=50)
+    control_horizon: int = Field(2, ge=1, le=10)
+
+
+class DecisionSettings(Settings):
+    """When a vehicle leaves the formation for the ring (paper, section 5); a vehicle may override each threshold."""
+
+    importance_min: float = Field(0.6, ge=0.0, le=1.0)
+    threat_max: float = Field(0.5, ge=0.0, le=1.0)
+    distance_max_m: float = Field(12.0, gt=0.0, le=10000.0)
+
+
+class SafetySettings(Settings):
+    """What is never to be exceeded, whatever a tactic wishes."""
+
+    separation_m: float = Field(1.0, gt=0.0, le=100.0)
+    setpoint_lead_max_m: float = Field(6.0, gt=0.0, le=50.0)
+    telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
+
+
+@dataclass(frozen=True, slots=True)
+class AgentConfig:
+    """Everything one agent is told before it flies.
+
+    `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
+    mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
+    messages are meant to reach.
+    """
+
+    vehicle_id: int
+    slots: tuple[int, ...]
+    line_start_m: tuple[float, float]
+    altitude_m: float
+    rate_hz: float
+    communication_radius_m: float
+    plant: Plant
+    formation: FormationSettings
+    encirclement: EncirclementSettings
+    decision: DecisionSettings = field(default_factory=DecisionSettings)
+    safety: SafetySettings = field(default_factory=SafetySettings)
+    own_filter: OwnFilterSettings = field(default_factory=OwnFilterSettings)
+    target_filter: TargetFilterSettings = field(default_factory=TargetFilterSettings)
+
+    def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
+        """Return where `vehicle_id` belongs relative to another member: line abreast, the first slot farthest left."""
+        places = self.slots.index(relative_to) - self.slots.index(vehicle_id)
+        return 0.0, places * self.formation.spacing_m
+
+    @property
+    def clearance_rad(self) -> float:
+        """The angle between two vehicles on the ring at which they are one separation apart."""
+        half_chord = self.safety.separation_m / 2.0 / self.encirclement.radius_m
+        return min(2.0 * half_chord, pi / 2.0)
+
+    def at_altitude(self, position_m: tuple[float, float]) -> Triple:
+        """Return a horizontal position at the flying height."""
+        return (*position_m, self.altitude_m)

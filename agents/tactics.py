@@ -1,0 +1,77 @@
+"""The tactic machine as a table, and the rule by which a vehicle decides for itself to leave the formation."""
+
+from enum import Enum
+from math import hypot
+
+from agents.settings import DecisionSettings
+from estimation.state import TargetEstimate, Vector
+
+
+class Tactic(Enum):
+    """What a vehicle is doing."""
+
+    STANDBY = "standby"
+    FORMATION = "formation"
+    ENCIRCLE = "encircle"
+    HOLD = "hold"
+    LAND = "land"
+
+
+class Event(Enum):
+    """What may change a vehicle's tactic."""
+
+    START = "start"
+    ENGAGE = "engage"
+    TARGET_LOST = "target lost"
+    HOLD = "hold"
+    RESUME = "resume"
+    LAND = "land"
+
+
+TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
+    (Tactic.STANDBY, Event.START): Tactic.FORMATION,
+    (Tactic.STANDBY, Event.HOLD): Tactic.HOLD,
+    (Tactic.STANDBY, Event.LAND): Tactic.LAND,
+    (Tactic.FORMATION, Event.ENGAGE): Tactic.ENCIRCLE,
+    (Tactic.FORMATION, Event.HOLD): Tactic.HOLD,
+    (Tactic.FORMATION, Event.LAND): Tactic.LAND,
+    (Tactic.ENCIRCLE, Event.TARGET_LOST): Tactic.HOLD,
+    (Tactic.ENCIRCLE, Event.HOLD): Tactic.HOLD,
+    (Tactic.ENCIRCLE, Event.LAND): Tactic.LAND,
+    (Tactic.HOLD, Event.RESUME): Tactic.FORMATION,
+    (Tactic.HOLD, Event.LAND): Tactic.LAND,
+}
+
+
+def next_tactic(tactic: Tactic, event: Event) -> Tactic:
+    """Return the tactic after an event; an event that a tactic does not know changes nothing."""
+    return TRANSITIONS.get((tactic, event), tactic)
+
+
+def diagram() -> str:
+    """Return the table as a Mermaid state diagram."""
+    lines = ["stateDiagram-v2", f"    [*] --> {Tactic.STANDBY.value}"]
+    lines += [
+        f"    {before.value} --> {after.value}: {event.value}"
+        for (before, event), after in TRANSITIONS.items()
+    ]
+    lines.append(f"    {Tactic.LAND.value} --> [*]")
+    return "\n".join(lines)
+
+
+def decides_to_encircle(target: TargetEstimate, position_m: Vector, thresholds: DecisionSettings) -> bool:
+    """Return whether a vehicle at (2,) engages: important enough, not too dangerous, near enough (paper, section 5)."""
+    distance_m = hypot(*(target.mean[:2] - position_m).tolist())
+    return (
+        target.importance > thresholds.importance_min
+        and target.threat < thresholds.threat_max
+        and distance_m < thresholds.distance_max_m
+    )
+
+
+def mixing_share(since_engaged_s: float, smoothing_time_s: float) -> float:
+    """Return the share s of the encirclement setpoint, rising smoothly from 0 to 1 over the smoothing time t_sm."""
+    if since_engaged_s >= smoothing_time_s:
+        return 1.0
+    progress = max(since_engaged_s, 0.0) / smoothing_time_s
+    return progress**2 * (3.0 - 2.0 * progress)

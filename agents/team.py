@@ -1,0 +1,71 @@
+"""What a vehicle knows of its peers: the newest of each kind of message from each, while it is fresh."""
+
+from collections.abc import Iterable
+from math import hypot
+
+from agents.messages import TOPICS, MemberState, NeighbourAngle
+from agents.tactics import Tactic
+from estimation.state import Vector
+
+_MEMBER_AGE_MAX_S = TOPICS[MemberState].age_max_s
+_ANGLE_AGE_MAX_S = TOPICS[NeighbourAngle].age_max_s
+
+
+class Team:
+    """The peers of one vehicle, by what they said last; stale means gone."""
+
+    def __init__(self) -> None:
+        self._members: dict[int, MemberState] = {}
+        self._angles: dict[int, NeighbourAngle] = {}
+
+    def hear_member(self, message: MemberState) -> None:
+        """Take in a peer's state unless a newer one is known."""
+        known = self._members.get(message.sender)
+        if known is None or message.time_s > known.time_s:
+            self._members[message.sender] = message
+
+    def hear_angle(self, message: NeighbourAngle) -> None:
+        """Take in a peer's place on the ring unless a newer one is known."""
+        known = self._angles.get(message.sender)
+        if known is None or message.time_s > known.time_s:
+            self._angles[message.sender] = message
+
+    def forget(self, vehicle_id: int) -> None:
+        """Drop a peer whose presence has ended."""
+        self._members.pop(vehicle_id, None)
+        self._angles.pop(vehicle_id, None)
+
+    def expire(self, now_s: float) -> None:
+        """Drop what has become too old to act on."""
+        for sender in [s for s, m in self._members.items() if now_s - m.time_s > _MEMBER_AGE_MAX_S]:
+            del self._members[sender]
+        for sender in [s for s, a in self._angles.items() if now_s - a.time_s > _ANGLE_AGE_MAX_S]:
+            del self._angles[sender]
+
+    def in_formation(self) -> Iterable[int]:
+        """Return the ids of the peers that fly in formation."""
+        return [s for s, m in self._members.items() if m.tactic == Tactic.FORMATION.value]
+
+    def member(self, vehicle_id: int) -> MemberState:
+        """Return the newest state of a peer that is known to be there."""
+        return self._members[vehicle_id]
+
+    def bearings_rad(self, at_s: float, rate_rad_s: float) -> list[float]:
+        """Return the bearings of all engaged peers at a moment, going on at the ring's rate - (25), (26)."""
+        return [
+            angle.bearing_rad + rate_rad_s * (at_s - angle.time_s)
+            for sender, angle in self._angles.items()
+            if self._engaged(sender)
+        ]
+
+    def within(self, position_m: Vector, radius_m: float) -> tuple[int, ...]:
+        """Return the peers within a radius of a position (2,)."""
+        x, y = position_m.tolist()
+        return tuple(
+            s for s, m in self._members.items() if hypot(m.position_m[0] - x, m.position_m[1] - y) <= radius_m
+        )
+
+    def _engaged(self, sender: int) -> bool:
+        # A vehicle that has left the ring says so before its last bearing goes stale.
+        member = self._members.get(sender)
+        return member is None or member.tactic == Tactic.ENCIRCLE.value

@@ -1,0 +1,107 @@
+"""A fixed rate kept by absolute deadlines.
+
+A tick that comes a whole period late is counted and skipped, never made up in a burst.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from math import floor, isfinite
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One tick: its deadline on the mission clock, how late it came, and how many before it were skipped."""
+
+    index: int
+    deadline_s: float
+    late_s: float
+    skipped: int
+
+
+@dataclass(frozen=True, slots=True)
+class TickerStatistics:
+    """How well the rate was kept so far: ticks delivered, deadlines missed, lateness in mission seconds."""
+
+    ticks: int = 0
+    missed: int = 0
+    late_mean_s: float = 0.0
+    late_max_s: float = 0.0
+
+
+class Ticker:
+    """Ticks every `period_s` of the mission clock, from its first use on: `async for tick in ticker`.
+
+    `now_s` gives mission seconds, which pass `speed` times as fast as wall seconds; `sleep` takes wall
+    seconds and may return early or late (asyncio's is up to a millisecond late). Deadlines lie on one grid:
+    lateness never adds up.
+    Raises ValueError when the period or the speed is not positive.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        now_s: Callable[[], float],
+        *,
+        speed: float = 1.0,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        """Take the rate; the first deadline is the first time somebody waits."""
+        for name, value in (("period_s", period_s), ("speed", speed)):
+            if not (isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} = {value}: it must be positive")
+        self._period_s = period_s
+        self._now_s = now_s
+        self._speed = speed
+        self._sleep = sleep
+        self._start_s: float | None = None
+        self._next_index = 0
+        self._ticks = 0
+        self._missed = 0
+        self._late_sum_s = 0.0
+        self._late_max_s = 0.0
+
+    @property
+    def statistics(self) -> TickerStatistics:
+        """The statistics so far."""
+        mean_s = self._late_sum_s / self._ticks if self._ticks else 0.0
+        return TickerStatistics(self._ticks, self._missed, mean_s, self._late_max_s)
+
+    def __aiter__(self) -> "Ticker":
+        """Return itself: a ticker never ends by itself."""
+        return self
+
+    async def __anext__(self) -> Tick:
+        """Wait for the next tick."""
+        return await self.next()
+
+    async def next(self) -> Tick:
+        """Wait for the next deadline, skipping those that are a whole period ago or more.
+
+        Gives way to other tasks at least once, however late it is.
+        """
+        if self._start_s is None:
+            self._start_s = self._now_s()
+        deadline_s = self._start_s + self._next_index * self._period_s
+        now_s = await self._wait_until(deadline_s)
+        skipped = floor((now_s - deadline_s) / self._period_s)
+        index = self._next_index + skipped
+        # From the index, not by adding up: a million additions of 0.1 are 0.1 ms off the grid.
+        deadline_s = self._start_s + index * self._period_s
+        self._next_index = index + 1
+        return self._count(Tick(index, deadline_s, max(0.0, now_s - deadline_s), skipped))
+
+    async def _wait_until(self, deadline_s: float) -> float:
+        """Return the time when it is at or after the deadline."""
+        now_s = self._now_s()
+        await self._sleep(max(0.0, deadline_s - now_s) / self._speed)
+        while (now_s := self._now_s()) < deadline_s:
+            await self._sleep((deadline_s - now_s) / self._speed)
+        return now_s
+
+    def _count(self, tick: Tick) -> Tick:
+        self._ticks += 1
+        self._missed += tick.skipped
+        self._late_sum_s += tick.late_s
+        self._late_max_s = max(self._late_max_s, tick.late_s)
+        return tick

@@ -1,0 +1,32 @@
+"""Settings of the estimators: a section of the mission file, validated, immutable, with its defaults."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Settings(BaseModel):
+    """Base of every section: unknown keys are errors, numbers are finite, nothing changes after loading."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+
+class OwnFilterSettings(Settings):
+    """Noise of a vehicle's own telemetry and of the plant model; standard deviations, and densities per root second."""
+
+    position_noise_m: float = Field(0.02, gt=0.0, le=10.0)
+    velocity_noise_m_s: float = Field(0.02, gt=0.0, le=10.0)
+    acceleration_noise_m_s2: float = Field(0.05, gt=0.0, le=10.0)
+    disturbance_noise_m_s2: float = Field(0.03, gt=0.0, le=10.0)
+    disturbance_max_m_s2: float = Field(0.6, ge=0.0, le=5.0)
+    gate_sigma: float = Field(5.0, gt=1.0, le=20.0)
+    gate_timeout_s: float = Field(1.0, gt=0.0, le=60.0)
+
+
+class TargetFilterSettings(Settings):
+    """Constant-velocity model of the target: how much it may accelerate, and how outliers and late sightings are met."""
+
+    acceleration_noise_m_s2: float = Field(0.02, gt=0.0, le=10.0)
+    velocity_prior_m_s: float = Field(1.0, gt=0.0, le=20.0)
+    gate_sigma: float = Field(4.0, gt=1.0, le=20.0)
+    gate_timeout_s: float = Field(2.0, gt=0.0, le=60.0)
+    late_max_s: float = Field(1.0, ge=0.0, le=10.0)
+    stale_after_s: float = Field(10.0, gt=0.0, le=600.0)

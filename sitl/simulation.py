@@ -1,0 +1,223 @@
+"""The in-process simulation: the same cores that fly, with simulated time, plants and network; seeded and deterministic.
+
+It knows a core only by what goes in and out of it, as a vehicle link and a peer bus would.
+"""
+
+import heapq
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import hypot
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from estimation.plant import Plant, exact_step
+from estimation.state import MOTION, POSITION, Sighting, Telemetry, Vector
+
+
+class Sensor(Protocol):
+    """A sensor of the target that travels with one vehicle."""
+
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
+        """Return a sighting when one is due and in range."""
+        ...
+
+
+class WantedPosition(Protocol):
+    """A setpoint as far as a simulated vehicle obeys it."""
+
+    @property
+    def position_m(self) -> tuple[float, float, float]:
+        """Mission frame."""
+        ...
+
+
+class Packet(Protocol):
+    """A message on the simulated network."""
+
+    @property
+    def payload(self) -> bytes:
+        """The bytes that go over the air."""
+        ...
+
+
+class Output(Protocol):
+    """What a core asks for in a tick."""
+
+    @property
+    def setpoint(self) -> WantedPosition | None:
+        """The position wanted."""
+        ...
+
+    @property
+    def messages(self) -> Sequence[Packet]:
+        """What peers shall hear."""
+        ...
+
+
+class Core(Protocol):
+    """A vehicle's decision making: see `agents.core.VehicleCore`."""
+
+    def on_telemetry(self, telemetry: Telemetry) -> None:
+        """Take a sample of the vehicle's own motion."""
+        ...
+
+    def on_sighting(self, sighting: Sighting) -> None:
+        """Take a sighting of the target."""
+        ...
+
+    def on_message(self, payload: bytes, now_s: float) -> None:
+        """Take a peer's message."""
+        ...
+
+    def tick(self, now_s: float) -> Output:
+        """Decide and plan."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkModel:
+    """The peers' radio: how far it reaches, how late a message comes, and the share that never comes."""
+
+    range_m: float
+    delay_s: float = 0.0
+    loss: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryNoise:
+    """White noise on what a vehicle reports of itself; standard deviations per axis."""
+
+    position_m: float = 0.0
+    velocity_m_s: float = 0.0
+
+
+class SimulatedVehicle:
+    """One vehicle in the simulation: its true plant and motion, what it carries, and the setpoints on their way to it."""
+
+    def __init__(
+        self,
+        core: Core,
+        plant: Plant,
+        start_m: tuple[float, float],
+        altitude_m: float,
+        sensor: Sensor,
+        noise: TelemetryNoise,
+        disturbance_m_s2: tuple[float, float],
+        seed: Sequence[int],
+    ) -> None:
+        """Put a vehicle at rest, hovering at `start_m`; `plant` is the truth, which its core need not know."""
+        self.core = core
+        self.motion: Vector = np.array([*start_m, 0.0, 0.0])
+        self._plant = plant
+        self._altitude_m = altitude_m
+        self._sensor = sensor
+        self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
+        self._disturbance = np.array(disturbance_m_s2)
+        self._random = np.random.default_rng(seed)
+        self._setpoint_m: Vector = np.array(start_m)
+        self._pending: list[tuple[float, Vector]] = []
+
+    def sense(self, now_s: float) -> None:
+        """Hand the core what its instruments say."""
+        x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
+        self.core.on_telemetry(Telemetry(now_s, (x, y, self._altitude_m), (x_rate, y_rate, 0.0)))
+        true_x, true_y = self.motion[POSITION].tolist()
+        sighting = self._sensor.sight(now_s, (true_x, true_y))
+        if sighting is not None:
+            self.core.on_sighting(sighting)
+
+    def command(self, now_s: float, wanted: WantedPosition | None) -> None:
+        """Send a setpoint on its way; it acts one delay later."""
+        if wanted is not None:
+            self._pending.append((now_s + self._plant.delay_s, np.array(wanted.position_m[:2])))
+
+    def advance(self, from_s: float, to_s: float) -> None:
+        """Move the true vehicle, changing setpoints exactly when they take effect."""
+        while self._pending and self._pending[0][0] <= to_s:
+            acts_s, setpoint = self._pending.pop(0)
+            self._fly(max(acts_s, from_s) - from_s)
+            from_s = max(acts_s, from_s)
+            self._setpoint_m = setpoint
+        self._fly(to_s - from_s)
+
+    def _fly(self, step_s: float) -> None:
+        step_s = round(step_s, 9)
+        if step_s > 0.0:
+            step = exact_step(self._plant, step_s)
+            self.motion = step.advance(self.motion, self._setpoint_m, self._disturbance)
+
+
+class _Network:
+    """Packets in flight between vehicles, by the time they arrive."""
+
+    def __init__(self, model: NetworkModel, seed: int) -> None:
+        self._model = model
+        self._random = np.random.default_rng([seed, 0])
+        self._flying: list[tuple[float, int, int, bytes]] = []
+        self._count = 0
+
+    def send(self, now_s: float, sender: int, packets: Sequence[Packet], positions: Vector) -> None:
+        """Send to every other vehicle in range; each copy is lost or late on its own."""
+        x, y = positions[sender].tolist()
+        for receiver, (other_x, other_y) in enumerate(positions.tolist()):
+            if receiver == sender or hypot(other_x - x, other_y - y) > self._model.range_m:
+                continue
+            for packet in packets:
+                if self._model.loss == 0.0 or self._random.random() >= self._model.loss:
+                    arrival = (now_s + self._model.delay_s, self._count, receiver, packet.payload)
+                    heapq.heappush(self._flying, arrival)
+                    self._count += 1
+
+    def arrived(self, now_s: float) -> list[tuple[int, bytes]]:
+        """Take out what has arrived: receivers and payloads."""
+        arrived = []
+        while self._flying and self._flying[0][0] <= now_s:
+            _, _, receiver, payload = heapq.heappop(self._flying)
+            arrived.append((receiver, payload))
+        return arrived
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedFlight:
+    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), and what each tick cost [us] (T, N)."""
+
+    time_s: Vector
+    motion: Vector
+    tick_us: Vector
+
+
+def simulate(
+    vehicles: Sequence[SimulatedVehicle],
+    network: NetworkModel,
+    *,
+    rate_hz: float,
+    duration_s: float,
+    seed: int,
+    observe: Callable[[int, int, Output], None],
+    progress: Callable[[float], None],
+) -> SimulatedFlight:
+    """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` sees every decision."""
+    ticks = round(duration_s * rate_hz) + 1
+    time_s = np.arange(ticks) / rate_hz
+    motion = np.empty((ticks, len(vehicles), 4))
+    tick_us = np.empty((ticks, len(vehicles)))
+    air = _Network(network, seed)
+    for tick, now_s in enumerate(time_s.tolist()):
+        for index, vehicle in enumerate(vehicles):
+            motion[tick, index, MOTION] = vehicle.motion
+        for receiver, payload in air.arrived(now_s):
+            vehicles[receiver].core.on_message(payload, now_s)
+        for index, vehicle in enumerate(vehicles):
+            began = perf_counter()
+            vehicle.sense(now_s)
+            output = vehicle.core.tick(now_s)
+            tick_us[tick, index] = (perf_counter() - began) * 1e6
+            vehicle.command(now_s, output.setpoint)
+            air.send(now_s, index, output.messages, motion[tick, :, POSITION])
+            observe(tick, index, output)
+        for vehicle in vehicles:
+            vehicle.advance(now_s, now_s + 1.0 / rate_hz)
+        progress(now_s)
+    return SimulatedFlight(time_s, motion, tick_us)
