@@ -12,14 +12,33 @@ from agents.encirclement import Approach, EncirclementPlanner
 from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
 from agents.linearize import Polar, polar_from_motion
 from agents.lmpc import QpStatus
-from agents.messages import TOPICS, MemberState, Muster, NeighbourAngle, PeerMessage, TargetPackage, decode, encode
+from agents.messages import (
+    TOPICS,
+    MemberState,
+    Muster,
+    NeighbourAngle,
+    PeerMessage,
+    TargetPackage,
+    decode,
+    encode,
+)
 from agents.ports import Setpoint
 from agents.ring import RingPlace, ring_place
 from agents.settings import AgentConfig
 from agents.tactics import Event, Tactic, decides_to_encircle, mixing_share, next_tactic
 from agents.team import Team
 from estimation.own import OwnFilter
-from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, OwnEstimate, Sighting, TargetEstimate, Telemetry, Vector
+from estimation.state import (
+    DISTURBANCE,
+    MOTION,
+    POSITION,
+    VELOCITY,
+    OwnEstimate,
+    Sighting,
+    TargetEstimate,
+    Telemetry,
+    Vector,
+)
 from estimation.target import TargetFilter
 
 _CLOCK_AHEAD_MAX_S = 1.0
@@ -47,6 +66,7 @@ class CoreStatus:
     place: RingPlace | None
     approach: Approach | None
     qp: QpStatus | None
+    peers: tuple[MemberState, ...]
     messages_dropped: int
 
 
@@ -251,7 +271,12 @@ class VehicleCore:
         place = ring_place(polar.bearing_rad, self._team.bearings_rad(situation.acting_s, rate))
         plan = self._encirclement.plan(situation.acting_motion, target, situation.disturbance, place)
         return _Wish(
-            plan.setpoint_m, plan.setpoint_m, situation.acting_motion[VELOCITY], place, plan.approach, plan.status
+            plan.setpoint_m,
+            plan.setpoint_m,
+            situation.acting_motion[VELOCITY],
+            place,
+            plan.approach,
+            plan.status,
         )
 
     def _hold(self, situation: _Situation) -> _Wish:
@@ -347,6 +372,7 @@ class VehicleCore:
             None if wish is None else wish.place,
             None if wish is None else wish.approach,
             None if wish is None else wish.qp,
+            self._team.members(),
             self._dropped,
         )
 

@@ -52,9 +52,7 @@ class EncirclementPlanner:
         """Forget the last polar acceleration: the vehicle comes from another tactic."""
         self._acceleration = np.zeros(2)
 
-    def plan(
-        self, motion: Vector, target: Vector, disturbance_m_s2: Vector, place: RingPlace
-    ) -> EncirclementPlan:
+    def plan(self, motion: Vector, target: Vector, disturbance_m_s2: Vector, place: RingPlace) -> EncirclementPlan:
         """Plan from the vehicle's and the target's motion (4,) at the moment the setpoint acts."""
         settings = self._settings
         polar = polar_from_motion(motion, target)
@@ -66,9 +64,7 @@ class EncirclementPlanner:
             return EncirclementPlan(setpoint, approach, wanted, QpStatus.INTERIOR)
         lmpc = self._alone if place.members == 1 else self._spaced
         state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
-        plan = lmpc.solve(
-            state, self._reference(place, wanted), self._acceleration, self._bounds(polar, place)
-        )
+        plan = lmpc.solve(state, self._reference(place, wanted), self._acceleration, self._bounds(polar, place))
         self._acceleration = plan.first_input
         setpoint = setpoint_for(motion, polar, plan.first_input, disturbance_m_s2, self._plant)
         return EncirclementPlan(setpoint, approach, wanted, plan.status)
@@ -78,9 +74,7 @@ class EncirclementPlanner:
             return Approach.OUTWARD
         return Approach.INWARD if radius_m > self._settings.radius_far_m else Approach.ORBIT
 
-    def _radial_setpoint(
-        self, motion: Vector, target: Vector, polar: Polar, disturbance_m_s2: Vector
-    ) -> Vector:
+    def _radial_setpoint(self, motion: Vector, target: Vector, polar: Polar, disturbance_m_s2: Vector) -> Vector:
         """Fly straight towards the ring, at a speed that the distance and the speed limit allow."""
         settings = self._settings
         speed = _APPROACH_GAIN_PER_S * (settings.radius_m - polar.radius_m)
@@ -103,9 +97,7 @@ class EncirclementPlanner:
             behind = place.desired_rad - place.lag_rad
             ahead = place.lead_rad - place.desired_rad
             weights = settings.lag_weight + settings.lead_weight
-            middle = (
-                (settings.lag_weight * behind + settings.lead_weight * ahead) / weights if weights else 0.0
-            )
+            middle = (settings.lag_weight * behind + settings.lead_weight * ahead) / weights if weights else 0.0
             reference[:, 1] = middle + settings.angular_rate_rad_s * self._times_s
         return reference
 

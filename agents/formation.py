@@ -19,7 +19,7 @@ _CONSTRAINED = (2, 3)  # the two speeds
 
 @dataclass(frozen=True, slots=True)
 class Predecessor:
-    """What a vehicle is told of its predecessor: motion (4,) and undisturbed setpoint (2,) at the moment it plans for."""
+    """A predecessor's motion (4,) and undisturbed setpoint (2,) at the moment a vehicle plans for."""
 
     motion: Vector
     setpoint_m: Vector
@@ -27,7 +27,7 @@ class Predecessor:
 
 @dataclass(frozen=True, slots=True)
 class FormationPlan:
-    """The setpoint (2,), the setpoint it would be without disturbance - what followers need - and the solver's status."""
+    """The setpoint (2,), what it would be undisturbed - followers need that - and the solver's status."""
 
     setpoint_m: Vector
     undisturbed_setpoint_m: Vector
@@ -60,7 +60,11 @@ class FormationPlanner:
         self._relative_setpoint_m = None
 
     def plan(
-        self, motion: Vector, disturbance_m_s2: Vector, predecessor: Predecessor, offset_m: tuple[float, float]
+        self,
+        motion: Vector,
+        disturbance_m_s2: Vector,
+        predecessor: Predecessor,
+        offset_m: tuple[float, float],
     ) -> FormationPlan:
         """Plan from the vehicle's motion (4,) so that it keeps `offset_m` to its predecessor."""
         separation = np.array(offset_m)
@@ -85,19 +89,15 @@ class FormationPlanner:
         return Bounds(from_vehicle - self._lead_max_m, from_vehicle + self._lead_max_m, lowest, highest)
 
 
-def mission_line(
-    plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float
-) -> Predecessor:
-    """Return the leader's predecessor: a vehicle on the line through `start_m` along x, in steady flight under its setpoint.
+def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float) -> Predecessor:
+    """Return the leader's predecessor: a vehicle in steady flight along x, on the line from `start_m`.
 
     In steady flight the plant trails its setpoint by `a1 / a0` times the speed: that is the preview that lets a ramp be
     followed without lag.
     """
     velocity = np.array([speed_m_s, 0.0])
     position = np.array(start_m) + velocity * mission_time_s
-    return Predecessor(
-        np.concatenate([position, velocity]), position + velocity * plant.a1_per_s / plant.a0_per_s2
-    )
+    return Predecessor(np.concatenate([position, velocity]), position + velocity * plant.a1_per_s / plant.a0_per_s2)
 
 
 def leader_of(flying: Collection[int], slots: tuple[int, ...], appointed: int) -> int:
@@ -106,9 +106,7 @@ def leader_of(flying: Collection[int], slots: tuple[int, ...], appointed: int) -
     return min(flying, key=lambda member: (abs(slots.index(member) - place), slots.index(member)))
 
 
-def predecessor_of(
-    vehicle_id: int, flying: Collection[int], slots: tuple[int, ...], appointed: int
-) -> int | None:
+def predecessor_of(vehicle_id: int, flying: Collection[int], slots: tuple[int, ...], appointed: int) -> int | None:
     """Return the vehicle to keep station on: the next in line towards the leader; None for the leader itself."""
     line = [member for member in slots if member in flying]
     own, leader = line.index(vehicle_id), line.index(leader_of(flying, slots, appointed))

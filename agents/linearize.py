@@ -49,13 +49,11 @@ def motion_from_polar(polar: Polar, target: Vector) -> Vector:
         polar.radial_speed_m_s * cosine - tangential * sine,
         polar.radial_speed_m_s * sine + tangential * cosine,
     )
-    return target + np.array(relative)
+    return np.asarray(target + np.array(relative), dtype=np.float64)
 
 
-def setpoint_for(
-    motion: Vector, polar: Polar, acceleration: Vector, disturbance_m_s2: Vector, plant: Plant
-) -> Vector:
-    """Return the setpoint (2,) under which the plant's polar acceleration is `acceleration` = (r'', phi'') - (11), (12)."""
+def setpoint_for(motion: Vector, polar: Polar, acceleration: Vector, disturbance_m_s2: Vector, plant: Plant) -> Vector:
+    """Return the setpoint (2,) that gives the plant the polar acceleration (r'', phi'') - (11), (12)."""
     radial, angular = acceleration.tolist()
     cosine, sine = cos(polar.bearing_rad), sin(polar.bearing_rad)
     outward = radial - polar.radius_m * polar.angular_rate_rad_s**2

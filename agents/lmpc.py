@@ -1,4 +1,4 @@
-"""Linear model predictive control of a linear plant: the one builder of its quadratic programme, the one importer of OSQP.
+"""Linear model predictive control: the one builder of its quadratic programme, the one importer of OSQP.
 
 Over the decision U = (u_0 ... u_{c-1}), the last input held to the end of the horizon, it minimises
 
@@ -20,7 +20,7 @@ _FEASIBLE_SLACK = 1e-9
 
 
 class QpStatus(Enum):
-    """Where a plan came from: the optimum inside the bounds, on the bounds, or the bounded substitute for a failed solve."""
+    """Where a plan came from: the optimum inside the bounds, on them, or the substitute for a failed solve."""
 
     INTERIOR = "interior"
     BOUNDED = "bounded"
@@ -29,7 +29,7 @@ class QpStatus(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The first input (m,) of the optimal sequence, the states (horizon, n) it is predicted to lead through, and the status."""
+    """The first input (m,) of the best sequence, the states (horizon, n) it leads through, and the status."""
 
     first_input: Vector
     states: Vector
@@ -99,7 +99,7 @@ class Lmpc:
         return Plan(optimum[: self._inputs], states, status)
 
     def _minimise(self, gradient: Vector, lower: Vector, upper: Vector) -> tuple[Vector, QpStatus]:
-        # Almost always the bounds do not bind: then the optimum is a matrix product, exact, and cheaper than any solver.
+        # Mostly no bound binds: then the optimum is a matrix product, exact, and cheaper than any solver.
         interior = self._interior @ gradient
         values = self._rows @ interior
         if (values >= lower - _FEASIBLE_SLACK).all() and (values <= upper + _FEASIBLE_SLACK).all():
@@ -114,9 +114,7 @@ class Lmpc:
         return np.clip(interior, lower[:size], np.maximum(lower, upper)[:size]), QpStatus.FALLBACK
 
 
-def _condense(
-    transition: Vector, input_gain: Vector, horizon: int, control_horizon: int
-) -> tuple[Vector, Vector]:
+def _condense(transition: Vector, input_gain: Vector, horizon: int, control_horizon: int) -> tuple[Vector, Vector]:
     """Return the free response (horizon n, n) and the response to the decision (horizon n, control_horizon m)."""
     states, inputs = input_gain.shape
     free = np.zeros((horizon * states, states))

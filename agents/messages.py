@@ -85,7 +85,7 @@ TOPICS: dict[type[PeerMessage], Topic] = {
 }
 
 _encoder = msgspec.msgpack.Encoder()
-_decoder = msgspec.msgpack.Decoder(PeerMessage)
+_decoder: msgspec.msgpack.Decoder[PeerMessage] = msgspec.msgpack.Decoder(PeerMessage)
 
 
 def encode(message: PeerMessage) -> bytes:

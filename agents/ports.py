@@ -72,7 +72,7 @@ class VehicleLink(Protocol):
         ...
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
-        """Find the vehicle, verify its system id, request rates, and deliver telemetry on the event loop from now on."""
+        """Find the vehicle, verify its system id, request rates; from now on deliver telemetry on the event loop."""
         ...
 
     async def take_off(self, altitude_m: float) -> None:

@@ -39,7 +39,7 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
 def spaced_rate_rad_s(place: RingPlace, rate_rad_s: float, gain_per_s: float) -> float:
     """Return the angular rate wanted of a vehicle - (22), corrected: `w_D + gamma/3 (phi_lead - phi_lag)`.
 
-    The gain grows with the number of vehicles so that the slowest mode of the ring decays at `gain_per_s` for any of them.
+    The gain grows with the number of vehicles, so that the slowest mode of any ring decays at `gain_per_s`.
     """
     if place.lead_rad is None or place.lag_rad is None:
         return rate_rad_s
@@ -49,6 +49,6 @@ def spaced_rate_rad_s(place: RingPlace, rate_rad_s: float, gain_per_s: float) ->
 def _scaled_gain_per_s(members: int, gain_per_s: float) -> float:
     """Return gamma for which the slowest of the ring modes `(2 gamma / 3) (1 - cos(2 pi k / n))` decays at the gain.
 
-    In a large ring that would ask more of the fastest mode, up to `4 gamma / 3`, than a vehicle can follow: it is bounded.
+    It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would be more than a vehicle can follow.
     """
     return min(gain_per_s * 1.5 / (1.0 - cos(tau / members)), max(gain_per_s, 0.75 * _FASTEST_MODE_PER_S))

@@ -26,23 +26,23 @@ class FormationSettings(Settings):
 
 
 class EncirclementSettings(Settings):
-    """The ring: its radius and angular rate, the spacing gain of (22), the weights of (24) and the bounds of the LMPC."""
+    """The ring: radius and angular rate, the spacing gain of (22), the weights of (24), the bounds of the LMPC."""
 
     radius_m: float = Field(gt=0.0, le=1000.0)
     angular_rate_rad_s: float = Field(ge=-2.0, le=2.0)
-    smoothing_time_s: float = Field(5.0, ge=0.0, le=60.0)
+    smoothing_time_s: float = Field(3.5, ge=0.0, le=60.0)
     spacing_gain_per_s: float = Field(0.3, ge=0.0, le=2.0)
     radius_weight: float = Field(1.0, gt=0.0, le=1e6)
-    rate_weight: float = Field(20.0, gt=0.0, le=1e6)
-    lag_weight: float = Field(6.0, ge=0.0, le=1e6)
-    lead_weight: float = Field(6.0, ge=0.0, le=1e6)
-    radial_increment_weight: float = Field(0.05, gt=0.0, le=1e6)
+    rate_weight: float = Field(10.0, gt=0.0, le=1e6)
+    lag_weight: float = Field(12.0, ge=0.0, le=1e6)
+    lead_weight: float = Field(12.0, ge=0.0, le=1e6)
+    radial_increment_weight: float = Field(0.2, gt=0.0, le=1e6)
     angular_increment_weight: float = Field(2.0, gt=0.0, le=1e6)
     speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0)
     acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0)
     radius_min_m: float = Field(1.0, gt=0.0, le=1000.0)
     radius_far_m: float = Field(60.0, gt=0.0, le=10000.0)
-    prediction_step_s: float = Field(0.5, gt=0.0, le=5.0)
+    prediction_step_s: float = Field(0.3, gt=0.0, le=5.0)
     horizon: int = Field(8, ge=2, le=50)
     control_horizon: int = Field(2, ge=1, le=10)
 

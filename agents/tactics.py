@@ -51,10 +51,7 @@ def next_tactic(tactic: Tactic, event: Event) -> Tactic:
 def diagram() -> str:
     """Return the table as a Mermaid state diagram."""
     lines = ["stateDiagram-v2", f"    [*] --> {Tactic.STANDBY.value}"]
-    lines += [
-        f"    {before.value} --> {after.value}: {event.value}"
-        for (before, event), after in TRANSITIONS.items()
-    ]
+    lines += [f"    {before.value} --> {after.value}: {event.value}" for (before, event), after in TRANSITIONS.items()]
     lines.append(f"    {Tactic.LAND.value} --> [*]")
     return "\n".join(lines)
 

@@ -46,6 +46,10 @@ class Team:
         """Return the ids of the peers that fly in formation."""
         return [s for s, m in self._members.items() if m.tactic == Tactic.FORMATION.value]
 
+    def members(self) -> tuple[MemberState, ...]:
+        """Return the newest state of every peer that is known to be there."""
+        return tuple(self._members.values())
+
     def member(self, vehicle_id: int) -> MemberState:
         """Return the newest state of a peer that is known to be there."""
         return self._members[vehicle_id]
@@ -61,9 +65,7 @@ class Team:
     def within(self, position_m: Vector, radius_m: float) -> tuple[int, ...]:
         """Return the peers within a radius of a position (2,)."""
         x, y = position_m.tolist()
-        return tuple(
-            s for s, m in self._members.items() if hypot(m.position_m[0] - x, m.position_m[1] - y) <= radius_m
-        )
+        return tuple(s for s, m in self._members.items() if hypot(m.position_m[0] - x, m.position_m[1] - y) <= radius_m)
 
     def _engaged(self, sender: int) -> bool:
         # A vehicle that has left the ring says so before its last bearing goes stale.

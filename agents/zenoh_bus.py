@@ -8,12 +8,10 @@ import asyncio
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+
+import zenoh
 
 from agents.ports import VehicleRefusedError
-
-if TYPE_CHECKING:
-    import zenoh
 
 PAYLOAD_LIMIT_BYTES = 4096
 LEASE_MS = 1000
@@ -46,9 +44,7 @@ class ZenohBus:
         self._vehicle_id = vehicle_id
         self._prefix = f"cordon/{team}"
         self._listen = listen
-        self._settings = _settings(listen, connect, multicast=multicast, lease_ms=lease_ms) | dict(
-            settings or {}
-        )
+        self._settings = _settings(listen, connect, multicast=multicast, lease_ms=lease_ms) | dict(settings or {})
         self._session: zenoh.Session | None = None
         self._token: zenoh.LivelinessToken | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -64,9 +60,7 @@ class ZenohBus:
         """How many messages were dropped so far: foreign ones too long or unreadable, own ones unsendable."""
         return self._dropped
 
-    async def open(
-        self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]
-    ) -> None:
+    async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
         """Join the team. Raises VehicleRefusedError when the endpoints cannot be used: a taken port."""
         self._loop = asyncio.get_running_loop()
         self._on_message = on_message
@@ -83,8 +77,6 @@ class ZenohBus:
         Raises ValueError for a topic that would be a pattern in a key.
         """
         _require_name("topic", topic)
-        import zenoh  # noqa: PLC0415
-
         session = self._session
         if session is None or self._closed:
             return
@@ -94,7 +86,6 @@ class ZenohBus:
                     f"{self._prefix}/{topic}/{self._vehicle_id}",
                     congestion_control=zenoh.CongestionControl.DROP,
                     express=True,
-                    allowed_destination=zenoh.Locality.REMOTE,
                 )
             self._publishers[topic].put(payload)
         except zenoh.ZError:
@@ -109,8 +100,6 @@ class ZenohBus:
             await asyncio.to_thread(self._close_blocking, session)
 
     def _open_blocking(self) -> None:
-        import zenoh  # noqa: PLC0415
-
         try:
             config = zenoh.Config()
             for path, value in self._settings.items():
@@ -126,20 +115,17 @@ class ZenohBus:
             )
             liveliness = session.liveliness()
             alive = f"{self._prefix}/alive"
-            liveliness.declare_subscriber(
-                f"{alive}/*", zenoh.handlers.Callback(self._receive_presence), history=True
-            )
+            liveliness.declare_subscriber(f"{alive}/*", zenoh.handlers.Callback(self._receive_presence), history=True)
             # Last: whoever sees this peer may send to it at once.
             self._token = liveliness.declare_token(f"{alive}/{self._vehicle_id}")
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
             raise _refusal(self._listen, error) from error
         self._session = session
-        pass
+        if self._closed:
+            self._close_blocking(session)
 
-    def _close_blocking(self, session: "zenoh.Session") -> None:
-        import zenoh  # noqa: PLC0415
-
+    def _close_blocking(self, session: zenoh.Session) -> None:
         try:
             if self._token is not None:
                 self._token.undeclare()  # type: ignore[no-untyped-call]
@@ -149,7 +135,7 @@ class ZenohBus:
         self._publishers.clear()
         self._token = None
 
-    def _receive(self, sample: "zenoh.Sample") -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         """Take one message, on a thread of Zenoh's."""
         try:
             payload = sample.payload
@@ -160,10 +146,8 @@ class ZenohBus:
         except Exception:  # whatever it is, it must not reach Zenoh's thread
             self._dropped += 1
 
-    def _receive_presence(self, sample: "zenoh.Sample") -> None:
+    def _receive_presence(self, sample: zenoh.Sample) -> None:
         """Take one change of presence, on a thread of Zenoh's."""
-        import zenoh  # noqa: PLC0415
-
         try:
             peer_id = int(str(sample.key_expr).rsplit("/", 1)[-1])
             self._hand_over(self._deliver_presence, peer_id, sample.kind == zenoh.SampleKind.PUT)
@@ -222,9 +206,7 @@ def _refusal(listen: str, error: Exception) -> VehicleRefusedError:
         return VehicleRefusedError(
             f"peer endpoint {listen} is taken", "end the other process or choose another port in [network]"
         )
-    return VehicleRefusedError(
-        f"peer endpoint {listen} cannot be opened: {text}", "check [network] in the mission"
-    )
+    return VehicleRefusedError(f"peer endpoint {listen} cannot be opened: {text}", "check [network] in the mission")
 
 
 def _ignore_message(_payload: bytes) -> None:

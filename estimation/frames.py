@@ -55,7 +55,7 @@ class MissionFrame:
             raise ValueError(f"x_bearing_rad = {self.x_bearing_rad} is not a bearing")
 
     def mission_from_ned(self, ned: Triple) -> Triple:
-        """Rotate north-east-down into the mission frame; for velocities, and for positions about one origin [m, m/s]."""
+        """Rotate north-east-down into the mission frame: velocities, and positions about one origin [m, m/s]."""
         north, east, down = ned
         cosine, sine = cos(self.x_bearing_rad), sin(self.x_bearing_rad)
         return north * cosine + east * sine, north * sine - east * cosine, -down
@@ -68,17 +68,13 @@ class MissionFrame:
 
     def mission_from_geodetic(self, place: Geodetic) -> Triple:
         """Return the mission coordinates of a place [m]."""
-        east, north, up = self._enu_from_geodetic.transform(
-            place.longitude_deg, place.latitude_deg, place.altitude_m
-        )
+        east, north, up = self._enu_from_geodetic.transform(place.longitude_deg, place.latitude_deg, place.altitude_m)
         return self.mission_from_ned((north, east, -up))
 
     def geodetic_from_mission(self, mission: Triple) -> Geodetic:
         """Return the place at mission coordinates [m]."""
         north, east, down = self.ned_from_mission(mission)
-        longitude, latitude, altitude = self._enu_from_geodetic.transform(
-            east, north, -down, direction="INVERSE"
-        )
+        longitude, latitude, altitude = self._enu_from_geodetic.transform(east, north, -down, direction="INVERSE")
         return Geodetic(latitude, longitude, altitude)
 
     @cached_property
@@ -92,5 +88,3 @@ class MissionFrame:
             f"+step +proj=topocentric +ellps=WGS84 +lon_0={origin.longitude_deg!r} +lat_0={origin.latitude_deg!r} "
             f"+h_0={origin.altitude_m!r}"
         )
-
-

@@ -50,10 +50,8 @@ def correct(
     """
     if not np.isfinite(measurement).all():
         return Correction(belief, False, np.inf)
-    mean, covariance = equations.update(
-        belief.mean, belief.covariance, measurement, noise.covariance, observation
-    )
-    # With y the innovation and S its covariance, R inv(S) y is what the correction leaves over: S is inverted only once.
+    mean, covariance = equations.update(belief.mean, belief.covariance, measurement, noise.covariance, observation)
+    # With innovation y of covariance S, a correction leaves R inv(S) y over: S need not be inverted twice.
     innovation = measurement - observation @ belief.mean
     squared = float(innovation @ noise.precision @ (measurement - observation @ mean))
     if squared > gate_sigma**2 * len(measurement):

@@ -66,7 +66,7 @@ class OwnFilter:
         return OwnEstimate(belief.time_s, belief.mean, belief.covariance)
 
     def predicted_motion(self, estimate: OwnEstimate, at_s: float) -> Vector:
-        """Return the motion (4,) at `at_s`, under the setpoints already sent: where the next setpoint finds the vehicle."""
+        """Return the motion (4,) at `at_s` under the setpoints already sent: where the next one finds the vehicle."""
         step_s = round(at_s - estimate.time_s, 6)
         setpoint = self._inputs.mean(estimate.time_s, at_s)
         step = exact_step(self._plant, step_s)
@@ -86,7 +86,9 @@ class OwnFilter:
 
     def _reset(self, time_s: float, measured: Vector) -> None:
         mean = np.concatenate([measured, np.zeros(2)])
-        spread = np.concatenate([np.diag(self._noise.covariance), np.full(2, self._settings.disturbance_max_m_s2**2 / 4.0)])
+        spread = np.concatenate(
+            [np.diag(self._noise.covariance), np.full(2, self._settings.disturbance_max_m_s2**2 / 4.0)]
+        )
         self._belief = Belief(time_s, mean, np.diag(spread))
         self._accepted_s = time_s
         self._inputs.start(time_s, measured[POSITION])
@@ -127,9 +129,7 @@ class _InputHistory:
             return self._setpoint_m[last]
         edges = [from_s, *self._from_s[first + 1 : last + 1], to_s]
         pieces = self._setpoint_m[first : last + 1]
-        total = sum(
-            (end - begin) * piece for begin, end, piece in zip(edges, edges[1:], pieces, strict=False)
-        )
+        total = sum((end - begin) * piece for begin, end, piece in zip(edges, edges[1:], pieces, strict=False))
         return np.asarray(total / (to_s - from_s), dtype=np.float64)
 
 

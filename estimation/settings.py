@@ -22,7 +22,7 @@ class OwnFilterSettings(Settings):
 
 
 class TargetFilterSettings(Settings):
-    """Constant-velocity model of the target: how much it may accelerate, and how outliers and late sightings are met."""
+    """Constant-velocity model of the target: its acceleration, and how outliers and late sightings are met."""
 
     acceleration_noise_m_s2: float = Field(0.02, gt=0.0, le=10.0)
     velocity_prior_m_s: float = Field(1.0, gt=0.0, le=20.0)

@@ -1,7 +1,7 @@
 """The target filter: constant velocity, over everybody's sightings, weighted by their covariances.
 
-Vehicles share raw sightings, not estimates, so that nothing is counted twice (mathematics.md section 8). A late sighting is
-put where it belongs in time, and what came after it is taken in again.
+Vehicles share raw sightings, not estimates, so that nothing is counted twice. A late sighting is put where it belongs
+in time, and what came after it is taken in again.
 """
 
 from bisect import bisect_right

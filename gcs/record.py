@@ -33,7 +33,7 @@ class LoopStatistics:
 
 @dataclass(frozen=True, slots=True)
 class FlightRecord:
-    """A whole flight: `time_s` (T,) since the mission's start, evenly spaced; `target_position_m`, `target_velocity_m_s` (T, 2).
+    """A whole flight on an even grid `time_s` (T,) since the mission's start; the target's motion has shape (T, 2).
 
     `source` is simulation, sitl or flight; `reference` is truth or estimate: what the positions are.
     """

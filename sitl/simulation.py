@@ -1,4 +1,4 @@
-"""The in-process simulation: the same cores that fly, with simulated time, plants and network; seeded and deterministic.
+"""The in-process simulation: the cores that fly, with simulated time, plants and network; seeded, deterministic.
 
 It knows a core only by what goes in and out of it, as a vehicle link and a peer bus would.
 """
@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import hypot
 from time import perf_counter
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -56,7 +56,11 @@ class Output(Protocol):
         ...
 
 
-class Core(Protocol):
+OutputT = TypeVar("OutputT", bound=Output)
+OutputT_co = TypeVar("OutputT_co", bound=Output, covariant=True)
+
+
+class Core(Protocol[OutputT_co]):
     """A vehicle's decision making: see `agents.core.VehicleCore`."""
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
@@ -71,7 +75,7 @@ class Core(Protocol):
         """Take a peer's message."""
         ...
 
-    def tick(self, now_s: float) -> Output:
+    def tick(self, now_s: float) -> OutputT_co:
         """Decide and plan."""
         ...
 
@@ -93,12 +97,12 @@ class TelemetryNoise:
     velocity_m_s: float = 0.0
 
 
-class SimulatedVehicle:
-    """One vehicle in the simulation: its true plant and motion, what it carries, and the setpoints on their way to it."""
+class SimulatedVehicle(Generic[OutputT]):
+    """One simulated vehicle: its true plant and motion, what it carries, and the setpoints on their way to it."""
 
     def __init__(
         self,
-        core: Core,
+        core: Core[OutputT],
         plant: Plant,
         start_m: tuple[float, float],
         altitude_m: float,
@@ -189,13 +193,13 @@ class SimulatedFlight:
 
 
 def simulate(
-    vehicles: Sequence[SimulatedVehicle],
+    vehicles: Sequence[SimulatedVehicle[OutputT]],
     network: NetworkModel,
     *,
     rate_hz: float,
     duration_s: float,
     seed: int,
-    observe: Callable[[int, int, Output], None],
+    observe: Callable[[int, int, OutputT], None],
     progress: Callable[[float], None],
 ) -> SimulatedFlight:
     """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` sees every decision."""

@@ -41,9 +41,7 @@ class SimulatedSensor:
     # Even an ideal sensor has a covariance: a zero would make the filters trust rounding errors.
     _NOISE_MIN_M = 0.01
 
-    def __init__(
-        self, sensor_id: int, model: SensorModel, target: TargetMotion, start_s: float, seed: int
-    ) -> None:
+    def __init__(self, sensor_id: int, model: SensorModel, target: TargetMotion, start_s: float, seed: int) -> None:
         self._sensor_id = sensor_id
         self._model = model
         self._target = target

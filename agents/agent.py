@@ -1,0 +1,251 @@
+"""The asynchronous shell around one `VehicleCore`: from the ground into the mission and back to the ground.
+
+It reads the world, ticks the core at absolute deadlines, and writes; it decides nothing that the core could decide.
+"""
+
+import asyncio
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from time import perf_counter
+
+from agents.clock import MissionClock
+from agents.core import CoreStatus, VehicleCore
+from agents.messages import TOPICS, Muster, decode, encode
+from agents.muster import Assembly
+from agents.ports import FlightMode, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
+from agents.tactics import Event, Tactic
+from agents.ticker import Ticker, TickerStatistics
+from estimation.state import Telemetry
+
+MUSTER_TIMEOUT_S = 120.0
+HOLD_BEFORE_LANDING_S = 3.0
+_MUSTER_PERIOD_S = TOPICS[Muster].period_s
+
+
+class Ending(Enum):
+    """How an agent's flight ended."""
+
+    COMPLETED = "completed"
+    STOPPED = "stopped by the operator"
+    REFUSED = "refused"
+    STOOD_DOWN = "stood down"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How it ended, why and what to do next where something went wrong, and whether the vehicle ever left the ground."""
+
+    ending: Ending
+    reason: str = ""
+    next_step: str = ""
+    flew: bool = False
+
+
+class Stop:
+    """The operator's wish to end: at first vehicles hold and land, at the second time they land at once."""
+
+    def __init__(self) -> None:
+        self.wanted = asyncio.Event()
+        self.hurried = asyncio.Event()
+
+    def ask(self) -> None:
+        """Ask, or ask again."""
+        (self.hurried if self.wanted.is_set() else self.wanted).set()
+
+
+@dataclass(frozen=True, slots=True)
+class LoopReport:
+    """How the control loop fared: ticks done and missed."""
+
+    ticks: int
+    missed: int
+
+
+class Agent:
+    """One vehicle's agent: its core, its link, its bus, and the loop between them."""
+
+    def __init__(
+        self,
+        core: VehicleCore,
+        link: VehicleLink,
+        bus: PeerBus,
+        clock: MissionClock,
+        *,
+        vehicle_id: int,
+        members: Collection[int],
+        altitude_m: float,
+        rate_hz: float,
+        sensor: Callable[[float], TargetSensor],
+        observe: Callable[[CoreStatus, float], None],
+    ) -> None:
+        """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick [us]."""
+        self._core = core
+        self._link = link
+        self._bus = bus
+        self._clock = clock
+        self._altitude_m = altitude_m
+        self._assembly = Assembly(vehicle_id, members)
+        self._period_s = 1.0 / rate_hz
+        self._ticker: Ticker | None = None
+        self._make_sensor = sensor
+        self._sensor: TargetSensor | None = None
+        self._observe = observe
+        self._position_m = (0.0, 0.0)
+        self._flew = False
+
+    @property
+    def loop(self) -> LoopReport:
+        """How the control loop has fared so far."""
+        statistics = TickerStatistics() if self._ticker is None else self._ticker.statistics
+        return LoopReport(statistics.ticks, statistics.missed)
+
+    @property
+    def start_s(self) -> float | None:
+        """The mission's start on the shared clock, once agreed on."""
+        return self._assembly.start_s
+
+    async def connect(self) -> None:
+        """Reach the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
+        await self._bus.open(self._hear, self._core.on_presence)
+        await self._link.connect(self._sense)
+
+    async def fly(self, duration_s: float, stop: Stop) -> Outcome:
+        """Fly the mission from the ground to the ground: whatever happens, the vehicle comes down or is handed over."""
+        outcome = Outcome(Ending.COMPLETED)
+        try:
+            await self._link.take_off(self._altitude_m)
+            self._flew = True
+            outcome = await self._control_until_end(duration_s, stop)
+        except VehicleRefusedError as refusal:
+            outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
+        finally:
+            if outcome.ending is not Ending.STOOD_DOWN:
+                outcome = await self._bring_down(outcome)
+        return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flew)
+
+    async def close(self) -> None:
+        """Leave the bus and release the link."""
+        await self._bus.close()
+        await self._link.close()
+
+    async def _control_until_end(self, duration_s: float, stop: Stop) -> Outcome:
+        first_setpoint = asyncio.Event()
+        control = asyncio.create_task(self._control(first_setpoint))
+        mission = asyncio.create_task(self._mission(first_setpoint, duration_s, stop))
+        try:
+            # Whichever ends first ends both: a loop that died must not leave the vehicle in offboard.
+            await asyncio.wait((control, mission), return_when=asyncio.FIRST_COMPLETED)
+            return mission.result() if mission.done() else control.result()
+        finally:
+            for task in (mission, control):
+                task.cancel()
+                with suppress(asyncio.CancelledError, Exception):
+                    await task
+
+    async def _mission(self, first_setpoint: asyncio.Event, duration_s: float, stop: Stop) -> Outcome:
+        await first_setpoint.wait()
+        await self._link.start_offboard()
+        ended = asyncio.create_task(stop.wanted.wait())
+        foreign = asyncio.create_task(self._foreign_mode())
+        mission = asyncio.create_task(self._assemble_and_fly(duration_s))
+        tasks = (ended, foreign, mission)
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            if foreign.done():
+                return foreign.result()
+            if mission.done():
+                return mission.result()
+            await self._hold(stop)
+            return Outcome(Ending.STOPPED, "the operator ended the flight")
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    async def _assemble_and_fly(self, duration_s: float) -> Outcome:
+        deadline_s = self._clock.now_s() + MUSTER_TIMEOUT_S
+        while self._assembly.start_s is None or self._clock.now_s() < self._assembly.start_s:
+            now_s = self._clock.now_s()
+            if self._assembly.start_s is None and now_s > deadline_s:
+                missing = ", ".join(map(str, self._assembly.missing(now_s)))
+                raise VehicleRefusedError(
+                    f"vehicles not heard on the bus within {MUSTER_TIMEOUT_S:.0f} s: {missing}",
+                    "start their agents, or check the vehicles' endpoints in the mission file",
+                )
+            self._bus.publish(TOPICS[Muster].name, encode(self._assembly.speak(now_s)))
+            await self._sleep(_MUSTER_PERIOD_S)
+        start_s = self._assembly.start_s
+        self._sensor = self._make_sensor(start_s)
+        self._core.start(start_s)
+        await self._sleep(start_s + duration_s - self._clock.now_s())
+        return Outcome(Ending.COMPLETED)
+
+    async def _foreign_mode(self) -> Outcome:
+        """Return once the autopilot is in a mode that this agent did not ask for: somebody else has the vehicle."""
+        expected = (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
+        while not self._link.status.connected or self._link.status.mode in expected:
+            await self._sleep(0.1)
+        mode = self._link.status.mode.value
+        return Outcome(
+            Ending.STOOD_DOWN,
+            f"the flight mode became '{mode}', which cordon did not ask for",
+            "whoever changed it has the vehicle: land it from there",
+        )
+
+    async def _control(self, first_setpoint: asyncio.Event) -> Outcome:
+        self._ticker = Ticker(self._period_s, self._clock.now_s, speed=self._clock.speed)
+        async for _ in self._ticker:
+            if self._tick(self._clock.now_s()):
+                first_setpoint.set()
+            if self._core.tactic is Tactic.LAND:
+                break
+        return Outcome(Ending.STOPPED, "the core decided to land")
+
+    def _tick(self, now_s: float) -> bool:
+        """Tick the core once, and carry out what it asks for; return whether that was a setpoint."""
+        sighting = self._sensor.sight(now_s, self._position_m) if self._sensor else None
+        began = perf_counter()
+        if sighting is not None:
+            self._core.on_sighting(sighting)
+        output = self._core.tick(now_s)
+        tick_us = (perf_counter() - began) * 1e6
+        if output.setpoint is not None:
+            self._link.send(output.setpoint)
+        for message in output.messages:
+            self._bus.publish(message.topic, message.payload)
+        self._observe(output.status, tick_us)
+        return output.setpoint is not None
+
+    async def _hold(self, stop: Stop) -> None:
+        """Let the vehicle come to rest, unless the operator is in a hurry."""
+        self._core.on_event(Event.HOLD)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(stop.hurried.wait(), HOLD_BEFORE_LANDING_S / self._clock.speed)
+
+    async def _bring_down(self, outcome: Outcome) -> Outcome:
+        """Leave offboard and land; what fails on the way is told beside what ended the flight."""
+        if not self._link.status.armed:
+            return outcome
+        for step in (self._link.stop_offboard, self._link.land):
+            try:
+                await step()
+            except VehicleRefusedError as refusal:
+                outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
+        return outcome
+
+    def _sense(self, telemetry: Telemetry) -> None:
+        self._position_m = telemetry.position_m[:2]
+        if self._flew:
+            self._core.on_telemetry(telemetry)
+
+    def _hear(self, payload: bytes) -> None:
+        self._core.on_message(payload, self._clock.now_s())
+        if self._sensor is None:
+            with suppress(ValueError):
+                message = decode(payload)
+                if isinstance(message, Muster):
+                    self._assembly.hear(message)
+
+    async def _sleep(self, mission_s: float) -> None:
+        await asyncio.sleep(max(mission_s, 0.0) / self._clock.speed)

@@ -1,0 +1,66 @@
+"""Plant files: the numbers of an identified plant in TOML, bundled or the user's own."""
+
+import tomllib
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from estimation.plant import Plant, PlantAxis
+from estimation.settings import Settings
+
+_BUNDLED = Path(__file__).parent / "plants"
+
+
+class PlantFileError(Exception):
+    """A plant file is missing or wrong; `faults` says where and what, one a line."""
+
+    def __init__(self, faults: list[str]) -> None:
+        super().__init__("\n".join(faults))
+        self.faults = faults
+
+
+class _AxisSection(Settings):
+    a0_per_s2: float
+    a1_per_s: float
+
+
+class _PlantFile(Settings):
+    x: _AxisSection
+    y: _AxisSection
+    delay_s: float = Field(0.0, ge=0.0, le=1.0)
+
+
+def bundled_plants() -> list[str]:
+    """Return the names of the plants that come with cordon."""
+    return sorted(path.stem for path in _BUNDLED.glob("*.toml"))
+
+
+def load_plant(name: str, folder: Path) -> Plant:
+    """Load a bundled plant by its bare name, or a file relative to `folder`; raises PlantFileError."""
+    path = _BUNDLED / f"{name}.toml" if name in bundled_plants() else folder / name
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        known = ", ".join(bundled_plants())
+        raise PlantFileError([f"no plant file '{name}' ({error.strerror}); bundled plants: {known}"]) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise PlantFileError([f"'{name}' is not TOML: {error}"]) from error
+    return _plant_of(name, content)
+
+
+def _plant_of(name: str, content: dict[str, object]) -> Plant:
+    try:
+        file = _PlantFile.model_validate(content)
+    except ValidationError as error:
+        faults = [f"{name}: {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()]
+        raise PlantFileError(faults) from error
+    faults = []
+    axes = {}
+    for axis, section in (("x", file.x), ("y", file.y)):
+        try:
+            axes[axis] = PlantAxis(section.a0_per_s2, section.a1_per_s)
+        except ValueError as error:
+            faults.append(f"{name}: {axis}: {error}")
+    if faults:
+        raise PlantFileError(faults)
+    return Plant(axes["x"], axes["y"], file.delay_s)

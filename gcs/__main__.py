@@ -1,0 +1,5 @@
+"""`python -m gcs` is `cordon`."""
+
+from gcs.cli import main
+
+main()

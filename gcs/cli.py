@@ -1,0 +1,112 @@
+"""The command line: parses, loads the mission, hands over. What is heavy is imported by the command that needs it."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts.validators import Number
+
+from gcs.exits import Exit, InputError
+
+app = App(
+    name="cordon",
+    help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
+    help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
+)
+_RESULT = Group("Result")
+
+MissionName = Annotated[
+    str, Parameter(help="A bundled mission (case1, case2, case2-field), or the path of a TOML file.")
+]
+Seed = Annotated[
+    int | None,
+    Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
+]
+Duration = Annotated[
+    float | None,
+    Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0)),
+]
+Speed = Annotated[
+    float | None,
+    Parameter(help="How many times faster than the wall simulated time passes.", validator=Number(gte=0.1, lte=50)),
+]
+Json = Annotated[
+    bool, Parameter(name="--json", negative="", group=_RESULT, help="Print the result as one JSON object.")
+]
+Plot = Annotated[
+    Path | None,
+    Parameter(group=_RESULT, help="Draw the flight, the paper's figures 1 to 6, into a .png, .svg or .pdf."),
+]
+Timing = Annotated[
+    bool | None,
+    Parameter(
+        group=_RESULT,
+        help="Whether the JSON holds wall times. It does unless a seed is given: one seed, one result, byte for byte.",
+    ),
+]
+
+
+@app.command
+def sim(
+    mission: MissionName,
+    *,
+    seed: Seed = None,
+    duration: Duration = None,
+    json: Json = False,
+    plot: Plot = None,
+    timing: Timing = None,
+) -> Exit:
+    """Fly a mission in one process with simulated time: deterministic, far faster than real time.
+
+    Example: cordon sim case2-field --seed 7 --plot flight.png
+    """
+    from gcs.commands import simulate_mission  # noqa: PLC0415
+
+    return simulate_mission(mission, seed=seed, duration=duration, json=json, plot=plot, timing=timing)
+
+
+@app.command
+def fly(
+    mission: MissionName,
+    *,
+    sitl: Annotated[bool, Parameter(negative="", help="Bring stub vehicles along: no hardware is needed.")] = False,
+    speed: Speed = None,
+    only: Annotated[
+        int | None, Parameter(help="Run the agent of this vehicle alone; the others run elsewhere.")
+    ] = None,
+    duration: Duration = None,
+    json: Json = False,
+    plot: Plot = None,
+) -> Exit:
+    """Fly a mission over MAVLink and Zenoh. Ctrl-C: hold, land, disarm; twice: land at once.
+
+    Example: cordon fly case2 --sitl --speed 10 --plot flight.png
+    """
+    from gcs.commands import fly_mission  # noqa: PLC0415
+
+    return fly_mission(mission, sitl=sitl, speed=speed, only=only, duration=duration, json=json, plot=plot)
+
+
+@app.command
+def sitl(mission: MissionName, *, speed: Speed = None) -> Exit:
+    """Serve a mission's stub vehicles alone, for `cordon fly`, QGroundControl or any MAVLink client; Ctrl-C ends it.
+
+    Example: cordon sitl case2 --speed 5
+    """
+    from gcs.commands import serve_stubs  # noqa: PLC0415
+
+    return serve_stubs(mission, speed or 1.0)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    try:
+        command, bound, _ = app.parse_args(exit_on_error=False)
+    except CycloptsError:
+        sys.exit(Exit.BAD_INPUT)
+    try:
+        sys.exit(command(*bound.args, **bound.kwargs))
+    except InputError as error:
+        print(*error.faults, sep="\n", file=sys.stderr)
+        sys.exit(Exit.BAD_INPUT)

@@ -1,0 +1,115 @@
+"""What the commands do once the command line is parsed: load, fly, show, and say how it went."""
+
+import asyncio
+from pathlib import Path
+
+from agents.agent import Ending, Outcome
+from agents.ports import VehicleRefusedError
+from gcs.exits import Exit, InputError
+from gcs.mission import Mission, MissionVehicle
+from gcs.mission_file import load_mission
+from gcs.output import STDERR, SimulationProgress, check_plot, present
+
+_SPEED_KEPT_SHARE = 0.97
+_MISSED_SHARE = 0.01
+
+
+def simulate_mission(
+    name: str, *, seed: int | None, duration: float | None, json: bool, plot: Path | None, timing: bool | None
+) -> Exit:
+    """`cordon sim`."""
+    from gcs.simulated import fly_simulated  # noqa: PLC0415
+
+    check_plot(plot)
+    mission = load_mission(name)
+    flown_s = duration or mission.mission.duration_s
+    with SimulationProgress(mission.mission.name, flown_s) as progress:
+        record = fly_simulated(mission, mission.mission.seed if seed is None else seed, flown_s, progress.update)
+    return present(mission, record, json=json, plot=plot, timed=seed is None if timing is None else timing)
+
+
+def fly_mission(
+    name: str,
+    *,
+    sitl: bool,
+    speed: float | None,
+    only: int | None,
+    duration: float | None,
+    json: bool,
+    plot: Path | None,
+) -> Exit:
+    """`cordon fly`."""
+    from gcs.flight import FlightPlan, fly  # noqa: PLC0415
+    from gcs.live import LiveView  # noqa: PLC0415
+
+    check_plot(plot)
+    mission = load_mission(name)
+    if sitl and only is not None:
+        raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
+    vehicles = mission.vehicles if only is None else (_chosen(mission, only),)
+    speed = speed or (1.0 if sitl else None)
+    plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed)
+    try:
+        with LiveView(STDERR) as view:
+            flight = asyncio.run(fly(plan, view))
+    except VehicleRefusedError as refusal:
+        _say(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    verdict = Exit.VERDICT_FAILED
+    if flight.record is not None:
+        verdict = present(mission, flight.record, json=json, plot=plot)
+        _warn_of_lateness(flight.record.loop.missed, flight.record.loop.ticks, flight.speed, flight.speed_kept)
+    return _judged(flight.outcomes, verdict)
+
+
+def serve_stubs(name: str, speed: float) -> Exit:
+    """`cordon sitl`."""
+    from gcs.stubs import serve_until_ctrl_c, stub_configs  # noqa: PLC0415
+
+    configs = stub_configs(load_mission(name))
+    for config in configs:
+        STDERR.print(
+            f"vehicle {config.vehicle_id}: MAVLink to udp {config.client_host}:{config.client_port}", highlight=False
+        )
+    STDERR.print(f"simulated time passes {speed:g} times as fast as the wall's; Ctrl-C ends it", highlight=False)
+    try:
+        asyncio.run(serve_until_ctrl_c(configs, speed))
+    except OSError as error:
+        _say(f"the stub vehicles did not start: {error}", "see whether something else holds their ports")
+        return Exit.REFUSED
+    return Exit.HOLDS
+
+
+def _chosen(mission: Mission, vehicle_id: int) -> MissionVehicle:
+    try:
+        return mission.vehicle(vehicle_id)
+    except KeyError as error:
+        ids = ", ".join(map(str, mission.ids))
+        raise InputError([f"--only: the mission has no vehicle {vehicle_id} (it has {ids})"]) from error
+
+
+def _judged(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
+    """Tell how each flight ended that did not end well, and return the command's exit code."""
+    failed = {i: outcome for i, outcome in outcomes.items() if outcome.ending is not Ending.COMPLETED}
+    for vehicle_id, outcome in failed.items():
+        _say(f"vehicle {vehicle_id} {outcome.ending.value}: {outcome.reason}", outcome.next_step)
+    if not failed:
+        return verdict
+    return Exit.ENDED_IN_FLIGHT if any(outcome.flew for outcome in outcomes.values()) else Exit.REFUSED
+
+
+def _say(reason: str, next_step: str) -> None:
+    STDERR.print(reason, style="red", highlight=False)
+    if next_step:
+        STDERR.print(f"next: {next_step}", highlight=False)
+
+
+def _warn_of_lateness(missed: int, ticks: int, speed: float, speed_kept: float) -> None:
+    if speed_kept < _SPEED_KEPT_SHARE * speed:
+        STDERR.print(f"this machine reached speed {speed_kept:.1f}, not {speed:g}", style="yellow", highlight=False)
+    if missed > _MISSED_SHARE * ticks:
+        STDERR.print(
+            f"{missed} of {missed + ticks} ticks came too late: ask for less than --speed {speed:g}",
+            style="yellow",
+            highlight=False,
+        )

@@ -1,0 +1,27 @@
+"""The exit codes that users and scripts rely on, and the error that bad input ends in."""
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+
+class Exit(IntEnum):
+    """How a command ended."""
+
+    HOLDS = 0
+    """Everything went well, and all verdicts hold."""
+    VERDICT_FAILED = 1
+    """Flown, but a verdict does not hold."""
+    BAD_INPUT = 2
+    """Bad input, every fault listed."""
+    REFUSED = 3
+    """Refused before take-off."""
+    ENDED_IN_FLIGHT = 4
+    """Ended in flight by a failsafe or the operator."""
+
+
+class InputError(Exception):
+    """What the user asked for cannot be done as asked; `faults` holds one line for each thing that is wrong."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        super().__init__("\n".join(faults))
+        self.faults = tuple(faults)

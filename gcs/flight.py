@@ -1,0 +1,223 @@
+"""Fly a mission over MAVLink and Zenoh: the composition of agents, links, buses and, if asked for, stub vehicles."""
+
+import asyncio
+import signal
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from functools import partial
+from math import degrees
+from time import perf_counter
+
+from agents.agent import Agent, Ending, Outcome, Stop
+from agents.clock import MissionClock
+from agents.core import CoreStatus, VehicleCore
+from agents.ports import TargetSensor, VehicleRefusedError
+from agents.zenoh_bus import ZenohBus
+from gcs.compose import target_sensor
+from gcs.journal import Journal
+from gcs.link import MavsdkLink
+from gcs.link_hub import MavsdkHub
+from gcs.live import LiveRow, LiveView
+from gcs.mission import Mission, MissionVehicle
+from gcs.record import FlightRecord
+from gcs.stubs import stub_configs
+from sitl.process import StubProcess
+from sitl.server import StubRecord
+
+_VIEW_PERIOD_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class FlightPlan:
+    """What to fly: the mission, for how long, which of its vehicles, and how fast time passes (None: find out)."""
+
+    mission: Mission
+    duration_s: float
+    vehicles: tuple[MissionVehicle, ...]
+    stubs: bool
+    speed: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """What came of it: each vehicle's outcome, the record if the mission began, and the speed asked for and kept."""
+
+    outcomes: dict[int, Outcome]
+    record: FlightRecord | None
+    speed: float
+    speed_kept: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Member:
+    """One vehicle of this process."""
+
+    vehicle: MissionVehicle
+    link: MavsdkLink
+    agent: Agent
+
+
+async def fly(plan: FlightPlan, view: LiveView) -> Flight:
+    """Fly; raises VehicleRefusedError when the team cannot even take off.
+
+    Ctrl-C makes every vehicle hold and land, a second one land at once.
+    """
+    clock = MissionClock(plan.speed or 1.0)
+    journal = Journal(plan.mission)
+    stop = Stop()
+    stubs = await _stubs(plan, clock.speed) if plan.stubs else None
+    try:
+        async with AsyncExitStack() as stack:
+            _listen_to_ctrl_c(stop, stack)
+            hub = MavsdkHub()
+            stack.push_async_callback(hub.close)
+            team = [_member(plan.mission, vehicle, hub, clock, journal) for vehicle in plan.vehicles]
+            for member in team:
+                stack.push_async_callback(member.agent.close)
+            view.update([], 0.0, "looking for the vehicles")
+            await _connect(team)
+            if plan.speed is None:
+                await _find_speed(team, clock)
+            began_s = perf_counter()
+            outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view)
+            wall_time_s = perf_counter() - began_s
+    finally:
+        stub_record = await asyncio.to_thread(_stopped, stubs)
+    record = _record(plan, team, journal, stub_record, clock, wall_time_s)
+    kept = clock.speed if stub_record is None else stub_record.speed_reached
+    return Flight(outcomes, record, clock.speed, kept)
+
+
+async def _stubs(plan: FlightPlan, speed: float) -> StubProcess:
+    stubs = StubProcess(stub_configs(plan.mission), speed)
+    try:
+        await asyncio.to_thread(stubs.start)
+    except OSError as error:
+        raise VehicleRefusedError(
+            f"the stub vehicles did not start: {error}", "see whether one runs already"
+        ) from error
+    return stubs
+
+
+def _stopped(stubs: StubProcess | None) -> StubRecord | None:
+    try:
+        return None if stubs is None else stubs.stop()
+    except OSError:
+        return None  # it died in flight: the agents' outcomes say so, and the estimates are what is left
+
+
+def _listen_to_ctrl_c(stop: Stop, stack: AsyncExitStack) -> None:
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.ask)
+        stack.callback(loop.remove_signal_handler, number)
+
+
+def _member(
+    mission: Mission, vehicle: MissionVehicle, hub: MavsdkHub, clock: MissionClock, journal: Journal
+) -> _Member:
+    config = mission.agent_config(vehicle)
+    link = MavsdkLink(hub, vehicle.section.url, vehicle.system_id, mission.mission_frame(), clock.now_s, clock.speed)
+    others = [other.section.endpoint for other in mission.vehicles if other.id != vehicle.id]
+    bus = ZenohBus(vehicle.id, mission.network.team, vehicle.section.endpoint, others)
+    sensor: partial[TargetSensor] = partial(_sensor, mission, vehicle.id)
+    agent = Agent(
+        VehicleCore(config),
+        link,
+        bus,
+        clock,
+        vehicle_id=vehicle.id,
+        members=mission.ids,
+        altitude_m=config.altitude_m,
+        rate_hz=config.rate_hz,
+        sensor=sensor,
+        observe=journal.note,
+    )
+    return _Member(vehicle, link, agent)
+
+
+def _sensor(mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
+    return target_sensor(mission, vehicle_id, start_s, mission.mission.seed)
+
+
+async def _connect(team: Sequence[_Member]) -> None:
+    """Reach everybody, or refuse with the first reason."""
+    results = await asyncio.gather(*(member.agent.connect() for member in team), return_exceptions=True)
+    for result in results:
+        if isinstance(result, BaseException):
+            raise result
+
+
+async def _find_speed(team: Sequence[_Member], clock: MissionClock) -> None:
+    """Let the clock run as fast as the autopilots': a simulator may be faster than the wall."""
+    clock.set_speed(await team[0].link.measure_speed())
+    for member in team:
+        member.link.set_speed(clock.speed)
+
+
+async def _fly_team(
+    team: Sequence[_Member], duration_s: float, stop: Stop, clock: MissionClock, journal: Journal, view: LiveView
+) -> dict[int, Outcome]:
+    async def one(member: _Member) -> Outcome:
+        outcome = await member.agent.fly(duration_s, stop)
+        if outcome.ending is Ending.REFUSED and not outcome.flew:
+            stop.ask()  # the mission needs everybody: those in the air come down again
+        return outcome
+
+    watching = asyncio.create_task(_watch(team, stop, clock, journal, view))
+    try:
+        outcomes = await asyncio.gather(*map(one, team))
+    finally:
+        watching.cancel()
+    return {member.vehicle.id: outcome for member, outcome in zip(team, outcomes, strict=True)}
+
+
+async def _watch(team: Sequence[_Member], stop: Stop, clock: MissionClock, journal: Journal, view: LiveView) -> None:
+    while True:
+        start_s = team[0].agent.start_s
+        mission_time_s = 0.0 if start_s is None else max(clock.now_s() - start_s, 0.0)
+        message = "holding and landing; Ctrl-C once more: land at once" if stop.wanted.is_set() else ""
+        view.update([_row(member, journal.latest.get(member.vehicle.id)) for member in team], mission_time_s, message)
+        await asyncio.sleep(_VIEW_PERIOD_S)
+
+
+def _row(member: _Member, status: CoreStatus | None) -> LiveRow:
+    vehicle = member.link.status
+    polar = None if status is None else status.polar
+    place = None if status is None else status.place
+    return LiveRow(
+        vehicle_id=member.vehicle.id,
+        tactic="-" if status is None else status.tactic.value,
+        mode=vehicle.mode.value,
+        connected=vehicle.connected,
+        radius_m=None if polar is None else polar.radius_m,
+        angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
+        spacing_lead_deg=None if place is None or place.lead_rad is None else degrees(place.lead_rad),
+        spacing_lag_deg=None if place is None or place.lag_rad is None else degrees(place.lag_rad),
+        battery=vehicle.battery,
+    )
+
+
+def _record(
+    plan: FlightPlan,
+    team: Sequence[_Member],
+    journal: Journal,
+    stubs: StubRecord | None,
+    clock: MissionClock,
+    wall_time_s: float,
+) -> FlightRecord | None:
+    start_s = team[0].agent.start_s
+    if start_s is None or not journal.latest:
+        return None
+    flown_s = min(max(status.time_s for status in journal.latest.values()) - start_s, plan.duration_s)
+    loops = [member.agent.loop for member in team]
+    return journal.record(
+        start_s,
+        max(flown_s, 0.0),
+        ticks=sum(loop.ticks for loop in loops),
+        missed=sum(loop.missed for loop in loops),
+        wall_time_s=wall_time_s,
+        source="sitl" if plan.stubs or clock.speed != 1.0 else "flight",
+        truth=() if stubs is None else stubs.tracks,
+    )

@@ -1,0 +1,118 @@
+"""What was seen of a flight while it was flown, and the flight record made of it."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.core import CoreStatus
+from estimation.state import MOTION, POSITION, VELOCITY, Vector
+from gcs.compose import target_motion
+from gcs.mission import Mission
+from gcs.record import FlightRecord, LoopStatistics, VehicleTrack
+from sitl.server import TruthTrack
+
+_GAP_MAX_S = 1.0
+
+
+@dataclass(slots=True)
+class _Sightings:
+    """What was seen of one vehicle: times, motions [x y x' y'] and tactics."""
+
+    time_s: list[float] = field(default_factory=list)
+    motion: list[Vector] = field(default_factory=list)
+    tactic: list[str] = field(default_factory=list)
+
+    def add(self, time_s: float, motion: Vector, tactic: str) -> None:
+        if not self.time_s or time_s > self.time_s[-1]:
+            self.time_s.append(time_s)
+            self.motion.append(motion)
+            self.tactic.append(tactic)
+
+
+class Journal:
+    """Notes every tick of the agents in this process, and what they hear of their peers in others."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._mission = mission
+        self._seen: defaultdict[int, _Sightings] = defaultdict(_Sightings)
+        self._tick_us: list[float] = []
+        self.latest: dict[int, CoreStatus] = {}
+
+    def note(self, status: CoreStatus, tick_us: float) -> None:
+        """Note one tick."""
+        self._tick_us.append(tick_us)
+        self.latest[status.vehicle_id] = status
+        if status.motion is not None:
+            self._seen[status.vehicle_id].add(status.time_s, status.motion, status.tactic.value)
+        for peer in status.peers:
+            motion = np.array([*peer.position_m, *peer.velocity_m_s])
+            self._seen[peer.sender].add(peer.time_s, motion, peer.tactic)
+
+    def record(
+        self,
+        start_s: float,
+        duration_s: float,
+        *,
+        ticks: int,
+        missed: int,
+        wall_time_s: float,
+        source: str,
+        truth: tuple[TruthTrack, ...] = (),
+    ) -> FlightRecord:
+        """Make the record of the mission that began at `start_s`, from the truth where a simulator knows it."""
+        mission = self._mission
+        time_s = np.arange(round(duration_s * mission.mission.rate_hz) + 1) / mission.mission.rate_hz
+        true = {track.vehicle_id: track for track in truth}  # a stub knows its system id
+        tracks = tuple(
+            self._track(
+                vehicle_id, self._seen[vehicle_id], true.get(mission.vehicle(vehicle_id).system_id), time_s + start_s
+            )
+            for vehicle_id in mission.ids
+            if vehicle_id in self._seen
+        )
+        target = target_motion(mission)
+        return FlightRecord(
+            mission=mission.mission.name,
+            seed=mission.mission.seed,
+            source=source,
+            reference="truth" if truth else "estimate",
+            time_s=time_s,
+            target_position_m=np.array([target.position_m(at_s) for at_s in time_s.tolist()]),
+            target_velocity_m_s=np.tile(target.velocity_m_s, (time_s.size, 1)),
+            vehicles=tracks,
+            loop=LoopStatistics(mission.mission.rate_hz, ticks, missed, np.array(self._tick_us)),
+            wall_time_s=wall_time_s,
+        )
+
+    def _track(self, vehicle_id: int, seen: _Sightings, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:
+        seen_s = np.array(seen.time_s)
+        if true is None:
+            motion = _resampled(seen_s, np.array(seen.motion), grid_s)
+        else:
+            columns = np.hstack([true.position_m[:, POSITION], true.velocity_m_s[:, POSITION]])
+            motion = _resampled(true.time_s, columns, grid_s)
+        return VehicleTrack(
+            vehicle_id, motion[:, POSITION], motion[:, VELOCITY], _latest(seen_s, np.array(seen.tactic), grid_s)
+        )
+
+
+def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:
+    """Return motions (T, 4) on the grid, NaN in gaps and before and after what was seen."""
+    resampled = np.column_stack([np.interp(grid_s, time_s, column) for column in motion.T])
+    resampled[~_covered(time_s, grid_s), MOTION] = np.nan
+    return resampled
+
+
+def _latest(time_s: Vector, tactic: "NDArray[np.str_]", grid_s: Vector) -> "np.ndarray[tuple[int], np.dtype[np.str_]]":
+    """Return the tactic that held at each time of the grid."""
+    index = np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
+    return np.where(_covered(time_s, grid_s), tactic[index], "unknown")
+
+
+def _covered(time_s: Vector, grid_s: Vector) -> NDArray[np.bool_]:
+    before = np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
+    after = np.minimum(before + 1, time_s.size - 1)
+    nearest_s = np.minimum(np.abs(grid_s - time_s[before]), np.abs(time_s[after] - grid_s))
+    return np.asarray(nearest_s <= _GAP_MAX_S)

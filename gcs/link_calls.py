@@ -1,0 +1,126 @@
+"""Calls to one vehicle through MAVSDK: on threads of their own, with refusals in the autopilot's own words."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from math import dist
+from typing import Any, TypeVar
+
+from mavsdk.exceptions import MavsdkError
+
+from agents.ports import VehicleRefusedError
+from estimation.frames import Geodetic, MissionFrame, Triple
+from gcs.link_feed import VehicleFeed
+
+Result = TypeVar("Result")
+
+POLL_PERIOD_S = 0.02
+WALL_WAIT_MIN_S = 3.0
+"""No wait is shorter than this, however fast the simulation runs: threads and heartbeats take wall time."""
+TEXT_DELAY_S = 0.3
+"""How long after a refusal its explanation may come: PX4 sends it beside the acknowledgement."""
+TEXT_AGE_S = 15.0
+ORIGIN_DISTANCE_MAX_M = 20_000.0
+ATTITUDE_RATE_HZ = 10.0
+SLOW_RATES_HZ = {"health": 2.0, "in_air": 2.0, "battery": 1.0, "home": 1.0, "gps_info": 1.0, "position": 1.0}
+"""What status and readiness rest on; ArduPilot sends nothing that nobody asked for."""
+
+
+class VehicleCalls:
+    """Runs MAVSDK's blocking calls for one vehicle, and waits for what they should bring about.
+
+    Two threads of its own: calls to a dead vehicle block for seconds, and must not starve a living one's.
+    `speed` is how many times faster than the wall the mission clock runs.
+    """
+
+    def __init__(self, system_id: int, feed: VehicleFeed, speed: float) -> None:
+        self.speed = speed
+        self._system_id = system_id
+        self._feed = feed
+        self._executor = ThreadPoolExecutor(2, thread_name_prefix=f"vehicle-{system_id}")
+
+    async def run(self, function: Callable[..., Result], *arguments: object) -> Result:
+        """Return what a blocking call returns."""
+        return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
+
+    async def command(self, verb: str, function: Callable[..., object], *arguments: object, attempts: int = 1) -> None:
+        """Make a call that the autopilot may refuse; raises VehicleRefusedError when it does so every time."""
+        for attempt in range(1, attempts + 1):
+            try:
+                await self.run(function, *arguments)
+            except (MavsdkError, RuntimeError) as error:
+                if attempt == attempts:
+                    await asyncio.sleep(TEXT_DELAY_S)
+                    result = getattr(getattr(error, "result", None), "name", str(error))
+                    raise self.refusal(f"refused to {verb} ({result})", "clear what it complains about") from error
+            else:
+                return
+
+    async def until(
+        self, condition: Callable[[], bool], timeout_s: float, failure: Callable[[], str], next_step: str
+    ) -> None:
+        """Wait for a condition; raises VehicleRefusedError with `failure()` after `timeout_s` of the mission clock."""
+        end_s = time.monotonic() + self.wall_s(timeout_s)
+        while not condition():
+            if time.monotonic() > end_s:
+                raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step)
+            await asyncio.sleep(POLL_PERIOD_S)
+
+    def wall_s(self, mission_s: float) -> float:
+        """Return the wall seconds to wait for something that takes `mission_s`."""
+        return max(mission_s / self.speed, WALL_WAIT_MIN_S)
+
+    def refusal(self, reason: str, next_step: str) -> VehicleRefusedError:
+        """Return the refusal: the reason, whether the link is lost, and what the autopilot wrote lately."""
+        said = self._feed.said(since_s=time.monotonic() - TEXT_AGE_S)
+        lost = "" if self._feed.status.connected else "; its link is lost"
+        says = f"; it says {said}" if said else ""
+        return VehicleRefusedError(f"vehicle {self._system_id} {reason}{lost}{says}", next_step)
+
+    async def close(self) -> None:
+        """Wait for the calls in flight: destroying MAVSDK's objects under them would lose their threads for good."""
+        await asyncio.to_thread(self._executor.shutdown, cancel_futures=True)
+
+
+async def request_rates(calls: VehicleCalls, telemetry: Any, motion_rate_hz: float) -> None:
+    """Ask for the vehicle's motion at `motion_rate_hz`, and for the rest slowly.
+
+    Raises VehicleRefusedError for the motion; an autopilot that does not know one of the others may fly.
+    """
+    await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, motion_rate_hz)
+    for name, rate_hz in (*SLOW_RATES_HZ.items(), ("attitude_euler", ATTITUDE_RATE_HZ)):
+        try:
+            await calls.run(getattr(telemetry, f"set_rate_{name}"), rate_hz)
+        except MavsdkError:
+            continue
+
+
+async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFrame, timeout_s: float) -> Triple:
+    """Return the mission position of the vehicle's own NED origin [m].
+
+    Raises VehicleRefusedError when its estimator has none in time, or one that is nowhere near the mission's.
+    """
+    end_s = time.monotonic() + calls.wall_s(timeout_s)
+    while (place := await calls.run(_origin, feed.plugin)) is None:
+        if time.monotonic() > end_s:
+            raise calls.refusal(
+                f"did not know where it is within {timeout_s:g} s ({feed.failing()})", "wait for GPS, or check it"
+            )
+    origin_m = frame.mission_from_geodetic(place)
+    if (away_m := dist(origin_m, (0.0, 0.0, 0.0))) > ORIGIN_DISTANCE_MAX_M:
+        where = f"{place.latitude_deg:.5f}, {place.longitude_deg:.5f}"
+        raise calls.refusal(
+            f"stands at {where}, {away_m / 1000.0:.0f} km from the mission's origin", "set the origin in [frame]"
+        )
+    return origin_m
+
+
+def _origin(telemetry: Any) -> Geodetic | None:
+    """Ask for the origin; blocks for up to 5 s when there is none."""
+    try:
+        origin = telemetry.get_gps_global_origin()
+        return Geodetic(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+    except (MavsdkError, ValueError):
+        time.sleep(POLL_PERIOD_S)
+        return None

@@ -1,0 +1,180 @@
+"""What a vehicle says about itself: MAVSDK's subscriptions, gathered on the event loop in mission terms."""
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from math import isfinite
+from typing import Any
+
+from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
+from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
+
+from agents.ports import FlightMode, VehicleStatus
+from estimation.frames import Geodetic, MissionFrame, Triple
+from estimation.state import Telemetry
+
+MODES = {
+    MavsdkMode.UNKNOWN: FlightMode.UNKNOWN,
+    MavsdkMode.READY: FlightMode.READY,
+    MavsdkMode.TAKEOFF: FlightMode.TAKE_OFF,
+    MavsdkMode.HOLD: FlightMode.HOLD,
+    MavsdkMode.OFFBOARD: FlightMode.OFFBOARD,
+    MavsdkMode.LAND: FlightMode.LAND,
+    MavsdkMode.RETURN_TO_LAUNCH: FlightMode.RETURN,
+}
+HEALTH_ITEMS = {
+    "is_gyrometer_calibration_ok": "gyrometer calibration",
+    "is_accelerometer_calibration_ok": "accelerometer calibration",
+    "is_magnetometer_calibration_ok": "magnetometer calibration",
+    "is_local_position_ok": "local position",
+    "is_global_position_ok": "global position",
+    "is_home_position_ok": "home position",
+    "is_armable": "arming checks",
+}
+TEXTS_KEPT = 20
+
+
+class VehicleFeed:
+    """The newest that one system said. Its own thread hands everything over to the event loop; nothing ever raises.
+
+    `origin_m` is the mission position of the vehicle's own NED origin: no telemetry is delivered before it is set.
+    """
+
+    def __init__(self, system: Any, frame: MissionFrame, now_s: Callable[[], float]) -> None:
+        self.status = VehicleStatus()
+        self.position_m: Triple | None = None
+        self.origin_m: Triple | None = None
+        self.dropped = 0
+        self.on_telemetry: Callable[[Telemetry], None] | None = None
+        self.on_reconnect: Callable[[], None] | None = None
+        self.plugin: Any = TelemetryPlugin(system)
+        self._system = system
+        self._frame = frame
+        self._now_s = now_s
+        self._health: Any = None
+        self._mode: Any = None
+        self._home_z_m: float | None = None
+        self._texts: deque[tuple[float, str]] = deque(maxlen=TEXTS_KEPT)
+        self._loop = asyncio.get_running_loop()
+
+    def subscribe(self) -> None:
+        """Listen to all that the loop uses, and to no more: MAVSDK drops callbacks near 1500 a second."""
+        telemetry = self.plugin
+        telemetry.subscribe_position_velocity_ned(self._posting(self._take_motion))
+        telemetry.subscribe_flight_mode(self._posting(self._take_mode))
+        telemetry.subscribe_armed(self._posting(lambda armed: self._update(armed=bool(armed))))
+        telemetry.subscribe_in_air(self._posting(lambda in_air: self._update(in_air=bool(in_air))))
+        telemetry.subscribe_health(self._posting(self._take_health))
+        telemetry.subscribe_battery(self._posting(self._take_battery))
+        telemetry.subscribe_home(self._posting(self._take_home))
+        telemetry.subscribe_status_text(self._posting(self._take_text))
+        self._update(connected=self._system.is_connected())
+        self._system.subscribe_is_connected(self._posting(self._take_connected))
+
+    @property
+    def ground_z_m(self) -> float:
+        """The altitude of the vehicle's home, which take-off counts from, in the mission frame.
+
+        Until home is heard: where the vehicle is, and failing that where its origin is.
+        """
+        if self._home_z_m is not None:
+            return self._home_z_m
+        return (self.position_m or self.origin_m or (0.0, 0.0, 0.0))[2]
+
+    async def attitude_clock(self, duration_s: float) -> list[tuple[float, float]]:
+        """Return (wall time, autopilot time) of the attitudes heard within `duration_s` wall seconds [s]."""
+        times: list[tuple[float, float]] = []
+
+        def note(attitude: Any, _user_data: object) -> None:
+            times.append((time.monotonic(), attitude.timestamp_us * 1e-6))
+
+        handle = self.plugin.subscribe_attitude_euler(note)
+        try:
+            await asyncio.sleep(duration_s)
+        finally:
+            self.plugin.unsubscribe_attitude_euler(handle)
+        return times
+
+    def missing(self) -> str:
+        """Return what has not been heard yet, in words; empty when the picture is complete."""
+        parts = {"local position": self.position_m, "flight mode": self._mode, "health": self._health}
+        return ", ".join(words for words, part in parts.items() if part is None)
+
+    def failing(self) -> str:
+        """Return the health items that are not well, in words; empty when all are."""
+        if self._health is None:
+            return "no health report"
+        return ", ".join(words for name, words in HEALTH_ITEMS.items() if not getattr(self._health, name))
+
+    def said(self, since_s: float = 0.0) -> str:
+        """Return what the autopilot wrote since a monotonic time, quoted and without repetitions; empty if nothing."""
+        texts = dict.fromkeys(text for at_s, text in self._texts if at_s >= since_s)
+        return ", ".join(f"“{text}”" for text in texts)
+
+    def close(self) -> None:
+        """Unsubscribe from everything, waiting for callbacks that run; blocks for a moment."""
+        self.plugin.destroy()
+        self._system.destroy()
+
+    def _posting(self, take: Callable[[Any], None]) -> Callable[[Any, object], None]:
+        """Return a callback for MAVSDK's thread that lets `take` run on the event loop."""
+
+        def post(value: Any, _user_data: object = None) -> None:
+            with suppress(RuntimeError):  # the loop is closed already
+                self._loop.call_soon_threadsafe(take, value)
+
+        return post
+
+    def _update(self, **changes: Any) -> None:
+        self.status = replace(self.status, **changes)
+
+    def _take_motion(self, motion: Any) -> None:
+        if self.origin_m is None:
+            return
+        position, velocity = motion.position, motion.velocity
+        x, y, z = self._frame.mission_from_ned((position.north_m, position.east_m, position.down_m))
+        x0, y0, z0 = self.origin_m
+        try:
+            sample = Telemetry(
+                self._now_s(),
+                (x + x0, y + y0, z + z0),
+                self._frame.mission_from_ned((velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)),
+            )
+        except ValueError:
+            self.dropped += 1
+            return
+        self.position_m = sample.position_m
+        if self.on_telemetry is not None:
+            self.on_telemetry(sample)
+
+    def _take_mode(self, mode: Any) -> None:
+        self._mode = mode
+        self._update(mode=MODES.get(mode, FlightMode.OTHER))
+
+    def _take_health(self, health: Any) -> None:
+        self._health = health
+        self._update(local_position_ok=bool(health.is_local_position_ok), armable=bool(health.is_armable))
+
+    def _take_battery(self, battery: Any) -> None:
+        percent = battery.remaining_percent
+        self._update(battery=min(max(percent / 100.0, 0.0), 1.0) if isfinite(percent) else None)
+
+    def _take_home(self, home: Any) -> None:
+        try:
+            place = Geodetic(home.latitude_deg, home.longitude_deg, home.absolute_altitude_m)
+        except ValueError:
+            self.dropped += 1
+            return
+        self._home_z_m = self._frame.mission_from_geodetic(place)[2]
+
+    def _take_text(self, text: Any) -> None:
+        self._texts.append((time.monotonic(), text.text))
+
+    def _take_connected(self, connected: bool) -> None:
+        back = connected and not self.status.connected
+        self._update(connected=bool(connected))
+        if back and self.on_reconnect is not None:
+            self.on_reconnect()

@@ -1,0 +1,210 @@
+"""The mission file: its sections, as a user writes them in TOML. Unknown keys are errors, numbers are finite."""
+
+from dataclasses import dataclass
+from math import radians
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from agents.settings import (
+    AgentConfig,
+    DecisionSettings,
+    EncirclementSettings,
+    FormationSettings,
+    SafetySettings,
+)
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant import Plant
+from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+
+
+def _pair(value: object) -> object:
+    # TOML knows lists only, and strict validation takes no list for a tuple.
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _port(url: str) -> str:
+    scheme, _, rest = url.partition("://")
+    host, _, port = rest.rpartition(":")
+    if scheme == "serial" and rest:
+        return url
+    known = ("udpin", "udpout", "tcpin", "tcpout")
+    if scheme not in known or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError("a vehicle's url is like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600")
+    return url
+
+
+def _endpoint(text: str) -> str:
+    protocol, _, rest = text.partition("/")
+    host, _, port = rest.rpartition(":")
+    if protocol not in ("tcp", "udp", "tls", "quic") or not host or not port.isdecimal():
+        raise ValueError("a Zenoh endpoint is like tcp/127.0.0.1:7461")
+    return text
+
+
+Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
+Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(_pair)]
+Velocity = Annotated[float, Field(ge=-20.0, le=20.0)]
+Velocity2 = Annotated[tuple[Velocity, Velocity], BeforeValidator(_pair)]
+Acceleration = Annotated[float, Field(ge=-10.0, le=10.0)]
+Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(_pair)]
+
+
+class MissionSection(Settings):
+    """`[mission]`: what it is called, how long it takes, how often the loop runs, and the seed of all chance."""
+
+    name: str = Field(min_length=1, max_length=60)
+    description: str = ""
+    duration_s: float = Field(gt=0.0, le=86400.0)
+    rate_hz: float = Field(10.0, ge=2.0, le=100.0)
+    seed: int = Field(0, ge=0)
+
+
+class FrameSection(Settings):
+    """`[frame]`: where on Earth the mission frame lies, and the bearing of its x axis clockwise from north."""
+
+    latitude_deg: float = Field(ge=-89.0, le=89.0)
+    longitude_deg: float = Field(ge=-180.0, le=180.0)
+    altitude_m: float = Field(ge=-500.0, le=9000.0)
+    x_bearing_deg: float = Field(0.0, ge=-360.0, le=360.0)
+
+
+class SensorSection(Settings):
+    """`[target.sensor]`: how far, how often and how well a vehicle sees the simulated target."""
+
+    range_m: float = Field(gt=0.0, le=10000.0)
+    rate_hz: float = Field(5.0, gt=0.0, le=50.0)
+    noise_m: float = Field(0.0, ge=0.0, le=100.0)
+
+
+class TargetSection(Settings):
+    """`[target]`: where the target is, how it moves, and how important and dangerous it is held to be."""
+
+    source: Literal["simulated"] = "simulated"
+    start_m: Metres2
+    velocity_m_s: Velocity2 = (0.0, 0.0)
+    importance: float = Field(ge=0.0, le=1.0)
+    threat: float = Field(ge=0.0, le=1.0)
+    sensor: SensorSection
+
+
+class NetworkSection(Settings):
+    """`[network]`: the team's name on the bus, and how far messages reach; delay and loss are the simulation's."""
+
+    team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$")
+    range_m: float = Field(200.0, gt=0.0, le=100000.0)
+    delay_s: float = Field(0.0, ge=0.0, le=5.0)
+    loss: float = Field(0.0, ge=0.0, lt=1.0)
+
+
+class SimulationSection(Settings):
+    """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise and a steady wind."""
+
+    position_noise_m: float = Field(0.0, ge=0.0, le=10.0)
+    velocity_noise_m_s: float = Field(0.0, ge=0.0, le=10.0)
+    wind_m_s2: Acceleration2 = (0.0, 0.0)
+
+
+class VerdictSection(Settings):
+    """`[verdicts]`: the tolerances by which a flight is judged."""
+
+    radius_error_rms_m: float = Field(0.15, gt=0.0)
+    angular_rate_error_rad_s: float = Field(0.001, gt=0.0)
+    spacing_error_rms_deg: float = Field(1.5, gt=0.0)
+    formation_speed_error_rms_m_s: float = Field(0.05, gt=0.0)
+    formation_spacing_error_rms_m: float = Field(0.1, gt=0.0)
+
+
+class TrueScale(Settings):
+    """How far a simulated vehicle's true plant is off its plant file."""
+
+    a0: float = Field(1.0, gt=0.0, le=10.0)
+    a1: float = Field(1.0, gt=0.0, le=10.0)
+
+
+class VehicleSection(Settings):
+    """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise, and so is the last part of its port."""
+
+    id: int = Field(ge=1, le=254)
+    system_id: int | None = Field(None, ge=1, le=254)
+    url: Annotated[str, AfterValidator(_port)]
+    endpoint: Annotated[str, AfterValidator(_endpoint)]
+    start_m: Metres2
+    altitude_m: float = Field(8.0, ge=1.0, le=500.0)
+    plant: str = "stub"
+    true_scale: TrueScale = TrueScale()
+    decision: DecisionSettings | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MissionVehicle:
+    """A vehicle of the mission with its plant loaded: what its agent believes, and what the simulation flies."""
+
+    section: VehicleSection
+    plant: Plant
+    true_plant: Plant
+    decision: DecisionSettings
+
+    @property
+    def id(self) -> int:
+        """The vehicle's id in the team."""
+        return self.section.id
+
+    @property
+    def system_id(self) -> int:
+        """Its MAVLink system id."""
+        return self.section.system_id or self.section.id
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """A whole mission, checked: every section, and the vehicles with their plants."""
+
+    mission: MissionSection
+    frame: FrameSection
+    formation: FormationSettings
+    encirclement: EncirclementSettings
+    safety: SafetySettings
+    own_filter: OwnFilterSettings
+    target_filter: TargetFilterSettings
+    target: TargetSection
+    network: NetworkSection
+    simulation: SimulationSection
+    verdicts: VerdictSection
+    vehicles: tuple[MissionVehicle, ...]
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """The vehicles' ids in line order."""
+        return tuple(vehicle.id for vehicle in self.vehicles)
+
+    def vehicle(self, vehicle_id: int) -> MissionVehicle:
+        """Return one vehicle; raises KeyError when the mission has none of that id."""
+        for vehicle in self.vehicles:
+            if vehicle.id == vehicle_id:
+                return vehicle
+        raise KeyError(vehicle_id)
+
+    def mission_frame(self) -> MissionFrame:
+        """Return the frame the mission is written in."""
+        frame = self.frame
+        origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
+        return MissionFrame(origin, radians(frame.x_bearing_deg))
+
+    def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
+        """Return what one vehicle's agent is told."""
+        return AgentConfig(
+            vehicle_id=vehicle.id,
+            slots=self.ids,
+            line_start_m=self.vehicle(self.formation.leader).section.start_m,
+            altitude_m=vehicle.section.altitude_m,
+            rate_hz=self.mission.rate_hz,
+            communication_radius_m=self.network.range_m,
+            plant=vehicle.plant,
+            formation=self.formation,
+            encirclement=self.encirclement,
+            decision=vehicle.decision,
+            safety=self.safety,
+            own_filter=self.own_filter,
+            target_filter=self.target_filter,
+        )

@@ -1,0 +1,227 @@
+"""From a mission's TOML text to a checked `Mission`, or to the list of everything that is wrong with it.
+
+Sections are validated one by one and cross-checked as far as they hold, so that one run names every fault at once.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Callable, Iterator
+from itertools import combinations
+from math import hypot
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from agents.encirclement import chord_m
+from agents.settings import DecisionSettings, EncirclementSettings, FormationSettings, SafetySettings
+from estimation.plant import Plant, PlantAxis
+from estimation.plant_file import PlantFileError, load_plant
+from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+from gcs.exits import InputError
+from gcs.mission import (
+    FrameSection,
+    Mission,
+    MissionSection,
+    MissionVehicle,
+    NetworkSection,
+    SimulationSection,
+    TargetSection,
+    VehicleSection,
+    VerdictSection,
+)
+
+_BUNDLED = Path(__file__).parent / "missions"
+_SECTIONS: dict[str, type[Settings]] = {
+    "mission": MissionSection,
+    "frame": FrameSection,
+    "formation": FormationSettings,
+    "encirclement": EncirclementSettings,
+    "decision": DecisionSettings,
+    "safety": SafetySettings,
+    "own_filter": OwnFilterSettings,
+    "target_filter": TargetFilterSettings,
+    "target": TargetSection,
+    "network": NetworkSection,
+    "simulation": SimulationSection,
+    "verdicts": VerdictSection,
+}
+_REQUIRED = ("mission", "frame", "formation", "encirclement", "target")
+
+_S = TypeVar("_S", bound=Settings)
+
+
+class MissionError(InputError):
+    """A mission cannot be flown as written; every fault comes with its path in the file."""
+
+
+def bundled_missions() -> list[str]:
+    """Return the names of the missions that come with cordon."""
+    return sorted(path.stem for path in _BUNDLED.glob("*.toml"))
+
+
+def load_mission(name: str) -> Mission:
+    """Load a bundled mission by its bare name, or a file by its path; raises MissionError with every fault."""
+    path = _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        known = ", ".join(bundled_missions())
+        raise MissionError([f"{name}: {error.strerror or error}; bundled missions: {known}"]) from error
+    except UnicodeDecodeError as error:
+        raise MissionError([f"{name}: not a text file: {error}"]) from error
+    return parse_mission(text, path.parent)
+
+
+def parse_mission(text: str, folder: Path) -> Mission:
+    """Check a mission's text; plant files are looked up in `folder`. Raises MissionError with every fault."""
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise MissionError([f"not TOML: {error}"]) from error
+    faults = [
+        _unknown_key("", key, [*_SECTIONS, "vehicles"]) for key in content if key not in _SECTIONS and key != "vehicles"
+    ]
+    faults += [f"{name}: this section is missing" for name in _REQUIRED if name not in content]
+    sections = {
+        name: _validated(model, content.get(name, {}), name, faults)
+        for name, model in _SECTIONS.items()
+        if name in content or name not in _REQUIRED
+    }
+    vehicles = _vehicles(content.get("vehicles", []), content.get("decision", {}), folder, faults)
+    faults += _cross_checked(sections, vehicles)
+    if faults:
+        raise MissionError(faults)
+    sections.pop("decision")
+    complete = tuple(_resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
+    return Mission(**sections, vehicles=complete)  # type: ignore[arg-type]  # each is of its section's model
+
+
+def _validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        for fault in error.errors():
+            place = path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"])
+            if fault["type"] == "extra_forbidden":
+                parent, _, key = place.rpartition(".")
+                faults.append(_unknown_key(parent, key, list(model.model_fields)))
+            else:
+                faults.append(f"{place}: {_plain(fault['msg'])} (given: {_shown(fault['input'])})")
+        return None
+
+
+def _plain(message: str) -> str:
+    return (
+        message.removeprefix("Value error, ")
+        .replace("Input should be", "it must be")
+        .replace("Field required", "this key is missing")
+    )
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _unknown_key(parent: str, key: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else f"; known keys: {', '.join(sorted(known))}"
+    return f"{parent}{'.' if parent else ''}{key}: unknown key{hint}"
+
+
+_LoadedVehicle = tuple[VehicleSection, Plant]
+
+
+def _vehicles(content: object, decision: object, folder: Path, faults: list[str]) -> list[_LoadedVehicle | None]:
+    if not isinstance(content, list) or not content:
+        faults.append("vehicles: a mission needs at least one [[vehicles]] table")
+        return []
+    return [_vehicle(entry, decision, folder, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
+
+
+def _vehicle(entry: object, decision: object, folder: Path, path: str, faults: list[str]) -> _LoadedVehicle | None:
+    if isinstance(entry, dict) and isinstance(decision, dict):
+        # A vehicle overrides single thresholds; the others are the mission's.
+        own = entry.get("decision", {})
+        entry = {**entry, "decision": {**decision, **own} if isinstance(own, dict) else own}
+    section = _validated(VehicleSection, entry, path, faults)
+    if section is None:
+        return None
+    try:
+        return section, load_plant(section.plant, folder)
+    except PlantFileError as error:
+        faults += [f"{path}.plant: {fault}" for fault in error.faults]
+        return None
+
+
+def _resolved(section: VehicleSection, plant: Plant) -> MissionVehicle:
+    scale = section.true_scale
+
+    def true(axis: PlantAxis) -> PlantAxis:
+        return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
+
+    true_plant = Plant(true(plant.x), true(plant.y), plant.delay_s)
+    return MissionVehicle(section, plant, true_plant, section.decision or DecisionSettings())
+
+
+def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedVehicle | None]) -> Iterator[str]:
+    """Check what concerns more than one section, as far as those sections hold."""
+    known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
+    yield from _distinct(known, "id", lambda v: v.id)
+    yield from _distinct(known, "system_id", lambda v: v.system_id or v.id)
+    yield from _distinct(known, "url", lambda v: v.url.rpartition(":")[2] if "://" in v.url else v.url)
+    yield from _distinct(known, "endpoint", lambda v: v.endpoint)
+    formation, ring, safety = sections.get("formation"), sections.get("encirclement"), sections.get("safety")
+    if isinstance(formation, FormationSettings) and len(known) == len(vehicles) and known:
+        ids = [vehicle.id for _, vehicle in known]
+        if formation.leader not in ids:
+            yield f"formation.leader: no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
+    if isinstance(safety, SafetySettings):
+        yield from _separated(known, safety, formation, ring, len(vehicles))
+    target = sections.get("target")
+    if isinstance(ring, EncirclementSettings) and isinstance(target, TargetSection):
+        yield from _fast_enough(ring, target)
+
+
+def _distinct(
+    vehicles: list[tuple[int, VehicleSection]], key: str, value: Callable[[VehicleSection], object]
+) -> Iterator[str]:
+    for (i, one), (k, other) in combinations(vehicles, 2):
+        if value(one) == value(other):
+            # An id that is doubled doubles the system id: one fault, not two.
+            if key == "system_id" and one.id == other.id:
+                continue
+            yield f"vehicles[{k}].{key}: {value(other)} is vehicles[{i}]'s already"
+
+
+def _separated(
+    vehicles: list[tuple[int, VehicleSection]],
+    safety: SafetySettings,
+    formation: Settings | None,
+    ring: Settings | None,
+    count: int,
+) -> Iterator[str]:
+    least = safety.separation_m
+    for (i, one), (k, other) in combinations(vehicles, 2):
+        distance = hypot(one.start_m[0] - other.start_m[0], one.start_m[1] - other.start_m[1])
+        if distance < least:
+            yield (
+                f"vehicles[{k}].start_m: {distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m"
+            )
+    if isinstance(formation, FormationSettings) and count > 1 and formation.spacing_m < least:
+        yield f"formation.spacing_m: {formation.spacing_m} m is less than safety.separation_m = {least} m"
+    if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
+        yield (
+            f"encirclement.radius_m: {count} vehicles on a ring of {ring.radius_m} m are "
+            f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m"
+        )
+
+
+def _fast_enough(ring: EncirclementSettings, target: TargetSection) -> Iterator[str]:
+    needed = abs(ring.angular_rate_rad_s) * ring.radius_m + hypot(*target.velocity_m_s)
+    if needed > ring.speed_max_m_s:
+        yield (
+            f"encirclement.angular_rate_rad_s: {ring.angular_rate_rad_s} rad/s at {ring.radius_m} m about this target "
+            f"takes {needed:.2f} m/s, more than speed_max_m_s = {ring.speed_max_m_s} m/s"
+        )

@@ -1,0 +1,47 @@
+"""The mission's vehicles as stubs: what `cordon sitl` serves and `cordon fly --sitl` brings along."""
+
+import asyncio
+import signal
+from collections.abc import Sequence
+from urllib.parse import urlsplit
+
+from gcs.exits import InputError
+from gcs.mission import Mission
+from sitl.process import unix_clock
+from sitl.reports import EstimatorNoise
+from sitl.server import StubConfig, serve
+
+
+def stub_configs(mission: Mission) -> list[StubConfig]:
+    """Return one stub for each vehicle, on the ground at its start; raises InputError for a url no stub can serve."""
+    faults = [
+        f"vehicles[{index}].url: a stub serves urls like udpin://127.0.0.1:14540 (given: {vehicle.section.url!r})"
+        for index, vehicle in enumerate(mission.vehicles)
+        if urlsplit(vehicle.section.url).scheme != "udpin"
+    ]
+    if faults:
+        raise InputError(faults)
+    simulation = mission.simulation
+    noise = EstimatorNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
+    return [
+        StubConfig(
+            vehicle_id=vehicle.system_id,
+            client_port=urlsplit(vehicle.section.url).port or 0,
+            plant=vehicle.true_plant,
+            frame=mission.mission_frame(),
+            start_position_m=vehicle.section.start_m,
+            noise=noise,
+            wind_m_s2=simulation.wind_m_s2,
+            seed=mission.mission.seed,
+        )
+        for vehicle in mission.vehicles
+    ]
+
+
+async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> None:
+    """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be had."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    await serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop)

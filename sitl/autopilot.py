@@ -1,0 +1,227 @@
+"""A stub autopilot with PX4's manners: arming, modes, offboard and its timeout, take-off, landing, return.
+
+A state machine in time: nothing happens but through its methods, and `step` alone lets time pass. Positions are in
+the mission frame, headings clockwise from north, times simulated seconds since boot.
+"""
+
+from collections import deque
+from enum import Enum, IntEnum
+from math import inf
+
+import numpy as np
+
+from estimation.frames import Triple
+from estimation.plant import Plant
+from sitl.airframe import STEP_S, Airframe
+from sitl.guidance import Guidance, PositionTarget
+from sitl.modes import Conditions, Intention, ModeEvent, NavMode, can_arm
+from sitl.parameters import Parameters
+
+ESTIMATOR_READY_S = 2.0
+"""From boot to a position estimate."""
+CHECK_PERIOD_S = 0.1
+"""PX4 looks at the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
+LANDED_AFTER_S = 1.0
+"""From touching the ground to having landed."""
+SETPOINTS_PENDING_MAX = 1000
+
+
+class Verdict(Enum):
+    """What became of a command."""
+
+    ACCEPTED = "accepted"
+    REJECTED = "temporarily rejected"
+
+
+class LandedState(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKE_OFF = 3
+    LANDING = 4
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY, as far as it is used."""
+
+    CRITICAL = 2
+    INFO = 6
+
+
+class Autopilot:
+    """One vehicle: commands in, motion and status out."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        start_m: Triple = (0.0, 0.0, 0.0),
+        *,
+        parameters: Parameters | None = None,
+        battery_fraction: float = 1.0,
+        endurance_s: float = 1800.0,
+    ) -> None:
+        """Boot on the ground at `start_m`, disarmed; `endurance_s` is how long a full battery keeps it armed."""
+        self.parameters = parameters or Parameters()
+        self.airframe = Airframe(plant, start_m)
+        self.battery_fraction = battery_fraction
+        self.armed = False
+        self.landed = True
+        self.mode = NavMode.HOLD
+        self._endurance_s = endurance_s
+        self._delay_s = plant.delay_s
+        self._guidance = Guidance(self.parameters, self.airframe)
+        self._intention = Intention()
+        self._steps = 0
+        self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
+        self._applied: PositionTarget | None = None
+        self._heard_s = -inf
+        self._armed_s = self._airborne_s = self._landed_s = -inf
+        self._texts: list[tuple[Severity, str]] = []
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since boot, up to which `step` has come."""
+        return self._steps * STEP_S
+
+    @property
+    def home_m(self) -> Triple:
+        """Where the vehicle was last armed."""
+        return self._guidance.home_m
+
+    @property
+    def conditions(self) -> Conditions:
+        """What the flight modes may count on now."""
+        age_s = self.time_s - self._heard_s
+        flow = age_s <= self.parameters["COM_OF_LOSS_T"] + CHECK_PERIOD_S
+        return Conditions(estimator_ready=self.time_s >= ESTIMATOR_READY_S, setpoints_flow=flow)
+
+    @property
+    def armable(self) -> bool:
+        """Whether the preflight checks pass in the present mode."""
+        return can_arm(self.mode, self.conditions)
+
+    @property
+    def failsafe(self) -> bool:
+        """Whether a failsafe flies instead of the mode that the user wants."""
+        return self.mode is not self._intention.mode
+
+    @property
+    def landed_state(self) -> LandedState:
+        """On the ground, or what the vehicle does in the air."""
+        if self.landed:
+            return LandedState.ON_GROUND
+        doing = {NavMode.TAKE_OFF: LandedState.TAKE_OFF, NavMode.LAND: LandedState.LANDING}
+        return doing.get(self.mode, LandedState.IN_AIR)
+
+    def take_texts(self) -> list[tuple[Severity, str]]:
+        """Return what the autopilot has said since the last call."""
+        texts, self._texts = self._texts, []
+        return texts
+
+    def arm(self) -> Verdict:
+        """Arm if the preflight checks pass; already armed is fine. As on PX4, no client can force it."""
+        if self.armed:
+            return Verdict.ACCEPTED
+        if not self.armable:
+            return self._reject("Arming denied: Resolve system health failures first")
+        self.armed = True
+        self._armed_s = self.time_s
+        self._guidance.on_arm()
+        self._say("Armed by external command")
+        return Verdict.ACCEPTED
+
+    def disarm(self, *, force: bool = False) -> Verdict:
+        """Disarm on the ground; `force` does so anywhere, and the vehicle drops."""
+        if self.armed and not (self.landed or force):
+            return self._reject("Disarming denied: not landed")
+        if self.armed:
+            self._disarm("external command")
+        return Verdict.ACCEPTED
+
+    def select(self, mode: NavMode) -> Verdict:
+        """Ask for a flight mode."""
+        if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
+            return Verdict.REJECTED
+        self._update_mode()
+        return Verdict.ACCEPTED
+
+    def take_off(self, altitude_m: float | None = None) -> Verdict:
+        """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above here; disarmed, wait to be armed."""
+        verdict = self.select(NavMode.TAKE_OFF)
+        if verdict is Verdict.ACCEPTED:
+            self._guidance.plan_take_off(altitude_m)
+        return verdict
+
+    def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
+        """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""
+        self._heard_s = time_s
+        self._pending.append((time_s + self._delay_s, target))
+
+    def step(self, to_time_s: float, disturbance_m_s2: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Let time pass in whole steps of STEP_S up to `to_time_s`; the disturbance is a horizontal acceleration."""
+        disturbance = np.array(disturbance_m_s2)
+        while self.time_s + STEP_S <= to_time_s + 1e-9:
+            self._apply_due_setpoints()
+            self._update_mode()
+            if self.armed:
+                target = self._guidance.target(self.mode, self._applied, time_s=self.time_s, motors_s=self._armed_s)
+                self.airframe.fly(target, disturbance)
+                self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / self._endurance_s)
+            else:
+                self.airframe.fall()
+            self._steps += 1
+            self._watch_take_off()
+            self._watch_ground()
+
+    def _apply_due_setpoints(self) -> None:
+        # A setpoint acts from the step nearest to its due time: on average nothing is added to the delay.
+        while self._pending and self._pending[0][0] <= self.time_s + STEP_S / 2:
+            self._applied = self._pending.popleft()[1]
+        if self._applied is not None and not self.conditions.setpoints_flow:
+            self._applied = None
+
+    def _update_mode(self) -> None:
+        loss_action = int(self.parameters["COM_OBL_RC_ACT"])
+        flown = self._intention.flown(armed=self.armed, conditions=self.conditions, offboard_loss_action=loss_action)
+        if flown is not self.mode:
+            self._guidance.enter(flown, after=self.mode)
+            self.mode = flown
+            if self.failsafe:
+                self._say("Failsafe activated", Severity.CRITICAL)
+
+    def _watch_take_off(self) -> None:
+        if self.armed and self.mode is NavMode.TAKE_OFF and self._guidance.take_off_complete:
+            self._intention.on_event(ModeEvent.TAKE_OFF_COMPLETE)
+
+    def _watch_ground(self) -> None:
+        """Notice lift-off at once and landing after a while on the ground; then disarm."""
+        if not self.airframe.on_ground:
+            if self.landed:
+                self._say("Takeoff detected")
+            self.landed = False
+            self._airborne_s = self.time_s
+        elif not self.landed and self.time_s - self._airborne_s >= LANDED_AFTER_S:
+            self.landed = True
+            self._landed_s = self.time_s
+            self._say("Landing detected")
+        if self.armed and self.landed:
+            self._disarm_when_idle()
+
+    def _disarm_when_idle(self) -> None:
+        flown = self._landed_s > self._armed_s
+        limit_s = self.parameters["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"]
+        if 0.0 < limit_s <= self.time_s - max(self._landed_s, self._armed_s):
+            self._disarm("landing" if flown else "auto preflight disarming")
+
+    def _disarm(self, reason: str) -> None:
+        self.armed = False
+        self._intention.on_event(ModeEvent.DISARMED)
+        self._say(f"Disarmed by {reason}")
+
+    def _reject(self, why: str) -> Verdict:
+        self._say(why, Severity.CRITICAL)
+        return Verdict.REJECTED
+
+    def _say(self, text: str, severity: Severity = Severity.INFO) -> None:
+        self._texts.append((severity, text))

@@ -1,0 +1,244 @@
+"""A stub vehicle as MAVLink bytes: bytes in, bytes out, no sockets and no clock.
+
+The only importer of pymavlink. What is malformed, foreign or not understood is counted and dropped, never
+raised.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Callable
+from enum import Enum
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as dialect
+
+from estimation.frames import MissionFrame, Triple
+from sitl.autopilot import Autopilot
+from sitl.commands import Commander
+from sitl.guidance import PositionTarget
+from sitl.parameters import Value
+from sitl.plans import Plans
+from sitl.reports import EstimatorNoise, Reporter
+from sitl.schedule import Schedule
+from sitl.vocabulary import RATES_HZ, MessageId, Outgoing
+
+AUTOPILOT_COMPONENT = 1
+INT32, REAL32 = 6, 9
+LOCAL_NED = 1
+POSITION_IGNORED = 0b111
+YAW_IGNORED = 1 << 10
+REACH_MAX_M = 100e3
+"""A setpoint farther than this from the vehicle's origin is not believed."""
+DEG_E7 = 1e7
+
+_SPOKEN = {message: dialect.mavlink_map[message] for message in MessageId}
+
+
+class Drop(Enum):
+    """Why a received message was dropped."""
+
+    GARBAGE = "garbage"
+    FOREIGN = "foreign"
+    NOT_UNDERSTOOD = "not understood"
+    NOT_FINITE = "not finite"
+    OUT_OF_REACH = "out of reach"
+    POSITION_MASKED = "position masked"
+    FRAME = "frame"
+    PARAMETER = "parameter"
+
+
+class _Outbox:
+    """Collects what pymavlink writes."""
+
+    def __init__(self) -> None:
+        self.packets: list[bytes] = []
+
+    def write(self, packet: bytes) -> None:
+        self.packets.append(packet)
+
+    def take(self) -> list[bytes]:
+        packets, self.packets = self.packets, []
+        return packets
+
+
+class MavlinkVehicle:
+    """One autopilot behind its MAVLink interface, with system id and local NED origin of its own."""
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        *,
+        system_id: int,
+        frame: MissionFrame,
+        origin_m: Triple,
+        noise: EstimatorNoise | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        """Speak for `autopilot`; `origin_m` is its estimator's origin in the mission frame."""
+        self.autopilot = autopilot
+        self.dropped: Counter[Drop] = Counter()
+        self.plans = Plans()
+        self._system_id = system_id
+        self._frame = frame
+        self._origin_m = origin_m
+        reporter = Reporter(
+            autopilot,
+            system_id=system_id,
+            frame=frame,
+            origin_m=origin_m,
+            noise=noise or EstimatorNoise(),
+            rng=rng or np.random.default_rng(0),
+        )
+        self._reporter = reporter
+        self._schedule = Schedule(RATES_HZ, reporter.known)
+        self._commander = Commander(autopilot, frame=frame, reporter=reporter, schedule=self._schedule)
+        self._listing: list[int] = []
+        self._outbox = _Outbox()
+        self._writer = dialect.MAVLink(self._outbox, system_id, AUTOPILOT_COMPONENT)
+        self._parser = _new_parser()
+        self._handlers: dict[str, Callable[[Any, float], list[Outgoing]]] = {
+            "COMMAND_INT": self._on_command_int,
+            "COMMAND_LONG": self._on_command_long,
+            "HEARTBEAT": lambda _message, _time_s: [],
+            "MISSION_ACK": lambda _message, _time_s: [],
+            "MISSION_CLEAR_ALL": lambda m, _: self.plans.clear(m.mission_type, _sender(m)),
+            "MISSION_COUNT": lambda m, _: self.plans.begin_upload(m.mission_type, m.count, _sender(m)),
+            "MISSION_ITEM_INT": self._on_mission_item,
+            "MISSION_REQUEST_INT": lambda m, _: self.plans.item(m.mission_type, m.seq, _sender(m)),
+            "MISSION_REQUEST_LIST": lambda m, _: self.plans.count(m.mission_type, _sender(m)),
+            "PARAM_REQUEST_LIST": self._on_param_request_list,
+            "PARAM_REQUEST_READ": self._on_param_request_read,
+            "PARAM_SET": self._on_param_set,
+            "PING": lambda m, _: [(MessageId.PING, (m.time_usec, m.seq, *_sender(m)))],
+            "SET_POSITION_TARGET_LOCAL_NED": self._on_setpoint,
+        }
+
+    def receive(self, data: bytes, time_s: float) -> list[bytes]:
+        """Take a datagram that arrived at `time_s` (simulated, since boot); return the packets that answer it."""
+        for message in self._parse(data):
+            for answer in self._handle(message, time_s):
+                self._send(answer)
+        return self._outbox.take()
+
+    def emit(self, time_s: float) -> list[bytes]:
+        """Return the packets due at `time_s`: telemetry, texts, and parameters being listed."""
+        for message in self._schedule.due(time_s):
+            for report in self._reporter.report(message):
+                self._send(report)
+        for severity, text in self.autopilot.take_texts():
+            self._send((MessageId.STATUSTEXT, (int(severity), text.encode()[:50])))
+        if self._listing:
+            self._send(self._param_value(self._listing.pop()))
+        return self._outbox.take()
+
+    def _send(self, outgoing: Outgoing) -> None:
+        message, fields = outgoing
+        self._writer.send(_SPOKEN[message](*fields))
+
+    def _parse(self, data: bytes) -> list[Any]:
+        """Return the messages of one datagram; no garbage in one can swallow the next."""
+        messages = self._parser.parse_buffer(data) or []
+        if self._parser.buf_len() > 0:
+            self.dropped[Drop.GARBAGE] += 1
+            self._parser = _new_parser()
+        return messages
+
+    def _handle(self, message: Any, time_s: float) -> list[Outgoing]:
+        kind = message.get_type()
+        if kind == "BAD_DATA":
+            return self._drop(Drop.GARBAGE)
+        target = getattr(message, "target_system", 0)
+        if target not in (0, self._system_id) or message.get_srcSystem() == self._system_id:
+            return self._drop(Drop.FOREIGN)
+        handler = self._handlers.get(kind)
+        return handler(message, time_s) if handler else self._drop(Drop.NOT_UNDERSTOOD)
+
+    def _drop(self, why: Drop) -> list[Outgoing]:
+        self.dropped[why] += 1
+        return []
+
+    def _on_command_long(self, m: Any, _time_s: float) -> list[Outgoing]:
+        params = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
+        return self._commander.execute(m.command, params, _sender(m))
+
+    def _on_command_int(self, m: Any, _time_s: float) -> list[Outgoing]:
+        params = (m.param1, m.param2, m.param3, m.param4, m.x / DEG_E7, m.y / DEG_E7, m.z)
+        return self._commander.execute(m.command, params, _sender(m))
+
+    def _on_mission_item(self, m: Any, _time_s: float) -> list[Outgoing]:
+        params = (m.param1, m.param2, m.param3, m.param4, m.x, m.y, m.z)
+        item = (m.frame, m.command, m.current, m.autocontinue, *params)
+        return self.plans.receive_item(m.mission_type, m.seq, item, _sender(m))
+
+    def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
+        """Take a local position setpoint; its velocity and acceleration are left aside."""
+        if m.coordinate_frame != LOCAL_NED:
+            return self._drop(Drop.FRAME)
+        if m.type_mask & POSITION_IGNORED:
+            return self._drop(Drop.POSITION_MASKED)
+        # To PX4 a yaw of NaN means: keep the present one.
+        heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
+        if not all(map(isfinite, (m.x, m.y, m.z))):
+            return self._drop(Drop.NOT_FINITE)
+        if max(abs(m.x), abs(m.y), abs(m.z)) > REACH_MAX_M:
+            return self._drop(Drop.OUT_OF_REACH)
+        x, y, z = self._frame.mission_from_ned((m.x, m.y, m.z))
+        x0, y0, z0 = self._origin_m
+        self.autopilot.receive_setpoint(time_s, PositionTarget((x0 + x, y0 + y, z0 + z), heading))
+        return []
+
+    def _on_param_request_list(self, _message: Any, _time_s: float) -> list[Outgoing]:
+        self._listing = list(reversed(range(len(self.autopilot.parameters.names))))
+        return []
+
+    def _on_param_request_read(self, m: Any, _time_s: float) -> list[Outgoing]:
+        names = self.autopilot.parameters.names
+        index = m.param_index if m.param_index >= 0 else self._index(m.param_id)
+        return [self._param_value(index)] if 0 <= index < len(names) else self._drop(Drop.PARAMETER)
+
+    def _on_param_set(self, m: Any, _time_s: float) -> list[Outgoing]:
+        """Set a parameter and answer with the value it then has; to an unknown name PX4 says nothing."""
+        index = self._index(m.param_id)
+        if index < 0:
+            return self._drop(Drop.PARAMETER)
+        value = _decoded(m.param_value, m.param_type)
+        name = self.autopilot.parameters.names[index]
+        if value is None or not self.autopilot.parameters.set(name, value):
+            self.dropped[Drop.PARAMETER] += 1
+        return [self._param_value(index)]
+
+    def _index(self, param_id: str) -> int:
+        names = self.autopilot.parameters.names
+        return names.index(param_id) if param_id in names else -1
+
+    def _param_value(self, index: int) -> Outgoing:
+        parameters = self.autopilot.parameters
+        name = parameters.names[index]
+        value, kind = _encoded(parameters[name])
+        return MessageId.PARAM_VALUE, (name.encode(), value, kind, len(parameters.names), index)
+
+
+def _new_parser() -> Any:
+    parser = dialect.MAVLink(None)
+    parser.robust_parsing = True
+    return parser
+
+
+def _sender(message: Any) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _encoded(value: Value) -> tuple[float, int]:
+    """Return a parameter as PX4 sends it: integers keep their bytes in the float field."""
+    if isinstance(value, int):
+        return struct.unpack("<f", struct.pack("<i", value))[0], INT32
+    return value, REAL32
+
+
+def _decoded(field: float, kind: int) -> Value | None:
+    """Return the parameter in a float field; None for a type that PX4 has not got."""
+    if kind == INT32:
+        return int(struct.unpack("<i", struct.pack("<f", field))[0])
+    return field if kind == REAL32 else None

@@ -1,0 +1,78 @@
+"""The MAVLink vocabulary of the stub: message ids, rates, flags and constants, as far as they are used."""
+
+from collections.abc import Mapping
+from enum import IntEnum, IntFlag
+from typing import Any
+
+Fields = tuple[Any, ...]
+
+
+class MessageId(IntEnum):
+    """The messages that the stub sends."""
+
+    HEARTBEAT = 0
+    SYS_STATUS = 1
+    PING = 4
+    PARAM_VALUE = 22
+    GPS_RAW_INT = 24
+    ATTITUDE = 30
+    LOCAL_POSITION_NED = 32
+    GLOBAL_POSITION_INT = 33
+    MISSION_COUNT = 44
+    MISSION_ACK = 47
+    GPS_GLOBAL_ORIGIN = 49
+    MISSION_REQUEST_INT = 51
+    MISSION_ITEM_INT = 73
+    COMMAND_ACK = 77
+    BATTERY_STATUS = 147
+    AUTOPILOT_VERSION = 148
+    HOME_POSITION = 242
+    MESSAGE_INTERVAL = 244
+    EXTENDED_SYS_STATE = 245
+    STATUSTEXT = 253
+
+
+Outgoing = tuple[MessageId, Fields]
+
+RATES_HZ: Mapping[int, float] = {
+    MessageId.HEARTBEAT: 1.0,
+    MessageId.SYS_STATUS: 5.0,
+    MessageId.GPS_RAW_INT: 8.0,
+    MessageId.ATTITUDE: 50.0,
+    MessageId.LOCAL_POSITION_NED: 30.0,
+    MessageId.GLOBAL_POSITION_INT: 50.0,
+    MessageId.BATTERY_STATUS: 0.5,
+    MessageId.HOME_POSITION: 0.5,
+    MessageId.EXTENDED_SYS_STATE: 5.0,
+}
+"""PX4's rates on its onboard link, in simulated time."""
+
+
+class ModeFlag(IntFlag):
+    """MAV_MODE_FLAG, as far as it is used."""
+
+    CUSTOM_MODE_ENABLED = 1
+    SAFETY_ARMED = 128
+
+
+class Sensor(IntFlag):
+    """MAV_SYS_STATUS_SENSOR, as far as it is used."""
+
+    GYRO = 1
+    ACCEL = 2
+    MAG = 4
+    PRESSURE = 8
+    GPS = 32
+    BATTERY = 1 << 25
+    PREARM_CHECK = 1 << 28
+
+
+CAPABILITIES = 2 | 4 | 8 | 16 | 128 | 8192 | 16384
+"""Mission and command items as integers, parameters bytewise, local setpoints, MAVLink 2, fences."""
+FIRMWARE_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
+QUADROTOR, PX4 = 2, 12
+STANDBY, ACTIVE, CRITICAL = 3, 4, 5
+GPS_FIX_NONE, GPS_FIX_3D = 1, 3
+CELLS = 4
+CELL_EMPTY_V, CELL_FULL_V = 3.5, 4.2
+UNKNOWN_U16 = 65535

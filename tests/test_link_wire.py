@@ -1,0 +1,343 @@
+"""The vehicle link against stub vehicles over UDP and MAVSDK, at ten times real time."""
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from math import dist, radians
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from mavsdk.plugins.action import ActionError, ActionResult
+
+from agents.ports import FlightMode, Setpoint, VehicleLink, VehicleRefusedError, VehicleStatus
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant import Plant, PlantAxis
+from estimation.state import Telemetry
+from gcs import link_calls
+from gcs.link import MavsdkLink
+from gcs.link_calls import VehicleCalls, find_origin
+from gcs.link_feed import VehicleFeed
+from gcs.link_hub import MavsdkHub
+from sitl.process import StubProcess
+from sitl.server import StubConfig
+
+pytestmark = pytest.mark.wire
+
+SPEED = 10.0
+PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
+BEARING_RAD = radians(35.0)
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=BEARING_RAD)
+QUANTUM_M = 0.012  # GPS_GLOBAL_ORIGIN counts in 1e-7 degrees
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+PORTS = {name: free_port() for name in ("near", "twin")}
+
+
+def url(name: str) -> str:
+    return f"udpin://127.0.0.1:{PORTS[name]}"
+
+
+@pytest.fixture(scope="module")
+def stubs() -> Iterator[StubProcess]:
+    """Two vehicles with one system id."""
+    near = StubConfig(1, PORTS["near"], PLANT, FRAME)
+    twin = StubConfig(1, PORTS["twin"], PLANT, FRAME, (10.0, 0.0))
+    process = StubProcess([near, twin], SPEED)
+    process.start()
+    yield process
+    process.stop()
+
+
+def clock() -> Callable[[], float]:
+    start_s = time.monotonic()
+    return lambda: (time.monotonic() - start_s) * SPEED
+
+
+@asynccontextmanager
+async def linked(name: str, system_id: int, **settings: Any) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry]]]:
+    hub, telemetry = MavsdkHub(), list[Telemetry]()
+    link = MavsdkLink(hub, url(name), system_id, FRAME, clock(), SPEED, **settings)
+    try:
+        await link.connect(telemetry.append)
+        yield link, telemetry
+    finally:
+        await link.close()
+        await hub.close()
+
+
+async def hold_setpoint(link: VehicleLink, setpoint: Setpoint, mission_s: float) -> None:
+    end_s = time.monotonic() + mission_s / SPEED
+    while time.monotonic() < end_s:
+        link.send(setpoint)
+        await asyncio.sleep(0.02)
+
+
+async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
+    # Three origins: the mission's, 5 m lower and turned; the vehicle's home; and its estimator's, half a metre off.
+    mission = MissionFrame(FRAME.geodetic_from_mission((10.0, -20.0, -5.0)), x_bearing_rad=radians(-70.0))
+    start_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((40.0, -25.0, 0.0)))
+    config = StubConfig(2, free_port(), PLANT, FRAME, (40.0, -25.0), origin_offset_m=(0.45, -0.3, 0.25))
+    process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
+    process.start()
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 2, mission, clock(), SPEED)
+    await link.connect(telemetry.append)
+    await asyncio.sleep(0.3)
+    assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
+    for altitude_m in (13.0, 10.0):
+        await link.take_off(altitude_m)
+        assert (link.status.armed, link.status.in_air, link.status.mode) == (True, True, FlightMode.HOLD)
+        assert abs(telemetry[-1].position_m[2] - altitude_m) < 0.5
+        goal_m = (start_m[0] + 3.0, start_m[1] - 2.0, altitude_m)
+        link.send(Setpoint(goal_m))
+        await link.start_offboard()
+        assert mode_of(link) is FlightMode.OFFBOARD
+        await hold_setpoint(link, Setpoint(goal_m), 7.0)
+        assert dist(telemetry[-1].position_m, goal_m) < 0.05
+        await link.stop_offboard()
+        assert mode_of(link) is FlightMode.HOLD
+        await link.land()
+        assert not link.status.armed
+        await asyncio.sleep(0.1)
+    await link.close()
+    await hub.close()
+    truth = process.stop().tracks[0].position_m[-1].tolist()
+    truth_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((truth[0], truth[1], truth[2])))
+    assert dist(truth_m, (*goal_m[:2], 5.0)) < 0.05
+    assert dist(truth_m, telemetry[-1].position_m) < QUANTUM_M
+    assert (link.dropped, link.unsent) == (0, 0)
+
+
+def mode_of(link: VehicleLink) -> FlightMode:
+    return link.status.mode
+
+
+async def test_velocity_and_yaw_are_in_the_mission_frame(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, telemetry):
+        await link.take_off(6.0)
+        yaw_rad = radians(20.0)
+        setpoint = Setpoint((12.0, 0.0, 6.0), yaw_rad)
+        link.send(setpoint)
+        await link.start_offboard()
+        telemetry.clear()
+        await hold_setpoint(link, setpoint, 10.0)
+        fastest = max(telemetry, key=lambda sample: sample.velocity_m_s[0])
+        assert fastest.velocity_m_s[0] > 3.0
+        assert abs(fastest.velocity_m_s[1]) < 0.1
+        heading_deg = await heading_of(link)
+        assert heading_deg == pytest.approx(35.0 - 20.0, abs=1.0)
+        await link.land()  # stops offboard by itself
+        assert link.status.mode is not FlightMode.OFFBOARD
+        assert not link.status.armed
+
+
+async def heading_of(link: MavsdkLink) -> float:
+    assert link._parts is not None
+    return float((await link._parts.calls.run(link._parts.feed.plugin.attitude_euler)).yaw_deg)
+
+
+async def test_telemetry_comes_at_the_rate_asked_for(stubs: StubProcess) -> None:
+    async with linked("near", 1, telemetry_rate_hz=10.0) as (_, telemetry):
+        await asyncio.sleep(0.3)
+        telemetry.clear()
+        await asyncio.sleep(1.2)
+        elapsed_s = telemetry[-1].time_s - telemetry[0].time_s
+        assert (len(telemetry) - 1) / elapsed_s == pytest.approx(10.0, rel=0.05)
+
+
+async def test_the_speed_of_a_simulation_is_measured(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, _):
+        assert await link.measure_speed() == SPEED
+
+
+async def test_what_is_out_of_order_is_refused(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, _):
+        with pytest.raises(VehicleRefusedError, match="no setpoint") as refusal:
+            await link.start_offboard()
+        assert refusal.value.next_step == "send setpoints first"
+        await link.take_off(3.0)
+        with pytest.raises(VehicleRefusedError, match="vehicle 1 is in the air already"):
+            await link.take_off(3.0)
+        await link.land()
+
+
+async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, telemetry):
+        await link.take_off(3.0)
+        link.send(Setpoint(telemetry[-1].position_m))
+        await link.start_offboard()
+    # With the link closed nobody repeats the setpoint: the failsafe lands it, in a mode that does not arm.
+    async with linked("near", 1) as (link, _):
+        await until(lambda: not link.status.armed)
+        assert link.status.mode not in (FlightMode.HOLD, FlightMode.READY)
+        await link.take_off(3.0)
+        await link.land()
+
+
+async def test_silence_is_refused() -> None:
+    port = free_port()
+    hub = MavsdkHub()
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{port}", 1, FRAME, clock(), heartbeat_timeout_s=1.0)
+    with pytest.raises(VehicleRefusedError) as refusal:
+        await link.connect(lambda sample: None)
+    assert refusal.value.reason == f"no heartbeat on udpin://127.0.0.1:{port} within 1 s"
+    assert "cordon sitl" in refusal.value.next_step
+    link.send(Setpoint((0.0, 0.0, 0.0)))
+    assert link.unsent == 1
+    assert link.status == VehicleStatus()
+    with pytest.raises(VehicleRefusedError, match="not connected"):
+        await link.land()
+    await link.close()
+    await hub.close()
+
+
+async def test_the_wrong_vehicle_is_refused_with_both_ids(stubs: StubProcess) -> None:
+    with pytest.raises(VehicleRefusedError, match="carries system id 1, not 7"):
+        async with linked("near", 7):
+            pass
+
+
+async def test_a_taken_port_is_refused_and_left_alone() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        hub = MavsdkHub()
+        with pytest.raises(VehicleRefusedError, match=f"udp port {port} .* is taken"):
+            await hub.find(f"udpin://127.0.0.1:{port}", 1, 1.0)
+        await hub.close()
+
+
+async def test_two_vehicles_with_one_system_id_are_refused(stubs: StubProcess) -> None:
+    hub = MavsdkHub()
+    try:
+        await hub.find(url("near"), 1, 5.0)
+        with pytest.raises(VehicleRefusedError, match="system id 1 is on") as refusal:
+            await hub.find(url("twin"), 1, 5.0)
+        assert "MAV_SYS_ID" in refusal.value.next_step
+        # The wrong id in the mission does not help the twin either.
+        with pytest.raises(VehicleRefusedError, match="carries system id 1, not 3"):
+            await hub.find(url("twin"), 3, 5.0)
+        await hub.release(url("near"), 1)
+        await hub.find(url("twin"), 1, 5.0)
+    finally:
+        await hub.close()
+
+
+@pytest.mark.parametrize("bad", ["carrier-pigeon://coop", "udpin://", "serial:///dev/nowhere:57600"])
+async def test_urls_that_lead_nowhere_are_refused(bad: str) -> None:
+    hub = MavsdkHub()
+    with pytest.raises(VehicleRefusedError, match="cannot be opened"):
+        await hub.find(bad, 1, 1.0)
+    await hub.close()
+
+
+async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None:
+    config = StubConfig(1, free_port(), PLANT, FRAME)
+    first = StubProcess([config], 1.0)
+    first.start()
+    hub, telemetry = MavsdkHub(), list[Telemetry]()
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, time.monotonic, telemetry_rate_hz=10.0)
+    await link.connect(telemetry.append)
+    assert await link.measure_speed(0.6) == 1.0
+    first.stop()
+    link.send(Setpoint((0.0, 0.0, 5.0)))
+    with pytest.raises(VehicleRefusedError, match="refused to enter hold"):
+        await link.stop_offboard()
+    await until(lambda: not link.status.connected)
+    # It restarts elsewhere: with other rates, and another origin.
+    second = StubProcess([replace(config, start_position_m=(7.0, 3.0), origin_offset_m=(0.5, 0.0, 0.0))], 1.0)
+    second.start()
+    telemetry.clear()
+    await until(lambda: bool(telemetry) and dist(telemetry[-1].position_m, (7.0, 3.0, 0.0)) < QUANTUM_M)
+    assert link.status.connected
+    telemetry.clear()
+    await asyncio.sleep(1.0)
+    assert 8 <= len(telemetry) <= 12
+    await link.close()
+    await link.close()
+    await hub.close()
+    second.stop()
+
+
+async def until(condition: Callable[[], bool], timeout_s: float = 5.0) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "waited in vain"
+        await asyncio.sleep(0.02)
+
+
+class FakeFeed:
+    """A feed that nothing arrives on."""
+
+    def __init__(self, origin: Callable[[], object]) -> None:
+        self.status = VehicleStatus(connected=True)
+        self.plugin = SimpleNamespace(get_gps_global_origin=origin)
+
+    def failing(self) -> str:
+        return "global position, arming checks"
+
+    def said(self, since_s: float = 0.0) -> str:
+        return "“Preflight Fail: no GPS”"
+
+
+@pytest.fixture
+def calls_and_feed(monkeypatch: pytest.MonkeyPatch) -> tuple[VehicleCalls, FakeFeed]:
+    monkeypatch.setattr(link_calls, "WALL_WAIT_MIN_S", 0.05)
+    monkeypatch.setattr(link_calls, "TEXT_DELAY_S", 0.0)
+    feed = FakeFeed(lambda: SimpleNamespace(latitude_deg=float("nan"), longitude_deg=0.0, altitude_m=0.0))
+    return VehicleCalls(4, cast(VehicleFeed, feed), speed=10.0), feed
+
+
+async def test_a_vehicle_that_finds_itself_nowhere_is_refused(calls_and_feed: tuple[VehicleCalls, FakeFeed]) -> None:
+    calls, feed = calls_and_feed
+    with pytest.raises(VehicleRefusedError) as refusal:
+        await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
+    assert "within 0.1 s (global position, arming checks); it says “Preflight Fail: no GPS”" in refusal.value.reason
+    feed.plugin.get_gps_global_origin = lambda: Geodetic(-33.9, 151.2, 20.0)
+    with pytest.raises(VehicleRefusedError, match="km from the mission's origin") as refusal:
+        await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
+    assert "[frame]" in refusal.value.next_step
+    await calls.close()
+
+
+async def test_a_refused_command_says_why_in_the_autopilots_words(
+    calls_and_feed: tuple[VehicleCalls, FakeFeed],
+) -> None:
+    calls, feed = calls_and_feed
+    attempts = []
+
+    def arm() -> None:
+        attempts.append(1)
+        raise ActionError(ActionResult.COMMAND_DENIED, "arm()")
+
+    feed.status = VehicleStatus(connected=False)
+    with pytest.raises(VehicleRefusedError) as refusal:
+        await calls.command("arm", arm, attempts=3)
+    expected = "vehicle 4 refused to arm (COMMAND_DENIED); its link is lost; it says “Preflight Fail: no GPS”"
+    assert refusal.value.reason == expected
+    assert len(attempts) == 3
+    await calls.close()
+
+
+async def test_closing_waits_for_calls_in_flight(calls_and_feed: tuple[VehicleCalls, FakeFeed]) -> None:
+    calls, _ = calls_and_feed
+    done: list[bool] = []
+
+    def slow() -> None:
+        time.sleep(0.2)
+        done.append(True)
+
+    call = asyncio.create_task(calls.run(slow))
+    await asyncio.sleep(0.05)
+    await calls.close()
+    assert done == [True]
+    await call
