@@ -17,7 +17,7 @@ from mavsdk.plugins.offboard import Offboard, PositionNedYaw
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from estimation.frames import MissionFrame, wrap_signed_rad
 from estimation.state import Telemetry
-from gcs.link_calls import VehicleCalls, find_origin, request_rates
+from gcs.link_calls import VehicleCalls, clock_ratio, find_origin, request_rates
 from gcs.link_feed import VehicleFeed
 from gcs.link_hub import MavsdkHub
 
@@ -28,7 +28,6 @@ MANOEUVRE_EXTRA_S = 60.0
 """PX4 has taken 45 s to notice that it had landed from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
 LAND_ATTEMPTS = 3
-SPEED_SNAP = 0.1
 
 
 class MavsdkLink:
@@ -62,6 +61,7 @@ class MavsdkLink:
         self._ready_timeout_s = ready_timeout_s
         self._parts: _Parts | None = None
         self._tasks: set[asyncio.Task[None]] = set()
+        self._landing = False
         self._sent = 0
         self._unsent = 0
 
@@ -110,6 +110,7 @@ class MavsdkLink:
         feed, calls, action, _ = self._connected()
         if feed.status.armed and feed.status.in_air:
             raise calls.refusal("is in the air already", "land it first")
+        self._landing = False
         await self._until_ready(lambda: feed.status.local_position_ok)
         if feed.status.mode not in (FlightMode.HOLD, FlightMode.READY):
             # What the checks allow depends on the mode: PX4 does not arm in the one that the last landing left.
@@ -141,10 +142,12 @@ class MavsdkLink:
         await self._enter(FlightMode.HOLD, self._connected().offboard.stop)
 
     async def land(self) -> None:
-        """Land where the vehicle is; returns when it is disarmed."""
+        """Land where the vehicle is; returns when it is disarmed. Setpoints are ignored until the next take-off."""
         feed, calls, action, offboard = self._connected()
+        # Landed from offboard, PX4 rests in offboard and refuses to arm; and when setpoints come back, it re-enters
+        # offboard by itself: it has taken off again.
+        self._landing = True
         if feed.status.mode is FlightMode.OFFBOARD or offboard.is_active():
-            # Landed from offboard, PX4 rests in offboard, refuses to arm, and may fly off when setpoints come back.
             with suppress(VehicleRefusedError):  # it has to come down all the same
                 await self.stop_offboard()
         height_m = feed.position_m[2] - feed.ground_z_m if feed.position_m is not None else 0.0
@@ -157,11 +160,13 @@ class MavsdkLink:
         )
 
     def send(self, setpoint: Setpoint) -> None:
-        """Send one setpoint now; never blocks, never raises for a lost link.
+        """Send one setpoint now, unless it is landing; never blocks, never raises for a lost link.
 
         MAVSDK repeats the last one at 20 Hz from a thread of its own until offboard is stopped.
         """
         parts = self._parts
+        if self._landing:
+            return
         if parts is None or parts.feed.origin_m is None:
             self._unsent += 1
             return
@@ -181,14 +186,10 @@ class MavsdkLink:
         A ratio within a tenth of a whole number is that number. Raises VehicleRefusedError when attitudes stay away.
         """
         feed, calls, _, _ = self._connected()
-        times = await feed.attitude_clock(duration_s)
-        first, last = (times[0], times[-1]) if times else ((0.0, 0.0), (0.0, 0.0))
-        wall_s, autopilot_s = last[0] - first[0], last[1] - first[1]
-        if wall_s < duration_s / 2.0 or autopilot_s <= 0.0:
+        ratio = clock_ratio(await feed.attitude_clock(duration_s), duration_s)
+        if ratio is None:
             raise calls.refusal("sends no attitude to tell the time by", "check the link, or state the speed")
-        ratio = autopilot_s / wall_s
-        whole = float(max(1, round(ratio)))
-        return whole if abs(ratio - whole) <= SPEED_SNAP * whole else ratio
+        return ratio
 
     async def close(self) -> None:
         """Release the link; calls in flight are drained first. May be called twice, and without `connect`."""
@@ -196,6 +197,7 @@ class MavsdkLink:
         for task in self._tasks:
             task.cancel()
         if parts is not None:
+            parts.feed.on_telemetry = parts.feed.on_reconnect = None
             await parts.calls.close()
             await asyncio.to_thread(parts.destroy)
             await self._hub.release(self._url, self._system_id)
@@ -236,8 +238,8 @@ class MavsdkLink:
 
     async def _renew(self) -> None:
         """Ask again for rates and origin: an autopilot that restarted has forgotten the one and moved the other."""
-        feed, calls, _, _ = self._connected()
         with suppress(VehicleRefusedError):  # telemetry that stays away or jumps will tell
+            feed, calls, _, _ = self._connected()
             await request_rates(calls, feed.plugin, self._telemetry_rate_hz)
             feed.origin_m = await find_origin(calls, feed, self._frame, self._ready_timeout_s)
 

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import dist
 from typing import Any, TypeVar
@@ -21,6 +21,7 @@ WALL_WAIT_MIN_S = 3.0
 TEXT_DELAY_S = 0.3
 """How long after a refusal its explanation may come: PX4 sends it beside the acknowledgement."""
 TEXT_AGE_S = 15.0
+SPEED_SNAP = 0.1
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 ATTITUDE_RATE_HZ = 10.0
 SLOW_RATES_HZ = {"health": 2.0, "in_air": 2.0, "battery": 1.0, "home": 1.0, "gps_info": 1.0, "position": 1.0}
@@ -114,6 +115,21 @@ async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFram
             f"stands at {where}, {away_m / 1000.0:.0f} km from the mission's origin", "set the origin in [frame]"
         )
     return origin_m
+
+
+def clock_ratio(times: Sequence[tuple[float, float]], duration_s: float) -> float | None:
+    """Return how fast the autopilot's clock runs by (wall, autopilot) times [s]; None without half of `duration_s`.
+
+    Within a tenth of a whole number it is that number: the times of arrival are not exact.
+    """
+    if len(times) < 2:
+        return None
+    wall_s, autopilot_s = times[-1][0] - times[0][0], times[-1][1] - times[0][1]
+    if wall_s < duration_s / 2.0 or autopilot_s <= 0.0:
+        return None
+    ratio = autopilot_s / wall_s
+    whole = float(max(1, round(ratio)))
+    return whole if abs(ratio - whole) <= SPEED_SNAP * whole else ratio
 
 
 def _origin(telemetry: Any) -> Geodetic | None:

@@ -20,7 +20,10 @@ from sitl.reports import EstimatorNoise
 WAKE_PERIOD_S = 0.004
 """Wall time between two catch-ups at the least: at high speed several steps are taken at once."""
 CATCH_UP_MAX_S = 0.5
-"""Simulated time that one catch-up may take; what exceeds it is given up, and slows the reached speed."""
+"""Simulated time that one catch-up may take; what exceeds it is given up, and slows the reached speed.
+
+Less than the offboard timeout: a stall of the stub must not look to it like a client that fell silent.
+"""
 TRUTH_STEPS = round(0.1 / STEP_S)
 DATAGRAM_MAX = 1400
 PEERS_MAX = 4
