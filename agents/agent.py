@@ -20,6 +20,8 @@ from agents.ticker import Ticker, TickerStatistics
 from estimation.state import Telemetry
 
 MUSTER_TIMEOUT_S = 120.0
+ARMED_HEARD_AFTER_S = 2.5
+"""Heartbeats come once a second: after this, an arming that was under way has been heard of."""
 HOLD_BEFORE_LANDING_S = 3.0
 _MUSTER_PERIOD_S = TOPICS[Muster].period_s
 
@@ -28,9 +30,10 @@ class Ending(Enum):
     """How an agent's flight ended."""
 
     COMPLETED = "completed"
-    STOPPED = "stopped by the operator"
+    STOPPED = "stopped"
     REFUSED = "refused"
     STOOD_DOWN = "stood down"
+    FAILED = "failed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,9 @@ class Outcome:
     reason: str = ""
     next_step: str = ""
     flew: bool = False
+
+
+_STOPPED = Outcome(Ending.STOPPED, "the operator ended the flight")
 
 
 class Stop:
@@ -93,7 +99,7 @@ class Agent:
         self._sensor: TargetSensor | None = None
         self._observe = observe
         self._position_m = (0.0, 0.0)
-        self._flew = False
+        self._flying = False
 
     @property
     def loop(self) -> LoopReport:
@@ -112,23 +118,42 @@ class Agent:
         await self._link.connect(self._sense)
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
-        """Fly the mission from the ground to the ground: whatever happens, the vehicle comes down or is handed over."""
+        """Fly the mission from the ground to the ground: whatever happens, it comes down or is handed over."""
         outcome = Outcome(Ending.COMPLETED)
         try:
-            await self._link.take_off(self._altitude_m)
-            self._flew = True
-            outcome = await self._control_until_end(duration_s, stop)
+            outcome = _STOPPED
+            if await self._took_off(stop):
+                self._flying = True
+                outcome = await self._control_until_end(duration_s, stop)
         except VehicleRefusedError as refusal:
             outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
         finally:
             if outcome.ending is not Ending.STOOD_DOWN:
                 outcome = await self._bring_down(outcome)
-        return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flew)
+        return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flying)
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
         await self._bus.close()
         await self._link.close()
+
+    async def _took_off(self, stop: Stop) -> bool:
+        """Take off, unless the operator ends it on the way."""
+        if stop.wanted.is_set():
+            return False
+        rising = asyncio.create_task(self._link.take_off(self._altitude_m))
+        stopped = asyncio.create_task(stop.wanted.wait())
+        try:
+            await asyncio.wait((rising, stopped), return_when=asyncio.FIRST_COMPLETED)
+            if rising.done():
+                rising.result()
+                return True
+            rising.cancel()
+            await self._sleep(ARMED_HEARD_AFTER_S)
+            return False
+        finally:
+            rising.cancel()
+            stopped.cancel()
 
     async def _control_until_end(self, duration_s: float, stop: Stop) -> Outcome:
         first_setpoint = asyncio.Event()
@@ -158,7 +183,7 @@ class Agent:
             if mission.done():
                 return mission.result()
             await self._hold(stop)
-            return Outcome(Ending.STOPPED, "the operator ended the flight")
+            return _STOPPED
         finally:
             for task in tasks:
                 task.cancel()
@@ -227,6 +252,7 @@ class Agent:
         """Leave offboard and land; what fails on the way is told beside what ended the flight."""
         if not self._link.status.armed:
             return outcome
+        self._flying = True
         for step in (self._link.stop_offboard, self._link.land):
             try:
                 await step()
@@ -236,7 +262,7 @@ class Agent:
 
     def _sense(self, telemetry: Telemetry) -> None:
         self._position_m = telemetry.position_m[:2]
-        if self._flew:
+        if self._flying:
             self._core.on_telemetry(telemetry)
 
     def _hear(self, payload: bytes) -> None:

@@ -110,3 +110,5 @@ def main() -> None:
     except InputError as error:
         print(*error.faults, sep="\n", file=sys.stderr)
         sys.exit(Exit.BAD_INPUT)
+    except KeyboardInterrupt:  # in flight, Ctrl-C is the flight's own business: here nothing has moved yet
+        sys.exit(Exit.REFUSED)

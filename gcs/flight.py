@@ -2,12 +2,15 @@
 
 import asyncio
 import signal
-from collections.abc import Sequence
-from contextlib import AsyncExitStack
+import traceback
+from collections.abc import Coroutine, Sequence
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from math import degrees
 from time import perf_counter
+from types import TracebackType
+from typing import Self
 
 from agents.agent import Agent, Ending, Outcome, Stop
 from agents.clock import MissionClock
@@ -66,50 +69,52 @@ async def fly(plan: FlightPlan, view: LiveView) -> Flight:
     clock = MissionClock(plan.speed or 1.0)
     journal = Journal(plan.mission)
     stop = Stop()
-    stubs = await _stubs(plan, clock.speed) if plan.stubs else None
-    try:
-        async with AsyncExitStack() as stack:
-            _listen_to_ctrl_c(stop, stack)
-            hub = MavsdkHub()
-            stack.push_async_callback(hub.close)
-            team = [_member(plan.mission, vehicle, hub, clock, journal) for vehicle in plan.vehicles]
-            for member in team:
-                stack.push_async_callback(member.agent.close)
-            view.update([], 0.0, "looking for the vehicles")
-            await _connect(team)
-            if plan.speed is None:
-                await _find_speed(team, clock)
-            began_s = perf_counter()
-            outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view)
-            wall_time_s = perf_counter() - began_s
-    finally:
-        stub_record = await asyncio.to_thread(_stopped, stubs)
-    record = _record(plan, team, journal, stub_record, clock, wall_time_s)
-    kept = clock.speed if stub_record is None else stub_record.speed_reached
+    async with AsyncExitStack() as stack:
+        _listen_to_ctrl_c(stop, stack)
+        stubs = await stack.enter_async_context(_Stubs(plan, clock.speed))
+        hub = MavsdkHub()
+        stack.push_async_callback(hub.close)
+        team = [_member(plan.mission, vehicle, hub, clock, journal) for vehicle in plan.vehicles]
+        for member in team:
+            stack.push_async_callback(member.agent.close)
+        view.update([], 0.0, "looking for the vehicles")
+        await _unless_stopped(_prepare(team, plan, clock), stop)
+        began_s = perf_counter()
+        outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view)
+        wall_time_s = perf_counter() - began_s
+    record = _record(plan, team, journal, stubs.record, clock, wall_time_s)
+    kept = clock.speed if stubs.record is None else stubs.record.speed_reached
     return Flight(outcomes, record, clock.speed, kept)
 
 
-async def _stubs(plan: FlightPlan, speed: float) -> StubProcess:
-    stubs = StubProcess(stub_configs(plan.mission), speed)
-    try:
-        await asyncio.to_thread(stubs.start)
-    except OSError as error:
-        raise VehicleRefusedError(
-            f"the stub vehicles did not start: {error}", "see whether one runs already"
-        ) from error
-    return stubs
+class _Stubs:
+    """The stub vehicles of a flight that brings its own; their record is there once they have been stopped."""
 
+    def __init__(self, plan: FlightPlan, speed: float) -> None:
+        self._process = StubProcess(stub_configs(plan.mission), speed) if plan.stubs else None
+        self.record: StubRecord | None = None
 
-def _stopped(stubs: StubProcess | None) -> StubRecord | None:
-    try:
-        return None if stubs is None else stubs.stop()
-    except OSError:
-        return None  # it died in flight: the agents' outcomes say so, and the estimates are what is left
+    async def __aenter__(self) -> Self:
+        try:
+            if self._process is not None:
+                await asyncio.to_thread(self._process.start)
+        except OSError as error:
+            raise VehicleRefusedError(
+                f"the stub vehicles did not start: {error}", "see whether some run already"
+            ) from error
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is not None:
+            with suppress(OSError):  # they died in flight: the outcomes say so, and the estimates are what is left
+                self.record = await asyncio.to_thread(self._process.stop)
 
 
 def _listen_to_ctrl_c(stop: Stop, stack: AsyncExitStack) -> None:
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, stop.ask)
         stack.callback(loop.remove_signal_handler, number)
 
@@ -141,6 +146,28 @@ def _sensor(mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
     return target_sensor(mission, vehicle_id, start_s, mission.mission.seed)
 
 
+async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:
+    """Prepare the team; the operator may end that at any time."""
+    task = asyncio.create_task(preparing)
+    stopped = asyncio.create_task(stop.wanted.wait())
+    try:
+        await asyncio.wait((task, stopped), return_when=asyncio.FIRST_COMPLETED)
+        if not task.done():
+            raise VehicleRefusedError("the operator ended the flight before take-off", "")
+        task.result()
+    finally:
+        stopped.cancel()
+        task.cancel()
+        with suppress(asyncio.CancelledError, VehicleRefusedError):
+            await task
+
+
+async def _prepare(team: Sequence[_Member], plan: FlightPlan, clock: MissionClock) -> None:
+    await _connect(team)
+    if plan.speed is None:
+        await _find_speed(team, clock)
+
+
 async def _connect(team: Sequence[_Member]) -> None:
     """Reach everybody, or refuse with the first reason."""
     results = await asyncio.gather(*(member.agent.connect() for member in team), return_exceptions=True)
@@ -160,7 +187,14 @@ async def _fly_team(
     team: Sequence[_Member], duration_s: float, stop: Stop, clock: MissionClock, journal: Journal, view: LiveView
 ) -> dict[int, Outcome]:
     async def one(member: _Member) -> Outcome:
-        outcome = await member.agent.fly(duration_s, stop)
+        try:
+            outcome = await member.agent.fly(duration_s, stop)
+        except Exception as error:  # a bug in one agent must not take the others out of the air uncontrolled
+            traceback.print_exc()
+            stop.ask()
+            return Outcome(
+                Ending.FAILED, f"{type(error).__name__}: {error}", "report this with the text above", flew=True
+            )
         if outcome.ending is Ending.REFUSED and not outcome.flew:
             stop.ask()  # the mission needs everybody: those in the air come down again
         return outcome

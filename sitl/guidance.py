@@ -120,6 +120,8 @@ class Guidance:
             self._climb_from_s = min(self._climb_from_s, time_s) if wished else inf
         spooled_s = motors_s + self._parameters["COM_SPOOLUP_TIME"]
         ramp_s = time_s - max(self._climb_from_s, spooled_s) - HOVER_THRUST_S
+        if ramp_s <= 0.0:
+            return 0.0
         if ramp_s < self._parameters["MPC_TKO_RAMP_T"]:
-            return max(0.0, self._parameters["MPC_TKO_SPEED"] * ramp_s / self._parameters["MPC_TKO_RAMP_T"])
+            return self._parameters["MPC_TKO_SPEED"] * ramp_s / self._parameters["MPC_TKO_RAMP_T"]
         return self._parameters["MPC_TKO_SPEED" if mode is NavMode.TAKE_OFF else "MPC_Z_VEL_MAX_UP"]

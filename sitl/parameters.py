@@ -1,7 +1,6 @@
 """The stub's parameters: PX4's names, types and defaults, as far as a ground station looks for them."""
 
 from collections.abc import Mapping
-from math import isfinite
 from types import MappingProxyType
 
 Value = int | float
@@ -42,6 +41,9 @@ DEFAULTS: Mapping[str, Value] = MappingProxyType(
 )
 """An int is a 32-bit integer on the wire, a float a 32-bit float."""
 
+REAL_MAX = 1e4
+"""Reals outside 0 to this are refused: the stub flies by what it is told, and has to stay on the map."""
+
 
 class Parameters:
     """A vehicle's parameter table: fixed names and types, settable values."""
@@ -63,8 +65,10 @@ class Parameters:
         return name in self._values
 
     def set(self, name: str, value: Value) -> bool:
-        """Set a known parameter to a finite value of its own type and say whether that was done."""
-        if type(value) is not type(self._values[name]) or not isfinite(value):
+        """Set a known parameter to a value of its own type, in range, and say whether that was done."""
+        if type(value) is not type(self._values[name]):
+            return False
+        if isinstance(value, float) and not 0.0 <= value <= REAL_MAX:
             return False
         self._values[name] = value
         return True

@@ -425,7 +425,8 @@ def test_parameters_keep_their_types_and_refuse_nan() -> None:
     parameters = Parameters()
     assert not parameters.set("COM_OBL_RC_ACT", 4.0)
     assert not parameters.set("COM_OF_LOSS_T", 2)
-    assert not parameters.set("COM_OF_LOSS_T", nan)
+    for bad in (nan, inf, -1.0, 1e30):
+        assert not parameters.set("COM_OF_LOSS_T", bad)
     assert parameters.set("COM_OBL_RC_ACT", 4)
     assert parameters["COM_OBL_RC_ACT"] == 4
     assert DEFAULTS["COM_OBL_RC_ACT"] == 0
@@ -433,6 +434,22 @@ def test_parameters_keep_their_types_and_refuse_nan() -> None:
         Parameters(NO_SUCH=1)
     with pytest.raises(TypeError):
         Parameters(COM_OF_LOSS_T=1)
+
+
+@pytest.mark.parametrize("extreme", [0.0, 1e4])
+@pytest.mark.parametrize("name", [name for name, value in DEFAULTS.items() if isinstance(value, float)])
+def test_no_parameter_breaks_a_flight(name: str, extreme: float) -> None:
+    autopilot = ready(**{name: extreme})
+    autopilot.arm()
+    autopilot.take_off()
+    wait(autopilot, 8.0)
+    stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 0.2)
+    autopilot.select(NavMode.OFFBOARD)
+    stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 2.0)
+    autopilot.select(NavMode.RETURN)
+    wait(autopilot, 10.0)
+    assert np.isfinite(autopilot.airframe.position_m).all()
+    assert max(map(abs, autopilot.airframe.position_m)) < 1e3
 
 
 def test_the_battery_drains_while_armed() -> None:

@@ -290,6 +290,8 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
     process.start()
     station = Station([stub])
     vehicle = station.vehicles[0]
+    standing = vehicle.ned()
+    wait_until(lambda: vehicle.ned() != standing, "noise on the telemetry")
     vehicle.take_off(3.0)
     vehicle.go(0.0, 0.0, -3.0)
     vehicle.offboard.start()
@@ -302,7 +304,6 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
     time.sleep(1.5)
     arrived = FRAME.mission_from_ned(vehicle.ned())
     assert 50.0 < vehicle.telemetry.battery().remaining_percent <= 60.0
-    wait_until(lambda: FRAME.mission_from_ned(vehicle.ned()) != arrived, "noise on the telemetry")
     station.close()
     (track,) = process.stop().tracks
     window = (track.time_s > sent_s - 1.0) & (track.time_s < sent_s + 7.0)

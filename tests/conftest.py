@@ -1,0 +1,79 @@
+"""What several tests share: how hypothesis searches, a configuration to start from, and a batch estimator."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from agents.settings import AgentConfig, EncirclementSettings, FormationSettings
+from estimation.plant import Plant, PlantAxis
+from estimation.state import Vector
+
+# The same examples on every run, and no stop-watch: a slow machine is no failure.
+settings.register_profile("cordon", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("cordon")
+
+STUB = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.80, 0.87))
+CONFIG = AgentConfig(
+    vehicle_id=2,
+    slots=(1, 2, 3),
+    line_start_m=(0.0, 0.0),
+    altitude_m=8.0,
+    rate_hz=10.0,
+    communication_radius_m=200.0,
+    plant=STUB,
+    formation=FormationSettings(spacing_m=5.0, speed_m_s=0.2, leader=2),
+    encirclement=EncirclementSettings(radius_m=10.0, angular_rate_rad_s=0.05),
+)
+
+
+@pytest.fixture(scope="session")
+def make_config() -> Callable[..., AgentConfig]:
+    """Return a maker of configurations: fields by name, and a dictionary changes single settings of a section."""
+
+    def make(**changes: Any) -> AgentConfig:
+        sections = {
+            name: getattr(CONFIG, name).model_copy(update=change) if isinstance(change, dict) else change
+            for name, change in changes.items()
+        }
+        return replace(CONFIG, **sections)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def batch_mean() -> Callable[..., Vector]:
+    """Return a batch estimator: the last of all states that together fit a Gaussian model best, by least squares.
+
+    The states obey `x_{k+1} = F x_k + c + N(0, Q)`, measured as `z = H x + N(0, R)`. A filter has to agree with it.
+    """
+
+    def estimate(
+        prior: tuple[Vector, Vector],
+        steps: Sequence[tuple[Vector, Vector, Vector]],
+        measurements: Sequence[tuple[Vector, Vector, Vector]],
+    ) -> Vector:
+        size = len(prior[0])
+        unknowns = size * (len(steps) + 1)
+        rows: list[Vector] = []
+        values: list[Vector] = []
+
+        def demand(index: int, matrix: Vector, value: Vector, covariance: Vector) -> None:
+            whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+            row = np.zeros((len(value), unknowns))
+            row[:, index * size : index * size + matrix.shape[1]] = matrix
+            rows.append(whitening @ row)
+            values.append(whitening @ value)
+
+        demand(0, np.eye(size), *prior)
+        for index, (transition, forcing, noise) in enumerate(steps):
+            demand(index, np.hstack([-transition, np.eye(size)]), forcing, noise)
+        for index, (value, observation, noise) in enumerate(measurements, start=1):
+            demand(index, observation, value, noise)
+        solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=None)[0]
+        return np.asarray(solution[-size:], dtype=np.float64)
+
+    return estimate

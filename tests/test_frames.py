@@ -1,0 +1,117 @@
+"""Frames against WGS-84 geometry written out here."""
+
+from math import asin, atan2, cos, degrees, hypot, isclose, nan, pi, radians, sin, sqrt, tau
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimation.frames import Geodetic, MissionFrame, wrap_signed_rad, wrap_turn_rad
+from estimation.state import Vector
+
+SEMI_MAJOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563
+ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
+ZURICH = Geodetic(47.397742, 8.545594, 488.0)
+ORIGINS = [ZURICH, Geodetic(-33.9, 151.2, 20.0), Geodetic(0.0, -78.5, 2800.0), Geodetic(78.2, 179.99999, 5.0)]
+
+angles = st.floats(-1e4, 1e4)
+metres = st.floats(-3000.0, 3000.0)
+
+
+def earth_centred_m(place: Geodetic) -> Vector:
+    latitude, longitude = radians(place.latitude_deg), radians(place.longitude_deg)
+    normal_m = SEMI_MAJOR_M / sqrt(1.0 - ECCENTRICITY_SQUARED * sin(latitude) ** 2)
+    across_m = (normal_m + place.altitude_m) * cos(latitude)
+    along_m = (normal_m * (1.0 - ECCENTRICITY_SQUARED) + place.altitude_m) * sin(latitude)
+    return np.array([across_m * cos(longitude), across_m * sin(longitude), along_m])
+
+
+def axes_of(frame: MissionFrame) -> tuple[Vector, Vector, Vector]:
+    """The unit vectors of x, y and z in earth-centred coordinates."""
+    latitude, longitude = radians(frame.origin.latitude_deg), radians(frame.origin.longitude_deg)
+    east = np.array([-sin(longitude), cos(longitude), 0.0])
+    up = np.array([cos(latitude) * cos(longitude), cos(latitude) * sin(longitude), sin(latitude)])
+    north = np.cross(up, east)
+    x = north * cos(frame.x_bearing_rad) + east * sin(frame.x_bearing_rad)
+    return x, np.cross(up, x), up
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
+@pytest.mark.parametrize("bearing_deg", [0.0, 90.0, -135.0])
+def test_places_agree_with_earth_centred_geometry_and_come_back(origin: Geodetic, bearing_deg: float) -> None:
+    frame = MissionFrame(origin, radians(bearing_deg))
+    for offset in [(0.0, 0.0, 0.0), (0.01, 0.0, 3.0), (-0.004, 0.013, -40.0), (0.0, -0.02, 120.0)]:
+        longitude = degrees(wrap_signed_rad(radians(origin.longitude_deg + offset[1])))
+        place = Geodetic(origin.latitude_deg + offset[0], longitude, origin.altitude_m + offset[2])
+        line = earth_centred_m(place) - earth_centred_m(origin)
+        mission = frame.mission_from_geodetic(place)
+        assert mission == pytest.approx([axis @ line for axis in axes_of(frame)], abs=1e-6)
+        again = frame.geodetic_from_mission(mission)
+        assert earth_centred_m(again) == pytest.approx(earth_centred_m(place), abs=1e-6)
+
+
+def test_a_place_on_the_x_axis_lies_on_its_bearing_over_the_ground() -> None:
+    # The bearing on the sphere differs from the ellipsoid's by the squeeze of the meridian only, 0.2 % at most.
+    frame = MissionFrame(ZURICH, radians(60.0))
+    there = frame.geodetic_from_mission((500.0, 0.0, 0.0))
+    north = radians(there.latitude_deg - ZURICH.latitude_deg)
+    east = radians(there.longitude_deg - ZURICH.longitude_deg) * cos(radians(ZURICH.latitude_deg))
+    assert degrees(atan2(east, north)) == pytest.approx(60.0, abs=0.2)
+    assert 2.0 * asin(hypot(north, east) / 2.0) * SEMI_MAJOR_M == pytest.approx(500.0, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("bearing_deg", "ned", "mission"),
+    [
+        (0.0, (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+        (0.0, (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)),
+        (90.0, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+        (90.0, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+        (180.0, (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)),
+        (45.0, (1.0, 1.0, -2.0), (sqrt(2.0), 0.0, 2.0)),
+    ],
+)
+def test_north_east_down_by_hand(
+    bearing_deg: float, ned: tuple[float, float, float], mission: tuple[float, float, float]
+) -> None:
+    frame = MissionFrame(ZURICH, radians(bearing_deg))
+    assert frame.mission_from_ned(ned) == pytest.approx(mission, abs=1e-12)
+    assert frame.ned_from_mission(mission) == pytest.approx(ned, abs=1e-12)
+
+
+@given(angles, metres, metres, metres)
+def test_rotation_into_the_mission_frame_is_undone_exactly(bearing: float, x: float, y: float, z: float) -> None:
+    frame = MissionFrame(ZURICH, bearing)
+    assert frame.mission_from_ned(frame.ned_from_mission((x, y, z))) == pytest.approx((x, y, z), abs=1e-9)
+    assert frame.ned_from_mission(frame.mission_from_ned((x, y, z))) == pytest.approx((x, y, z), abs=1e-9)
+
+
+@given(angles)
+def test_wrapping_changes_an_angle_by_whole_turns_only(angle: float) -> None:
+    signed, turn = wrap_signed_rad(angle), wrap_turn_rad(angle)
+    assert -pi <= signed <= pi
+    assert 0.0 < turn <= tau
+    for wrapped in (signed, turn):
+        turns = (angle - wrapped) / tau
+        assert isclose(turns, round(turns), abs_tol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("angle", "signed", "turn"),
+    [(0.0, 0.0, tau), (tau, 0.0, tau), (-tau, 0.0, tau), (1.5 * pi, -0.5 * pi, 1.5 * pi), (-0.1, -0.1, tau - 0.1)],
+)
+def test_wrapping_by_hand(angle: float, signed: float, turn: float) -> None:
+    assert wrap_signed_rad(angle) == pytest.approx(signed, abs=1e-12)
+    assert wrap_turn_rad(angle) == pytest.approx(turn, abs=1e-12)
+
+
+@pytest.mark.parametrize("place", [(90.1, 0.0, 0.0), (0.0, -180.1, 0.0), (nan, 0.0, 0.0), (0.0, 0.0, nan)])
+def test_what_is_no_place_on_earth_is_refused(place: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="not a place on Earth"):
+        Geodetic(*place)
+
+
+def test_a_bearing_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(ValueError, match="not a bearing"):
+        MissionFrame(ZURICH, nan)
