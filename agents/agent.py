@@ -38,7 +38,7 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How it ended, why and what to do next where something went wrong, and whether the vehicle ever left the ground."""
+    """How it ended, why and what to do next where something went wrong, and whether the vehicle ever flew."""
 
     ending: Ending
     reason: str = ""

@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from estimation.kalman import Belief, MeasurementNoise, correct, predict
+from estimation.kalman import STEP_DIGITS, Belief, MeasurementNoise, correct, predict
 from estimation.plant import Plant, exact_step
 from estimation.settings import OwnFilterSettings
 from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, OwnEstimate, Telemetry, Vector
@@ -26,7 +26,7 @@ class OwnFilter:
         self._settings = settings
         variance = np.array([settings.position_noise_m**2] * 2 + [settings.velocity_noise_m_s**2] * 2)
         self._noise = MeasurementNoise(np.diag(variance), np.diag(1.0 / variance))
-        self._process = lru_cache(maxsize=256)(partial(_process, plant, settings))
+        self._process = lru_cache(maxsize=1024)(partial(_process, plant, settings))
         self._inputs = _InputHistory(plant.delay_s)
         self._belief: Belief | None = None
         self._accepted_s = 0.0
@@ -67,7 +67,7 @@ class OwnFilter:
 
     def predicted_motion(self, estimate: OwnEstimate, at_s: float) -> Vector:
         """Return the motion (4,) at `at_s` under the setpoints already sent: where the next one finds the vehicle."""
-        step_s = round(at_s - estimate.time_s, 6)
+        step_s = round(at_s - estimate.time_s, STEP_DIGITS)
         setpoint = self._inputs.mean(estimate.time_s, at_s)
         step = exact_step(self._plant, step_s)
         return step.advance(estimate.mean[MOTION], setpoint, estimate.mean[DISTURBANCE])
@@ -78,7 +78,7 @@ class OwnFilter:
         return None if self._belief is None else self._accepted_s
 
     def _carried(self, belief: Belief, to_s: float) -> Belief:
-        step_s = round(to_s - belief.time_s, 6)
+        step_s = round(to_s - belief.time_s, STEP_DIGITS)
         if step_s <= 0.0:
             return belief
         transition, noise, gain = self._process(step_s)

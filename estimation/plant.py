@@ -69,7 +69,7 @@ class PlantStep:
         return np.asarray(self.transition @ state + forced, dtype=np.float64)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def exact_step(plant: Plant, step_s: float) -> PlantStep:
     """Discretise the plant exactly for inputs held over `step_s` (the matrix exponential in closed form)."""
     transition = np.zeros((4, 4))

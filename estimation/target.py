@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimation.kalman import Belief, MeasurementNoise, correct, predict
+from estimation.kalman import STEP_DIGITS, Belief, MeasurementNoise, correct, predict
 from estimation.settings import TargetFilterSettings
 from estimation.state import POSITION, VELOCITY, Sighting, TargetEstimate, Vector
 
@@ -101,7 +101,7 @@ class TargetFilter:
         self._taken = [_Taken(sighting, Belief(sighting.time_s, mean, covariance))]
 
     def _carried(self, belief: Belief, to_s: float) -> Belief:
-        step_s = round(to_s - belief.time_s, 6)
+        step_s = round(to_s - belief.time_s, STEP_DIGITS)
         if step_s <= 0.0:
             return belief
         transition, noise = _process(self._settings.acceleration_noise_m_s2, step_s)
@@ -120,7 +120,7 @@ def _noise_of(sighting: Sighting) -> MeasurementNoise:
     return MeasurementNoise(np.array([[xx, xy], [xy, yy]]), precision)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def _process(acceleration_noise_m_s2: float, step_s: float) -> tuple[Vector, Vector]:
     """Return transition (4, 4) and process noise (4, 4) of constant velocity under white acceleration."""
     transition = np.eye(4)

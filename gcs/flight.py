@@ -230,6 +230,7 @@ def _row(member: _Member, status: CoreStatus | None) -> LiveRow:
         spacing_lead_deg=None if place is None or place.lead_rad is None else degrees(place.lead_rad),
         spacing_lag_deg=None if place is None or place.lag_rad is None else degrees(place.lag_rad),
         battery=vehicle.battery,
+        note="" if status is None or not status.messages_dropped else f"{status.messages_dropped} messages dropped",
     )
 
 

@@ -26,7 +26,6 @@ LIVE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("ω\n[rad/s]", "right"),
     ("lead\n[°]", "right"),
     ("lag\n[°]", "right"),
-    ("ahead\n[m]", "right"),
     ("batt", "right"),
 )
 VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
@@ -46,8 +45,7 @@ VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
 class LiveRow:
     """One vehicle at one moment; None is what does not apply or is not known.
 
-    `spacing_lead_deg` and `spacing_lag_deg` are the angles to the neighbours on the ring, `battery` is a
-    fraction, and `setpoint_lead_m` is how far the setpoint lies ahead of the vehicle.
+    `spacing_lead_deg` and `spacing_lag_deg` are the angles to the neighbours on the ring; `battery` is a fraction.
     """
 
     vehicle_id: int
@@ -58,13 +56,12 @@ class LiveRow:
     angular_rate_rad_s: float | None = None
     spacing_lead_deg: float | None = None
     spacing_lag_deg: float | None = None
-    setpoint_lead_m: float | None = None
     battery: float | None = None
     note: str = ""
 
 
 class LiveView:
-    """A table that follows the flight on a terminal; elsewhere one line every 10 s of mission time at most.
+    """A table that follows the flight on a terminal; elsewhere one line every 30 s of mission time at most.
 
     Use it as a context manager. `update` only stores what it is given: drawing happens four times a second.
     """
@@ -144,7 +141,6 @@ def _cells(row: LiveRow) -> tuple[Text, ...]:
         Text(_number(row.angular_rate_rad_s, "+.3f")),
         Text(_number(row.spacing_lead_deg, ".1f")),
         Text(_number(row.spacing_lag_deg, ".1f")),
-        Text(_number(row.setpoint_lead_m, ".2f")),
         Text(_number(row.battery, ".0%"), style=_battery_style(row.battery)),
         Text(row.note, style="yellow"),
     )
@@ -156,7 +152,6 @@ def _plain_vehicle(row: LiveRow) -> str:
         ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
         ("lead", row.spacing_lead_deg, ".1f", "deg"),
         ("lag", row.spacing_lag_deg, ".1f", "deg"),
-        ("ahead", row.setpoint_lead_m, ".2f", "m"),
         ("battery", row.battery, ".0%", ""),
     )
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]

@@ -32,7 +32,7 @@ from gcs.mission import (
 )
 
 _BUNDLED = Path(__file__).parent / "missions"
-_SECTIONS: dict[str, type[Settings]] = {
+SECTIONS: dict[str, type[Settings]] = {
     "mission": MissionSection,
     "frame": FrameSection,
     "formation": FormationSettings,
@@ -80,12 +80,12 @@ def parse_mission(text: str, folder: Path) -> Mission:
     except tomllib.TOMLDecodeError as error:
         raise MissionError([f"not TOML: {error}"]) from error
     faults = [
-        _unknown_key("", key, [*_SECTIONS, "vehicles"]) for key in content if key not in _SECTIONS and key != "vehicles"
+        _unknown_key("", key, [*SECTIONS, "vehicles"]) for key in content if key not in SECTIONS and key != "vehicles"
     ]
     faults += [f"{name}: this section is missing" for name in _REQUIRED if name not in content]
     sections = {
         name: _validated(model, content.get(name, {}), name, faults)
-        for name, model in _SECTIONS.items()
+        for name, model in SECTIONS.items()
         if name in content or name not in _REQUIRED
     }
     vehicles = _vehicles(content.get("vehicles", []), content.get("decision", {}), folder, faults)

@@ -36,7 +36,7 @@ class RingReference:
 class FormationReference:
     """The desired formation, travelling along +x of the mission frame.
 
-    `slots_m` maps vehicle ids to their places (x, y): leader first, and each after the one it follows.
+    `slots_m` maps vehicle ids to their places (x, y) in line order: each is judged against the one before it.
     Raises ValueError when a number is not finite.
     """
 

@@ -166,7 +166,7 @@ def test_the_style_is_not_left_behind(tmp_path: Path) -> None:
     flown, result, _ = flight(1, 0)
     with rc_context({"axes.grid": False}):
         save_figure(flown, result, RING, tmp_path / "flight.png")
-        from matplotlib import rcParams  # noqa: PLC0415
+        from matplotlib import rcParams
 
         assert rcParams["axes.grid"] is False
     assert figure_module.STYLE["axes.grid"] is True

@@ -37,7 +37,8 @@ def target_at(time_s: float) -> Vector:
 def test_polar_rates_are_the_time_derivatives_of_radius_and_bearing(bearing: float) -> None:
     def position(time_s: float) -> Vector:
         curve = np.array([7.0 * cos(bearing), 7.0 * sin(bearing)])
-        return target_at(0.0) + curve + np.array([0.8, -0.5]) * time_s + np.array([0.3, 0.9]) * time_s**2
+        curve += np.array([0.8, -0.5]) * time_s + np.array([0.3, 0.9]) * time_s**2
+        return np.asarray(target_at(0.0) + curve, dtype=np.float64)
 
     def radius_and_turn(time_s: float) -> Vector:
         x, y = position(time_s) - target_at(time_s)

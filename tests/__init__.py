@@ -1,0 +1,1 @@
+"""The tests, and the one command that checks everything: `python -m tests`."""

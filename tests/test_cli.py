@@ -1,0 +1,369 @@
+"""The command line as users and scripts meet it: a process, its exit code, standard output and standard error."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs.cli import app
+
+ROOT = Path(__file__).parents[1]
+COMMANDS = [name for name in app if not name.startswith("-")]
+CASE1 = (ROOT / "gcs" / "missions" / "case1.toml").read_text(encoding="utf-8")
+HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink")
+
+RESULT_KEYS = {
+    "": (
+        "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions loop verdicts "
+        "wall_time_s realtime_factor"
+    ),
+    "vehicles": (
+        "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s angular_rate_error_rms_rad_s "
+        "formation_speed_error_rms_m_s formation_spacing_error_rms_m"
+    ),
+    "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg",
+    "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
+    "verdicts": "C1 C2 C3 formation separation",
+}
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
+
+
+def cordon(*arguments: str, cwd: Path | None = None) -> Ran:
+    """Run a command to its end; however it ends, it does not end in a traceback."""
+    command = [sys.executable, "-m", "gcs", *arguments]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, cwd=cwd, env=environment(), check=False, encoding="utf-8"
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return Ran(done.returncode, done.stdout, done.stderr)
+
+
+def refused(*arguments: str, cwd: Path | None = None) -> list[str]:
+    """Run a command that has to end as bad input before it does anything; return its lines of complaint."""
+    ran = cordon(*arguments, cwd=cwd)
+    assert (ran.code, ran.out) == (2, "")
+    assert "judged by" not in ran.err, "it flew"
+    return ran.err.splitlines()
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Callable[..., str]:
+    """Return a maker of mission files: case 1 with pieces of its text replaced."""
+
+    def make(*changes: tuple[str, str]) -> str:
+        text = CASE1
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "mission.toml"
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return make
+
+
+# Help
+
+
+def test_starting_up_imports_nothing_heavy() -> None:
+    program = f"import sys, gcs.cli; print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment(), timeout=60
+    )
+    assert done.stdout == "[]\n"
+
+
+def test_all_commands_are_listed_with_an_example_to_start_with() -> None:
+    ran = cordon("--help")
+    assert ran.code == 0
+    assert {"sim", "fly", "sitl"} <= set(COMMANDS)
+    assert all(f" {name} " in ran.out for name in COMMANDS)
+    assert "cordon fly case2 --sitl --speed 10" in ran.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_help_of_every_command_shows_an_example(command: str) -> None:
+    ran = cordon(command, "--help")
+    assert ran.code == 0
+    example = next(line for line in ran.out.splitlines() if "Example: " in line).partition("Example: ")[2]
+    assert example.startswith(f"cordon {command}")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_example_of_every_command_is_one_that_parses(command: str) -> None:
+    docstring = app[command].help or ""
+    example = docstring.partition("Example: ")[2].splitlines()[0].split()
+    bound = app.parse_args(example[1:], exit_on_error=False, print_error=False)[1]
+    assert bound.arguments["mission"] in {"case1", "case2", "case2-field"}
+
+
+def test_no_command_at_all_is_a_plea_for_help() -> None:
+    ran = cordon()
+    assert ran.code == 0
+    assert "Usage: cordon COMMAND" in ran.out
+
+
+# Flying in simulation
+
+
+def test_json_is_one_object_with_its_keys_in_their_order() -> None:
+    ran = cordon("sim", "case1", "--duration", "3", "--json")
+    assert ran.code == 0
+    assert ran.out.count("\n") == 1
+    result = json.loads(ran.out)
+    assert list(result) == RESULT_KEYS[""].split()
+    assert [list(vehicle) for vehicle in result["vehicles"]] == [RESULT_KEYS["vehicles"].split()] * 3
+    for part in ("ring", "loop", "verdicts"):
+        assert list(result[part]) == RESULT_KEYS[part].split()
+    assert (result["mission"], result["seed"], result["source"], result["reference"]) == (
+        "case1",
+        0,
+        "simulation",
+        "truth",
+    )
+    assert (result["duration_s"], result["window_s"], result["loop"]["ticks"]) == (3.0, None, 93)
+    assert result["wall_time_s"] > 0.0
+
+
+def test_people_are_told_on_standard_error_only() -> None:
+    ran = cordon("sim", "case1", "--duration", "3")
+    assert (ran.code, ran.out) == (0, "")
+    assert "closest approach 4.000 m" in ran.err
+    assert "\x1b" not in ran.err
+
+
+def test_one_seed_gives_the_same_bytes_twice_and_another_others() -> None:
+    arguments = ("sim", "case2-field", "--duration", "40", "--json", "--seed")
+    once, again, other = cordon(*arguments, "7"), cordon(*arguments, "7"), cordon(*arguments, "8")
+    assert once.out == again.out
+    assert json.loads(once.out)["seed"] == 7
+    timeless = {**json.loads(once.out), "seed": None}
+    assert timeless != {**json.loads(other.out), "seed": None}
+
+
+@pytest.mark.parametrize(("option", "timed"), [("--timing", True), ("--no-timing", False)])
+def test_wall_times_are_told_or_left_out_as_asked(option: str, timed: bool) -> None:
+    result = json.loads(cordon("sim", "case1", "--duration", "1", "--seed", "1", option, "--json").out)
+    assert (result["wall_time_s"] is not None) is timed
+    assert (result["loop"]["tick_p50_us"] is not None) is timed
+
+
+def test_a_verdict_that_does_not_hold_is_exit_code_1(mission: Callable[..., str]) -> None:
+    strict = mission(("[target]\n", "[verdicts]\nformation_speed_error_rms_m_s = 1e-12\n\n[target]\n"))
+    ran = cordon("sim", strict, "--duration", "32", "--json")
+    assert ran.code == 1
+    assert json.loads(ran.out)["verdicts"]["formation"] is False
+
+
+def test_a_figure_is_drawn_beside_the_result(tmp_path: Path) -> None:
+    ran = cordon("sim", "case1", "--duration", "2", "--plot", "flight.svg", "--json", cwd=tmp_path)
+    assert ran.code == 0
+    assert json.loads(ran.out)["mission"] == "case1"
+    assert (tmp_path / "flight.svg").read_text(encoding="utf-8").startswith("<?xml")
+    assert "figure: flight.svg" in ran.err
+
+
+# Bad input: exit code 2, nothing on standard output, every fault on a line of standard error
+
+
+def test_an_unknown_mission_names_the_bundled_ones() -> None:
+    assert refused("sim", "case9") == ["case9: No such file or directory; bundled missions: case1, case2, case2-field"]
+
+
+@pytest.mark.parametrize("command", ["sim", "fly", "sitl"])
+def test_every_fault_of_a_mission_is_a_line_with_its_place(command: str, mission: Callable[..., str]) -> None:
+    path = mission(
+        ("radius_m = 10.0", 'radius_m = "10 m"'),
+        ("spacing_m = 5.0", "spacing_m = nan"),
+        ("id = 3", "id = 1"),
+        ("leader = 2", "leader = 2\ncolour = 1"),
+        ("start_m = [0.0, -4.0]", 'start_m = [0.0, -4.0]\nplant = "none"'),
+    )
+    lines = refused(command, path)
+    places = sorted(line.partition(": ")[0] for line in lines)
+    assert places == ["encirclement.radius_m", "formation.colour", "formation.spacing_m", "vehicles[2].plant"]
+
+
+@pytest.mark.parametrize("command", ["sim", "fly"])
+@pytest.mark.parametrize(
+    ("plot", "complaint"),
+    [
+        ("flight.bmp", "--plot: 'flight.bmp' must end in .png, .svg, .pdf"),
+        ("nowhere/flight.png", "--plot: no folder 'nowhere' to write into"),
+    ],
+)
+def test_a_figure_that_cannot_be_written_is_refused_before_flying(
+    command: str, plot: str, complaint: str, tmp_path: Path
+) -> None:
+    assert refused(command, "case1", "--plot", plot, cwd=tmp_path) == [complaint]
+
+
+def test_only_asks_for_a_vehicle_of_the_mission() -> None:
+    assert refused("fly", "case1", "--only", "9") == ["--only: the mission has no vehicle 9 (it has 1, 2, 3)"]
+
+
+def test_sitl_and_only_exclude_each_other() -> None:
+    (line,) = refused("fly", "case1", "--sitl", "--only", "1")
+    assert line.startswith("--only: with --sitl ")
+    assert "cordon sitl" in line
+
+
+@pytest.mark.parametrize("arguments", [("fly", "--sitl"), ("sitl",)], ids=" ".join)
+def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callable[..., str]) -> None:
+    path = mission(
+        ("udpin://127.0.0.1:14541", "serial:///dev/ttyUSB0:57600"),
+        ("udpin://127.0.0.1:14542", "tcpout://127.0.0.1:5760"),
+    )
+    lines = refused(arguments[0], path, *arguments[1:])
+    assert [line.partition(": ")[0] for line in lines] == ["vehicles[1].url", "vehicles[2].url"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("sim",), "MISSION"),
+        (("sim", "case1", "case2"), "case2"),
+        (("sim", "case1", "--sede", "3"), "--seed"),
+        (("sim", "case1", "--seed", "-1"), "--seed"),
+        (("sim", "case1", "--seed", "x"), "--seed"),
+        (("sim", "case1", "--duration", "0"), "--duration"),
+        (("sim", "case1", "--duration", "nan"), "--duration"),
+        (("sim", "case1", "--duration", "inf"), "--duration"),
+        (("sim", "case1", "--duration", "1e9"), "--duration"),
+        (("fly", "case1", "--speed", "0"), "--speed"),
+        (("sitl", "case1", "--speed", "1000"), "--speed"),
+        (("flyy", "case1"), "fly"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_a_command_line_that_makes_no_sense_is_told_and_refused(arguments: tuple[str, ...], told: str) -> None:
+    assert told in "\n".join(refused(*arguments)).replace("--mission", "MISSION")
+
+
+# Over real sockets
+
+
+@pytest.fixture
+def own_ports(mission: Callable[..., str]) -> str:
+    """A copy of case 1 on ports that nobody else uses."""
+    numbers = [*map(str, range(14540, 14543)), *map(str, range(7461, 7464))]
+    return mission(*zip(numbers, map(str, free_ports(len(numbers))), strict=True))
+
+
+def free_ports(count: int) -> list[int]:
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_STREAM) for _ in range(count)]
+    try:
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))
+        return [int(each.getsockname()[1]) for each in sockets]
+    finally:
+        for each in sockets:
+            each.close()
+
+
+def ports_of(path: str, key: str) -> list[int]:
+    vehicles: list[dict[str, Any]] = tomllib.loads(Path(path).read_text(encoding="utf-8"))["vehicles"]
+    return [int(vehicle[key].rpartition(":")[2]) for vehicle in vehicles]
+
+
+@pytest.fixture
+def taken() -> Iterator[Callable[[int, socket.SocketKind], None]]:
+    """Return a taker of ports; they are given back in the end."""
+    held = []
+
+    def take(port: int, kind: socket.SocketKind) -> None:
+        one = socket.socket(socket.AF_INET, kind)
+        held.append(one)
+        one.bind(("127.0.0.1", port))
+        if kind is socket.SOCK_STREAM:
+            one.listen()
+
+    yield take
+    for one in held:
+        one.close()
+
+
+def not_taken_off(*arguments: str) -> tuple[str, str]:
+    """Run a command that is refused before take-off; return the reason and the next step it tells."""
+    ran = cordon(*arguments)
+    assert (ran.code, ran.out) == (3, ""), ran.err
+    *_, reason, following = ran.err.splitlines()
+    assert following.startswith("next: ")
+    return reason, following.removeprefix("next: ")
+
+
+@pytest.mark.wire
+def test_a_vehicle_that_is_not_heard_is_a_refusal_with_a_next_step(own_ports: str) -> None:
+    reason, following = not_taken_off("fly", own_ports, "--only", "1", "--json")
+    assert reason == f"no heartbeat on udpin://127.0.0.1:{ports_of(own_ports, 'url')[0]} within 10 s"
+    assert "cordon sitl" in following
+
+
+@pytest.mark.wire
+def test_a_vehicles_port_that_is_taken_is_a_refusal(own_ports: str, taken: Callable[..., None]) -> None:
+    port = ports_of(own_ports, "url")[0]
+    taken(port, socket.SOCK_DGRAM)
+    reason, following = not_taken_off("fly", own_ports, "--only", "1")
+    assert reason.startswith(f"udp port {port} of udpin://127.0.0.1:{port} is taken")
+    assert "end the other" in following
+
+
+@pytest.mark.wire
+def test_a_peers_endpoint_that_is_taken_is_a_refusal(own_ports: str, taken: Callable[..., None]) -> None:
+    port = ports_of(own_ports, "endpoint")[0]
+    taken(port, socket.SOCK_STREAM)
+    reason, following = not_taken_off("fly", own_ports, "--only", "1")
+    assert reason == f"peer endpoint tcp/127.0.0.1:{port} is taken"
+    assert "[" in following, "where in the mission file"
+    assert "]" in following
+
+
+@pytest.mark.wire
+def test_a_team_flies_with_stubs_of_its_own(own_ports: str) -> None:
+    ran = cordon("fly", own_ports, "--sitl", "--speed", "10", "--duration", "20", "--json")
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)
+    assert list(result) == RESULT_KEYS[""].split()
+    assert (result["source"], result["reference"]) == ("sitl", "truth")
+    assert result["duration_s"] == pytest.approx(20.0, abs=0.2)
+    assert [vehicle["tactic"] for vehicle in result["vehicles"]] == ["formation"] * 3
+
+
+@pytest.mark.wire
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stubs_are_served_until_they_are_told_to_end(own_ports: str, number: signal.Signals) -> None:
+    command = [sys.executable, "-m", "gcs", "sitl", own_ports, "--speed", "5"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        assert process.stderr is not None
+        lines = [process.stderr.readline() for _ in range(4)]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.settimeout(20.0)
+            client.bind(("127.0.0.1", ports_of(own_ports, "url")[0]))
+            assert client.recv(512)[0] == 0xFD, "a MAVLink 2 frame"
+        process.send_signal(number)
+        assert process.wait(20.0) == 0
+        assert "Traceback" not in process.stderr.read()
+    assert [
+        f":{port}" in line or f" {port}" in line for port, line in zip(ports_of(own_ports, "url"), lines, strict=False)
+    ]

@@ -1,0 +1,35 @@
+"""The documentation says what the code does."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from gcs.exits import Exit
+from tests.docs import DOCS, GENERATED, renewed
+
+ROOT = DOCS.parent
+
+
+@pytest.mark.parametrize("name", GENERATED)
+def test_generated_parts_are_up_to_date(name: str) -> None:
+    assert (DOCS / name).read_text(encoding="utf-8") == renewed(name), "run python -m tests.docs"
+
+
+def test_readme_holds_exactly_two_commands() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```sh\n(.*?)```", readme, flags=re.DOTALL)
+    assert [len(block.strip().splitlines()) for block in blocks] == [1, 1]
+    assert blocks[1].strip().endswith("python -m tests"), ".ci/run looks for this line"
+
+
+@pytest.mark.parametrize("document", sorted(ROOT.glob("*.md")) + sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
+def test_links_lead_somewhere(document: Path) -> None:
+    targets = re.findall(r"\]\((?!https?://)([^)#]+)\)", document.read_text(encoding="utf-8"))
+    assert [target for target in targets if not (document.parent / target).exists()] == []
+
+
+def test_every_exit_code_is_documented() -> None:
+    flying = (DOCS / "flying.md").read_text(encoding="utf-8")
+    documented = {int(code) for code in re.findall(r"^\| (\d) \|", flying, flags=re.MULTILINE)}
+    assert documented == {code.value for code in Exit}

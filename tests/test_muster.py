@@ -1,0 +1,99 @@
+"""Agreeing on a start: three assemblies over an exchange that loses and delays."""
+
+import heapq
+from collections import defaultdict
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.messages import TOPICS, Muster
+from agents.muster import LEAD_TIME_S, Assembly
+
+MEMBERS = (1, 2, 3)
+PERIOD_S = TOPICS[Muster].period_s
+# At most three losses in a row: with the longest delay a proposal is through within a second, half the lead time.
+fates = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.2)), min_size=1, max_size=40)
+
+
+def exchange(up_s: tuple[float, float, float], fates: list[tuple[int, float]]) -> tuple[list[Assembly], list[float]]:
+    """Let everybody speak from the moment it is up until its start, as agents do; return all starts proposed, too."""
+    assemblies = [Assembly(member, MEMBERS) for member in MEMBERS]
+    flying: list[tuple[float, int, int, Muster]] = []
+    losses: dict[tuple[int, int], int] = defaultdict(int)
+    proposed: list[float] = []
+    sent = 0
+    for tick in range(200):
+        now_s = tick * 0.05
+        while flying and flying[0][0] <= now_s:
+            _, _, receiver, message = heapq.heappop(flying)
+            assemblies[receiver].hear(message)
+        for index, assembly in enumerate(assemblies):
+            due = now_s >= up_s[index] and (tick + index) % round(PERIOD_S / 0.05) == 0
+            if not due or (assembly.start_s is not None and now_s >= assembly.start_s):
+                continue
+            unheard, before = assembly.missing(now_s), assembly.start_s
+            message = assembly.speak(now_s)
+            if before is None and message.start_s is not None:
+                assert unheard == []
+                proposed.append(message.start_s)
+            for receiver in range(len(MEMBERS)):
+                run, delay_s = fates[sent % len(fates)]
+                sent += 1
+                if receiver != index and losses[index, receiver] < run:
+                    losses[index, receiver] += 1
+                elif receiver != index:
+                    losses[index, receiver] = 0
+                    heapq.heappush(flying, (now_s + delay_s, sent, receiver, message))
+    return assemblies, proposed
+
+
+@given(st.tuples(st.floats(0.0, 4.0), st.floats(0.0, 4.0), st.floats(0.0, 4.0)), fates)
+def test_everybody_starts_at_the_earliest_proposal(
+    up_s: tuple[float, float, float], fates: list[tuple[int, float]]
+) -> None:
+    assemblies, proposed = exchange(up_s, fates)
+    assert proposed
+    assert {assembly.start_s for assembly in assemblies} == {min(proposed)}
+    assert min(proposed) >= max(up_s) + LEAD_TIME_S
+
+
+def test_nobody_proposes_before_everybody_was_heard_lately() -> None:
+    assembly = Assembly(1, MEMBERS)
+    assert assembly.missing(0.0) == [2, 3]
+    assert assembly.speak(0.0).start_s is None
+    assembly.hear(Muster(2, 0.1, None))
+    assert assembly.missing(0.2) == [3]
+    assembly.hear(Muster(3, 1.2, None))
+    assert assembly.missing(1.2) == [2]
+    assert assembly.speak(1.2).start_s is None
+    assembly.hear(Muster(2, 1.3, None))
+    assert assembly.speak(1.4) == Muster(1, 1.4, 1.4 + LEAD_TIME_S)
+
+
+def test_the_earliest_proposal_stands_even_when_its_sender_falls_silent() -> None:
+    assembly = Assembly(1, MEMBERS)
+    assembly.hear(Muster(2, 5.0, 7.0))
+    assembly.hear(Muster(3, 5.1, 6.9))
+    assembly.hear(Muster(2, 5.2, 7.0))
+    assert assembly.start_s == 6.9
+    assert assembly.speak(6.5) == Muster(1, 6.5, 6.9)
+
+
+@pytest.mark.parametrize("sender", [1, 4])
+def test_only_the_other_members_are_listened_to(sender: int) -> None:
+    assembly = Assembly(1, MEMBERS)
+    assembly.hear(Muster(sender, 0.0, 1.0))
+    assert assembly.start_s is None
+    assert assembly.missing(0.0) == [2, 3]
+
+
+def test_a_late_message_makes_nobody_look_older() -> None:
+    assembly = Assembly(1, (1, 2))
+    assembly.hear(Muster(2, 5.0, None))
+    assembly.hear(Muster(2, 4.0, None))
+    assert assembly.missing(5.9) == []
+
+
+def test_a_vehicle_alone_starts_by_itself() -> None:
+    assert Assembly(1, [1]).speak(3.0).start_s == 3.0 + LEAD_TIME_S
