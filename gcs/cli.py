@@ -25,7 +25,7 @@ Seed = Annotated[
 ]
 Duration = Annotated[
     float | None,
-    Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0)),
+    Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0, lte=86400)),
 ]
 Speed = Annotated[
     float | None,

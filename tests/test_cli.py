@@ -14,21 +14,25 @@ from typing import Any
 
 import pytest
 
-from gcs.cli import app
+from gcs.cli import app, main
+
+# It warns that these tests run main() itself, as the console script does.
+pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = [name for name in app if not name.startswith("-")]
-CASE1 = (ROOT / "gcs" / "missions" / "case1.toml").read_text(encoding="utf-8")
+MISSIONS = ROOT / "gcs" / "missions"
+CASE1 = (MISSIONS / "case1.toml").read_text(encoding="utf-8")
 HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink")
 
 RESULT_KEYS = {
     "": (
-        "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions loop verdicts "
-        "wall_time_s realtime_factor"
+        "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions loop "
+        "verdicts wall_time_s realtime_factor"
     ),
     "vehicles": (
-        "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s angular_rate_error_rms_rad_s "
-        "formation_speed_error_rms_m_s formation_spacing_error_rms_m"
+        "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
+        "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"
     ),
     "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg",
     "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
@@ -59,12 +63,29 @@ def cordon(*arguments: str, cwd: Path | None = None) -> Ran:
     return Ran(done.returncode, done.stdout, done.stderr)
 
 
-def refused(*arguments: str, cwd: Path | None = None) -> list[str]:
-    """Run a command that has to end as bad input before it does anything; return its lines of complaint."""
-    ran = cordon(*arguments, cwd=cwd)
-    assert (ran.code, ran.out) == (2, "")
-    assert "judged by" not in ran.err, "it flew"
-    return ran.err.splitlines()
+Refused = Callable[..., list[str]]
+
+
+@pytest.fixture
+def refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., list[str]]:
+    """Return a runner of commands that have to end as bad input before they do anything: what they complain about.
+
+    It runs them in this process, which is faster; the process gives users the same.
+    """
+
+    def complaints(*arguments: str) -> list[str]:
+        monkeypatch.setattr(sys, "argv", ["cordon", *arguments])
+        monkeypatch.chdir(tmp_path)
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        assert (ended.value.code, out) == (2, "")
+        assert "judged by" not in err, "it flew"
+        return err.splitlines()
+
+    return complaints
 
 
 @pytest.fixture
@@ -153,8 +174,13 @@ def test_people_are_told_on_standard_error_only() -> None:
     assert "\x1b" not in ran.err
 
 
-def test_one_seed_gives_the_same_bytes_twice_and_another_others() -> None:
-    arguments = ("sim", "case2-field", "--duration", "40", "--json", "--seed")
+def test_one_seed_gives_the_same_bytes_twice_and_another_others(tmp_path: Path) -> None:
+    field = tmp_path / "field.toml"
+    # The target is in sight from the beginning: also the sensors' noise has its seed.
+    field.write_text(
+        (MISSIONS / "case2-field.toml").read_text(encoding="utf-8").replace("[35.0, -5.0]", "[14.0, -5.0]")
+    )
+    arguments = ("sim", str(field), "--duration", "32", "--json", "--seed")
     once, again, other = cordon(*arguments, "7"), cordon(*arguments, "7"), cordon(*arguments, "8")
     assert once.out == again.out
     assert json.loads(once.out)["seed"] == 7
@@ -187,12 +213,30 @@ def test_a_figure_is_drawn_beside_the_result(tmp_path: Path) -> None:
 # Bad input: exit code 2, nothing on standard output, every fault on a line of standard error
 
 
-def test_an_unknown_mission_names_the_bundled_ones() -> None:
+def test_bad_input_is_an_exit_code_of_the_process_and_text_on_standard_error(mission: Callable[..., str]) -> None:
+    path = mission(("radius_m = 10.0", 'radius_m = "10 m"'), ("spacing_m = 5.0", "spacing_m = nan"))
+    ran = cordon("sim", path, "--json")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.splitlines() == [
+        "formation.spacing_m: it must be a finite number (given: nan)",
+        "encirclement.radius_m: it must be a valid number (given: '10 m')",
+    ]
+
+
+def test_a_misspelt_option_is_an_exit_code_of_the_process_and_a_hint_on_standard_error() -> None:
+    ran = cordon("sim", "case1", "--sede", "3")
+    assert (ran.code, ran.out) == (2, "")
+    assert "--seed" in ran.err
+
+
+def test_an_unknown_mission_names_the_bundled_ones(refused: Refused) -> None:
     assert refused("sim", "case9") == ["case9: No such file or directory; bundled missions: case1, case2, case2-field"]
 
 
 @pytest.mark.parametrize("command", ["sim", "fly", "sitl"])
-def test_every_fault_of_a_mission_is_a_line_with_its_place(command: str, mission: Callable[..., str]) -> None:
+def test_every_fault_of_a_mission_is_a_line_with_its_place(
+    command: str, mission: Callable[..., str], refused: Refused
+) -> None:
     path = mission(
         ("radius_m = 10.0", 'radius_m = "10 m"'),
         ("spacing_m = 5.0", "spacing_m = nan"),
@@ -214,23 +258,23 @@ def test_every_fault_of_a_mission_is_a_line_with_its_place(command: str, mission
     ],
 )
 def test_a_figure_that_cannot_be_written_is_refused_before_flying(
-    command: str, plot: str, complaint: str, tmp_path: Path
+    command: str, plot: str, complaint: str, refused: Refused
 ) -> None:
-    assert refused(command, "case1", "--plot", plot, cwd=tmp_path) == [complaint]
+    assert refused(command, "case1", "--plot", plot) == [complaint]
 
 
-def test_only_asks_for_a_vehicle_of_the_mission() -> None:
+def test_only_asks_for_a_vehicle_of_the_mission(refused: Refused) -> None:
     assert refused("fly", "case1", "--only", "9") == ["--only: the mission has no vehicle 9 (it has 1, 2, 3)"]
 
 
-def test_sitl_and_only_exclude_each_other() -> None:
+def test_sitl_and_only_exclude_each_other(refused: Refused) -> None:
     (line,) = refused("fly", "case1", "--sitl", "--only", "1")
     assert line.startswith("--only: with --sitl ")
     assert "cordon sitl" in line
 
 
 @pytest.mark.parametrize("arguments", [("fly", "--sitl"), ("sitl",)], ids=" ".join)
-def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callable[..., str]) -> None:
+def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callable[..., str], refused: Refused) -> None:
     path = mission(
         ("udpin://127.0.0.1:14541", "serial:///dev/ttyUSB0:57600"),
         ("udpin://127.0.0.1:14542", "tcpout://127.0.0.1:5760"),
@@ -242,7 +286,7 @@ def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callabl
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("sim",), "MISSION"),
+        (("sim",), "--mission"),
         (("sim", "case1", "case2"), "case2"),
         (("sim", "case1", "--sede", "3"), "--seed"),
         (("sim", "case1", "--seed", "-1"), "--seed"),
@@ -257,8 +301,10 @@ def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callabl
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
-def test_a_command_line_that_makes_no_sense_is_told_and_refused(arguments: tuple[str, ...], told: str) -> None:
-    assert told in "\n".join(refused(*arguments)).replace("--mission", "MISSION")
+def test_a_command_line_that_makes_no_sense_is_told_and_refused(
+    arguments: tuple[str, ...], told: str, refused: Refused
+) -> None:
+    assert told in "\n".join(refused(*arguments))
 
 
 # Over real sockets
@@ -364,6 +410,30 @@ def test_stubs_are_served_until_they_are_told_to_end(own_ports: str, number: sig
         process.send_signal(number)
         assert process.wait(20.0) == 0
         assert "Traceback" not in process.stderr.read()
-    assert [
-        f":{port}" in line or f" {port}" in line for port, line in zip(ports_of(own_ports, "url"), lines, strict=False)
-    ]
+    for port, line in zip(ports_of(own_ports, "url"), lines, strict=False):
+        assert line.endswith(f" 127.0.0.1:{port}\n")
+
+
+@pytest.mark.wire
+def test_ctrl_c_before_take_off_ends_the_search_for_vehicles(own_ports: str) -> None:
+    command = [sys.executable, "-m", "gcs", "fly", own_ports, "--only", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        assert process.stderr is not None
+        assert "looking for the vehicles" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(8.0) == 3, "sooner than the search would end by itself"
+        told = process.stderr.read()
+    assert "Traceback" not in told
+    assert "before take-off" in told
+
+
+def test_ctrl_c_ends_a_simulation_without_a_traceback(mission: Callable[..., str]) -> None:
+    endless = mission(("duration_s = 240.0", "duration_s = 86400.0"))
+    command = [sys.executable, "-m", "gcs", "sim", endless]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(4.0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == 3
+        assert process.stderr is not None
+        assert "Traceback" not in process.stderr.read()

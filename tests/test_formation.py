@@ -125,6 +125,17 @@ def test_wind_shifts_the_setpoint_but_not_what_followers_are_told(make_config: C
     assert calm.setpoint_m - windy.setpoint_m == pytest.approx([0.15 / 0.80, -0.1 / 0.60])
 
 
+def test_each_axis_is_planned_by_its_own_plant(make_config: Callable[..., AgentConfig]) -> None:
+    motion, other = np.array([1.1, 0.2, 0.1, -0.3]), np.array([0.4, -4.0, 0.2, 0.1])
+    swap = [1, 0, 3, 2]
+    there = FormationPlanner(make_config(plant=PLANT))
+    back = FormationPlanner(make_config(plant=Plant(PLANT.y, PLANT.x)))
+    one = there.plan(motion, WIND, Predecessor(other, other[:2]), (1.0, 5.0))
+    mirrored = back.plan(motion[swap], WIND[::-1], Predecessor(other[swap], other[1::-1]), (5.0, 1.0))
+    assert one.setpoint_m == pytest.approx(mirrored.setpoint_m[::-1], abs=1e-4)
+    assert one.setpoint_m[0] - 0.15 / 0.80 != pytest.approx(one.setpoint_m[1], abs=1e-2)
+
+
 def test_without_error_a_follower_asks_for_the_offset_alone(make_config: Callable[..., AgentConfig]) -> None:
     line = mission_line(PLANT, (0.0, 0.0), 0.2, 5.0)
     on_station = line.motion + np.array([0.0, -5.0, 0.0, 0.0])
@@ -149,7 +160,7 @@ def test_succession(flying: set[int], leader: int, predecessors: dict[int, int |
     assert {vehicle: predecessor_of(vehicle, flying, slots, 3) for vehicle in flying} == predecessors
 
 
-@pytest.mark.parametrize("slots", permutations((7, 8, 9, 200)))
+@pytest.mark.parametrize("slots", list(permutations((7, 8, 9, 200))))
 def test_whatever_the_line_everybody_follows_the_same_leader(slots: tuple[int, ...]) -> None:
     for size in range(1, len(slots) + 1):
         flying = set(slots[-size:])

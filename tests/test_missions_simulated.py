@@ -144,7 +144,8 @@ def test_the_paths_alone_give_the_same_figures(case2: Flown) -> None:
 
 
 def test_one_seed_is_one_flight_and_two_are_two() -> None:
-    mission = load_mission("case2-field")
+    # The target is in sight from the beginning: also the sensors' noise has its seed.
+    mission = section("target", start_m=(14.0, -5.0))(load_mission("case2-field"))
     once, again, other = (flown(mission, seed=seed, duration_s=40.0) for seed in (3, 3, 4))
     for track, twin, stranger in zip(once.record.vehicles, again.record.vehicles, other.record.vehicles, strict=True):
         assert track.position_m.tobytes() == twin.position_m.tobytes()
@@ -320,6 +321,13 @@ def test_without_spacing_terms_nobody_keeps_distance_on_the_ring() -> None:
     assert result.verdicts.c3 is False
     assert result.ring.settling_time_s is None
     assert known(result.ring.spacing_error_rms_deg) > 20.0
+
+
+@pytest.mark.parametrize("off", [{"spacing_gain_per_s": 0.0}, {"lag_weight": 0.0, "lead_weight": 0.0}], ids=str)
+def test_either_spacing_term_alone_spaces_the_ring(off: dict[str, float]) -> None:
+    result = flown(manoeuvre(section("encirclement", **off)), duration_s=DURATION_S).result
+    assert known(result.ring.settling_time_s) <= 30.0
+    assert result.verdicts.c3 is True
 
 
 def test_without_messages_nobody_keeps_distance_on_the_ring() -> None:

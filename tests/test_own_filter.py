@@ -210,10 +210,13 @@ def test_an_outlier_changes_nothing() -> None:
 
 def test_outliers_that_go_on_are_the_new_truth() -> None:
     own = settled()
-    moved = np.array([30.0, -5.0, 0.1, 0.0])
-    for tick in range(1, 11):
+    moved = np.array([30.0, -5.0, 0.0, 0.0])
+    for tick in range(1, 10):
         own.measure(telemetry(5.0 + tick * PERIOD_S, moved))
-    assert own.resets == 0
-    own.measure(telemetry(6.1, moved))
-    assert (own.resets, own.heard_s) == (1, 6.1)
-    assert estimated(own, 6.1) == pytest.approx([*moved, 0.0, 0.0])
+    assert (own.refused, own.resets, own.heard_s) == (9, 0, 5.0)
+    for tick in range(10, 14):
+        own.measure(telemetry(5.0 + tick * PERIOD_S, moved))
+        if own.resets:  # only then are setpoints where the vehicle is
+            own.command(5.0 + tick * PERIOD_S, moved[:2])
+    assert (own.resets, own.heard_s) == (1, 6.3)
+    assert estimated(own, 6.3) == pytest.approx([30.0, -5.0, 0.0, 0.0, 0.0, 0.0], abs=1e-6)
