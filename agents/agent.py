@@ -11,9 +11,10 @@ from enum import Enum
 from time import perf_counter
 
 from agents.clock import MissionClock
-from agents.core import CoreStatus, VehicleCore
+from agents.core import VehicleCore
 from agents.messages import TOPICS, Muster, decode, encode
 from agents.muster import Assembly
+from agents.outputs import CoreStatus
 from agents.ports import FlightMode, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
 from agents.tactics import Event, Tactic
 from agents.ticker import Ticker, TickerStatistics
@@ -270,7 +271,7 @@ class Agent:
         if self._sensor is None:
             with suppress(ValueError):
                 message = decode(payload)
-                if isinstance(message, Muster):
+                if isinstance(message, Muster) and abs(self._clock.now_s() - message.time_s) < TOPICS[Muster].age_max_s:
                     self._assembly.hear(message)
 
     async def _sleep(self, mission_s: float) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.encirclement import Approach, EncirclementPlanner
 from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
-from agents.linearize import Polar, polar_from_motion
+from agents.linearize import polar_from_motion
 from agents.lmpc import QpStatus
 from agents.messages import (
     TOPICS,
@@ -22,6 +22,7 @@ from agents.messages import (
     decode,
     encode,
 )
+from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Setpoint
 from agents.ring import RingPlace, ring_place
 from agents.settings import AgentConfig
@@ -42,41 +43,6 @@ from estimation.state import (
 from estimation.target import TargetFilter
 
 _CLOCK_AHEAD_MAX_S = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Outgoing:
-    """A message for the peers: its topic and its bytes."""
-
-    topic: str
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class CoreStatus:
-    """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,)."""
-
-    vehicle_id: int
-    time_s: float
-    tactic: Tactic
-    mixing: float
-    motion: Vector | None
-    target: Vector | None
-    polar: Polar | None
-    place: RingPlace | None
-    approach: Approach | None
-    qp: QpStatus | None
-    peers: tuple[MemberState, ...]
-    messages_dropped: int
-
-
-@dataclass(frozen=True, slots=True)
-class TickOutput:
-    """What one tick asks for: a setpoint (None before any telemetry), messages to peers, and the status."""
-
-    setpoint: Setpoint | None
-    messages: tuple[Outgoing, ...]
-    status: CoreStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,9 +203,14 @@ class VehicleCore:
             return self._form(situation)
         if self._tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
             ring = self._encircle(situation, situation.acting_target)
-            share = mixing_share(situation.now_s - self._engaged_s, self._config.encirclement.smoothing_time_s)
+            share = self._mixing_share(situation.now_s)
             return ring if share >= 1.0 else _mixed(self._form(situation), ring, share)
         return self._hold(situation)
+
+    def _mixing_share(self, now_s: float) -> float:
+        if self._tactic is not Tactic.ENCIRCLE:
+            return 0.0
+        return mixing_share(now_s - self._engaged_s, self._config.encirclement.smoothing_time_s)
 
     def _form(self, situation: _Situation) -> _Wish:
         config = self._config
@@ -365,7 +336,7 @@ class VehicleCore:
             self._config.vehicle_id,
             now_s,
             self._tactic,
-            mixing_share(now_s - self._engaged_s, self._config.encirclement.smoothing_time_s),
+            self._mixing_share(now_s),
             motion,
             target,
             None if motion is None or target is None else polar_from_motion(motion, target),

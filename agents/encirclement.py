@@ -102,22 +102,17 @@ class EncirclementPlanner:
         return reference
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
-        """Bound the inputs by the acceleration, the states by the speed limit and the clearance to both neighbours.
-
-        A state that is outside already may stay there: it must not make the problem infeasible.
-        """
+        """Bound the inputs by the acceleration, the states by the speed limit and the clearance to both neighbours."""
         settings = self._settings
         radius = polar.radius_m
         limit = np.array([settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / radius])
-        radial = max(settings.speed_max_m_s, abs(polar.radial_speed_m_s))
-        angular = max(settings.speed_max_m_s / radius, abs(polar.angular_rate_rad_s))
         highest = np.empty((settings.horizon, len(_CONSTRAINED)))
-        highest[:] = (_FREE, radial, angular)
+        highest[:] = (_FREE, settings.speed_max_m_s, settings.speed_max_m_s / radius)
         lowest = -highest
         if place.lead_rad is not None and place.lag_rad is not None:
             drift = settings.angular_rate_rad_s * self._times_s
-            highest[:, 0] = place.lead_rad - min(self._clearance_rad, place.lead_rad) + drift
-            lowest[:, 0] = min(self._clearance_rad, place.lag_rad) - place.lag_rad + drift
+            highest[:, 0] = place.lead_rad - self._clearance_rad + drift
+            lowest[:, 0] = self._clearance_rad - place.lag_rad + drift
         return Bounds(-limit, limit, lowest, highest)
 
 

@@ -82,10 +82,9 @@ class FormationPlanner:
     def _bounds(self, motion: Vector, predecessor: Predecessor) -> Bounds:
         """Bound the setpoint to the lead allowed before the vehicle, and the vehicle's own speed."""
         from_vehicle = motion[POSITION] - predecessor.setpoint_m
-        speed = np.maximum(self._speed_max_m_s, np.abs(motion[VELOCITY]))
         highest, lowest = np.empty((2, self._horizon, 2))
-        highest[:] = speed - predecessor.motion[VELOCITY]
-        lowest[:] = -speed - predecessor.motion[VELOCITY]
+        highest[:] = self._speed_max_m_s - predecessor.motion[VELOCITY]
+        lowest[:] = -self._speed_max_m_s - predecessor.motion[VELOCITY]
         return Bounds(from_vehicle - self._lead_max_m, from_vehicle + self._lead_max_m, lowest, highest)
 
 

@@ -29,7 +29,7 @@ def polar_from_motion(motion: Vector, target: Vector) -> Polar:
     """
     x, y, x_rate, y_rate = (motion - target).tolist()
     radius = hypot(x, y)
-    if radius == 0.0:
+    if radius**2 == 0.0:
         return Polar(0.0, 0.0, hypot(x_rate, y_rate), 0.0)
     return Polar(
         radius,

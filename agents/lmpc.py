@@ -4,7 +4,8 @@ Over the decision U = (u_0 ... u_{c-1}), the last input held to the end of the h
 
     sum_j (x_j - r_j)' Q (x_j - r_j) + sum_i du_i' R du_i,   x_{j+1} = A x_j + B u_j
 
-under bounds on the inputs and on chosen states - (13), (14) for the formation, (23), (24) for the ring.
+under bounds on the inputs and on chosen states - (13), (14) for the formation, (23), (24) for the ring. The bounds on
+inputs are hard, those on states soft: a vehicle that is outside them has a plan too, the one that leads back inside.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from scipy.sparse import csc_matrix
 from estimation.state import Vector
 
 _FEASIBLE_SLACK = 1e-9
+_SLACK_WEIGHT = 1e4
+_FREE = 1e20
 
 
 class QpStatus(Enum):
@@ -78,7 +81,7 @@ class Lmpc:
         self._rows_free = self._free[rows]
         self._lower, self._upper = np.empty((2, control_horizon * inputs + len(rows)))
         self._rows = np.vstack([np.eye(control_horizon * inputs), self._forced[rows]])
-        self._solver = _solver(hessian, self._rows)
+        self._solver = _SoftQp(hessian, self._forced[rows])
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Plan:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
@@ -105,13 +108,11 @@ class Lmpc:
         if (values >= lower - _FEASIBLE_SLACK).all() and (values <= upper + _FEASIBLE_SLACK).all():
             return interior, QpStatus.INTERIOR
         size = len(gradient)
-        if (lower <= upper).all():
-            self._solver.update(q=gradient, l=lower, u=upper)
-            result = self._solver.solve()
-            if result.info.status_val == 1 and np.isfinite(result.x).all():
-                return np.clip(result.x, lower[:size], upper[:size]), QpStatus.BOUNDED
-        # An infeasible problem must not fly: the unbounded optimum, cut to what the inputs may do.
-        return np.clip(interior, lower[:size], np.maximum(lower, upper)[:size]), QpStatus.FALLBACK
+        solution = self._solver.minimise(gradient, lower, upper)
+        if solution is not None:
+            return np.clip(solution, lower[:size], upper[:size]), QpStatus.BOUNDED
+        # An unsolved problem must not fly: the unbounded optimum, cut to what the inputs may do.
+        return np.clip(interior, lower[:size], upper[:size]), QpStatus.FALLBACK
 
 
 def _condense(transition: Vector, input_gain: Vector, horizon: int, control_horizon: int) -> tuple[Vector, Vector]:
@@ -129,21 +130,52 @@ def _condense(transition: Vector, input_gain: Vector, horizon: int, control_hori
     return free, forced
 
 
-def _solver(hessian: Vector, rows: Vector) -> osqp.OSQP:
-    solver = osqp.OSQP()
-    unbounded = np.full(len(rows), 1e20)
-    solver.setup(
-        csc_matrix(np.triu(hessian)),
-        np.zeros(len(hessian)),
-        csc_matrix(rows),
-        -unbounded,
-        unbounded,
-        verbose=False,
-        eps_abs=1e-5,
-        eps_rel=1e-5,
-        max_iter=500,
-        check_termination=5,
-        # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
-        adaptive_rho_interval=25,
-    )
-    return solver
+class _SoftQp:
+    """The bounded problem in (U, slack): one slack widens all bounds on states, at a price paid only if need be."""
+
+    def __init__(self, hessian: Vector, state_rows: Vector) -> None:
+        size, states = len(hessian), len(state_rows)
+        self._size = size
+        self._gradient = np.full(size + 1, _SLACK_WEIGHT)
+        self._lower = np.full(size + 2 * states + 1, -_FREE)
+        self._upper = np.full(size + 2 * states + 1, _FREE)
+        self._lower[-1] = 0.0
+        slack = np.ones((states, 1))
+        rows = np.block(
+            [
+                [np.eye(size), np.zeros((size, 1))],
+                [state_rows, -slack],  # state - slack <= upper
+                [state_rows, slack],  # state + slack >= lower
+                [np.zeros((1, size)), np.ones((1, 1))],
+            ]
+        )
+        cost = np.zeros((size + 1, size + 1))
+        cost[:size, :size] = hessian
+        cost[size, size] = _SLACK_WEIGHT
+        self._solver = osqp.OSQP()
+        self._solver.setup(
+            csc_matrix(np.triu(cost)),
+            self._gradient,
+            csc_matrix(rows),
+            self._lower,
+            self._upper,
+            verbose=False,
+            eps_abs=1e-5,
+            eps_rel=1e-5,
+            max_iter=4000,
+            check_termination=5,
+            # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
+            adaptive_rho_interval=25,
+        )
+
+    def minimise(self, gradient: Vector, lower: Vector, upper: Vector) -> Vector | None:
+        """Return the best decision (size,) under bounds on inputs and states, or None if the solver fails."""
+        size, states = self._size, len(lower) - self._size
+        self._gradient[:size] = gradient
+        self._lower[:size], self._upper[:size] = lower[:size], upper[:size]
+        self._upper[size : size + states] = np.minimum(upper[size:], _FREE)
+        self._lower[size + states : -1] = np.maximum(lower[size:], -_FREE)
+        self._solver.update(q=self._gradient, l=self._lower, u=self._upper)
+        result = self._solver.solve(raise_error=False)
+        solved = result.info.status_val == osqp.SolverStatus.OSQP_SOLVED and np.isfinite(result.x).all()
+        return np.asarray(result.x[:size], dtype=np.float64) if solved else None

@@ -2,7 +2,8 @@
 
 The mission frame is tangent to the ellipsoid at the mission origin: x along a stated bearing, z up, y completing the
 right-handed system. A vehicle's local NED is parallel to north-east-down at the mission origin, shifted to that
-vehicle's own estimator origin: over the kilometre a team covers, the two tangent planes differ by under a millimetre.
+vehicle's own estimator origin. The two tangent planes differ a little: a kilometre out, by 2 mm for origins 10 m apart,
+by 17 mm for 100 m.
 """
 
 from dataclasses import dataclass

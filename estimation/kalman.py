@@ -58,6 +58,6 @@ def correct(
     # With innovation y of covariance S, a correction leaves R inv(S) y over: S need not be inverted twice.
     innovation = measurement - observation @ belief.mean
     squared = float(innovation @ noise.precision @ (measurement - observation @ mean))
-    if squared > gate_sigma**2 * len(measurement):
+    if not squared <= gate_sigma**2 * len(measurement):  # NaN is no innovation either
         return Correction(belief, False, squared)
     return Correction(Belief(belief.time_s, mean, (covariance + covariance.T) / 2.0), True, squared)

@@ -6,6 +6,7 @@ walk (mathematics.md sections 1 and 8).
 
 from bisect import bisect_right
 from functools import lru_cache, partial
+from math import inf
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class OwnFilter:
         self._process = lru_cache(maxsize=1024)(partial(_process, plant, settings))
         self._inputs = _InputHistory(plant.delay_s)
         self._belief: Belief | None = None
-        self._accepted_s = 0.0
+        self._doubted_s = inf
         self.refused = 0
         self.resets = 0
 
@@ -50,10 +51,11 @@ class OwnFilter:
         result = correct(prior, measured, self._noise, _OBSERVATION, self._settings.gate_sigma)
         self._belief = self._bounded(result.belief)
         if result.accepted:
-            self._accepted_s = telemetry.time_s
+            self._doubted_s = inf
             return
         self.refused += 1
-        if telemetry.time_s - self._accepted_s > self._settings.gate_timeout_s:
+        self._doubted_s = min(self._doubted_s, telemetry.time_s)
+        if telemetry.time_s - self._doubted_s > self._settings.gate_timeout_s:
             # The autopilot's estimator has really moved: what was believed is of no use any more.
             self.resets += 1
             self._reset(telemetry.time_s, measured)
@@ -74,8 +76,8 @@ class OwnFilter:
 
     @property
     def heard_s(self) -> float | None:
-        """Time of the newest accepted telemetry."""
-        return None if self._belief is None else self._accepted_s
+        """Time of the newest telemetry."""
+        return None if self._belief is None else self._belief.time_s
 
     def _carried(self, belief: Belief, to_s: float) -> Belief:
         step_s = round(to_s - belief.time_s, STEP_DIGITS)
@@ -90,7 +92,7 @@ class OwnFilter:
             [np.diag(self._noise.covariance), np.full(2, self._settings.disturbance_max_m_s2**2 / 4.0)]
         )
         self._belief = Belief(time_s, mean, np.diag(spread))
-        self._accepted_s = time_s
+        self._doubted_s = inf
         self._inputs.start(time_s, measured[POSITION])
 
     def _bounded(self, belief: Belief) -> Belief:

@@ -6,7 +6,7 @@ filters, the controllers, the simulation and the stub.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import cos, cosh, exp, isfinite, sin, sinh, sqrt
+from math import cos, exp, isfinite, sin, sqrt
 
 import numpy as np
 
@@ -95,15 +95,11 @@ def _axis_response(axis: PlantAxis, step_s: float) -> tuple[float, float, float,
     discriminant = half**2 - axis.a0_per_s2
     root = sqrt(abs(discriminant))
     if root * step_s < 1e-6:  # critically damped: the limit of both branches below
-        even, odd = 1.0, step_s
+        even, odd = exp(-half * step_s), exp(-half * step_s) * step_s
     elif discriminant > 0.0:
-        even, odd = cosh(root * step_s), sinh(root * step_s) / root
+        slow, fast = exp((root - half) * step_s), exp(-(root + half) * step_s)
+        even, odd = (slow + fast) / 2.0, (slow - fast) / (2.0 * root)
     else:
-        even, odd = cos(root * step_s), sin(root * step_s) / root
-    envelope = exp(-half * step_s)
-    return (
-        envelope * (even + half * odd),
-        envelope * odd,
-        -axis.a0_per_s2 * envelope * odd,
-        envelope * (even - half * odd),
-    )
+        envelope = exp(-half * step_s)
+        even, odd = envelope * cos(root * step_s), envelope * sin(root * step_s) / root
+    return even + half * odd, odd, -axis.a0_per_s2 * odd, even - half * odd

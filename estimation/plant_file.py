@@ -20,8 +20,8 @@ class PlantFileError(Exception):
 
 
 class _AxisSection(Settings):
-    a0_per_s2: float
-    a1_per_s: float
+    a0_per_s2: float = Field(le=100.0)
+    a1_per_s: float = Field(le=100.0)
 
 
 class _PlantFile(Settings):
@@ -39,13 +39,21 @@ def load_plant(name: str, folder: Path) -> Plant:
     """Load a bundled plant by its bare name, or a file relative to `folder`; raises PlantFileError."""
     path = _BUNDLED / f"{name}.toml" if name in bundled_plants() else folder / name
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        known = ", ".join(bundled_plants())
-        raise PlantFileError([f"no plant file '{name}' ({error.strerror}); bundled plants: {known}"]) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = tomllib.loads(_read(name, path))
+    except (ValueError, RecursionError) as error:
         raise PlantFileError([f"'{name}' is not TOML: {error}"]) from error
     return _plant_of(name, content)
+
+
+def _read(name: str, path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise
+    except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
+        reason = error.strerror if isinstance(error, OSError) else error
+        known = ", ".join(bundled_plants())
+        raise PlantFileError([f"no plant file '{name}' ({reason}); bundled plants: {known}"]) from error
 
 
 def _plant_of(name: str, content: dict[str, object]) -> Plant:

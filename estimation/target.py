@@ -7,6 +7,7 @@ in time, and what came after it is taken in again.
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import lru_cache
+from math import inf
 
 import numpy as np
 
@@ -33,12 +34,16 @@ class TargetFilter:
         self._settings = settings
         self._taken: list[_Taken] = []
         self._accepted_s = 0.0
+        self._doubted_s = inf
         self.refused = 0
         self.late = 0
         self.resets = 0
 
     def sight(self, sighting: Sighting) -> None:
-        """Take in a sighting from any sensor, in any order; outliers and those too late are counted and refused."""
+        """Take in a sighting from any sensor, in any order; outliers, repeats and those too late are refused."""
+        if any(taken.sighting == sighting for taken in self._taken):
+            self.refused += 1
+            return
         newer = self._split_off_newer(sighting.time_s)
         if newer and sighting.time_s < newer[-1].sighting.time_s - self._settings.late_max_s:
             self._taken += newer
@@ -81,7 +86,8 @@ class TargetFilter:
             return
         prior = self._carried(self._taken[-1].belief, sighting.time_s)
         result = correct(prior, position, noise, _OBSERVATION, self._settings.gate_sigma)
-        if not result.accepted and sighting.time_s - self._accepted_s > self._settings.gate_timeout_s:
+        self._doubted_s = inf if result.accepted else min(self._doubted_s, sighting.time_s)
+        if sighting.time_s - self._doubted_s > self._settings.gate_timeout_s:
             # Every sensor has disagreed with the belief for a while: the belief is what is wrong.
             self.resets += 1
             self._start(sighting, position, noise)
@@ -98,6 +104,7 @@ class TargetFilter:
         covariance[VELOCITY, VELOCITY] = np.eye(2) * self._settings.velocity_prior_m_s**2
         mean = np.concatenate([position, np.zeros(2)])
         self._accepted_s = sighting.time_s
+        self._doubted_s = inf
         self._taken = [_Taken(sighting, Belief(sighting.time_s, mean, covariance))]
 
     def _carried(self, belief: Belief, to_s: float) -> Belief:

@@ -8,6 +8,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.validators import Number
 
 from gcs.exits import Exit, InputError
+from gcs.signals import hold_back
 
 app = App(
     name="cordon",
@@ -61,6 +62,7 @@ def sim(
 
     Example: cordon sim case2-field --seed 7 --plot flight.png
     """
+    hold_back()
     from gcs.commands import simulate_mission  # noqa: PLC0415
 
     return simulate_mission(mission, seed=seed, duration=duration, json=json, plot=plot, timing=timing)
@@ -83,6 +85,7 @@ def fly(
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
     """
+    hold_back()
     from gcs.commands import fly_mission  # noqa: PLC0415
 
     return fly_mission(mission, sitl=sitl, speed=speed, only=only, duration=duration, json=json, plot=plot)

@@ -9,6 +9,7 @@ from gcs.exits import Exit, InputError
 from gcs.mission import Mission, MissionVehicle
 from gcs.mission_file import load_mission
 from gcs.output import STDERR, SimulationProgress, check_plot, present
+from gcs.signals import pending
 
 _SPEED_KEPT_SHARE = 0.97
 _MISSED_SHARE = 0.01
@@ -23,8 +24,18 @@ def simulate_mission(
     check_plot(plot)
     mission = load_mission(name)
     flown_s = duration or mission.mission.duration_s
-    with SimulationProgress(mission.mission.name, flown_s) as progress:
-        record = fly_simulated(mission, mission.mission.seed if seed is None else seed, flown_s, progress.update)
+
+    def update(time_s: float) -> None:
+        if pending():
+            raise KeyboardInterrupt
+        progress.update(time_s)
+
+    try:
+        with SimulationProgress(mission.mission.name, flown_s) as progress:
+            record = fly_simulated(mission, mission.mission.seed if seed is None else seed, flown_s, update)
+    except KeyboardInterrupt:
+        _say("the simulation was ended", "")
+        return Exit.ENDED_IN_FLIGHT
     return present(mission, record, json=json, plot=plot, timed=seed is None if timing is None else timing)
 
 
@@ -39,13 +50,13 @@ def fly_mission(
     plot: Path | None,
 ) -> Exit:
     """`cordon fly`."""
-    from gcs.flight import FlightPlan, fly  # noqa: PLC0415
-    from gcs.live import LiveView  # noqa: PLC0415
-
     check_plot(plot)
     mission = load_mission(name)
     if sitl and only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
+    from gcs.flight import FlightPlan, fly  # noqa: PLC0415
+    from gcs.live import LiveView  # noqa: PLC0415
+
     vehicles = mission.vehicles if only is None else (_chosen(mission, only),)
     speed = speed or (1.0 if sitl else None)
     plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed)
@@ -99,9 +110,9 @@ def _judged(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
 
 
 def _say(reason: str, next_step: str) -> None:
-    STDERR.print(reason, style="red", highlight=False)
+    STDERR.print(reason, style="red", markup=False, highlight=False, soft_wrap=True)
     if next_step:
-        STDERR.print(f"next: {next_step}", highlight=False)
+        STDERR.print(f"next: {next_step}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _warn_of_lateness(missed: int, ticks: int, speed: float, speed_kept: float) -> None:

@@ -23,5 +23,5 @@ class InputError(Exception):
     """What the user asked for cannot be done as asked; `faults` holds one line for each thing that is wrong."""
 
     def __init__(self, faults: Sequence[str]) -> None:
-        super().__init__("\n".join(faults))
-        self.faults = tuple(faults)
+        self.faults = tuple(" ".join(fault.splitlines()) for fault in faults)
+        super().__init__("\n".join(self.faults))

@@ -1,7 +1,6 @@
 """Fly a mission over MAVLink and Zenoh: the composition of agents, links, buses and, if asked for, stub vehicles."""
 
 import asyncio
-import signal
 import traceback
 from collections.abc import Coroutine, Sequence
 from contextlib import AsyncExitStack, suppress
@@ -14,7 +13,8 @@ from typing import Self
 
 from agents.agent import Agent, Ending, Outcome, Stop
 from agents.clock import MissionClock
-from agents.core import CoreStatus, VehicleCore
+from agents.core import VehicleCore
+from agents.outputs import CoreStatus
 from agents.ports import TargetSensor, VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from gcs.compose import target_sensor
@@ -24,6 +24,7 @@ from gcs.link_hub import MavsdkHub
 from gcs.live import LiveRow, LiveView
 from gcs.mission import Mission, MissionVehicle
 from gcs.record import FlightRecord
+from gcs.signals import relay
 from gcs.stubs import stub_configs
 from sitl.process import StubProcess
 from sitl.server import StubRecord
@@ -70,7 +71,8 @@ async def fly(plan: FlightPlan, view: LiveView) -> Flight:
     journal = Journal(plan.mission)
     stop = Stop()
     async with AsyncExitStack() as stack:
-        _listen_to_ctrl_c(stop, stack)
+        loop = asyncio.get_running_loop()
+        relay(lambda: loop.call_soon_threadsafe(stop.ask))
         stubs = await stack.enter_async_context(_Stubs(plan, clock.speed))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
@@ -110,13 +112,6 @@ class _Stubs:
         if self._process is not None:
             with suppress(OSError):  # they died in flight: the outcomes say so, and the estimates are what is left
                 self.record = await asyncio.to_thread(self._process.stop)
-
-
-def _listen_to_ctrl_c(stop: Stop, stack: AsyncExitStack) -> None:
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, stop.ask)
-        stack.callback(loop.remove_signal_handler, number)
 
 
 def _member(

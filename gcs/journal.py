@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.core import CoreStatus
+from agents.outputs import CoreStatus
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.compose import target_motion
 from gcs.mission import Mission
@@ -99,7 +99,7 @@ class Journal:
 
 
 def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:
-    """Return motions (T, 4) on the grid, NaN in gaps and before and after what was seen."""
+    """Return motions (T, 4) on the grid, NaN where nothing was seen for a second."""
     resampled = np.column_stack([np.interp(grid_s, time_s, column) for column in motion.T])
     resampled[~_covered(time_s, grid_s), MOTION] = np.nan
     return resampled

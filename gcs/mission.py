@@ -37,7 +37,7 @@ def _port(url: str) -> str:
 def _endpoint(text: str) -> str:
     protocol, _, rest = text.partition("/")
     host, _, port = rest.rpartition(":")
-    if protocol not in ("tcp", "udp", "tls", "quic") or not host or not port.isdecimal():
+    if protocol not in ("tcp", "udp", "tls", "quic") or not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise ValueError("a Zenoh endpoint is like tcp/127.0.0.1:7461")
     return text
 
@@ -118,8 +118,8 @@ class VerdictSection(Settings):
 class TrueScale(Settings):
     """How far a simulated vehicle's true plant is off its plant file."""
 
-    a0: float = Field(1.0, gt=0.0, le=10.0)
-    a1: float = Field(1.0, gt=0.0, le=10.0)
+    a0: float = Field(1.0, ge=0.1, le=10.0)
+    a1: float = Field(1.0, ge=0.1, le=10.0)
 
 
 class VehicleSection(Settings):

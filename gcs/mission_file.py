@@ -5,13 +5,14 @@ Sections are validated one by one and cross-checked as far as they hold, so that
 
 import difflib
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from math import hypot
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from agents.encirclement import chord_m
 from agents.settings import DecisionSettings, EncirclementSettings, FormationSettings, SafetySettings
@@ -47,6 +48,12 @@ SECTIONS: dict[str, type[Settings]] = {
     "verdicts": VerdictSection,
 }
 _REQUIRED = ("mission", "frame", "formation", "encirclement", "target")
+_PLAIN_WORDS = {
+    "missing": "this key is missing",
+    "model_type": "it must be a table",
+    "tuple_type": "it must be a list of two numbers",
+    "too_long": "it must be a list of two numbers",
+}
 
 _S = TypeVar("_S", bound=Settings)
 
@@ -64,7 +71,7 @@ def load_mission(name: str) -> Mission:
     """Load a bundled mission by its bare name, or a file by its path; raises MissionError with every fault."""
     path = _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         known = ", ".join(bundled_missions())
         raise MissionError([f"{name}: {error.strerror or error}; bundled missions: {known}"]) from error
@@ -77,7 +84,7 @@ def parse_mission(text: str, folder: Path) -> Mission:
     """Check a mission's text; plant files are looked up in `folder`. Raises MissionError with every fault."""
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also numbers and nesting beyond Python's limits
         raise MissionError([f"not TOML: {error}"]) from error
     faults = [
         _unknown_key("", key, [*SECTIONS, "vehicles"]) for key in content if key not in SECTIONS and key != "vehicles"
@@ -88,7 +95,9 @@ def parse_mission(text: str, folder: Path) -> Mission:
         for name, model in SECTIONS.items()
         if name in content or name not in _REQUIRED
     }
-    vehicles = _vehicles(content.get("vehicles", []), content.get("decision", {}), folder, faults)
+    # Thresholds that do not hold are told once, not again for every vehicle.
+    decision = content.get("decision", {}) if sections["decision"] is not None else {}
+    vehicles = _vehicles(content.get("vehicles", []), decision, folder, faults)
     faults += _cross_checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
@@ -101,26 +110,40 @@ def _validated(model: type[_S], content: object, path: str, faults: list[str]) -
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        for fault in error.errors():
-            place = path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"])
-            if fault["type"] == "extra_forbidden":
-                parent, _, key = place.rpartition(".")
-                faults.append(_unknown_key(parent, key, list(model.model_fields)))
-            else:
-                faults.append(f"{place}: {_plain(fault['msg'])} (given: {_shown(fault['input'])})")
+        faults += [_plain(model, path, fault) for fault in error.errors()]
         return None
 
 
-def _plain(message: str) -> str:
-    return (
-        message.removeprefix("Value error, ")
-        .replace("Input should be", "it must be")
-        .replace("Field required", "this key is missing")
+def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
+    """Return a fault of a section in a user's words."""
+    *parents, last = fault["loc"] or ("",)
+    if fault["type"] == "extra_forbidden":
+        return _unknown_key(_place(path, parents), str(last), _known_keys(model, parents))
+    reason = _PLAIN_WORDS.get(fault["type"]) or fault["msg"].removeprefix("Value error, ").replace(
+        "Input should be", "it must be"
     )
+    given = "" if fault["type"] == "missing" else f" (given: {_shown(fault['input'])})"
+    return f"{_place(path, fault['loc'])}: {reason}{given}"
+
+
+def _place(path: str, below: Sequence[int | str]) -> str:
+    return path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in below)
+
+
+def _known_keys(model: type[Settings], parents: Sequence[int | str]) -> list[str]:
+    """Return the keys of a table somewhere below a section."""
+    for key in parents:
+        annotation = model.model_fields[str(key)].annotation
+        kinds = (annotation, *get_args(annotation))
+        model = next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Settings))
+    return list(model.model_fields)
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -170,7 +193,7 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
     known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
     yield from _distinct(known, "id", lambda v: v.id)
     yield from _distinct(known, "system_id", lambda v: v.system_id or v.id)
-    yield from _distinct(known, "url", lambda v: v.url.rpartition(":")[2] if "://" in v.url else v.url)
+    yield from _distinct(known, "url", lambda v: _exclusive_part(v.url))
     yield from _distinct(known, "endpoint", lambda v: v.endpoint)
     formation, ring, safety = sections.get("formation"), sections.get("encirclement"), sections.get("safety")
     if isinstance(formation, FormationSettings) and len(known) == len(vehicles) and known:
@@ -180,8 +203,21 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
     if isinstance(safety, SafetySettings):
         yield from _separated(known, safety, formation, ring, len(vehicles))
     target = sections.get("target")
+    if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
+        highest = formation.speed_max_m_s
+        yield f"formation.speed_m_s: {formation.speed_m_s} m/s is more than speed_max_m_s = {highest} m/s"
+    if isinstance(ring, EncirclementSettings):
+        yield from _within_reach(ring)
     if isinstance(ring, EncirclementSettings) and isinstance(target, TargetSection):
         yield from _fast_enough(ring, target)
+
+
+def _exclusive_part(url: str) -> str:
+    """Return what no other vehicle can use: the port listened on, the device, or the host and port called."""
+    scheme, _, rest = url.partition("://")
+    if scheme in ("udpin", "tcpin"):
+        return rest.rpartition(":")[2]
+    return rest.partition(":")[0] if scheme == "serial" else rest
 
 
 def _distinct(
@@ -216,6 +252,13 @@ def _separated(
             f"encirclement.radius_m: {count} vehicles on a ring of {ring.radius_m} m are "
             f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m"
         )
+
+
+def _within_reach(ring: EncirclementSettings) -> Iterator[str]:
+    if ring.radius_min_m >= ring.radius_m:
+        yield f"encirclement.radius_min_m: {ring.radius_min_m} m must be less than radius_m = {ring.radius_m} m"
+    if ring.radius_far_m <= ring.radius_m:
+        yield f"encirclement.radius_far_m: {ring.radius_far_m} m must be more than radius_m = {ring.radius_m} m"
 
 
 def _fast_enough(ring: EncirclementSettings, target: TargetSection) -> Iterator[str]:

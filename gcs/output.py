@@ -25,14 +25,14 @@ class SimulationProgress:
 
     def __init__(self, mission: str, duration_s: float) -> None:
         self._bar = Progress(
-            TextColumn(f"{mission}: {{task.completed:.0f}} of {{task.total:.0f}} s flown"),
+            TextColumn("{task.description}: {task.completed:.0f} of {task.total:.0f} s flown", markup=False),
             BarColumn(),
             TimeRemainingColumn(),
             console=STDERR,
             transient=True,
             disable=not STDERR.is_terminal,
         )
-        self._task: TaskID = self._bar.add_task("", total=duration_s)
+        self._task: TaskID = self._bar.add_task(mission, total=duration_s)
         self._shown_s = 0.0
 
     def __enter__(self) -> Self:
@@ -57,6 +57,8 @@ def check_plot(path: Path | None) -> None:
         return
     if path.suffix.lower() not in METADATA:
         raise InputError([f"--plot: {path.name!r} must end in {', '.join(METADATA)}"])
+    if path.is_dir():
+        raise InputError([f"--plot: {str(path)!r} is a folder"])
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise InputError([f"--plot: no folder {str(path.parent)!r} to write into"])
 
@@ -71,7 +73,7 @@ def present(mission: Mission, record: FlightRecord, *, json: bool, plot: Path | 
             save_figure(record, result, ring, plot, formation)
         except OSError as error:
             raise InputError([f"--plot: {plot}: {error.strerror or error}"]) from error
-        STDERR.print(f"figure: {plot}", highlight=False)
+        STDERR.print(f"figure: {plot}", markup=False, highlight=False, soft_wrap=True)
     if json:
         print((result if timed else result.untimed()).to_json())
     return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED

@@ -5,7 +5,8 @@ from time import perf_counter
 
 import numpy as np
 
-from agents.core import TickOutput, VehicleCore
+from agents.core import VehicleCore
+from agents.outputs import TickOutput
 from estimation.state import POSITION, VELOCITY
 from gcs.compose import target_motion, target_sensor
 from gcs.mission import Mission

@@ -38,6 +38,7 @@ def run_in_process(configs: Sequence[StubConfig], speed: float, connection: Conn
     ends by itself when the parent is gone, and leaves Ctrl-C to the parent.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())  # the parent may hold signals back
     with suppress(BrokenPipeError):
         try:
             record = asyncio.run(_serve_until_told(configs, speed, connection))

@@ -153,6 +153,10 @@ class SimulatedVehicle(Generic[OutputT]):
             self.motion = step.advance(self.motion, self._setpoint_m, self._disturbance)
 
 
+_ROUNDING_S = 1e-9
+"""A delay of whole ticks arrives on a tick, whatever its last binary digit says."""
+
+
 class _Network:
     """Packets in flight between vehicles, by the time they arrive."""
 
@@ -177,7 +181,7 @@ class _Network:
     def arrived(self, now_s: float) -> list[tuple[int, bytes]]:
         """Take out what has arrived: receivers and payloads."""
         arrived = []
-        while self._flying and self._flying[0][0] <= now_s:
+        while self._flying and self._flying[0][0] <= now_s + _ROUNDING_S:
             _, _, receiver, payload = heapq.heappop(self._flying)
             arrived.append((receiver, payload))
         return arrived

@@ -47,14 +47,16 @@ class SimulatedSensor:
         self._target = target
         self._start_s = start_s
         self._random = np.random.default_rng([seed, 1, sensor_id])
-        self._due_s = -np.inf
+        self._due_s: float | None = None
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return a sighting when one is due and the target is within range of `position_m`."""
-        if now_s < self._due_s:
-            return None
+        due_s = now_s if self._due_s is None else self._due_s
         # A tick in advance of the due time by rounding alone still counts as on time.
-        self._due_s = now_s + 1.0 / self._model.rate_hz - 1e-6
+        if now_s < due_s - 1e-6:
+            return None
+        period_s = 1.0 / self._model.rate_hz
+        self._due_s = max(due_s + period_s, now_s + period_s / 2.0)
         x, y = self._target.position_m(now_s - self._start_s)
         if hypot(x - position_m[0], y - position_m[1]) > self._model.range_m:
             return None

@@ -434,6 +434,6 @@ def test_ctrl_c_ends_a_simulation_without_a_traceback(mission: Callable[..., str
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(4.0)
         process.send_signal(signal.SIGINT)
-        assert process.wait(10.0) == 3
+        assert process.wait(10.0) == 4
         assert process.stderr is not None
         assert "Traceback" not in process.stderr.read()

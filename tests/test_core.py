@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.core import TickOutput, VehicleCore
+from agents.core import VehicleCore
 from agents.messages import TOPICS, MemberState, Muster, NeighbourAngle, PeerMessage, TargetPackage, decode, encode
+from agents.outputs import TickOutput
 from agents.settings import AgentConfig
 from agents.tactics import Event, Tactic
 from estimation.plant import Plant, exact_step

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.core import CoreStatus
 from agents.messages import MemberState
+from agents.outputs import CoreStatus
 from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.journal import Journal

@@ -173,11 +173,22 @@ def out_of_reach() -> Bounds:
 
 
 @pytest.mark.parametrize("impossible", [crossed(), out_of_reach()], ids=["crossed", "out of reach"])
-def test_an_infeasible_problem_falls_back_to_inputs_within_their_bounds(impossible: Bounds) -> None:
+def test_states_that_cannot_be_kept_still_leave_a_plan_within_the_inputs_bounds(impossible: Bounds) -> None:
     given = problem(1, 2)
     lmpc = given.lmpc()
     plan = lmpc.solve(given.state, given.reference, given.previous, impossible)
-    assert plan.status is QpStatus.FALLBACK
-    assert plan.first_input == pytest.approx(np.clip(given.unbounded_optimum()[:2], -0.5, 0.5))
+    assert plan.status is QpStatus.BOUNDED
+    assert np.abs(plan.first_input).max() <= 0.5
     again = lmpc.solve(given.state, given.reference, given.previous, bounds())
     assert again.status is QpStatus.INTERIOR
+
+
+def test_a_solver_that_fails_falls_back_to_the_optimum_cut_to_the_inputs_bounds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = problem(1, 2)
+    lmpc = given.lmpc()
+    monkeypatch.setattr("agents.lmpc._SoftQp.minimise", lambda *_: None)
+    plan = lmpc.solve(given.state, given.reference, given.previous, out_of_reach())
+    assert plan.status is QpStatus.FALLBACK
+    assert plan.first_input == pytest.approx(np.clip(given.unbounded_optimum()[:2], -0.5, 0.5))

@@ -1,0 +1,47 @@
+"""What a core gives back from a tick: a setpoint, messages for the peers, and its status."""
+
+from dataclasses import dataclass
+
+from agents.encirclement import Approach
+from agents.linearize import Polar
+from agents.lmpc import QpStatus
+from agents.messages import MemberState
+from agents.ports import Setpoint
+from agents.ring import RingPlace
+from agents.tactics import Tactic
+from estimation.state import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """A message for the peers: its topic and its bytes."""
+
+    topic: str
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class CoreStatus:
+    """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,)."""
+
+    vehicle_id: int
+    time_s: float
+    tactic: Tactic
+    mixing: float
+    motion: Vector | None
+    target: Vector | None
+    polar: Polar | None
+    place: RingPlace | None
+    approach: Approach | None
+    qp: QpStatus | None
+    peers: tuple[MemberState, ...]
+    messages_dropped: int
+
+
+@dataclass(frozen=True, slots=True)
+class TickOutput:
+    """What one tick asks for: a setpoint (None before any telemetry), messages to peers, and the status."""
+
+    setpoint: Setpoint | None
+    messages: tuple[Outgoing, ...]
+    status: CoreStatus
