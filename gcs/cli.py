@@ -97,6 +97,7 @@ def sitl(mission: MissionName, *, speed: Speed = None) -> Exit:
 
     Example: cordon sitl case2 --speed 5
     """
+    hold_back()
     from gcs.commands import serve_stubs  # noqa: PLC0415
 
     return serve_stubs(mission, speed or 1.0)

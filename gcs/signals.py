@@ -7,6 +7,7 @@ neither may ever see it. Held back before anything starts a thread, it stays pen
 import signal
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 
 ENDING = frozenset({signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
 
@@ -27,6 +28,7 @@ def relay(ask: Callable[[], object]) -> None:
     def wait() -> None:
         while True:
             signal.sigwait(ENDING)
-            ask()
+            with suppress(RuntimeError):  # the loop that was to be asked has ended: so has what it did
+                ask()
 
     threading.Thread(target=wait, name="signals", daemon=True).start()

@@ -1,12 +1,12 @@
 """The mission's vehicles as stubs: what `cordon sitl` serves and `cordon fly --sitl` brings along."""
 
 import asyncio
-import signal
 from collections.abc import Sequence
 from urllib.parse import urlsplit
 
 from gcs.exits import InputError
 from gcs.mission import Mission
+from gcs.signals import relay
 from sitl.process import unix_clock
 from sitl.reports import EstimatorNoise
 from sitl.server import StubConfig, serve
@@ -42,6 +42,5 @@ async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> Non
     """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be had."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+    relay(lambda: loop.call_soon_threadsafe(stop.set))
     await serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop)

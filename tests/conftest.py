@@ -1,6 +1,7 @@
 """What several tests share: how hypothesis searches, a configuration to start from, and a batch estimator."""
 
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,6 +29,14 @@ CONFIG = AgentConfig(
     formation=FormationSettings(spacing_m=5.0, speed_m_s=0.2, leader=2),
     encirclement=EncirclementSettings(radius_m=10.0, angular_rate_rad_s=0.05),
 )
+
+
+@pytest.fixture(autouse=True)
+def _signals_as_before() -> Iterator[None]:
+    """Commands run in this process hold Ctrl-C back: neither the next test nor its processes shall inherit that."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    yield
+    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @pytest.fixture(scope="session")
