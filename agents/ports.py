@@ -91,6 +91,14 @@ class VehicleLink(Protocol):
         """Land where the vehicle is; returns when it is disarmed."""
         ...
 
+    def hand_over(self) -> None:
+        """Send nothing from now on, and leave the flight mode alone: somebody else has the vehicle."""
+        ...
+
+    def take_back(self) -> None:
+        """Let setpoints through again; offboard has to be started anew."""
+        ...
+
     def send(self, setpoint: Setpoint) -> None:
         """Send one setpoint now; never blocks, never raises for a lost link."""
         ...

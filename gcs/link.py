@@ -7,9 +7,11 @@ acknowledges every change of mode, then decides. Mode and armed lag behind by up
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from math import degrees
 from typing import Any, NamedTuple
 
+from mavsdk.autopilot import Autopilot
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw
@@ -17,7 +19,7 @@ from mavsdk.plugins.offboard import Offboard, PositionNedYaw
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from estimation.frames import MissionFrame, wrap_signed_rad
 from estimation.state import Telemetry
-from gcs.link_calls import VehicleCalls, clock_ratio, find_origin, request_rates
+from gcs.link_calls import VehicleCalls, choose_guided, clock_ratio, find_origin, request_rates
 from gcs.link_feed import VehicleFeed
 from gcs.link_hub import MavsdkHub
 
@@ -60,8 +62,9 @@ class MavsdkLink:
         self._heartbeat_timeout_s = heartbeat_timeout_s
         self._ready_timeout_s = ready_timeout_s
         self._parts: _Parts | None = None
+        self._guided: Callable[[], object] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self._landing = False
+        self._silent = False
         self._sent = 0
         self._unsent = 0
 
@@ -94,7 +97,8 @@ class MavsdkLink:
         system = await self._hub.find(self._url, self._system_id, self._heartbeat_timeout_s)
         feed = VehicleFeed(system, self._frame, self._now_s)
         calls = VehicleCalls(self._system_id, feed, self._speed)
-        self._parts = _Parts(feed, calls, Action(system), Offboard(system))
+        self._parts = _Parts(system, feed, calls, Action(system), Offboard(system))
+        self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
         # After the action plugin is made, which turns EXTENDED_SYS_STATE down.
         await request_rates(calls, feed.plugin, self._telemetry_rate_hz)
@@ -107,12 +111,14 @@ class MavsdkLink:
 
     async def take_off(self, altitude_m: float) -> None:
         """Arm, climb to `altitude_m` above the mission origin's datum, and return when the vehicle hovers there."""
-        feed, calls, action, _ = self._connected()
+        _, feed, calls, action, _ = self._connected()
         if feed.status.armed and feed.status.in_air:
             raise calls.refusal("is in the air already", "land it first")
-        self._landing = False
+        self._silent = False
         await self._until_ready(lambda: feed.status.local_position_ok)
-        if feed.status.mode not in (FlightMode.HOLD, FlightMode.READY):
+        if self._guided is not None:
+            await self._enter(FlightMode.OFFBOARD, self._guided)
+        elif feed.status.mode not in (FlightMode.HOLD, FlightMode.READY):
             # What the checks allow depends on the mode: PX4 does not arm in the one that the last landing left.
             await self._enter(FlightMode.HOLD, action.hold)
         await self._until_ready(lambda: feed.status.armable)
@@ -143,10 +149,10 @@ class MavsdkLink:
 
     async def land(self) -> None:
         """Land where the vehicle is; returns when it is disarmed. Setpoints are ignored until the next take-off."""
-        feed, calls, action, offboard = self._connected()
+        _, feed, calls, action, offboard = self._connected()
         # Landed from offboard, PX4 rests in offboard and refuses to arm; and when setpoints come back, it re-enters
         # offboard by itself: it has taken off again.
-        self._landing = True
+        self._silent = True
         if feed.status.mode is FlightMode.OFFBOARD or offboard.is_active():
             with suppress(VehicleRefusedError):  # it has to come down all the same
                 await self.stop_offboard()
@@ -159,13 +165,26 @@ class MavsdkLink:
             "take over by remote control",
         )
 
+    def hand_over(self) -> None:
+        """Send nothing from now on, and leave the flight mode alone: somebody else has the vehicle."""
+        self._silent = True
+        if self._parts is not None:
+            # MAVSDK falls silent by itself only once it has been in offboard for a while: without its plugin it must.
+            self._parts.offboard.destroy()
+            self._parts = self._parts._replace(offboard=Offboard(self._parts.system))
+
+    def take_back(self) -> None:
+        """Let setpoints through again; offboard has to be started anew."""
+        self._silent = False
+        self._sent = 0
+
     def send(self, setpoint: Setpoint) -> None:
-        """Send one setpoint now, unless it is landing; never blocks, never raises for a lost link.
+        """Send one setpoint now, unless it is landing or handed over; never blocks, never raises for a lost link.
 
         MAVSDK repeats the last one at 20 Hz from a thread of its own until offboard is stopped.
         """
         parts = self._parts
-        if self._landing:
+        if self._silent:
             return
         if parts is None or parts.feed.origin_m is None:
             self._unsent += 1
@@ -185,7 +204,7 @@ class MavsdkLink:
 
         A ratio within a tenth of a whole number is that number. Raises VehicleRefusedError when attitudes stay away.
         """
-        feed, calls, _, _ = self._connected()
+        _, feed, calls, _, _ = self._connected()
         ratio = clock_ratio(await feed.attitude_clock(duration_s), duration_s)
         if ratio is None:
             raise calls.refusal("sends no attitude to tell the time by", "check the link, or state the speed")
@@ -213,7 +232,7 @@ class MavsdkLink:
         return feed.status.mode is not FlightMode.TAKE_OFF and abs(off_m) < ALTITUDE_TOLERANCE_M
 
     async def _until_ready(self, condition: Callable[[], bool]) -> None:
-        feed, calls, _, _ = self._connected()
+        _, feed, calls, _, _ = self._connected()
         await calls.until(
             condition,
             self._ready_timeout_s,
@@ -222,7 +241,7 @@ class MavsdkLink:
         )
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
-        feed, calls, _, _ = self._connected()
+        _, feed, calls, _, _ = self._connected()
         await calls.command(f"enter {mode.value}", function)
         await calls.until(
             lambda: feed.status.mode is mode,
@@ -239,7 +258,7 @@ class MavsdkLink:
     async def _renew(self) -> None:
         """Ask again for rates and origin: an autopilot that restarted has forgotten the one and moved the other."""
         with suppress(VehicleRefusedError):  # telemetry that stays away or jumps will tell
-            feed, calls, _, _ = self._connected()
+            _, feed, calls, _, _ = self._connected()
             await request_rates(calls, feed.plugin, self._telemetry_rate_hz)
             feed.origin_m = await find_origin(calls, feed, self._frame, self._ready_timeout_s)
 
@@ -247,6 +266,7 @@ class MavsdkLink:
 class _Parts(NamedTuple):
     """What a connected link is made of."""
 
+    system: Any
     feed: VehicleFeed
     calls: VehicleCalls
     action: Any

@@ -1,6 +1,7 @@
 """Calls to one vehicle through MAVSDK: on threads of their own, with refusals in the autopilot's own words."""
 
 import asyncio
+import json
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -8,6 +9,7 @@ from math import dist
 from typing import Any, TypeVar
 
 from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
@@ -24,6 +26,7 @@ TEXT_AGE_S = 15.0
 SPEED_SNAP = 0.1
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 ATTITUDE_RATE_HZ = 10.0
+DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 SLOW_RATES_HZ = {"health": 2.0, "in_air": 2.0, "battery": 1.0, "home": 1.0, "gps_info": 1.0, "position": 1.0}
 """What status and readiness rest on; ArduPilot sends nothing that nobody asked for."""
 
@@ -95,6 +98,23 @@ async def request_rates(calls: VehicleCalls, telemetry: Any, motion_rate_hz: flo
             await calls.run(getattr(telemetry, f"set_rate_{name}"), rate_hz)
         except MavsdkError:
             continue
+
+
+def choose_guided(system: Any) -> None:
+    """Put an ArduCopter into GUIDED; blocks until that is acknowledged, raises MavsdkError when it is refused.
+
+    It arms in neither the mode it landed in nor BRAKE, which is MAVSDK's hold. MAVSDK itself asks for GUIDED only
+    together with a setpoint, which it then repeats and the take-off would stumble over.
+    """
+    fields = {"command": DO_SET_MODE, "param1": CUSTOM_MODE_ENABLED, "param2": COPTER_GUIDED, "confirmation": 0}
+    fields |= dict.fromkeys(("param3", "param4", "param5", "param6", "param7"), 0)
+    fields |= {"target_system": system.get_system_id(), "target_component": AUTOPILOT_COMPONENT}
+    direct = MavlinkDirect(system)
+    try:
+        message = MavlinkMessage("COMMAND_LONG", 0, 0, system.get_system_id(), AUTOPILOT_COMPONENT, json.dumps(fields))
+        direct.send_command(message)
+    finally:
+        direct.destroy()
 
 
 async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFrame, timeout_s: float) -> Triple:

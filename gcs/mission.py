@@ -123,7 +123,7 @@ class TrueScale(Settings):
 
 
 class VehicleSection(Settings):
-    """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise, and so is the last part of its port."""
+    """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise; `autopilot` is what its stub plays."""
 
     id: int = Field(ge=1, le=254)
     system_id: int | None = Field(None, ge=1, le=254)
@@ -132,6 +132,7 @@ class VehicleSection(Settings):
     start_m: Metres2
     altitude_m: float = Field(8.0, ge=1.0, le=500.0)
     plant: str = "stub"
+    autopilot: Literal["px4", "ardupilot"] = "px4"
     true_scale: TrueScale = TrueScale()
     decision: DecisionSettings | None = None
 

@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 from gcs.exits import InputError
 from gcs.mission import Mission
 from gcs.signals import relay
+from sitl.dialects import AutopilotKind
 from sitl.process import unix_clock
 from sitl.reports import EstimatorNoise
 from sitl.server import StubConfig, serve
@@ -33,6 +34,7 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
             noise=noise,
             wind_m_s2=simulation.wind_m_s2,
             seed=mission.mission.seed,
+            autopilot=AutopilotKind(vehicle.section.autopilot),
         )
         for vehicle in mission.vehicles
     ]

@@ -1,5 +1,7 @@
 """How the stub's vehicle moves: the identified plant horizontally, a bounded response vertically, the ground.
 
+Horizontally the plant is exact, or shaped: with bounded speed, acceleration and jerk.
+
 Mission frame (z up), metres, seconds; heading clockwise from north. Nothing here knows flight modes.
 """
 
@@ -11,6 +13,7 @@ import numpy as np
 from estimation.frames import Triple, wrap_signed_rad
 from estimation.plant import Plant, exact_step
 from estimation.state import POSITION, VELOCITY, Vector
+from sitl.shaping import ShapedStep, ShapeLimits
 
 STEP_S = 0.02
 """The physics step; also the finest interval of telemetry."""
@@ -37,9 +40,12 @@ class Target:
 class Airframe:
     """The moving body. It stands on the ground until a target above lifts it."""
 
-    def __init__(self, plant: Plant, start_m: Triple, heading_rad: float = 0.0) -> None:
-        """Stand at `start_m`, which is on the ground."""
+    def __init__(
+        self, plant: Plant, start_m: Triple, heading_rad: float = 0.0, shape: ShapeLimits | None = None
+    ) -> None:
+        """Stand at `start_m`, which is on the ground; without a `shape` the plant alone rules."""
         self._step = exact_step(plant, STEP_S)
+        self._shaped = None if shape is None else ShapedStep(plant, STEP_S, shape)
         self._motion: Vector = np.array([start_m[0], start_m[1], 0.0, 0.0])
         self._ground_m = start_m[2]
         self._altitude_m = start_m[2]
@@ -84,7 +90,11 @@ class Airframe:
             return
         before = self._motion
         setpoint = np.array(target.position_m)
-        self._motion = self._step.advance(before, setpoint, disturbance_m_s2)
+        if self._shaped is None:
+            self._motion = self._step.advance(before, setpoint, disturbance_m_s2)
+        else:
+            last = np.array(self._acceleration_m_s2)
+            self._motion = self._shaped.advance(before, last, setpoint, disturbance_m_s2)
         x, y = ((self._motion[VELOCITY] - before[VELOCITY]) / STEP_S).tolist()
         self._acceleration_m_s2 = (x, y)
 

@@ -16,6 +16,7 @@ from sitl.airframe import STEP_S, Airframe
 from sitl.guidance import Guidance, PositionTarget
 from sitl.modes import Conditions, Intention, ModeEvent, NavMode, can_arm
 from sitl.parameters import Parameters
+from sitl.shaping import ShapeLimits
 
 ESTIMATOR_READY_S = 2.0
 """From boot to a position estimate."""
@@ -50,7 +51,12 @@ class Severity(IntEnum):
 
 
 class Autopilot:
-    """One vehicle: commands in, motion and status out."""
+    """One vehicle: commands in, motion and status out. What another autopilot does otherwise, a subclass overrides."""
+
+    ARMED_TEXT = "Armed by external command"
+    DISARMED_TEXT = "Disarmed by {reason}"
+    TAKE_OFF_TEXT: str | None = "Takeoff detected"
+    LANDING_TEXT: str | None = "Landing detected"
 
     def __init__(
         self,
@@ -60,18 +66,23 @@ class Autopilot:
         parameters: Parameters | None = None,
         battery_fraction: float = 1.0,
         endurance_s: float = 1800.0,
+        mode: NavMode = NavMode.HOLD,
+        shape: ShapeLimits | None = None,
     ) -> None:
-        """Boot on the ground at `start_m`, disarmed; `endurance_s` is how long a full battery keeps it armed."""
+        """Boot on the ground at `start_m`, disarmed, in `mode`.
+
+        `endurance_s` is how long a full battery keeps it armed, `shape` what bounds its horizontal motion.
+        """
         self.parameters = parameters or Parameters()
-        self.airframe = Airframe(plant, start_m)
+        self.airframe = Airframe(plant, start_m, shape=shape)
         self.battery_fraction = battery_fraction
         self.armed = False
         self.landed = True
-        self.mode = NavMode.HOLD
+        self.mode = mode
         self._endurance_s = endurance_s
         self._delay_s = plant.delay_s
         self._guidance = Guidance(self.parameters, self.airframe)
-        self._intention = Intention()
+        self._intention = Intention(mode)
         self._steps = 0
         self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
         self._applied: PositionTarget | None = None
@@ -90,11 +101,16 @@ class Autopilot:
         return self._guidance.home_m
 
     @property
+    def estimator_ready(self) -> bool:
+        """Whether there is a position estimate."""
+        return self.time_s >= ESTIMATOR_READY_S
+
+    @property
     def conditions(self) -> Conditions:
         """What the flight modes may count on now."""
         age_s = self.time_s - self._heard_s
         flow = age_s <= self.parameters["COM_OF_LOSS_T"] + CHECK_PERIOD_S
-        return Conditions(estimator_ready=self.time_s >= ESTIMATOR_READY_S, setpoints_flow=flow)
+        return Conditions(estimator_ready=self.estimator_ready, setpoints_flow=flow)
 
     @property
     def armable(self) -> bool:
@@ -123,12 +139,13 @@ class Autopilot:
         """Arm if the preflight checks pass; already armed is fine. As on PX4, no client can force it."""
         if self.armed:
             return Verdict.ACCEPTED
-        if not self.armable:
-            return self._reject("Arming denied: Resolve system health failures first")
+        fault = self._arming_fault()
+        if fault is not None:
+            return self._reject(fault)
         self.armed = True
         self._armed_s = self.time_s
         self._guidance.on_arm()
-        self._say("Armed by external command")
+        self._say(self.ARMED_TEXT)
         return Verdict.ACCEPTED
 
     def disarm(self, *, force: bool = False) -> Verdict:
@@ -182,11 +199,11 @@ class Autopilot:
             self._applied = None
 
     def _update_mode(self) -> None:
-        loss_action = int(self.parameters["COM_OBL_RC_ACT"])
-        flown = self._intention.flown(armed=self.armed, conditions=self.conditions, offboard_loss_action=loss_action)
+        flown = self._flown()
         if flown is not self.mode:
             self._guidance.enter(flown, after=self.mode)
             self.mode = flown
+            self._on_mode_change()
             if self.failsafe:
                 self._say("Failsafe activated", Severity.CRITICAL)
 
@@ -198,30 +215,50 @@ class Autopilot:
         """Notice lift-off at once and landing after a while on the ground; then disarm."""
         if not self.airframe.on_ground:
             if self.landed:
-                self._say("Takeoff detected")
+                self._say(self.TAKE_OFF_TEXT)
             self.landed = False
             self._airborne_s = self.time_s
         elif not self.landed and self.time_s - self._airborne_s >= LANDED_AFTER_S:
             self.landed = True
             self._landed_s = self.time_s
-            self._say("Landing detected")
+            self._say(self.LANDING_TEXT)
         if self.armed and self.landed:
             self._disarm_when_idle()
 
     def _disarm_when_idle(self) -> None:
         flown = self._landed_s > self._armed_s
-        limit_s = self.parameters["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"]
-        if 0.0 < limit_s <= self.time_s - max(self._landed_s, self._armed_s):
+        if self._disarm_after_s(flown=flown) <= self.time_s - max(self._landed_s, self._armed_s):
             self._disarm("landing" if flown else "auto preflight disarming")
 
     def _disarm(self, reason: str) -> None:
         self.armed = False
-        self._intention.on_event(ModeEvent.DISARMED)
-        self._say(f"Disarmed by {reason}")
+        self._on_disarmed()
+        self._say(self.DISARMED_TEXT.format(reason=reason))
 
     def _reject(self, why: str) -> Verdict:
         self._say(why, Severity.CRITICAL)
         return Verdict.REJECTED
 
-    def _say(self, text: str, severity: Severity = Severity.INFO) -> None:
-        self._texts.append((severity, text))
+    def _say(self, text: str | None, severity: Severity = Severity.INFO) -> None:
+        if text is not None:
+            self._texts.append((severity, text))
+
+    def _arming_fault(self) -> str | None:
+        """Return why the vehicle cannot be armed, or None."""
+        return None if self.armable else "Arming denied: Resolve system health failures first"
+
+    def _flown(self) -> NavMode:
+        """Return the mode to fly: the one the user wants, or a failsafe."""
+        loss_action = int(self.parameters["COM_OBL_RC_ACT"])
+        return self._intention.flown(armed=self.armed, conditions=self.conditions, offboard_loss_action=loss_action)
+
+    def _on_mode_change(self) -> None:
+        """Follow a change of the mode that flies: setpoints are kept."""
+
+    def _on_disarmed(self) -> None:
+        """Leave the mode that was flown for the one to rest in."""
+        self._intention.on_event(ModeEvent.DISARMED)
+
+    def _disarm_after_s(self, *, flown: bool) -> float:
+        """Return how long the vehicle idles on the ground, armed, after a flight or before; a limit of 0 is none."""
+        return self.parameters["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"] or inf

@@ -6,11 +6,12 @@ from math import isfinite
 
 from estimation.frames import MissionFrame
 from sitl.autopilot import Autopilot, Verdict
+from sitl.dialects import Dialect
 from sitl.modes import NavMode
 from sitl.plans import Sender
 from sitl.reports import Reporter
 from sitl.schedule import Schedule
-from sitl.vocabulary import MessageId, ModeFlag, Outgoing
+from sitl.vocabulary import MessageId, ModeFlag, Outgoing, Result
 
 FORCE = 21196
 ALTITUDE_MAX_M = 10e3
@@ -34,26 +35,21 @@ class CommandId(IntEnum):
     REQUEST_AUTOPILOT_CAPABILITIES = 520
 
 
-class Result(IntEnum):
-    """MAV_RESULT, as far as it is used."""
-
-    ACCEPTED = 0
-    TEMPORARILY_REJECTED = 1
-    DENIED = 2
-    UNSUPPORTED = 3
-    FAILED = 4
-
-
-_RESULT_OF = {Verdict.ACCEPTED: Result.ACCEPTED, Verdict.REJECTED: Result.TEMPORARILY_REJECTED}
-_MODE_OF: dict[tuple[float, float], NavMode] = {mode.value: mode for mode in NavMode}
-
-
 class Commander:
     """Executes commands on one vehicle."""
 
-    def __init__(self, autopilot: Autopilot, *, frame: MissionFrame, reporter: Reporter, schedule: Schedule) -> None:
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        dialect: Dialect,
+        *,
+        frame: MissionFrame,
+        reporter: Reporter,
+        schedule: Schedule,
+    ) -> None:
         """Command `autopilot`, and answer requests for messages from `reporter` and `schedule`."""
         self._autopilot = autopilot
+        self._dialect = dialect
         self._frame = frame
         self._reporter = reporter
         self._schedule = schedule
@@ -73,37 +69,42 @@ class Commander:
     def execute(self, command: int, params: Params, sender: Sender) -> list[Outgoing]:
         """Carry out a command; return its acknowledgements, then what it asked for.
 
-        DO_SET_MODE is acknowledged twice, as by PX4: accepted on arrival, whatever comes of it; then
-        the truth.
+        PX4 acknowledges DO_SET_MODE twice: accepted on arrival, whatever comes of it; then the truth.
         """
         handler = self._handlers.get(command)
         result, answers = handler(params) if handler else (Result.UNSUPPORTED, [])
-        results = [Result.ACCEPTED, result] if command == CommandId.DO_SET_MODE else [result]
+        twice = command == CommandId.DO_SET_MODE and self._dialect.acknowledges_mode_first
+        results = [Result.ACCEPTED, result] if twice else [result]
         acks: list[Outgoing] = [(MessageId.COMMAND_ACK, (command, int(each), 0, 0, *sender)) for each in results]
         return acks + answers
 
     def _select(self, mode: NavMode) -> tuple[Result, list[Outgoing]]:
-        return _RESULT_OF[self._autopilot.select(mode)], []
+        return self._result(self._autopilot.select(mode)), []
 
     def _set_mode(self, params: Params) -> tuple[Result, list[Outgoing]]:
         base, main, sub = params[:3]
-        mode = _MODE_OF.get((main, sub))
+        mode = self._dialect.mode_of(main, sub)
         if mode is None or not (isfinite(base) and int(base) & ModeFlag.CUSTOM_MODE_ENABLED):
-            return Result.TEMPORARILY_REJECTED, []
+            return self._dialect.refused, []
         return self._select(mode)
 
     def _take_off(self, params: Params) -> tuple[Result, list[Outgoing]]:
-        """Take off to an altitude above the geodetic datum, or NaN: to the vehicle's own default."""
-        altitude_m = params[6] - self._frame.origin.altitude_m if isfinite(params[6]) else None
+        """Take off to an altitude above the geodetic datum or home, or NaN: to the vehicle's own default, if any."""
+        from_home = self._dialect.take_off_from_home
+        datum_m = -self._autopilot.home_m[2] if from_home else self._frame.origin.altitude_m
+        altitude_m = params[6] - datum_m if isfinite(params[6]) else None
         if altitude_m is not None and abs(altitude_m) > ALTITUDE_MAX_M:
             return Result.DENIED, []
-        return _RESULT_OF[self._autopilot.take_off(altitude_m)], []
+        return self._result(self._autopilot.take_off(altitude_m)), []
+
+    def _result(self, verdict: Verdict) -> Result:
+        return Result.ACCEPTED if verdict is Verdict.ACCEPTED else self._dialect.refused
 
     def _arm_or_disarm(self, params: Params) -> tuple[Result, list[Outgoing]]:
         if params[0] == 1.0:
-            return _RESULT_OF[self._autopilot.arm()], []
+            return self._result(self._autopilot.arm()), []
         if params[0] == 0.0:
-            return _RESULT_OF[self._autopilot.disarm(force=params[1] == FORCE)], []
+            return self._result(self._autopilot.disarm(force=params[1] == FORCE)), []
         return Result.DENIED, []
 
     def _request(self, message: float) -> tuple[Result, list[Outgoing]]:

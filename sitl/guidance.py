@@ -9,7 +9,7 @@ from math import hypot, inf, isfinite
 from estimation.frames import Triple
 from sitl.airframe import STEP_S, Airframe, Target
 from sitl.modes import NEEDS_STICKS, NavMode
-from sitl.parameters import Parameters
+from sitl.parameters import FlightLimits, Parameters
 
 HOVER_THRUST_S = 1.0
 """From spooled-up motors to lift-off, while the thrust ramps up."""
@@ -49,9 +49,13 @@ class Guidance:
         self._climb_from_s = inf
 
     @property
+    def _limits(self) -> FlightLimits:
+        return self._parameters.limits
+
+    @property
     def take_off_complete(self) -> bool:
         """Whether the take-off altitude is as good as reached."""
-        return self._airframe.position_m[2] > self._take_off_altitude_m - self._parameters["NAV_MC_ALT_RAD"]
+        return self._airframe.position_m[2] > self._take_off_altitude_m - self._limits.altitude_margin_m
 
     def on_arm(self) -> None:
         """Make this place home."""
@@ -73,14 +77,14 @@ class Guidance:
         self._hold_m = (x, y, altitude)
         distance = hypot(x - self.home_m[0], y - self.home_m[1])
         # PX4 climbs less for a short way home: its cone rises at 45 degrees.
-        rise = min(distance, self._parameters["RTL_RETURN_ALT"])
+        rise = min(distance, self._limits.return_rise_m)
         self._return_altitude_m = max(altitude, self.home_m[2] + rise)
 
     def target(self, mode: NavMode, setpoint: PositionTarget | None, *, time_s: float, motors_s: float) -> Target:
         """Return where to fly now; `motors_s` is when the motors were started."""
         x, y, altitude = self._hold_m
         heading = None
-        sink = self._parameters["MPC_Z_VEL_MAX_DN"]
+        sink = self._limits.sink_m_s
         if mode is NavMode.OFFBOARD and setpoint is not None:
             (x, y, altitude), heading = setpoint.position_m, setpoint.heading_rad
         elif mode is NavMode.TAKE_OFF:
@@ -100,28 +104,29 @@ class Guidance:
     def _head_home(self) -> Triple:
         """Rise first, then move the hold point home at cruising speed."""
         x, y, _ = self._hold_m
-        if self._airframe.position_m[2] > self._return_altitude_m - self._parameters["NAV_MC_ALT_RAD"]:
+        if self._airframe.position_m[2] > self._return_altitude_m - self._limits.altitude_margin_m:
             dx, dy = self.home_m[0] - x, self.home_m[1] - y
-            stride = self._parameters["MPC_XY_CRUISE"] * STEP_S
+            stride = self._limits.cruise_m_s * STEP_S
             share = min(1.0, stride / max(hypot(dx, dy), 1e-9))
             x, y = (x + share * dx, y + share * dy) if share < 1.0 else self.home_m[:2]
         self._hold_m = (x, y, self._return_altitude_m)
         return self._hold_m
 
     def _sink_speed_m_s(self, *, crawl: bool) -> float:
-        """Land at MPC_LAND_SPEED, slower near the ground; a vehicle without sticks just sinks on."""
+        """Land slower near the ground; a vehicle without sticks just sinks on."""
         near = crawl and self._airframe.height_m < CRAWL_BELOW_M
-        return self._parameters["MPC_LAND_CRWL" if near else "MPC_LAND_SPEED"]
+        return self._limits.crawl_m_s if near else self._limits.land_m_s
 
     def _climb_limit_m_s(self, mode: NavMode, altitude_m: float, *, time_s: float, motors_s: float) -> float:
         """Allow no climb while the motors come up, then a ramp, then the mode's own speed."""
         if self._airframe.on_ground:
             wished = altitude_m > self._airframe.position_m[2] + LIFT_OFF_MARGIN_M
             self._climb_from_s = min(self._climb_from_s, time_s) if wished else inf
-        spooled_s = motors_s + self._parameters["COM_SPOOLUP_TIME"]
+        limits = self._limits
+        spooled_s = motors_s + limits.spool_up_s
         ramp_s = time_s - max(self._climb_from_s, spooled_s) - HOVER_THRUST_S
         if ramp_s <= 0.0:
             return 0.0
-        if ramp_s < self._parameters["MPC_TKO_RAMP_T"]:
-            return self._parameters["MPC_TKO_SPEED"] * ramp_s / self._parameters["MPC_TKO_RAMP_T"]
-        return self._parameters["MPC_TKO_SPEED" if mode is NavMode.TAKE_OFF else "MPC_Z_VEL_MAX_UP"]
+        if ramp_s < limits.take_off_ramp_s:
+            return limits.take_off_m_s * ramp_s / limits.take_off_ramp_s
+        return limits.take_off_m_s if mode is NavMode.TAKE_OFF else limits.climb_m_s

@@ -76,10 +76,10 @@ def can_arm(mode: NavMode, conditions: Conditions) -> bool:
 class Intention:
     """The mode the user wants, and the one to rest in once disarmed."""
 
-    def __init__(self) -> None:
-        """Start as PX4 boots without a remote control: in hold."""
-        self.mode = NavMode.HOLD
-        self._resting = NavMode.HOLD
+    def __init__(self, mode: NavMode = NavMode.HOLD) -> None:
+        """Start in a mode, by default as PX4 boots without a remote control: in hold."""
+        self.mode = mode
+        self._resting = mode
 
     def request(self, mode: NavMode, *, armed: bool, conditions: Conditions) -> bool:
         """Choose `mode` and say whether that was accepted; disarmed, and for landing, it always is."""

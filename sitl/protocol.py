@@ -12,17 +12,18 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import common as mavlink
 
 from estimation.frames import MissionFrame, Triple
 from sitl.autopilot import Autopilot
 from sitl.commands import Commander
+from sitl.dialects import PX4, Dialect
 from sitl.guidance import PositionTarget
 from sitl.parameters import Value
 from sitl.plans import Plans
 from sitl.reports import EstimatorNoise, Reporter
 from sitl.schedule import Schedule
-from sitl.vocabulary import RATES_HZ, MessageId, Outgoing
+from sitl.vocabulary import MessageId, Outgoing
 
 AUTOPILOT_COMPONENT = 1
 INT32, REAL32 = 6, 9
@@ -33,7 +34,7 @@ REACH_MAX_M = 100e3
 """A setpoint farther than this from the vehicle's origin is not believed."""
 DEG_E7 = 1e7
 
-_SPOKEN = {message: dialect.mavlink_map[message] for message in MessageId}
+_SPOKEN = {message: mavlink.mavlink_map[message] for message in MessageId}
 
 
 class Drop(Enum):
@@ -69,6 +70,7 @@ class MavlinkVehicle:
     def __init__(
         self,
         autopilot: Autopilot,
+        dialect: Dialect = PX4,
         *,
         system_id: int,
         frame: MissionFrame,
@@ -76,15 +78,17 @@ class MavlinkVehicle:
         noise: EstimatorNoise | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        """Speak for `autopilot`; `origin_m` is its estimator's origin in the mission frame."""
+        """Speak for `autopilot`, in its dialect; `origin_m` is its estimator's origin in the mission frame."""
         self.autopilot = autopilot
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
+        self._dialect = dialect
         self._system_id = system_id
         self._frame = frame
         self._origin_m = origin_m
         reporter = Reporter(
             autopilot,
+            dialect,
             system_id=system_id,
             frame=frame,
             origin_m=origin_m,
@@ -92,11 +96,11 @@ class MavlinkVehicle:
             rng=rng or np.random.default_rng(0),
         )
         self._reporter = reporter
-        self._schedule = Schedule(RATES_HZ, reporter.known)
-        self._commander = Commander(autopilot, frame=frame, reporter=reporter, schedule=self._schedule)
+        self._schedule = Schedule(dialect.rates_hz, reporter.known)
+        self._commander = Commander(autopilot, dialect, frame=frame, reporter=reporter, schedule=self._schedule)
         self._listing: list[int] = []
         self._outbox = _Outbox()
-        self._writer = dialect.MAVLink(self._outbox, system_id, AUTOPILOT_COMPONENT)
+        self._writer = mavlink.MAVLink(self._outbox, system_id, AUTOPILOT_COMPONENT)
         self._parser = _new_parser()
         self._handlers: dict[str, Callable[[Any, float], list[Outgoing]]] = {
             "COMMAND_INT": self._on_command_int,
@@ -112,6 +116,7 @@ class MavlinkVehicle:
             "PARAM_REQUEST_READ": self._on_param_request_read,
             "PARAM_SET": self._on_param_set,
             "PING": lambda m, _: [(MessageId.PING, (m.time_usec, m.seq, *_sender(m)))],
+            "REQUEST_DATA_STREAM": self._on_request_data_stream,
             "SET_POSITION_TARGET_LOCAL_NED": self._on_setpoint,
         }
 
@@ -189,6 +194,16 @@ class MavlinkVehicle:
         self.autopilot.receive_setpoint(time_s, PositionTarget((x0 + x, y0 + y, z0 + z), heading))
         return []
 
+    def _on_request_data_stream(self, m: Any, time_s: float) -> list[Outgoing]:
+        """Start or stop one of ArduPilot's groups of messages; PX4 has none."""
+        messages = self._dialect.streams.get(m.req_stream_id)
+        if messages is None:
+            return self._drop(Drop.NOT_UNDERSTOOD)
+        flows = m.start_stop == 1 and m.req_message_rate > 0
+        for message in messages:
+            self._schedule.set_interval(message, 1.0 / m.req_message_rate if flows else None, now_s=time_s)
+        return []
+
     def _on_param_request_list(self, _message: Any, _time_s: float) -> list[Outgoing]:
         self._listing = list(reversed(range(len(self.autopilot.parameters.names))))
         return []
@@ -203,8 +218,11 @@ class MavlinkVehicle:
         index = self._index(m.param_id)
         if index < 0:
             return self._drop(Drop.PARAMETER)
-        value = _decoded(m.param_value, m.param_type)
         name = self.autopilot.parameters.names[index]
+        if self._dialect.parameters_bytewise:
+            value = _decoded(m.param_value, m.param_type)
+        else:
+            value = _cast(m.param_value, like=self.autopilot.parameters[name])
         if value is None or not self.autopilot.parameters.set(name, value):
             self.dropped[Drop.PARAMETER] += 1
         return [self._param_value(index)]
@@ -216,12 +234,12 @@ class MavlinkVehicle:
     def _param_value(self, index: int) -> Outgoing:
         parameters = self.autopilot.parameters
         name = parameters.names[index]
-        value, kind = _encoded(parameters[name])
+        value, kind = _encoded(parameters[name], bytewise=self._dialect.parameters_bytewise)
         return MessageId.PARAM_VALUE, (name.encode(), value, kind, len(parameters.names), index)
 
 
 def _new_parser() -> Any:
-    parser = dialect.MAVLink(None)
+    parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     return parser
 
@@ -230,11 +248,11 @@ def _sender(message: Any) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _encoded(value: Value) -> tuple[float, int]:
-    """Return a parameter as PX4 sends it: integers keep their bytes in the float field."""
-    if isinstance(value, int):
-        return struct.unpack("<f", struct.pack("<i", value))[0], INT32
-    return value, REAL32
+def _encoded(value: Value, *, bytewise: bool) -> tuple[float, int]:
+    """Return a parameter as it is sent: PX4's integers keep their bytes in the float field, ArduPilot's their value."""
+    if not isinstance(value, int):
+        return value, REAL32
+    return struct.unpack("<f", struct.pack("<i", value))[0] if bytewise else float(value), INT32
 
 
 def _decoded(field: float, kind: int) -> Value | None:
@@ -242,3 +260,10 @@ def _decoded(field: float, kind: int) -> Value | None:
     if kind == INT32:
         return int(struct.unpack("<i", struct.pack("<f", field))[0])
     return field if kind == REAL32 else None
+
+
+def _cast(field: float, *, like: Value) -> Value | None:
+    """Return the parameter in a float field as ArduPilot reads it: a number, of the type that the parameter has."""
+    if not isfinite(field) or abs(field) >= 2**31:
+        return None
+    return round(field) if isinstance(like, int) else field

@@ -12,17 +12,15 @@ import numpy as np
 from estimation.frames import Geodetic, MissionFrame, Triple
 from sitl.airframe import GRAVITY_M_S2
 from sitl.autopilot import Autopilot
+from sitl.dialects import Dialect
 from sitl.vocabulary import (
     ACTIVE,
-    CAPABILITIES,
     CELL_EMPTY_V,
     CELL_FULL_V,
     CELLS,
     CRITICAL,
-    FIRMWARE_VERSION,
     GPS_FIX_3D,
     GPS_FIX_NONE,
-    PX4,
     QUADROTOR,
     STANDBY,
     UNKNOWN_U16,
@@ -62,6 +60,7 @@ class Reporter:
     def __init__(
         self,
         autopilot: Autopilot,
+        dialect: Dialect,
         *,
         system_id: int,
         frame: MissionFrame,
@@ -71,6 +70,7 @@ class Reporter:
     ) -> None:
         """Report about `autopilot`, whose local NED origin lies at `origin_m` in the mission frame."""
         self._autopilot = autopilot
+        self._dialect = dialect
         self._system_id = system_id
         self._frame = frame
         self._origin_m = origin_m
@@ -107,7 +107,7 @@ class Reporter:
 
     @property
     def _ready(self) -> bool:
-        return self._autopilot.conditions.estimator_ready
+        return self._autopilot.estimator_ready
 
     def _estimate(self) -> Estimate:
         """Return the estimate of now: the truth, and noise drawn once per time."""
@@ -132,7 +132,7 @@ class Reporter:
         flags = ModeFlag.CUSTOM_MODE_ENABLED | (ModeFlag.SAFETY_ARMED if autopilot.armed else 0)
         armed_state = CRITICAL if autopilot.failsafe else ACTIVE
         state = armed_state if autopilot.armed else STANDBY
-        return QUADROTOR, PX4, int(flags), autopilot.mode.custom_mode, state, 3
+        return QUADROTOR, self._dialect.autopilot, int(flags), self._dialect.custom_mode(autopilot.mode), state, 3
 
     def _sys_status(self) -> Fields:
         present = Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.PRESSURE | Sensor.GPS | Sensor.BATTERY
@@ -199,8 +199,9 @@ class Reporter:
     def _autopilot_version(self) -> Fields:
         no_hash = (0,) * 8
         uid = 0x5354_5542_0000_0000 + self._system_id
-        versions = (FIRMWARE_VERSION, FIRMWARE_VERSION, 0, 0)
-        return CAPABILITIES, *versions, no_hash, no_hash, no_hash, 0, 0, uid
+        version = self._dialect.firmware_version
+        versions = (version, version, 0, 0)
+        return self._dialect.capabilities, *versions, no_hash, no_hash, no_hash, 0, 0, uid
 
     def _battery_percent(self) -> int:
         return round(self._autopilot.battery_fraction * 100.0)

@@ -1,7 +1,7 @@
 """The stub vehicles on UDP: one socket and one MAVLink stream each, in scaled time, and their true tracks."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from math import floor, isfinite
@@ -13,7 +13,9 @@ from estimation.frames import MissionFrame, Triple
 from estimation.plant import Plant
 from estimation.state import Vector
 from sitl.airframe import STEP_S
+from sitl.arducopter import ArduCopter
 from sitl.autopilot import Autopilot
+from sitl.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.protocol import MavlinkVehicle
 from sitl.reports import EstimatorNoise
 
@@ -51,6 +53,7 @@ class StubConfig:
     wind_m_s2: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
     battery_fraction: float = 1.0
+    autopilot: AutopilotKind = AutopilotKind.PX4
 
     def __post_init__(self) -> None:
         """Check what can be checked."""
@@ -137,6 +140,12 @@ class _Pace:
         return 1.0 - self.slipped_s / elapsed_s if elapsed_s > 0.0 else 1.0
 
 
+_MANNERS: Mapping[AutopilotKind, tuple[type[Autopilot], Dialect]] = {
+    AutopilotKind.PX4: (Autopilot, PX4),
+    AutopilotKind.ARDUPILOT: (ArduCopter, ARDUCOPTER),
+}
+
+
 class _Stub:
     """One vehicle being served: its protocol, its socket, its track."""
 
@@ -144,9 +153,11 @@ class _Stub:
         x, y = config.start_position_m
         dx, dy, dz = config.origin_offset_m
         self.config = config
-        self._autopilot = Autopilot(config.plant, (x, y, 0.0), battery_fraction=config.battery_fraction)
+        autopilot, dialect = _MANNERS[config.autopilot]
+        self._autopilot = autopilot(config.plant, (x, y, 0.0), battery_fraction=config.battery_fraction)
         self._vehicle = MavlinkVehicle(
             self._autopilot,
+            dialect,
             system_id=config.vehicle_id,
             frame=config.frame,
             origin_m=(x + dx, y + dy, dz),

@@ -34,7 +34,7 @@ class MessageId(IntEnum):
 
 Outgoing = tuple[MessageId, Fields]
 
-RATES_HZ: Mapping[int, float] = {
+PX4_RATES_HZ: Mapping[int, float] = {
     MessageId.HEARTBEAT: 1.0,
     MessageId.SYS_STATUS: 5.0,
     MessageId.GPS_RAW_INT: 8.0,
@@ -46,6 +46,16 @@ RATES_HZ: Mapping[int, float] = {
     MessageId.EXTENDED_SYS_STATE: 5.0,
 }
 """PX4's rates on its onboard link, in simulated time."""
+
+
+class Result(IntEnum):
+    """MAV_RESULT, as far as it is used."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
 
 
 class ModeFlag(IntFlag):
@@ -67,10 +77,7 @@ class Sensor(IntFlag):
     PREARM_CHECK = 1 << 28
 
 
-CAPABILITIES = 2 | 4 | 8 | 16 | 128 | 8192 | 16384
-"""Mission and command items as integers, parameters bytewise, local setpoints, MAVLink 2, fences."""
-FIRMWARE_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
-QUADROTOR, PX4 = 2, 12
+QUADROTOR = 2
 STANDBY, ACTIVE, CRITICAL = 3, 4, 5
 GPS_FIX_NONE, GPS_FIX_3D = 1, 3
 CELLS = 4

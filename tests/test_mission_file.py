@@ -26,6 +26,7 @@ Content = dict[str, Any]
 Place = tuple[str | int, ...]
 
 MISSIONS = Path(__file__).parents[1] / "gcs" / "missions"
+BUNDLED = ["ardupilot-trio", "case1", "case2", "case2-field", "mixed-team", "px4-trio"]
 CASE2 = (MISSIONS / "case2.toml").read_text(encoding="utf-8")
 VEHICLES = ("vehicles[0]", "vehicles[1]", "vehicles[2]")
 
@@ -165,10 +166,10 @@ def test_the_writer_of_these_tests_is_true() -> None:
 # What is right
 
 
-@pytest.mark.parametrize("name", ["case1", "case2", "case2-field"])
+@pytest.mark.parametrize("name", BUNDLED)
 def test_bundled_missions_load(name: str) -> None:
     mission = load_mission(name)
-    assert bundled_missions() == ["case1", "case2", "case2-field"]
+    assert bundled_missions() == BUNDLED
     assert mission.mission.name == name
     assert mission.ids == (1, 2, 3)
     assert mission.formation.leader == 2
@@ -397,7 +398,7 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
     ),
     "a plant that is not there": (
         changed((("vehicles", 2, "plant"), "stubb")),
-        [("vehicles[2].plant", "bundled plants: stub, stub-delayed")],
+        [("vehicles[2].plant", "bundled plants: ardupilot, px4, stub, stub-delayed")],
     ),
     "a ring too tight for the separation": (changed((RADIUS, 1.7)), [("encirclement.radius_m", "2.94 m apart")]),
     "a ring within its own smallest radius": (
@@ -541,7 +542,7 @@ def test_a_plant_name_that_is_no_file_is_a_fault(name: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["nowhere", "nowhere.toml", "", "case3"])
 def test_a_mission_that_is_not_there_names_those_that_are(name: str) -> None:
-    with pytest.raises(MissionError, match="bundled missions: case1, case2, case2-field"):
+    with pytest.raises(MissionError, match="bundled missions: " + ", ".join(BUNDLED)):
         load_mission(name)
 
 

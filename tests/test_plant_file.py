@@ -13,6 +13,8 @@ AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1
 def test_the_bundled_plants_load(tmp_path: Path) -> None:
     axis = PlantAxis(0.80, 0.87)
     assert {name: load_plant(name, tmp_path) for name in bundled_plants()} == {
+        "ardupilot": Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), 0.03),
+        "px4": Plant(PlantAxis(1.7, 2.1), PlantAxis(1.7, 2.1), 0.25),
         "stub": Plant(axis, axis),
         "stub-delayed": Plant(axis, axis, 0.15),
     }
@@ -24,7 +26,9 @@ def test_a_file_of_the_users_own_is_found_beside_the_mission(tmp_path: Path) -> 
 
 
 def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
-    with pytest.raises(PlantFileError, match=r"no plant file 'stubb' .*bundled plants: stub, stub-delayed"):
+    with pytest.raises(
+        PlantFileError, match=r"no plant file 'stubb' .*bundled plants: ardupilot, px4, stub, stub-delayed"
+    ):
         load_plant("stubb", tmp_path)
 
 
