@@ -101,6 +101,9 @@ class Agent:
         self._observe = observe
         self._position_m = (0.0, 0.0)
         self._flying = False
+        self._in_charge = False
+        self._stood_down = ""
+        self._returning: asyncio.Task[None] | None = None
 
     @property
     def loop(self) -> LoopReport:
@@ -129,9 +132,15 @@ class Agent:
         except VehicleRefusedError as refusal:
             outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
         finally:
-            if outcome.ending is not Ending.STOOD_DOWN:
-                outcome = await self._bring_down(outcome)
+            if self._returning is not None:
+                self._returning.cancel()
+            outcome = self._handed_over() if self._stood_down else await self._bring_down(outcome)
         return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flying)
+
+    def _handed_over(self) -> Outcome:
+        return Outcome(
+            Ending.STOOD_DOWN, self._stood_down, "whoever changed the mode has the vehicle: land it from there"
+        )
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
@@ -173,21 +182,18 @@ class Agent:
     async def _mission(self, first_setpoint: asyncio.Event, duration_s: float, stop: Stop) -> Outcome:
         await first_setpoint.wait()
         await self._link.start_offboard()
+        self._in_charge = True
         ended = asyncio.create_task(stop.wanted.wait())
-        foreign = asyncio.create_task(self._foreign_mode())
         mission = asyncio.create_task(self._assemble_and_fly(duration_s))
-        tasks = (ended, foreign, mission)
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            if foreign.done():
-                return foreign.result()
+            await asyncio.wait((ended, mission), return_when=asyncio.FIRST_COMPLETED)
             if mission.done():
                 return mission.result()
             await self._hold(stop)
             return _STOPPED
         finally:
-            for task in tasks:
-                task.cancel()
+            ended.cancel()
+            mission.cancel()
 
     async def _assemble_and_fly(self, duration_s: float) -> Outcome:
         deadline_s = self._clock.now_s() + MUSTER_TIMEOUT_S
@@ -207,21 +213,39 @@ class Agent:
         await self._sleep(start_s + duration_s - self._clock.now_s())
         return Outcome(Ending.COMPLETED)
 
-    async def _foreign_mode(self) -> Outcome:
-        """Return once the autopilot is in a mode that this agent did not ask for: somebody else has the vehicle."""
-        expected = (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
-        while not self._link.status.connected or self._link.status.mode in expected:
-            await self._sleep(0.1)
-        mode = self._link.status.mode.value
-        return Outcome(
-            Ending.STOOD_DOWN,
-            f"the flight mode became '{mode}', which cordon did not ask for",
-            "whoever changed it has the vehicle: land it from there",
-        )
+    def _yield_to_foreign_mode(self) -> None:
+        """Stand down once the autopilot is in a mode that this agent did not ask for: somebody has the vehicle."""
+        status = self._link.status
+        if self._in_charge and status.connected and status.mode not in (FlightMode.OFFBOARD, FlightMode.UNKNOWN):
+            self._in_charge = False
+            self._link.hand_over()
+            self._core.on_event(Event.FOREIGN_MODE)
+            self._stood_down = f"the flight mode became '{status.mode.value}', which cordon did not ask for"
+
+    def _take_back_if_told(self) -> None:
+        """Return to the mission once the core has been told to: by a command, never by itself."""
+        if self._in_charge or not self._stood_down or self._core.tactic is Tactic.STOOD_DOWN or self._returning:
+            return
+        self._link.take_back()
+        self._returning = asyncio.create_task(self._return_to_mission())
+
+    async def _return_to_mission(self) -> None:
+        try:
+            await self._sleep(2.0 * self._period_s)  # setpoints have to flow first
+            await self._link.start_offboard()
+            self._in_charge, self._stood_down = True, ""
+        except VehicleRefusedError as refusal:
+            self._link.hand_over()
+            self._core.on_event(Event.FOREIGN_MODE)
+            self._stood_down = refusal.reason
+        finally:
+            self._returning = None
 
     async def _control(self, first_setpoint: asyncio.Event) -> Outcome:
         self._ticker = Ticker(self._period_s, self._clock.now_s, speed=self._clock.speed)
         async for _ in self._ticker:
+            self._yield_to_foreign_mode()
+            self._take_back_if_told()
             if self._tick(self._clock.now_s()):
                 first_setpoint.set()
             if self._core.tactic is Tactic.LAND:

@@ -14,9 +14,11 @@ from agents.linearize import polar_from_motion
 from agents.lmpc import QpStatus
 from agents.messages import (
     TOPICS,
+    BusMessage,
     MemberState,
     Muster,
     NeighbourAngle,
+    OperatorCommand,
     PeerMessage,
     TargetPackage,
     decode,
@@ -43,6 +45,7 @@ from estimation.state import (
 from estimation.target import TargetFilter
 
 _CLOCK_AHEAD_MAX_S = 1.0
+_EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,8 @@ class VehicleCore:
         self._tactic = Tactic.STANDBY
         self._start_s = np.inf
         self._engaged_s = -np.inf
+        self._formed_s: float | None = None
+        self._leaving_m: Vector | None = None
         self._hold_m: Vector | None = None
         self._predecessor_id: int | None = None
         self._sightings: list[Sighting] = []
@@ -129,6 +134,9 @@ class VehicleCore:
                 self._team.hear_angle(message)
             case TargetPackage():
                 self._hear_target(message)
+            case OperatorCommand(verb=verb, vehicle=vehicle):
+                if vehicle in (None, self._config.vehicle_id):
+                    self._change(_EVENT_OF_VERB[verb])
             case Muster():
                 pass  # the shell's concern, before the mission starts
 
@@ -149,7 +157,7 @@ class VehicleCore:
         self._own.command(now_s, setpoint_m)
         x, y = setpoint_m.tolist()
         return TickOutput(
-            Setpoint(self._config.at_altitude((x, y))),
+            None if self._tactic is Tactic.STOOD_DOWN else Setpoint(self._config.at_altitude((x, y))),
             self._messages(situation, wish),
             self._status(now_s, situation, wish),
         )
@@ -177,6 +185,8 @@ class VehicleCore:
             self._change(Event.HOLD)
         if self._tactic is Tactic.STANDBY and now_s >= self._start_s:
             self._change(Event.START)
+        if self._tactic is Tactic.FORMATION and self._formed_s is None:
+            self._formed_s = now_s
         if self._tactic is Tactic.ENCIRCLE and target is None:
             self._change(Event.TARGET_LOST)
         if (
@@ -184,8 +194,12 @@ class VehicleCore:
             and target is not None
             and decides_to_encircle(target, situation.own.mean[POSITION], self._config.decision)
         ):
+            # One that is sent back close to the target has no place in line to leave from: it leaves from where it is.
+            formed_s = now_s if self._formed_s is None else self._formed_s
+            in_line = now_s - formed_s > self._config.encirclement.smoothing_time_s
             self._engaged_s = now_s
             self._change(Event.ENGAGE)
+            self._leaving_m = None if in_line else situation.own.mean[POSITION].copy()
 
     def _change(self, event: Event) -> None:
         after = next_tactic(self._tactic, event)
@@ -195,6 +209,7 @@ class VehicleCore:
         self._hold_m = None
         if after is Tactic.FORMATION:
             self._formation.reset()
+            self._formed_s = None
         if after is Tactic.ENCIRCLE:
             self._encirclement.reset()
 
@@ -204,8 +219,18 @@ class VehicleCore:
         if self._tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
             ring = self._encircle(situation, situation.acting_target)
             share = self._mixing_share(situation.now_s)
-            return ring if share >= 1.0 else _mixed(self._form(situation), ring, share)
+            return ring if share >= 1.0 else _mixed(self._left_behind(situation), ring, share)
+        if self._tactic is Tactic.STOOD_DOWN:
+            # Somebody else flies: all that is known of the vehicle's input is that it is near where the vehicle is.
+            here = situation.own.mean[POSITION]
+            return _Wish(here, here, np.zeros(2))
         return self._hold(situation)
+
+    def _left_behind(self, situation: _Situation) -> _Wish:
+        """Return what a vehicle would do had it not engaged."""
+        if self._leaving_m is None:
+            return self._form(situation)
+        return _Wish(self._leaving_m, self._leaving_m, np.zeros(2))
 
     def _mixing_share(self, now_s: float) -> float:
         if self._tactic is not Tactic.ENCIRCLE:
@@ -324,9 +349,11 @@ class VehicleCore:
             return
         self._target.sight(sighting)
 
-    def _plausible(self, message: PeerMessage, now_s: float) -> bool:
+    def _plausible(self, message: BusMessage, now_s: float) -> bool:
         age_s = now_s - message.time_s
-        known = message.sender in self._config.slots and message.sender != self._config.vehicle_id
+        known = isinstance(message, OperatorCommand) or (
+            message.sender in self._config.slots and message.sender != self._config.vehicle_id
+        )
         return known and -_CLOCK_AHEAD_MAX_S <= age_s <= TOPICS[type(message)].age_max_s
 
     def _status(self, now_s: float, situation: _Situation | None, wish: _Wish | None) -> CoreStatus:

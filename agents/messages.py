@@ -4,7 +4,7 @@ Every number is bounded where it is decoded: NaN, infinity and nonsense from a p
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -65,7 +65,17 @@ class Muster(msgspec.Struct, frozen=True, array_like=True, tag="muster"):
     start_s: _Time | None
 
 
+class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):
+    """What an operator tells one vehicle, or all of them (None), on the team's clock; `origin` is who it was."""
+
+    time_s: _Time
+    verb: Literal["hold", "resume", "land"]
+    vehicle: _Id | None
+    origin: _Name
+
+
 PeerMessage = MemberState | NeighbourAngle | TargetPackage | Muster
+BusMessage = PeerMessage | OperatorCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,23 +87,24 @@ class Topic:
     age_max_s: float
 
 
-TOPICS: dict[type[PeerMessage], Topic] = {
+TOPICS: dict[type[BusMessage], Topic] = {
     MemberState: Topic("member", 0.1, 1.0),
     NeighbourAngle: Topic("angle", 0.1, 1.0),
     TargetPackage: Topic("target", 0.2, 1.0),
     Muster: Topic("muster", 0.2, 1.0),
+    OperatorCommand: Topic("command", 0.1, 2.0),
 }
 
 _encoder = msgspec.msgpack.Encoder()
-_decoder: msgspec.msgpack.Decoder[PeerMessage] = msgspec.msgpack.Decoder(PeerMessage)
+_decoder: msgspec.msgpack.Decoder[BusMessage] = msgspec.msgpack.Decoder(BusMessage)
 
 
-def encode(message: PeerMessage) -> bytes:
+def encode(message: BusMessage) -> bytes:
     """Return a message as it goes over the bus."""
     return _encoder.encode(message)
 
 
-def decode(payload: bytes) -> PeerMessage:
+def decode(payload: bytes) -> BusMessage:
     """Return the message in a payload; raises ValueError when it is not one of ours, or a number is out of bounds."""
     try:
         return _decoder.decode(payload)

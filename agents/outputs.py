@@ -40,7 +40,7 @@ class CoreStatus:
 
 @dataclass(frozen=True, slots=True)
 class TickOutput:
-    """What one tick asks for: a setpoint (None before any telemetry), messages to peers, and the status."""
+    """What one tick asks for: a setpoint (None before telemetry and when stood down), messages, and the status."""
 
     setpoint: Setpoint | None
     messages: tuple[Outgoing, ...]

@@ -15,6 +15,7 @@ class Tactic(Enum):
     ENCIRCLE = "encircle"
     HOLD = "hold"
     LAND = "land"
+    STOOD_DOWN = "stood down"
 
 
 class Event(Enum):
@@ -26,6 +27,7 @@ class Event(Enum):
     HOLD = "hold"
     RESUME = "resume"
     LAND = "land"
+    FOREIGN_MODE = "foreign mode"
 
 
 TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
@@ -40,6 +42,11 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
     (Tactic.ENCIRCLE, Event.LAND): Tactic.LAND,
     (Tactic.HOLD, Event.RESUME): Tactic.FORMATION,
     (Tactic.HOLD, Event.LAND): Tactic.LAND,
+    (Tactic.STANDBY, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
+    (Tactic.FORMATION, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
+    (Tactic.ENCIRCLE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
+    (Tactic.HOLD, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
+    (Tactic.STOOD_DOWN, Event.RESUME): Tactic.FORMATION,
 }
 
 

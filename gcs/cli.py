@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.validators import Number
@@ -18,7 +18,10 @@ app = App(
 _RESULT = Group("Result")
 
 MissionName = Annotated[
-    str, Parameter(help="A bundled mission (case1, case2, case2-field), or the path of a TOML file.")
+    str,
+    Parameter(
+        help="A bundled mission (case1, case2, case2-field, ardupilot-trio, px4-trio, mixed-team), or a TOML file."
+    ),
 ]
 Seed = Annotated[
     int | None,
@@ -92,6 +95,17 @@ def fly(
 
 
 @app.command
+def check(mission: MissionName, *, json: Json = False) -> Exit:
+    """Preflight, without arming: is the mission feasible, are its vehicles fit to fly it? Parameters are only read.
+
+    Example: cordon check case2
+    """
+    from gcs.commands import check_mission  # noqa: PLC0415
+
+    return check_mission(mission, print if json else None)
+
+
+@app.command
 def sitl(mission: MissionName, *, speed: Speed = None) -> Exit:
     """Serve a mission's stub vehicles alone, for `cordon fly`, QGroundControl or any MAVLink client; Ctrl-C ends it.
 
@@ -101,6 +115,22 @@ def sitl(mission: MissionName, *, speed: Speed = None) -> Exit:
     from gcs.commands import serve_stubs  # noqa: PLC0415
 
     return serve_stubs(mission, speed or 1.0)
+
+
+@app.command
+def command(
+    verb: Literal["hold", "resume", "land"],
+    *,
+    vehicle: Annotated[int | None, Parameter(help="Tell this vehicle alone; otherwise all of them.")] = None,
+    mission: Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")] = "case2",
+) -> Exit:
+    """Tell a running team to hold, to resume its mission, or to land; every vehicle's answer is shown.
+
+    Example: cordon command resume --vehicle 2 --mission case2
+    """
+    from gcs.commands import command_team  # noqa: PLC0415
+
+    return command_team(verb, vehicle, mission)
 
 
 def main() -> None:

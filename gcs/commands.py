@@ -1,7 +1,9 @@
 """What the commands do once the command line is parsed: load, fly, show, and say how it went."""
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 from agents.agent import Ending, Outcome
 from agents.ports import VehicleRefusedError
@@ -57,7 +59,7 @@ def fly_mission(
     from gcs.flight import FlightPlan, fly  # noqa: PLC0415
     from gcs.live import LiveView  # noqa: PLC0415
 
-    vehicles = mission.vehicles if only is None else (_chosen(mission, only),)
+    vehicles = mission.vehicles if only is None else (_chosen(mission, only, "--only"),)
     speed = speed or (1.0 if sitl else None)
     plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed)
     try:
@@ -71,6 +73,20 @@ def fly_mission(
         verdict = present(mission, flight.record, json=json, plot=plot)
         _warn_of_lateness(flight.record.loop.missed, flight.record.loop.ticks, flight.speed, flight.speed_kept)
     return _judged(flight.outcomes, verdict)
+
+
+def check_mission(name: str, write: Callable[[str], object] | None) -> Exit:
+    """`cordon check`; `write` takes the findings as JSON."""
+    from gcs.check import exit_code, findings_json, findings_view  # noqa: PLC0415
+    from gcs.link_facts import gather_facts  # noqa: PLC0415
+    from gcs.preflight import preflight  # noqa: PLC0415
+
+    mission = load_mission(name)
+    findings = preflight(mission, asyncio.run(gather_facts(mission)))
+    STDERR.print(findings_view(mission.mission.name, findings))
+    if write is not None:
+        write(findings_json(mission.mission.name, findings))
+    return exit_code(findings)
 
 
 def serve_stubs(name: str, speed: float) -> Exit:
@@ -91,12 +107,29 @@ def serve_stubs(name: str, speed: float) -> Exit:
     return Exit.HOLDS
 
 
-def _chosen(mission: Mission, vehicle_id: int) -> MissionVehicle:
+def command_team(verb: Literal["hold", "resume", "land"], vehicle: int | None, mission_name: str) -> Exit:
+    """`cordon command`."""
+    from gcs.operator import Operator  # noqa: PLC0415
+
+    mission = load_mission(mission_name)
+    vehicles = mission.ids if vehicle is None else (_chosen(mission, vehicle, "--vehicle").id,)
+    try:
+        answers = asyncio.run(Operator(mission).command(verb, vehicles, vehicle))
+    except VehicleRefusedError as refusal:
+        _say(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    for vehicle_id, after_s in answers.items():
+        told = "did not obey" if after_s is None else f"obeyed after {after_s * 1000:.0f} ms"
+        STDERR.print(f"vehicle {vehicle_id}: {verb}: {told}", highlight=False)
+    return Exit.REFUSED if None in answers.values() else Exit.HOLDS
+
+
+def _chosen(mission: Mission, vehicle_id: int, option: str) -> MissionVehicle:
     try:
         return mission.vehicle(vehicle_id)
     except KeyError as error:
         ids = ", ".join(map(str, mission.ids))
-        raise InputError([f"--only: the mission has no vehicle {vehicle_id} (it has {ids})"]) from error
+        raise InputError([f"{option}: the mission has no vehicle {vehicle_id} (it has {ids})"]) from error
 
 
 def _judged(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:

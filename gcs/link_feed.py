@@ -103,11 +103,17 @@ class VehicleFeed:
         parts = {"local position": self.position_m, "flight mode": self._mode, "health": self._health}
         return ", ".join(words for words, part in parts.items() if part is None)
 
+    def health(self) -> dict[str, bool]:
+        """Return whether each health item is well, by its words; empty before the first report."""
+        if self._health is None:
+            return {}
+        return {words: bool(getattr(self._health, name)) for name, words in HEALTH_ITEMS.items()}
+
     def failing(self) -> str:
         """Return the health items that are not well, in words; empty when all are."""
         if self._health is None:
             return "no health report"
-        return ", ".join(words for name, words in HEALTH_ITEMS.items() if not getattr(self._health, name))
+        return ", ".join(words for words, well in self.health().items() if not well)
 
     def said(self, since_s: float = 0.0) -> str:
         """Return what the autopilot wrote since a monotonic time, quoted and without repetitions; empty if nothing."""

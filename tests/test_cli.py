@@ -230,7 +230,8 @@ def test_a_misspelt_option_is_an_exit_code_of_the_process_and_a_hint_on_standard
 
 
 def test_an_unknown_mission_names_the_bundled_ones(refused: Refused) -> None:
-    assert refused("sim", "case9") == ["case9: No such file or directory; bundled missions: case1, case2, case2-field"]
+    known = "ardupilot-trio, case1, case2, case2-field, mixed-team, px4-trio"
+    assert refused("sim", "case9") == [f"case9: No such file or directory; bundled missions: {known}"]
 
 
 @pytest.mark.parametrize("command", ["sim", "fly", "sitl"])

@@ -10,7 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
-from agents.messages import TOPICS, MemberState, Muster, NeighbourAngle, PeerMessage, TargetPackage, decode, encode
+from agents.messages import (
+    TOPICS,
+    BusMessage,
+    MemberState,
+    Muster,
+    NeighbourAngle,
+    OperatorCommand,
+    PeerMessage,
+    TargetPackage,
+    decode,
+    encode,
+)
 from agents.outputs import TickOutput
 from agents.settings import AgentConfig
 from agents.tactics import Event, Tactic
@@ -46,7 +57,7 @@ def setpoint_of(output: TickOutput) -> tuple[float, float]:
     return output.setpoint.position_m[:2]
 
 
-def sent_by(output: TickOutput) -> list[PeerMessage]:
+def sent_by(output: TickOutput) -> list[BusMessage]:
     messages = [decode(outgoing.payload) for outgoing in output.messages]
     assert [outgoing.topic for outgoing in output.messages] == [TOPICS[type(message)].name for message in messages]
     return messages
@@ -353,3 +364,52 @@ def test_the_same_inputs_give_the_same_outputs_bit_for_bit(make_config: Maker) -
         return outputs
 
     assert flight() == flight()
+
+
+def test_a_vehicle_that_stood_down_asks_for_nothing_and_tells_its_peers_so(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.fly(5.0)
+    pilot.core.on_event(Event.FOREIGN_MODE)
+    for tick in range(20):
+        pilot.core.on_telemetry(telemetry(5.0 + tick * PERIOD_S, [tick * 0.3, 1.0, 3.0, 0.0]))
+        output = pilot.core.tick(5.0 + tick * PERIOD_S)
+        assert output.setpoint is None
+        (state,) = sent_by(output)
+        assert isinstance(state, MemberState)
+        assert state.tactic == "stood down"
+
+
+@pytest.mark.parametrize(("vehicle", "obeys"), [(2, True), (None, True), (3, False)])
+def test_a_command_is_for_one_vehicle_or_for_all(vehicle: int | None, obeys: bool, make_config: Maker) -> None:
+    pilot = Pilot(make_config(vehicle_id=2))
+    pilot.fly(1.0)
+    pilot.core.on_message(encode(OperatorCommand(1.0, "hold", vehicle, "pat")), 1.0)
+    assert (pilot.core.tactic is Tactic.HOLD) == obeys
+
+
+def test_a_command_of_long_ago_is_dropped(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.fly(10.0)
+    pilot.core.on_message(encode(OperatorCommand(5.0, "land", None, "pat")), 10.0)
+    assert pilot.core.tactic is Tactic.FORMATION
+
+
+def test_a_vehicle_sent_back_beside_the_ring_does_not_cut_across_it(make_config: Maker) -> None:
+    # Its place in line is at the target by now: mixing that in would pull it through the ring.
+    pilot = Pilot(make_config(line_start_m=(0.0, 0.0)), motion=(10.0, 10.5, 0.0, 0.0))
+    pilot.core.on_event(Event.START)
+    pilot.core.on_event(Event.FOREIGN_MODE)
+    radii = []
+    for tick in range(200):
+        now_s = tick * PERIOD_S
+        if tick == 10:
+            pilot.core.on_event(Event.RESUME)
+        pilot.core.on_sighting(Sighting(now_s, 2, (10.0, 0.0), (1e-4, 0.0, 1e-4), 0.8, 0.2))
+        pilot.core.on_telemetry(telemetry(now_s, pilot.motion.tolist()))
+        output = pilot.core.tick(now_s)
+        wanted = output.setpoint.position_m[:2] if output.setpoint is not None else pilot.motion[:2]
+        pilot.motion = exact_step(pilot.plant, PERIOD_S).advance(pilot.motion, np.array(wanted), STILL)
+        radii.append(float(np.hypot(*(pilot.motion[:2] - [10.0, 0.0]))))
+    assert pilot.core.tactic is Tactic.ENCIRCLE
+    assert min(radii) > 9.0
+    assert radii[-1] == pytest.approx(10.0, abs=0.05)

@@ -7,7 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.messages import TOPICS, MemberState, Muster, NeighbourAngle, PeerMessage, TargetPackage, decode, encode
+from agents.messages import (
+    TOPICS,
+    BusMessage,
+    MemberState,
+    Muster,
+    NeighbourAngle,
+    OperatorCommand,
+    TargetPackage,
+    decode,
+    encode,
+)
 
 ids, times = st.integers(1, 254), st.floats(0.0, 1e12)
 places = st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
@@ -33,10 +43,11 @@ MEMBER = MemberState(2, 10.0, "formation", (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (
 ANGLE = NeighbourAngle(2, 10.0, 0.5, 0.05, 10.0)
 TARGET = TargetPackage(2, 10.0, (35.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (1, 3))
 MUSTER = Muster(2, 10.0, 12.0)
-EXAMPLES: list[PeerMessage] = [MEMBER, ANGLE, TARGET, MUSTER]
+COMMAND = OperatorCommand(12.5, "resume", 2, "pat")
+EXAMPLES: list[BusMessage] = [MEMBER, ANGLE, TARGET, MUSTER, COMMAND]
 
 
-def fields(message: PeerMessage) -> list[object]:
+def fields(message: BusMessage) -> list[object]:
     unpacked: list[object] = msgspec.msgpack.decode(encode(message))
     return unpacked
 
@@ -51,7 +62,7 @@ def refused(payload: bytes) -> bool:
 
 
 @given(messages)
-def test_what_goes_in_comes_out(message: PeerMessage) -> None:
+def test_what_goes_in_comes_out(message: BusMessage) -> None:
     again = decode(encode(message))
     assert type(again) is type(message)
     assert again == message
@@ -64,7 +75,7 @@ def test_arbitrary_bytes_never_raise_anything_but_value_error(payload: bytes) ->
 
 
 @given(messages, st.data())
-def test_a_mutated_message_never_raises_anything_but_value_error(message: PeerMessage, data: st.DataObject) -> None:
+def test_a_mutated_message_never_raises_anything_but_value_error(message: BusMessage, data: st.DataObject) -> None:
     payload = bytearray(encode(message))
     for _ in range(data.draw(st.integers(1, 4))):
         payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
@@ -85,7 +96,7 @@ def test_hostile_bytes_are_refused(payload: bytes) -> None:
 
 @pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)
 @pytest.mark.parametrize("wrong", [nan, inf, -inf, 1e13, "1", {}, -3e8])
-def test_every_number_is_bounded(message: PeerMessage, wrong: object) -> None:
+def test_every_number_is_bounded(message: BusMessage, wrong: object) -> None:
     tag, *values = fields(message)
     for index, value in enumerate(values):
         if not isinstance(value, str):
@@ -114,14 +125,14 @@ def test_every_number_is_bounded(message: PeerMessage, wrong: object) -> None:
         (MUSTER, 0, "mustard"),
     ],
 )
-def test_bounds_by_hand(message: PeerMessage, index: int, wrong: object) -> None:
+def test_bounds_by_hand(message: BusMessage, index: int, wrong: object) -> None:
     values = fields(message)
     values[index] = wrong
     assert refused(msgspec.msgpack.encode(values))
 
 
 @pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)
-def test_fields_that_a_later_version_appends_are_ignored(message: PeerMessage) -> None:
+def test_fields_that_a_later_version_appends_are_ignored(message: BusMessage) -> None:
     assert decode(msgspec.msgpack.encode([*fields(message), "new", {"more": [1, nan]}])) == message
 
 

@@ -10,14 +10,15 @@ from agents.tactics import TRANSITIONS, Event, Tactic, decides_to_encircle, diag
 from estimation.state import TargetEstimate
 
 # One line for each tactic, one letter for each event in the order below; '.' changes nothing.
-EVENTS = (Event.START, Event.ENGAGE, Event.TARGET_LOST, Event.HOLD, Event.RESUME, Event.LAND)
-LETTERS = {"F": Tactic.FORMATION, "E": Tactic.ENCIRCLE, "H": Tactic.HOLD, "L": Tactic.LAND}
+EVENTS = (Event.START, Event.ENGAGE, Event.TARGET_LOST, Event.HOLD, Event.RESUME, Event.LAND, Event.FOREIGN_MODE)
+LETTERS = {"F": Tactic.FORMATION, "E": Tactic.ENCIRCLE, "H": Tactic.HOLD, "L": Tactic.LAND, "S": Tactic.STOOD_DOWN}
 TABLE = {
-    Tactic.STANDBY: "F..H.L",
-    Tactic.FORMATION: ".E.H.L",
-    Tactic.ENCIRCLE: "..HH.L",
-    Tactic.HOLD: "....FL",
-    Tactic.LAND: "......",
+    Tactic.STANDBY: "F..H.LS",
+    Tactic.FORMATION: ".E.H.LS",
+    Tactic.ENCIRCLE: "..HH.LS",
+    Tactic.HOLD: "....FLS",
+    Tactic.LAND: ".......",
+    Tactic.STOOD_DOWN: "....F..",
 }
 
 

@@ -1,0 +1,117 @@
+"""The vocabulary of the preflight: what is known about a vehicle on the ground, and what is found to say about it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from math import isfinite
+
+from agents.ports import VehicleStatus
+from estimation.frames import Triple
+
+MISSION = "mission"
+"""The subject of what concerns the mission or the team as a whole."""
+
+
+class Grade(Enum):
+    """How grave a finding is."""
+
+    REFUSE = "refuse"
+    """Do not take off."""
+    WARNING = "warning"
+    """It may fly, and the operator should know."""
+    PASS = "pass"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at: what was found, and unless it is well, why it matters and what to do."""
+
+    grade: Grade
+    subject: str
+    check: str
+    found: str
+    why: str = ""
+    next_step: str = ""
+
+    def __post_init__(self) -> None:
+        if self.grade is not Grade.PASS and not (self.why and self.next_step):
+            raise ValueError(f"{self.check} of {self.subject}: {self.grade.value} without a reason and a next step")
+
+    @classmethod
+    def graded(cls, grade: Grade, subject: str, check: str, found: str, why: str, next_step: str) -> "Finding":
+        """Return a finding whose grade was computed: when all is well there is nothing to do next."""
+        return cls(grade, subject, check, found, why, "" if grade is Grade.PASS else next_step)
+
+
+class AutopilotKind(Enum):
+    """Whose firmware it is."""
+
+    PX4 = "PX4"
+    ARDUPILOT = "ArduPilot"
+    OTHER = "an unknown autopilot"
+
+
+@dataclass(frozen=True, slots=True)
+class GpsFix:
+    """What the receiver says: `dimensions` of its fix (0 without one, 2 or 3), and the satellites in use."""
+
+    dimensions: int
+    satellites: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleFacts:
+    """What one vehicle says about itself on the ground; None is what it did not say.
+
+    `unreachable` and `lost` hold (reason, next step) of a vehicle that is not to be talked to, and of one that does not
+    know its place. Positions are in the mission frame [m], rates are in the autopilot's own time, `clock_ratio` is how
+    many times faster than the wall that runs. A parameter that could not be read is None. Raises ValueError for numbers
+    that are not finite.
+    """
+
+    vehicle_id: int
+    unreachable: tuple[str, str] | None = None
+    autopilot: AutopilotKind = AutopilotKind.OTHER
+    multicopter: bool = False
+    status: VehicleStatus = field(default_factory=VehicleStatus)
+    health: Mapping[str, bool] = field(default_factory=dict)
+    says: str = ""
+    origin_m: Triple | None = None
+    lost: tuple[str, str] | None = None
+    position_m: Triple | None = None
+    gps: GpsFix | None = None
+    clock_ratio: float | None = None
+    telemetry_rate_hz: float | None = None
+    telemetry_rate_asked_hz: float = 20.0
+    parameters: Mapping[str, float | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        numbers = [self.telemetry_rate_hz or 0.0, self.telemetry_rate_asked_hz, self.clock_ratio or 0.0]
+        numbers += [*(self.origin_m or ()), *(self.position_m or ())]
+        numbers += [value for value in self.parameters.values() if value is not None]
+        if not all(map(isfinite, numbers)):
+            raise ValueError(f"the facts about vehicle {self.vehicle_id} hold a number that is not finite")
+
+    @property
+    def subject(self) -> str:
+        """What findings about it are about."""
+        return f"vehicle {self.vehicle_id}"
+
+    def parameter(self, *names: str) -> float | None:
+        """Return the first of these parameters that could be read; firmware renames them."""
+        values = (self.parameters.get(name) for name in names)
+        return next((value for value in values if value is not None), None)
+
+
+def limited(value: float, limit: float, reserve: float) -> Grade:
+    """Grade a value that must not exceed `limit`, and should not exceed the share `reserve` of it."""
+    if value > limit:
+        return Grade.REFUSE
+    return Grade.WARNING if value > reserve * limit else Grade.PASS
+
+
+def tolerated(value: float, tolerance: float, limit: float) -> Grade:
+    """Grade a value that should not exceed `tolerance`, and must not exceed `limit`."""
+    if value > limit:
+        return Grade.REFUSE
+    return Grade.WARNING if value > tolerance else Grade.PASS

@@ -1,0 +1,56 @@
+"""The preflight: from a mission and what its vehicles say of themselves to graded findings."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from gcs.findings import Finding, Grade, VehicleFacts
+from gcs.mission import Mission, MissionVehicle
+from gcs.preflight_mission import autopilot_limits, feasibility
+from gcs.preflight_parameters import JUDGES, failsafes, fence
+from gcs.preflight_vehicle import at_rest, battery, clock, gps, health, identity, place, telemetry, together
+
+Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
+
+VEHICLE_CHECKS: tuple[Check, ...] = (
+    lambda facts, _mission, _vehicle: identity(facts),
+    lambda facts, _mission, _vehicle: at_rest(facts),
+    lambda facts, _mission, _vehicle: health(facts),
+    lambda facts, _mission, vehicle: place(facts, vehicle),
+    lambda facts, _mission, _vehicle: gps(facts),
+    lambda facts, _mission, _vehicle: battery(facts),
+    lambda facts, _mission, _vehicle: telemetry(facts),
+    lambda facts, _mission, _vehicle: clock(facts),
+)
+"""What is asked of every vehicle that is heard."""
+AUTOPILOT_CHECKS: tuple[Check, ...] = (
+    lambda facts, _mission, _vehicle: failsafes(facts),
+    fence,
+    lambda facts, mission, _vehicle: autopilot_limits(mission, facts),
+)
+"""What is asked of every autopilot whose parameters cordon understands."""
+_ORDER = list(Grade)
+
+
+def preflight(mission: Mission, team: Sequence[VehicleFacts]) -> tuple[Finding, ...]:
+    """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not."""
+    findings = [*feasibility(mission), *together(mission, team)]
+    for facts in team:
+        findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id))
+    return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))
+
+
+def worst(findings: Iterable[Finding]) -> Grade:
+    """Return the gravest grade among findings."""
+    return min((finding.grade for finding in findings), key=_ORDER.index, default=Grade.PASS)
+
+
+def _of_vehicle(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
+    if facts.unreachable is not None:
+        found, step = facts.unreachable
+        why = "commands would go to nobody, or to another vehicle than the one meant"
+        yield Finding(Grade.REFUSE, facts.subject, "link", found, why, step)
+        return
+    yield Finding(
+        Grade.PASS, facts.subject, "link", f"it is heard on {vehicle.section.url} as system {vehicle.system_id}"
+    )
+    for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot in JUDGES else ()):
+        yield from check(facts, mission, vehicle)

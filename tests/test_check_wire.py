@@ -1,0 +1,155 @@
+"""`cordon check` against stub vehicles over UDP: what operators read when all is well, and when it is not."""
+
+import asyncio
+import json
+import socket
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mavsdk.plugins.param import Param
+
+from gcs.cli import main
+from gcs.link_hub import MavsdkHub
+from gcs.mission import Mission
+from gcs.mission_file import load_mission
+from gcs.stubs import stub_configs
+from sitl.process import StubProcess
+from sitl.server import StubConfig
+
+pytestmark = [
+    pytest.mark.wire,
+    pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens"),
+]
+
+CASE2 = (Path(__file__).parents[1] / "gcs" / "missions" / "case2.toml").read_text(encoding="utf-8")
+SPEED = 5.0
+WELL = {"COM_OBL_RC_ACT": 4}
+Checked = Callable[..., tuple[int, list[dict[str, str]]]]
+
+
+def free_ports(count: int) -> list[int]:
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
+    try:
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))
+        return [int(each.getsockname()[1]) for each in sockets]
+    finally:
+        for each in sockets:
+            each.close()
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Callable[..., tuple[str, Mission]]:
+    """Return a maker of missions: case 2 on free ports, with pieces of its text replaced."""
+
+    def make(*changes: tuple[str, str]) -> tuple[str, Mission]:
+        text = CASE2
+        for old, new in (*zip(("14540", "14541", "14542"), map(str, free_ports(3)), strict=True), *changes):
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "mission.toml"
+        path.write_text(text, encoding="utf-8")
+        return str(path), load_mission(str(path))
+
+    return make
+
+
+@pytest.fixture
+def checked(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Checked:
+    """Return a runner of `cordon check`: its exit code and findings; it runs in this process, which is faster."""
+
+    def run(path: str) -> tuple[int, list[dict[str, str]]]:
+        monkeypatch.setattr(sys, "argv", ["cordon", "check", path, "--json"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = json.loads(capsys.readouterr().out)
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, told["findings"]
+
+    return run
+
+
+@contextmanager
+def stubs(configs: Sequence[StubConfig]) -> Iterator[None]:
+    process = StubProcess(configs, SPEED)
+    process.start()
+    try:
+        yield
+    finally:
+        process.stop()
+
+
+def set_parameters(mission: Mission, vehicle_id: int, values: Mapping[str, int | float]) -> None:
+    """Do what the operator is told to do with a ground station: cordon itself writes no parameters."""
+
+    async def write() -> None:
+        hub, vehicle = MavsdkHub(), mission.vehicle(vehicle_id)
+        system = await hub.find(vehicle.section.url, vehicle.system_id, 5.0)
+        param: Any = Param(system)
+        for name, value in values.items():
+            put = param.set_param_int if isinstance(value, int) else param.set_param_float
+            await asyncio.to_thread(put, name, value)
+        param.destroy()
+        system.destroy()
+        await hub.release(vehicle.section.url, vehicle.system_id)
+        await hub.close()
+
+    asyncio.run(write())
+
+
+def of(findings: list[dict[str, str]], grade: str) -> list[tuple[str, str, str]]:
+    return [(each["subject"], each["check"], each["found"]) for each in findings if each["grade"] == grade]
+
+
+def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any], checked: Checked) -> None:
+    path, team = mission()
+    with stubs(stub_configs(team)):
+        set_parameters(team, 1, WELL)
+        set_parameters(team, 2, {"COM_OBL_RC_ACT": 0, "COM_OF_LOSS_T": 6.0, "GF_MAX_HOR_DIST": 40.0})
+        set_parameters(team, 3, WELL)
+        code, findings = checked(path)
+    assert code == 3
+    assert of(findings, "refuse") == [
+        ("vehicle 2", "COM_OF_LOSS_T", "COM_OF_LOSS_T = 6: 6 s without setpoints until its failsafe acts"),
+    ]
+    warned = {found for subject, _, found in of(findings, "warning") if subject == "vehicle 2"}
+    assert "COM_OBL_RC_ACT = 0: position mode when setpoints stop" in warned
+    assert "the mission takes it up to 120 m from home; its fence GF_MAX_HOR_DIST is at 40 m" in warned
+    # The others are well, but for what the stub does not know.
+    others = [each for each in findings if each["subject"] != "vehicle 2" and each["grade"] != "pass"]
+    assert {each["check"] for each in others} <= {"acceleration limit"}
+    told = {each["check"]: each["found"] for each in findings if each["subject"] == "vehicle 1"}
+    assert told["gps"] == "GPS: 3D fix, 14 satellites"
+    assert told["battery"] == "its battery is at 100%"
+    assert told["clock"] == "its clock runs 5 times as fast as the wall's: it is a simulator's"
+    assert told["health"] == "all of its 7 health items are well"
+    assert told["armed"] == "it is disarmed, on the ground"
+    assert float(told["telemetry"].split()[3]) == pytest.approx(20.0, rel=0.1)
+
+
+def test_vehicles_that_are_silent_misplaced_or_carry_anothers_id(mission: Callable[..., Any], checked: Checked) -> None:
+    path, team = mission()
+    misplaced, twin, _silent = stub_configs(team)
+    configs = [
+        replace(misplaced, start_position_m=(12.0, 3.0), battery_fraction=0.2),
+        replace(twin, vehicle_id=1),
+    ]
+    with stubs(configs):
+        code, findings = checked(path)
+    urls = [vehicle.section.url for vehicle in team.vehicles]
+    assert code == 3
+    assert of(findings, "refuse") == [
+        (
+            "vehicle 1",
+            "start",
+            "it stands 12.0 m from its start_m (0, 4): +12.0 m along x, -1.0 m along y",
+        ),
+        ("vehicle 1", "battery", "its battery is at 20%"),
+        ("vehicle 2", "link", f"{urls[1]} carries system id 1, not 2"),
+        ("vehicle 3", "link", f"no heartbeat on {urls[2]} within 5 s"),
+    ]
