@@ -4,13 +4,14 @@ What the world says comes in through the `on_...` methods, the time is an argume
 wants done comes back from it: the same object flies over MAVLink, in the simulation, and again from a log.
 """
 
-from dataclasses import dataclass
+from math import hypot
 
+import msgspec
 import numpy as np
 
 from agents.encirclement import Approach, EncirclementPlanner
 from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
-from agents.linearize import polar_from_motion
+from agents.linearize import Polar, polar_from_motion
 from agents.lmpc import QpStatus
 from agents.messages import (
     TOPICS,
@@ -48,8 +49,7 @@ _CLOCK_AHEAD_MAX_S = 1.0
 _EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND}
 
 
-@dataclass(frozen=True, slots=True)
-class _Situation:
+class _Situation(msgspec.Struct, frozen=True):
     """What a tick decides on: the estimates now, and both motions (4,) at the moment the next setpoint acts."""
 
     now_s: float
@@ -58,11 +58,11 @@ class _Situation:
     acting_motion: Vector
     disturbance: Vector
     target: TargetEstimate | None
+    polar: Polar | None
     acting_target: Vector | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Wish:
+class _Wish(msgspec.Struct, frozen=True):
     """The setpoint (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about."""
 
     setpoint_m: Vector
@@ -175,6 +175,7 @@ class VehicleCore:
             self._own.predicted_motion(own, acting_s),
             own.mean[DISTURBANCE],
             target,
+            None if target is None else polar_from_motion(own.mean[MOTION], target.mean),
             None if target is None else _moved(target.mean, acting_s - target.time_s),
         )
 
@@ -284,14 +285,14 @@ class VehicleCore:
         """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
         position = situation.acting_motion[POSITION]
         lead = setpoint_m - position
-        distance = float(np.hypot(lead[0], lead[1]))
+        distance = hypot(*lead.tolist())
         limit = self._config.safety.setpoint_lead_max_m
         return setpoint_m if distance <= limit else position + lead * (limit / distance)
 
     def _messages(self, situation: _Situation, wish: _Wish) -> tuple[Outgoing, ...]:
         messages: list[PeerMessage] = [self._member_state(situation, wish)]
-        if self._tactic is Tactic.ENCIRCLE and situation.target is not None:
-            messages.append(self._neighbour_angle(situation, situation.target))
+        if self._tactic is Tactic.ENCIRCLE and situation.polar is not None:
+            messages.append(self._neighbour_angle(situation.now_s, situation.polar))
         messages += [self._target_package(sighting, situation.own) for sighting in self._sightings]
         self._sightings.clear()
         return tuple(Outgoing(TOPICS[type(message)].name, encode(message)) for message in messages)
@@ -311,14 +312,9 @@ class VehicleCore:
             (rate_x, rate_y),
         )
 
-    def _neighbour_angle(self, situation: _Situation, target: TargetEstimate) -> NeighbourAngle:
-        polar = polar_from_motion(situation.own.mean[MOTION], target.mean)
+    def _neighbour_angle(self, now_s: float, polar: Polar) -> NeighbourAngle:
         return NeighbourAngle(
-            self._config.vehicle_id,
-            situation.now_s,
-            polar.bearing_rad,
-            polar.angular_rate_rad_s,
-            polar.radius_m,
+            self._config.vehicle_id, now_s, polar.bearing_rad, polar.angular_rate_rad_s, polar.radius_m
         )
 
     def _target_package(self, sighting: Sighting, own: OwnEstimate) -> TargetPackage:
@@ -366,7 +362,7 @@ class VehicleCore:
             self._mixing_share(now_s),
             motion,
             target,
-            None if motion is None or target is None else polar_from_motion(motion, target),
+            None if situation is None else situation.polar,
             None if wish is None else wish.place,
             None if wish is None else wish.approach,
             None if wish is None else wish.qp,

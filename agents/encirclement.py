@@ -1,9 +1,9 @@
 """Encirclement: LMPC on the linearised polar model - (23) to (26) - and its setpoint through feedback linearisation."""
 
-from dataclasses import dataclass
 from enum import Enum
 from math import tau
 
+import msgspec
 import numpy as np
 
 from agents.linearize import Polar, polar_from_motion, setpoint_for, setpoint_for_acceleration
@@ -25,8 +25,7 @@ class Approach(Enum):
     INWARD = "inward"
 
 
-@dataclass(frozen=True, slots=True)
-class EncirclementPlan:
+class EncirclementPlan(msgspec.Struct, frozen=True):
     """The setpoint (2,), how the vehicle stands to the ring, the rate wanted of it, and where the plan came from."""
 
     setpoint_m: Vector
@@ -45,7 +44,12 @@ class EncirclementPlanner:
         spacing_weight = self._settings.lag_weight + self._settings.lead_weight
         self._alone = _lmpc(self._settings, 0.0)
         self._spaced = _lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
-        self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
+        times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
+        self._drift_rad = self._settings.angular_rate_rad_s * times_s
+        self._on_ring = np.zeros((self._settings.horizon, 4))
+        self._on_ring[:, 0] = self._settings.radius_m
+        self._state_max = np.full((self._settings.horizon, len(_CONSTRAINED)), _FREE)
+        self._state_max[:, 1] = self._settings.speed_max_m_s
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
@@ -90,15 +94,14 @@ class EncirclementPlanner:
         on at the ring's rate - (25), (26).
         """
         settings = self._settings
-        reference = np.zeros((settings.horizon, 4))
-        reference[:, 0] = settings.radius_m
+        reference = self._on_ring.copy()
         reference[:, 3] = rate_wanted_rad_s
         if place.lead_rad is not None and place.lag_rad is not None:
             behind = place.desired_rad - place.lag_rad
             ahead = place.lead_rad - place.desired_rad
             weights = settings.lag_weight + settings.lead_weight
             middle = (settings.lag_weight * behind + settings.lead_weight * ahead) / weights if weights else 0.0
-            reference[:, 1] = middle + settings.angular_rate_rad_s * self._times_s
+            reference[:, 1] = middle + self._drift_rad
         return reference
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
@@ -106,13 +109,12 @@ class EncirclementPlanner:
         settings = self._settings
         radius = polar.radius_m
         limit = np.array([settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / radius])
-        highest = np.empty((settings.horizon, len(_CONSTRAINED)))
-        highest[:] = (_FREE, settings.speed_max_m_s, settings.speed_max_m_s / radius)
+        highest = self._state_max.copy()
+        highest[:, 2] = settings.speed_max_m_s / radius
         lowest = -highest
         if place.lead_rad is not None and place.lag_rad is not None:
-            drift = settings.angular_rate_rad_s * self._times_s
-            highest[:, 0] = place.lead_rad - self._clearance_rad + drift
-            lowest[:, 0] = self._clearance_rad - place.lag_rad + drift
+            highest[:, 0] = place.lead_rad - self._clearance_rad + self._drift_rad
+            lowest[:, 0] = self._clearance_rad - place.lag_rad + self._drift_rad
         return Bounds(-limit, limit, lowest, highest)
 
 

@@ -5,8 +5,8 @@ setpoint. The leader's predecessor is the mission's line itself: a vehicle witho
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from agents.lmpc import Bounds, Lmpc, QpStatus
@@ -17,16 +17,14 @@ from estimation.state import POSITION, VELOCITY, Vector
 _CONSTRAINED = (2, 3)  # the two speeds
 
 
-@dataclass(frozen=True, slots=True)
-class Predecessor:
+class Predecessor(msgspec.Struct, frozen=True):
     """A predecessor's motion (4,) and undisturbed setpoint (2,) at the moment a vehicle plans for."""
 
     motion: Vector
     setpoint_m: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class FormationPlan:
+class FormationPlan(msgspec.Struct, frozen=True):
     """The setpoint (2,), what it would be undisturbed - followers need that - and the solver's status."""
 
     setpoint_m: Vector

@@ -3,17 +3,16 @@
 Equations (3)-(5) and (11), (12) with the target's own velocity included (mathematics.md sections 3 and 4).
 """
 
-from dataclasses import dataclass
 from math import atan2, cos, hypot, sin
 
+import msgspec
 import numpy as np
 
 from estimation.plant import Plant
-from estimation.state import POSITION, VELOCITY, Vector
+from estimation.state import Vector
 
 
-@dataclass(frozen=True, slots=True)
-class Polar:
+class Polar(msgspec.Struct, frozen=True):
     """A vehicle's motion about the target: radius and bearing, and their rates."""
 
     radius_m: float
@@ -66,5 +65,9 @@ def setpoint_for_acceleration(
     motion: Vector, acceleration_m_s2: Vector, disturbance_m_s2: Vector, plant: Plant
 ) -> Vector:
     """Solve the plant for its input: the setpoint (2,) under which it accelerates as wished - X_d of section 4."""
-    effort = acceleration_m_s2 + plant.a1_per_s * motion[VELOCITY] - disturbance_m_s2
-    return np.asarray(motion[POSITION] + effort / plant.a0_per_s2, dtype=np.float64)
+    x, y, x_rate, y_rate = motion.tolist()
+    w_x, w_y = disturbance_m_s2.tolist()
+    x_wanted, y_wanted = acceleration_m_s2.tolist()
+    effort_x = x_wanted + plant.x.a1_per_s * x_rate - w_x
+    effort_y = y_wanted + plant.y.a1_per_s * y_rate - w_y
+    return np.array([x + effort_x / plant.x.a0_per_s2, y + effort_y / plant.y.a0_per_s2])

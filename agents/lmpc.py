@@ -8,9 +8,9 @@ under bounds on the inputs and on chosen states - (13), (14) for the formation, 
 inputs are hard, those on states soft: a vehicle that is outside them has a plan too, the one that leads back inside.
 """
 
-from dataclasses import dataclass
 from enum import Enum
 
+import msgspec
 import numpy as np
 import osqp
 from scipy.sparse import csc_matrix
@@ -30,17 +30,19 @@ class QpStatus(Enum):
     FALLBACK = "fallback"
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """The first input (m,) of the best sequence, the states (horizon, n) it leads through, and the status."""
+class Plan(msgspec.Struct, frozen=True):
+    """The best inputs (control_horizon, m), the last held to the end of the horizon, and the status."""
 
-    first_input: Vector
-    states: Vector
+    inputs: Vector
     status: QpStatus
 
+    @property
+    def first_input(self) -> Vector:
+        """The input (m,) to apply now."""
+        return np.asarray(self.inputs[0], dtype=np.float64)
 
-@dataclass(frozen=True, slots=True)
-class Bounds:
+
+class Bounds(msgspec.Struct, frozen=True):
     """Bounds of one solve: inputs (m,) each way, and the constrained states (horizon, k) each way."""
 
     input_min: Vector
@@ -65,32 +67,30 @@ class Lmpc:
     ) -> None:
         """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,)."""
         states, inputs = input_gain.shape
-        self._shape = (horizon, states)
         self._inputs = inputs
-        self._control_horizon = control_horizon
-        self._free, self._forced = _condense(transition, input_gain, horizon, control_horizon)
-        weighted = np.kron(np.eye(horizon), state_weight) @ self._forced
+        free, forced = _condense(transition, input_gain, horizon, control_horizon)
+        weighted = np.kron(np.eye(horizon), state_weight) @ forced
         difference = np.eye(control_horizon * inputs) - np.eye(control_horizon * inputs, k=-inputs)
         increment_cost = difference.T @ np.diag(np.tile(increment_weight, control_horizon))
-        hessian = 2.0 * (self._forced.T @ weighted + increment_cost @ difference)
-        self._gradient_by_state = 2.0 * weighted.T @ self._free
+        hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
+        self._gradient_by_state = 2.0 * weighted.T @ free
         self._gradient_by_reference = -2.0 * weighted.T
         self._gradient_by_previous = -2.0 * increment_cost[:, :inputs]
         self._interior = -np.linalg.inv(hessian)
         rows = [step * states + state for step in range(horizon) for state in constrained_states]
-        self._rows_free = self._free[rows]
+        self._rows_free = free[rows]
         self._lower, self._upper = np.empty((2, control_horizon * inputs + len(rows)))
-        self._rows = np.vstack([np.eye(control_horizon * inputs), self._forced[rows]])
-        self._solver = _SoftQp(hessian, self._forced[rows])
+        self._rows = np.vstack([np.eye(control_horizon * inputs), forced[rows]])
+        self._solver = _SoftQp(hessian, forced[rows])
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Plan:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
         gradient = (
-            self._gradient_by_state @ state
-            + self._gradient_by_reference @ reference.ravel()
-            + self._gradient_by_previous @ previous_input
+            self._gradient_by_state.dot(state)
+            + self._gradient_by_reference.dot(reference.ravel())
+            + self._gradient_by_previous.dot(previous_input)
         )
-        drift = self._rows_free @ state
+        drift = self._rows_free.dot(state)
         size = len(gradient)
         lower, upper = self._lower, self._upper
         lower[:size].reshape(-1, self._inputs)[:] = bounds.input_min
@@ -98,14 +98,13 @@ class Lmpc:
         np.subtract(bounds.state_min.ravel(), drift, out=lower[size:])
         np.subtract(bounds.state_max.ravel(), drift, out=upper[size:])
         optimum, status = self._minimise(gradient, lower, upper)
-        states = (self._free @ state + self._forced @ optimum).reshape(self._shape)
-        return Plan(optimum[: self._inputs], states, status)
+        return Plan(optimum.reshape(-1, self._inputs), status)
 
     def _minimise(self, gradient: Vector, lower: Vector, upper: Vector) -> tuple[Vector, QpStatus]:
         # Mostly no bound binds: then the optimum is a matrix product, exact, and cheaper than any solver.
-        interior = self._interior @ gradient
-        values = self._rows @ interior
-        if (values >= lower - _FEASIBLE_SLACK).all() and (values <= upper + _FEASIBLE_SLACK).all():
+        interior = self._interior.dot(gradient)
+        values = self._rows.dot(interior)
+        if np.minimum(values - lower, upper - values).min() >= -_FEASIBLE_SLACK:
             return interior, QpStatus.INTERIOR
         size = len(gradient)
         solution = self._solver.minimise(gradient, lower, upper)

@@ -1,6 +1,6 @@
 """What a core gives back from a tick: a setpoint, messages for the peers, and its status."""
 
-from dataclasses import dataclass
+import msgspec
 
 from agents.encirclement import Approach
 from agents.linearize import Polar
@@ -12,16 +12,14 @@ from agents.tactics import Tactic
 from estimation.state import Vector
 
 
-@dataclass(frozen=True, slots=True)
-class Outgoing:
+class Outgoing(msgspec.Struct, frozen=True):
     """A message for the peers: its topic and its bytes."""
 
     topic: str
     payload: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class CoreStatus:
+class CoreStatus(msgspec.Struct, frozen=True):
     """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,)."""
 
     vehicle_id: int
@@ -38,8 +36,7 @@ class CoreStatus:
     messages_dropped: int
 
 
-@dataclass(frozen=True, slots=True)
-class TickOutput:
+class TickOutput(msgspec.Struct, frozen=True):
     """What one tick asks for: a setpoint (None before telemetry and when stood down), messages, and the status."""
 
     setpoint: Setpoint | None

@@ -6,6 +6,8 @@ from enum import Enum
 from math import isfinite
 from typing import Protocol
 
+import msgspec
+
 from estimation.frames import Triple
 from estimation.state import Sighting, Telemetry
 
@@ -36,8 +38,7 @@ class VehicleStatus:
     armable: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
+class Setpoint(msgspec.Struct, frozen=True):
     """A position setpoint in the mission frame, and the yaw counter-clockwise from its x axis.
 
     Raises ValueError when a number is not finite: nothing else may reach a wire.

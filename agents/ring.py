@@ -1,16 +1,16 @@
 """The ring: who is in front and behind, and the angular rate that spaces everybody evenly - (15) to (22)."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import cos, tau
+
+import msgspec
 
 from estimation.frames import wrap_turn_rad
 
 _FASTEST_MODE_PER_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class RingPlace:
+class RingPlace(msgspec.Struct, frozen=True):
     """A vehicle's place among the `members` on the ring, itself included.
 
     `lead_rad` and `lag_rad` in (0, 2 pi] are the angles to the vehicle in front and from the one behind; alone on the

@@ -10,12 +10,11 @@ from math import inf
 
 import numpy as np
 
-from estimation.kalman import STEP_DIGITS, Belief, MeasurementNoise, correct, predict
+from estimation.kalman import STEP_DIGITS, Belief, correct, predict
 from estimation.plant import Plant, exact_step
 from estimation.settings import OwnFilterSettings
 from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, OwnEstimate, Telemetry, Vector
 
-_OBSERVATION = np.eye(4, 6)
 _HISTORY_S = 2.0
 
 
@@ -25,8 +24,7 @@ class OwnFilter:
     def __init__(self, plant: Plant, settings: OwnFilterSettings) -> None:
         self._plant = plant
         self._settings = settings
-        variance = np.array([settings.position_noise_m**2] * 2 + [settings.velocity_noise_m_s**2] * 2)
-        self._noise = MeasurementNoise(np.diag(variance), np.diag(1.0 / variance))
+        self._noise = np.diag([settings.position_noise_m**2] * 2 + [settings.velocity_noise_m_s**2] * 2)
         self._process = lru_cache(maxsize=1024)(partial(_process, plant, settings))
         self._inputs = _InputHistory(plant.delay_s)
         self._belief: Belief | None = None
@@ -48,7 +46,7 @@ class OwnFilter:
             self.refused += 1
             return
         prior = self._carried(self._belief, telemetry.time_s)
-        result = correct(prior, measured, self._noise, _OBSERVATION, self._settings.gate_sigma)
+        result = correct(prior, measured, self._noise, self._settings.gate_sigma)
         self._belief = self._bounded(result.belief)
         if result.accepted:
             self._doubted_s = inf
@@ -84,19 +82,20 @@ class OwnFilter:
         if step_s <= 0.0:
             return belief
         transition, noise, gain = self._process(step_s)
-        return predict(belief, to_s, transition, noise, gain @ self._inputs.mean(belief.time_s, to_s))
+        return predict(belief, to_s, transition, noise, gain, self._inputs.mean(belief.time_s, to_s))
 
     def _reset(self, time_s: float, measured: Vector) -> None:
         mean = np.concatenate([measured, np.zeros(2)])
-        spread = np.concatenate(
-            [np.diag(self._noise.covariance), np.full(2, self._settings.disturbance_max_m_s2**2 / 4.0)]
-        )
+        spread = np.concatenate([np.diag(self._noise), np.full(2, self._settings.disturbance_max_m_s2**2 / 4.0)])
         self._belief = Belief(time_s, mean, np.diag(spread))
         self._doubted_s = inf
         self._inputs.start(time_s, measured[POSITION])
 
     def _bounded(self, belief: Belief) -> Belief:
         limit = self._settings.disturbance_max_m_s2
+        w_x, w_y = belief.mean[DISTURBANCE].tolist()
+        if abs(w_x) <= limit and abs(w_y) <= limit:
+            return belief
         mean = belief.mean.copy()
         np.clip(mean[DISTURBANCE], -limit, limit, out=mean[DISTURBANCE])
         return Belief(belief.time_s, mean, belief.covariance)

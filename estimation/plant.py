@@ -65,8 +65,8 @@ class PlantStep:
 
     def advance(self, state: Vector, setpoint_m: Vector, disturbance_m_s2: Vector) -> Vector:
         """Return the state (4,) one step later."""
-        forced = self.input_gain @ setpoint_m + self.disturbance_gain @ disturbance_m_s2
-        return np.asarray(self.transition @ state + forced, dtype=np.float64)
+        forced = self.input_gain.dot(setpoint_m) + self.disturbance_gain.dot(disturbance_m_s2)
+        return np.asarray(self.transition.dot(state) + forced, dtype=np.float64)
 
 
 @lru_cache(maxsize=1024)

@@ -3,9 +3,9 @@
 Everything is in the mission frame (x, y right-handed with z up), SI units and radians.
 """
 
-from dataclasses import dataclass
 from math import isfinite
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,8 +17,7 @@ MOTION = slice(0, 4)
 DISTURBANCE = slice(4, 6)
 
 
-@dataclass(frozen=True, slots=True)
-class Telemetry:
+class Telemetry(msgspec.Struct, frozen=True):
     """One sample of a vehicle's own motion, as its autopilot reports it.
 
     Raises ValueError when a number is not finite: NaN stops here.
@@ -32,8 +31,7 @@ class Telemetry:
         _require_finite("telemetry", self.time_s, *self.position_m, *self.velocity_m_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
+class Sighting(msgspec.Struct, frozen=True):
     """One observation of the target by one vehicle's sensor, with the target's importance and threat in [0, 1].
 
     `covariance_m2` holds (xx, xy, yy). Raises ValueError when a number is not finite, the covariance is not positive
@@ -56,8 +54,7 @@ class Sighting:
             raise ValueError(f"importance {self.importance} and threat {self.threat} must lie in [0, 1]")
 
 
-@dataclass(frozen=True, slots=True)
-class OwnEstimate:
+class OwnEstimate(msgspec.Struct, frozen=True):
     """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] and covariance (6, 6) at `time_s`."""
 
     time_s: float
@@ -65,8 +62,7 @@ class OwnEstimate:
     covariance: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class TargetEstimate:
+class TargetEstimate(msgspec.Struct, frozen=True):
     """A vehicle's belief about the target: mean (4,) = [x y x' y'] and covariance (4, 4) at `time_s`.
 
     `sighted_s` is the time of the newest sighting behind it; importance and threat are that sighting's.

@@ -5,22 +5,21 @@ in time, and what came after it is taken in again.
 """
 
 from bisect import bisect_right
-from dataclasses import dataclass
 from functools import lru_cache
+from itertools import takewhile
 from math import inf
 
+import msgspec
 import numpy as np
 
-from estimation.kalman import STEP_DIGITS, Belief, MeasurementNoise, correct, predict
+from estimation.kalman import STEP_DIGITS, Belief, correct, predict
 from estimation.settings import TargetFilterSettings
 from estimation.state import POSITION, VELOCITY, Sighting, TargetEstimate, Vector
 
-_OBSERVATION = np.eye(2, 4)
-_NOTHING = np.zeros(4)
+_NO_GAIN, _NO_INPUT = np.zeros((4, 1)), np.zeros(1)
 
 
-@dataclass(frozen=True, slots=True)
-class _Taken:
+class _Taken(msgspec.Struct, frozen=True):
     """A sighting, and the belief once it was taken in."""
 
     sighting: Sighting
@@ -41,10 +40,12 @@ class TargetFilter:
 
     def sight(self, sighting: Sighting) -> None:
         """Take in a sighting from any sensor, in any order; outliers, repeats and those too late are refused."""
-        if any(taken.sighting == sighting for taken in self._taken):
+        place = bisect_right(self._taken, sighting.time_s, key=_time_of)
+        if self._is_repeat(sighting, place):
             self.refused += 1
             return
-        newer = self._split_off_newer(sighting.time_s)
+        newer = self._taken[place:]
+        del self._taken[place:]
         if newer and sighting.time_s < newer[-1].sighting.time_s - self._settings.late_max_s:
             self._taken += newer
             self.refused += 1
@@ -72,11 +73,9 @@ class TargetFilter:
             newest.sighting.threat,
         )
 
-    def _split_off_newer(self, time_s: float) -> list[_Taken]:
-        place = bisect_right([taken.sighting.time_s for taken in self._taken], time_s)
-        newer = self._taken[place:]
-        del self._taken[place:]
-        return newer
+    def _is_repeat(self, sighting: Sighting, place: int) -> bool:
+        before = takewhile(lambda taken: taken.sighting.time_s == sighting.time_s, reversed(self._taken[:place]))
+        return any(taken.sighting == sighting for taken in before)
 
     def _take(self, sighting: Sighting) -> None:
         position = np.array(sighting.position_m)
@@ -85,7 +84,7 @@ class TargetFilter:
             self._start(sighting, position, noise)
             return
         prior = self._carried(self._taken[-1].belief, sighting.time_s)
-        result = correct(prior, position, noise, _OBSERVATION, self._settings.gate_sigma)
+        result = correct(prior, position, noise, self._settings.gate_sigma)
         self._doubted_s = inf if result.accepted else min(self._doubted_s, sighting.time_s)
         if sighting.time_s - self._doubted_s > self._settings.gate_timeout_s:
             # Every sensor has disagreed with the belief for a while: the belief is what is wrong.
@@ -98,9 +97,9 @@ class TargetFilter:
         self._accepted_s = max(self._accepted_s, sighting.time_s)
         self._taken.append(_Taken(sighting, result.belief))
 
-    def _start(self, sighting: Sighting, position: Vector, noise: MeasurementNoise) -> None:
+    def _start(self, sighting: Sighting, position: Vector, noise: Vector) -> None:
         covariance = np.zeros((4, 4))
-        covariance[POSITION, POSITION] = noise.covariance
+        covariance[POSITION, POSITION] = noise
         covariance[VELOCITY, VELOCITY] = np.eye(2) * self._settings.velocity_prior_m_s**2
         mean = np.concatenate([position, np.zeros(2)])
         self._accepted_s = sighting.time_s
@@ -112,7 +111,7 @@ class TargetFilter:
         if step_s <= 0.0:
             return belief
         transition, noise = _process(self._settings.acceleration_noise_m_s2, step_s)
-        return predict(belief, to_s, transition, noise, _NOTHING)
+        return predict(belief, to_s, transition, noise, _NO_GAIN, _NO_INPUT)
 
     def _forget(self, before_s: float) -> None:
         # One belief older than the window stays: a late sighting needs something to start from.
@@ -120,11 +119,13 @@ class TargetFilter:
             del self._taken[0]
 
 
-def _noise_of(sighting: Sighting) -> MeasurementNoise:
+def _time_of(taken: _Taken) -> float:
+    return taken.sighting.time_s
+
+
+def _noise_of(sighting: Sighting) -> Vector:
     xx, xy, yy = sighting.covariance_m2
-    determinant = xx * yy - xy**2
-    precision = np.array([[yy, -xy], [-xy, xx]]) / determinant
-    return MeasurementNoise(np.array([[xx, xy], [xy, yy]]), precision)
+    return np.array([[xx, xy], [xy, yy]])
 
 
 @lru_cache(maxsize=1024)

@@ -123,14 +123,19 @@ class SimulatedVehicle(Generic[OutputT]):
         self._setpoint_m: Vector = np.array(start_m)
         self._pending: list[tuple[float, Vector]] = []
 
-    def sense(self, now_s: float) -> None:
-        """Hand the core what its instruments say."""
+    def sense(self, now_s: float) -> tuple[Telemetry, Sighting | None]:
+        """Return what its instruments say, and its sensor if it sees the target now."""
         x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
-        self.core.on_telemetry(Telemetry(now_s, (x, y, self._altitude_m), (x_rate, y_rate, 0.0)))
         true_x, true_y = self.motion[POSITION].tolist()
-        sighting = self._sensor.sight(now_s, (true_x, true_y))
+        telemetry = Telemetry(now_s, (x, y, self._altitude_m), (x_rate, y_rate, 0.0))
+        return telemetry, self._sensor.sight(now_s, (true_x, true_y))
+
+    def think(self, now_s: float, telemetry: Telemetry, sighting: Sighting | None) -> OutputT:
+        """Let the core take in what was sensed, and decide."""
+        self.core.on_telemetry(telemetry)
         if sighting is not None:
             self.core.on_sighting(sighting)
+        return self.core.tick(now_s)
 
     def command(self, now_s: float, wanted: WantedPosition | None) -> None:
         """Send a setpoint on its way; it acts one delay later."""
@@ -189,7 +194,10 @@ class _Network:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedFlight:
-    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), and what each tick cost [us] (T, N)."""
+    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), and what each tick cost [us] (T, N).
+
+    A tick's cost is all a vehicle's core does in one period: what peers say, its own sensors, decision and plan.
+    """
 
     time_s: Vector
     motion: Vector
@@ -210,18 +218,20 @@ def simulate(
     ticks = round(duration_s * rate_hz) + 1
     time_s = np.arange(ticks) / rate_hz
     motion = np.empty((ticks, len(vehicles), 4))
-    tick_us = np.empty((ticks, len(vehicles)))
+    tick_us = np.zeros((ticks, len(vehicles)))
     air = _Network(network, seed)
     for tick, now_s in enumerate(time_s.tolist()):
         for index, vehicle in enumerate(vehicles):
             motion[tick, index, MOTION] = vehicle.motion
         for receiver, payload in air.arrived(now_s):
-            vehicles[receiver].core.on_message(payload, now_s)
-        for index, vehicle in enumerate(vehicles):
             began = perf_counter()
-            vehicle.sense(now_s)
-            output = vehicle.core.tick(now_s)
-            tick_us[tick, index] = (perf_counter() - began) * 1e6
+            vehicles[receiver].core.on_message(payload, now_s)
+            tick_us[tick, receiver] += (perf_counter() - began) * 1e6
+        for index, vehicle in enumerate(vehicles):
+            sensed = vehicle.sense(now_s)
+            began = perf_counter()
+            output = vehicle.think(now_s, *sensed)
+            tick_us[tick, index] += (perf_counter() - began) * 1e6
             vehicle.command(now_s, output.setpoint)
             air.send(now_s, index, output.messages, motion[tick, :, POSITION])
             observe(tick, index, output)
