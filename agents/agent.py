@@ -123,6 +123,7 @@ class Agent:
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from the ground to the ground: whatever happens, it comes down or is handed over."""
+        self._core.set_patience(max(self._clock.speed, 1.0))
         outcome = Outcome(Ending.COMPLETED)
         try:
             outcome = _STOPPED

@@ -6,13 +6,12 @@ wants done comes back from it: the same object flies over MAVLink, in the simula
 
 from math import hypot
 
-import msgspec
 import numpy as np
 
-from agents.encirclement import Approach, EncirclementPlanner
+from agents.broadcast import member_state, neighbour_angle, target_package
+from agents.encirclement import EncirclementPlanner
 from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
-from agents.linearize import Polar, polar_from_motion
-from agents.lmpc import QpStatus
+from agents.linearize import polar_from_motion
 from agents.messages import (
     TOPICS,
     BusMessage,
@@ -20,15 +19,14 @@ from agents.messages import (
     Muster,
     NeighbourAngle,
     OperatorCommand,
-    PeerMessage,
     TargetPackage,
     decode,
-    encode,
 )
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Setpoint
-from agents.ring import RingPlace, ring_place
+from agents.ring import ring_place
 from agents.settings import AgentConfig
+from agents.situation import Situation, Wish, extrapolated, mixed, moved
 from agents.tactics import Event, Tactic, decides_to_encircle, mixing_share, next_tactic
 from agents.team import Team
 from estimation.own import OwnFilter
@@ -37,9 +35,7 @@ from estimation.state import (
     MOTION,
     POSITION,
     VELOCITY,
-    OwnEstimate,
     Sighting,
-    TargetEstimate,
     Telemetry,
     Vector,
 )
@@ -47,30 +43,6 @@ from estimation.target import TargetFilter
 
 _CLOCK_AHEAD_MAX_S = 1.0
 _EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND}
-
-
-class _Situation(msgspec.Struct, frozen=True):
-    """What a tick decides on: the estimates now, and both motions (4,) at the moment the next setpoint acts."""
-
-    now_s: float
-    acting_s: float
-    own: OwnEstimate
-    acting_motion: Vector
-    disturbance: Vector
-    target: TargetEstimate | None
-    polar: Polar | None
-    acting_target: Vector | None
-
-
-class _Wish(msgspec.Struct, frozen=True):
-    """The setpoint (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about."""
-
-    setpoint_m: Vector
-    undisturbed_m: Vector
-    rate_m_s: Vector
-    place: RingPlace | None = None
-    approach: Approach | None = None
-    qp: QpStatus | None = None
 
 
 class VehicleCore:
@@ -81,6 +53,7 @@ class VehicleCore:
         self._own = OwnFilter(config.plant, config.own_filter)
         self._target = TargetFilter(config.target_filter)
         self._team = Team()
+        self._patience = 1.0
         self._formation = FormationPlanner(config)
         self._encirclement = EncirclementPlanner(config)
         self._tactic = Tactic.STANDBY
@@ -99,6 +72,10 @@ class VehicleCore:
     def tactic(self) -> Tactic:
         """The present tactic."""
         return self._tactic
+
+    def set_patience(self, factor: float) -> None:
+        """Wait `factor` times as long for what comes over a link: links take wall time, the core's may pass faster."""
+        self._patience = factor
 
     def start(self, at_s: float) -> None:
         """Begin the mission at `at_s`: the formation's clock starts then."""
@@ -147,7 +124,7 @@ class VehicleCore:
 
     def tick(self, now_s: float) -> TickOutput:
         """Estimate, decide, plan: one step of the control loop at `now_s`."""
-        self._team.expire(now_s)
+        self._team.expire(now_s, self._patience)
         situation = self._assess(now_s)
         if situation is None:
             return TickOutput(None, (), self._status(now_s, None, None))
@@ -162,13 +139,13 @@ class VehicleCore:
             self._status(now_s, situation, wish),
         )
 
-    def _assess(self, now_s: float) -> _Situation | None:
+    def _assess(self, now_s: float) -> Situation | None:
         own = self._own.estimate(now_s)
         if own is None:
             return None
         target = self._target.estimate(now_s)
         acting_s = now_s + self._acts_after_s
-        return _Situation(
+        return Situation(
             now_s,
             acting_s,
             own,
@@ -176,13 +153,13 @@ class VehicleCore:
             own.mean[DISTURBANCE],
             target,
             None if target is None else polar_from_motion(own.mean[MOTION], target.mean),
-            None if target is None else _moved(target.mean, acting_s - target.time_s),
+            None if target is None else moved(target.mean, acting_s - target.time_s),
         )
 
-    def _decide(self, situation: _Situation) -> None:
+    def _decide(self, situation: Situation) -> None:
         now_s, target = situation.now_s, situation.target
         heard_s = self._own.heard_s
-        if heard_s is None or now_s - heard_s > self._config.safety.telemetry_timeout_s:
+        if heard_s is None or now_s - heard_s > self._config.safety.telemetry_timeout_s * self._patience:
             self._change(Event.HOLD)
         if self._tactic is Tactic.STANDBY and now_s >= self._start_s:
             self._change(Event.START)
@@ -214,31 +191,31 @@ class VehicleCore:
         if after is Tactic.ENCIRCLE:
             self._encirclement.reset()
 
-    def _plan(self, situation: _Situation) -> _Wish:
+    def _plan(self, situation: Situation) -> Wish:
         if self._tactic is Tactic.FORMATION:
             return self._form(situation)
         if self._tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
             ring = self._encircle(situation, situation.acting_target)
             share = self._mixing_share(situation.now_s)
-            return ring if share >= 1.0 else _mixed(self._left_behind(situation), ring, share)
+            return ring if share >= 1.0 else mixed(self._left_behind(situation), ring, share)
         if self._tactic is Tactic.STOOD_DOWN:
             # Somebody else flies: all that is known of the vehicle's input is that it is near where the vehicle is.
             here = situation.own.mean[POSITION]
-            return _Wish(here, here, np.zeros(2))
+            return Wish(here, here, np.zeros(2))
         return self._hold(situation)
 
-    def _left_behind(self, situation: _Situation) -> _Wish:
+    def _left_behind(self, situation: Situation) -> Wish:
         """Return what a vehicle would do had it not engaged."""
         if self._leaving_m is None:
             return self._form(situation)
-        return _Wish(self._leaving_m, self._leaving_m, np.zeros(2))
+        return Wish(self._leaving_m, self._leaving_m, np.zeros(2))
 
     def _mixing_share(self, now_s: float) -> float:
         if self._tactic is not Tactic.ENCIRCLE:
             return 0.0
         return mixing_share(now_s - self._engaged_s, self._config.encirclement.smoothing_time_s)
 
-    def _form(self, situation: _Situation) -> _Wish:
+    def _form(self, situation: Situation) -> Wish:
         config = self._config
         flying = {*self._team.in_formation(), config.vehicle_id} & set(config.slots)
         leader = config.formation.leader
@@ -250,10 +227,10 @@ class VehicleCore:
         if predecessor_id is None:
             predecessor, offset = self._own_line(situation.acting_s), (0.0, 0.0)
         else:
-            predecessor = _extrapolated(self._team.member(predecessor_id), situation.acting_s)
+            predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
             offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
         plan = self._formation.plan(situation.acting_motion, situation.disturbance, predecessor, offset)
-        return _Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
+        return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
 
     def _own_line(self, at_s: float) -> Predecessor:
         """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""
@@ -262,12 +239,12 @@ class VehicleCore:
         start = config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
         return mission_line(config.plant, start, config.formation.speed_m_s, max(at_s - self._start_s, 0.0))
 
-    def _encircle(self, situation: _Situation, target: Vector) -> _Wish:
+    def _encircle(self, situation: Situation, target: Vector) -> Wish:
         polar = polar_from_motion(situation.acting_motion, target)
         rate = self._config.encirclement.angular_rate_rad_s
         place = ring_place(polar.bearing_rad, self._team.bearings_rad(situation.acting_s, rate))
         plan = self._encirclement.plan(situation.acting_motion, target, situation.disturbance, place)
-        return _Wish(
+        return Wish(
             plan.setpoint_m,
             plan.setpoint_m,
             situation.acting_motion[VELOCITY],
@@ -276,12 +253,12 @@ class VehicleCore:
             plan.status,
         )
 
-    def _hold(self, situation: _Situation) -> _Wish:
+    def _hold(self, situation: Situation) -> Wish:
         if self._hold_m is None:
             self._hold_m = situation.own.mean[POSITION].copy()
-        return _Wish(self._hold_m, self._hold_m, np.zeros(2))
+        return Wish(self._hold_m, self._hold_m, np.zeros(2))
 
-    def _led(self, setpoint_m: Vector, situation: _Situation) -> Vector:
+    def _led(self, setpoint_m: Vector, situation: Situation) -> Vector:
         """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
         position = situation.acting_motion[POSITION]
         lead = setpoint_m - position
@@ -289,44 +266,15 @@ class VehicleCore:
         limit = self._config.safety.setpoint_lead_max_m
         return setpoint_m if distance <= limit else position + lead * (limit / distance)
 
-    def _messages(self, situation: _Situation, wish: _Wish) -> tuple[Outgoing, ...]:
-        messages: list[PeerMessage] = [self._member_state(situation, wish)]
+    def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
+        messages = [member_state(self._config.vehicle_id, self._tactic, situation, wish)]
         if self._tactic is Tactic.ENCIRCLE and situation.polar is not None:
-            messages.append(self._neighbour_angle(situation.now_s, situation.polar))
-        messages += [self._target_package(sighting, situation.own) for sighting in self._sightings]
-        self._sightings.clear()
-        return tuple(Outgoing(TOPICS[type(message)].name, encode(message)) for message in messages)
-
-    def _member_state(self, situation: _Situation, wish: _Wish) -> MemberState:
-        x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
-        at_now = wish.undisturbed_m - wish.rate_m_s * (situation.acting_s - situation.now_s)
-        setpoint_x, setpoint_y = at_now.tolist()
-        rate_x, rate_y = wish.rate_m_s.tolist()
-        return MemberState(
-            self._config.vehicle_id,
-            situation.now_s,
-            self._tactic.value,
-            (x, y),
-            (x_rate, y_rate),
-            (setpoint_x, setpoint_y),
-            (rate_x, rate_y),
-        )
-
-    def _neighbour_angle(self, now_s: float, polar: Polar) -> NeighbourAngle:
-        return NeighbourAngle(
-            self._config.vehicle_id, now_s, polar.bearing_rad, polar.angular_rate_rad_s, polar.radius_m
-        )
-
-    def _target_package(self, sighting: Sighting, own: OwnEstimate) -> TargetPackage:
-        return TargetPackage(
-            self._config.vehicle_id,
-            sighting.time_s,
-            sighting.position_m,
-            sighting.covariance_m2,
-            sighting.importance,
-            sighting.threat,
-            self._team.within(own.mean[POSITION], self._config.communication_radius_m),
-        )
+            messages.append(neighbour_angle(self._config.vehicle_id, situation.now_s, situation.polar))
+        if self._sightings:
+            recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)
+            messages += [target_package(self._config.vehicle_id, sighting, recipients) for sighting in self._sightings]
+            self._sightings.clear()
+        return tuple(messages)
 
     def _hear_target(self, package: TargetPackage) -> None:
         if self._config.vehicle_id not in package.recipients:
@@ -350,9 +298,9 @@ class VehicleCore:
         known = isinstance(message, OperatorCommand) or (
             message.sender in self._config.slots and message.sender != self._config.vehicle_id
         )
-        return known and -_CLOCK_AHEAD_MAX_S <= age_s <= TOPICS[type(message)].age_max_s
+        return known and -_CLOCK_AHEAD_MAX_S <= age_s / self._patience <= TOPICS[type(message)].age_max_s
 
-    def _status(self, now_s: float, situation: _Situation | None, wish: _Wish | None) -> CoreStatus:
+    def _status(self, now_s: float, situation: Situation | None, wish: Wish | None) -> CoreStatus:
         target = None if situation is None or situation.target is None else situation.target.mean
         motion = None if situation is None else situation.own.mean[MOTION]
         return CoreStatus(
@@ -369,24 +317,3 @@ class VehicleCore:
             self._team.members(),
             self._dropped,
         )
-
-
-def _moved(motion: Vector, by_s: float) -> Vector:
-    """Return a motion (4,) some time later at constant velocity."""
-    later = motion.copy()
-    later[POSITION] += motion[VELOCITY] * by_s
-    return later
-
-
-def _extrapolated(member: MemberState, at_s: float) -> Predecessor:
-    """Return a peer's motion and setpoint at a moment, each going on at its published rate."""
-    ahead_s = at_s - member.time_s
-    motion = np.array([*member.position_m, *member.velocity_m_s])
-    setpoint = np.array(member.setpoint_m) + np.array(member.setpoint_rate_m_s) * ahead_s
-    return Predecessor(_moved(motion, ahead_s), setpoint)
-
-
-def _mixed(formation: _Wish, ring: _Wish, share: float) -> _Wish:
-    """Mix both tactics' setpoints, u = (1 - s) u_formation + s u_encircle (paper, section 4)."""
-    setpoint = (1.0 - share) * formation.setpoint_m + share * ring.setpoint_m
-    return _Wish(setpoint, setpoint, ring.rate_m_s, ring.place, ring.approach, ring.qp)

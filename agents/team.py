@@ -35,11 +35,12 @@ class Team:
         self._members.pop(vehicle_id, None)
         self._angles.pop(vehicle_id, None)
 
-    def expire(self, now_s: float) -> None:
-        """Drop what has become too old to act on."""
-        for sender in [s for s, m in self._members.items() if now_s - m.time_s > _MEMBER_AGE_MAX_S]:
+    def expire(self, now_s: float, patience: float = 1.0) -> None:
+        """Drop what has become too old to act on, which takes `patience` times as long as on the wall's clock."""
+        member_s, angle_s = now_s - _MEMBER_AGE_MAX_S * patience, now_s - _ANGLE_AGE_MAX_S * patience
+        for sender in [s for s, m in self._members.items() if m.time_s < member_s]:
             del self._members[sender]
-        for sender in [s for s, a in self._angles.items() if now_s - a.time_s > _ANGLE_AGE_MAX_S]:
+        for sender in [s for s, a in self._angles.items() if a.time_s < angle_s]:
             del self._angles[sender]
 
     def in_formation(self) -> Iterable[int]:

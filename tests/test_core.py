@@ -291,6 +291,20 @@ def test_silent_telemetry_means_hold(make_config: Maker) -> None:
     assert len({setpoint_of(output) for output in held}) == 1
 
 
+@pytest.mark.parametrize(("silence_s", "tactic"), [(9.8, Tactic.FORMATION), (10.3, Tactic.HOLD)])
+def test_faster_than_the_wall_links_may_be_silent_for_as_long_on_the_wall(
+    silence_s: float, tactic: Tactic, make_config: Maker
+) -> None:
+    pilot = Pilot(make_config())
+    pilot.core.set_patience(10.0)
+    pilot.fly(1.0)
+    heard_s = pilot.now_s - PERIOD_S
+    pilot.core.on_message(encode(member(1, heard_s, 0.0, 0.0)), heard_s + silence_s)
+    status = pilot.core.tick(heard_s + silence_s).status
+    assert status.tactic is tactic
+    assert ([peer.sender for peer in status.peers] == [1]) is (tactic is Tactic.FORMATION)
+
+
 def test_a_lost_target_means_hold(make_config: Maker) -> None:
     pilot = Pilot(make_config(target_filter={"stale_after_s": 4.0}))
     pilot.core.on_sighting(sighting(0.0))

@@ -1,0 +1,51 @@
+"""What a vehicle tells its peers, made from what it believes and does: ready to be sent."""
+
+from agents.linearize import Polar
+from agents.messages import TOPICS, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
+from agents.outputs import Outgoing
+from agents.situation import Situation, Wish
+from agents.tactics import Tactic
+from estimation.state import MOTION, Sighting
+
+
+def member_state(vehicle_id: int, tactic: Tactic, situation: Situation, wish: Wish) -> Outgoing:
+    """Tell tactic, motion and the undisturbed setpoint, taken back from when it acts to the present."""
+    x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
+    at_now = wish.undisturbed_m - wish.rate_m_s * (situation.acting_s - situation.now_s)
+    setpoint_x, setpoint_y = at_now.tolist()
+    rate_x, rate_y = wish.rate_m_s.tolist()
+    return _outgoing(
+        MemberState(
+            vehicle_id,
+            situation.now_s,
+            tactic.value,
+            (x, y),
+            (x_rate, y_rate),
+            (setpoint_x, setpoint_y),
+            (rate_x, rate_y),
+        )
+    )
+
+
+def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar) -> Outgoing:
+    """Tell the place on the ring."""
+    return _outgoing(NeighbourAngle(vehicle_id, now_s, polar.bearing_rad, polar.angular_rate_rad_s, polar.radius_m))
+
+
+def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, ...]) -> Outgoing:
+    """Tell a raw sighting to the peers within reach."""
+    return _outgoing(
+        TargetPackage(
+            vehicle_id,
+            sighting.time_s,
+            sighting.position_m,
+            sighting.covariance_m2,
+            sighting.importance,
+            sighting.threat,
+            recipients,
+        )
+    )
+
+
+def _outgoing(message: PeerMessage) -> Outgoing:
+    return Outgoing(TOPICS[type(message)].name, encode(message))

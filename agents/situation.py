@@ -1,0 +1,57 @@
+"""What a tick decides on, and what comes of it: the situation and the wish, and how both are carried and mixed."""
+
+import msgspec
+import numpy as np
+
+from agents.encirclement import Approach
+from agents.formation import Predecessor
+from agents.linearize import Polar
+from agents.lmpc import QpStatus
+from agents.messages import MemberState
+from agents.ring import RingPlace
+from estimation.state import POSITION, VELOCITY, OwnEstimate, TargetEstimate, Vector
+
+
+class Situation(msgspec.Struct, frozen=True):
+    """What a tick decides on: the estimates now, and both motions (4,) at the moment the next setpoint acts."""
+
+    now_s: float
+    acting_s: float
+    own: OwnEstimate
+    acting_motion: Vector
+    disturbance: Vector
+    target: TargetEstimate | None
+    polar: Polar | None
+    acting_target: Vector | None
+
+
+class Wish(msgspec.Struct, frozen=True):
+    """The setpoint (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about."""
+
+    setpoint_m: Vector
+    undisturbed_m: Vector
+    rate_m_s: Vector
+    place: RingPlace | None = None
+    approach: Approach | None = None
+    qp: QpStatus | None = None
+
+
+def moved(motion: Vector, by_s: float) -> Vector:
+    """Return a motion (4,) some time later at constant velocity."""
+    later = motion.copy()
+    later[POSITION] += motion[VELOCITY] * by_s
+    return later
+
+
+def extrapolated(member: MemberState, at_s: float) -> Predecessor:
+    """Return a peer's motion and setpoint at a moment, each going on at its published rate."""
+    ahead_s = at_s - member.time_s
+    motion = np.array([*member.position_m, *member.velocity_m_s])
+    setpoint = np.array(member.setpoint_m) + np.array(member.setpoint_rate_m_s) * ahead_s
+    return Predecessor(moved(motion, ahead_s), setpoint)
+
+
+def mixed(formation: Wish, ring: Wish, share: float) -> Wish:
+    """Mix both tactics' setpoints, u = (1 - s) u_formation + s u_encircle (paper, section 4)."""
+    setpoint = (1.0 - share) * formation.setpoint_m + share * ring.setpoint_m
+    return Wish(setpoint, setpoint, ring.rate_m_s, ring.place, ring.approach, ring.qp)
