@@ -23,6 +23,7 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.plugins.telemetry import Telemetry
 from pymavlink.dialects.v20 import common as dialect
 from scipy.linalg import expm
+from scipy.optimize import minimize_scalar
 
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant import Plant, PlantAxis
@@ -296,7 +297,7 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
     vehicle.go(0.0, 0.0, -3.0)
     vehicle.offboard.start()
     wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
-    time.sleep(0.5)
+    time.sleep(2.5)  # until it rests, leaning into the wind
     leaning_m = (wind_m_s2[0] / PLANT.x.a0_per_s2, wind_m_s2[1] / PLANT.y.a0_per_s2)
     x, y, z = FRAME.ned_from_mission((4.0, -2.0, 3.0))
     sent_s = now_s()
@@ -308,9 +309,16 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
     (track,) = process.stop().tracks
     window = (track.time_s > sent_s - 1.0) & (track.time_s < sent_s + 7.0)
     since_s = track.time_s[window] - sent_s - PLANT.delay_s
-    # 10 ms on the wall clock are 0.05 s here, in which the vehicle moves 0.1 m.
-    assert track.position_m[window, 0] - 3.0 - leaning_m[0] == pytest.approx(flown(PLANT.x, 4.0, since_s), abs=0.12)
-    assert track.position_m[window, 1] - 2.0 - leaning_m[1] == pytest.approx(flown(PLANT.y, -2.0, since_s), abs=0.06)
+    flown_m = track.position_m[window, :2] - (3.0, 2.0) - np.array(leaning_m)
+
+    def misses_m(on_the_way_s: float) -> Vector:
+        answers = [flown(PLANT.x, 4.0, since_s - on_the_way_s), flown(PLANT.y, -2.0, since_s - on_the_way_s)]
+        return np.asarray(np.abs(flown_m - np.transpose(answers)))
+
+    # How long the setpoint was on its way depends on the machine: 10 ms on the wall clock are 0.05 s here.
+    on_the_way_s = minimize_scalar(lambda late_s: float(misses_m(late_s).max()), bounds=(0.0, 1.0)).x
+    assert on_the_way_s < 0.5
+    assert misses_m(on_the_way_s).max() < 0.03
     assert arrived == pytest.approx((4.0 + leaning_m[0], -2.0 + leaning_m[1], 3.0), abs=0.06)
 
 
