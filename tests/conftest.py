@@ -31,14 +31,6 @@ CONFIG = AgentConfig(
 )
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep all that fly over sockets in one process: two of them at once would wait for each other's processor."""
-    for item in items:
-        if item.get_closest_marker("wire"):
-            item.add_marker(pytest.mark.xdist_group("wire"))
-
-
 @pytest.fixture(autouse=True)
 def _signals_as_before() -> Iterator[None]:
     """Commands run in this process hold Ctrl-C back: neither the next test nor its processes shall inherit that."""
