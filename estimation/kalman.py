@@ -7,7 +7,7 @@ here the same equations stand in square-root form, and tests hold them against f
 import msgspec
 import numpy as np
 from filterpy import kalman as equations
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from estimation.state import Vector
 
@@ -56,7 +56,8 @@ def correct(belief: Belief, measurement: Vector, noise: Vector, gate_sigma: floa
     sides = np.empty((size, states + 1), order="F")
     sides[:, :states] = seen
     np.subtract(measurement, belief.mean[:size], out=sides[:, states])
-    whitened, _ = lapack.dtrtrs(root, sides, lower=1, overwrite_b=1)
+    # Not LAPACK's dtrtrs: that wakes a thread for the smallest system, which then burns a processor waiting for more.
+    whitened = blas.dtrsm(1.0, root, sides, lower=1, overwrite_b=1)
     gain, innovation = whitened[:, :states], whitened[:, states]
     squared = float(innovation.dot(innovation))
     if not squared <= gate_sigma**2 * size:  # NaN is no innovation either
