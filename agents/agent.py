@@ -13,8 +13,8 @@ from time import perf_counter
 from agents.clock import MissionClock
 from agents.core import VehicleCore
 from agents.messages import TOPICS, Muster, decode, encode
-from agents.muster import Assembly
-from agents.outputs import CoreStatus
+from agents.muster import Assembly, PeerClocks
+from agents.outputs import CoreStatus, TickOutput
 from agents.ports import FlightMode, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
 from agents.tactics import Event, Tactic
 from agents.ticker import Ticker, TickerStatistics
@@ -24,6 +24,7 @@ MUSTER_TIMEOUT_S = 120.0
 ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats come once a second: after this, an arming that was under way has been heard of."""
 HOLD_BEFORE_LANDING_S = 3.0
+CLOCK_OFFSET_LIMIT_S = 0.5
 _MUSTER_PERIOD_S = TOPICS[Muster].period_s
 
 
@@ -94,6 +95,7 @@ class Agent:
         self._clock = clock
         self._altitude_m = altitude_m
         self._assembly = Assembly(vehicle_id, members)
+        self._clocks = PeerClocks()
         self._period_s = 1.0 / rate_hz
         self._ticker: Ticker | None = None
         self._make_sensor = sensor
@@ -103,6 +105,9 @@ class Agent:
         self._flying = False
         self._in_charge = False
         self._stood_down = ""
+        self._ended: Outcome | None = None
+        self._ended_s: float | None = None
+        self._restarts = 0
         self._returning: asyncio.Task[None] | None = None
 
     @property
@@ -116,6 +121,16 @@ class Agent:
         """The mission's start on the shared clock, once agreed on."""
         return self._assembly.start_s
 
+    @property
+    def ended_s(self) -> float | None:
+        """When the mission ended and the way down began, on the shared clock."""
+        return self._ended_s
+
+    @property
+    def clock_lags_s(self) -> dict[int, float]:
+        """How far the clocks of the peers' computers are behind this one's, as far as is known [wall s]."""
+        return self._clocks.lags_s()
+
     async def connect(self) -> None:
         """Reach the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
         await self._bus.open(self._hear, self._core.on_presence)
@@ -127,6 +142,7 @@ class Agent:
         outcome = Outcome(Ending.COMPLETED)
         try:
             outcome = _STOPPED
+            self._require_one_time()
             if await self._took_off(stop):
                 self._flying = True
                 outcome = await self._control_until_end(duration_s, stop)
@@ -139,9 +155,10 @@ class Agent:
         return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flying)
 
     def _handed_over(self) -> Outcome:
-        return Outcome(
-            Ending.STOOD_DOWN, self._stood_down, "whoever changed the mode has the vehicle: land it from there"
-        )
+        reason, step = self._stood_down, "whoever changed the mode has the vehicle: land it from there"
+        if self._link.status.restarts > self._restarts:
+            reason, step = f"{reason}: its autopilot restarted", "go and see, and look at its log for the reason"
+        return Outcome(Ending.STOOD_DOWN, reason, step)
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
@@ -184,6 +201,12 @@ class Agent:
         await first_setpoint.wait()
         await self._link.start_offboard()
         self._in_charge = True
+        self._ended = await self._fly_until_stopped(duration_s, stop)
+        self._ended_s = self._clock.now_s()
+        await self._come_down(stop)
+        return self._ended
+
+    async def _fly_until_stopped(self, duration_s: float, stop: Stop) -> Outcome:
         ended = asyncio.create_task(stop.wanted.wait())
         mission = asyncio.create_task(self._assemble_and_fly(duration_s))
         try:
@@ -196,9 +219,21 @@ class Agent:
             ended.cancel()
             mission.cancel()
 
+    async def _come_down(self, stop: Stop) -> None:
+        """Let the core bring the vehicle to where it lands: the control loop ends once it is there.
+
+        A vehicle that an operator holds on its way, and then sends back to its mission, goes on coming down.
+        """
+        self._core.on_event(Event.END)
+        while not (stop.hurried.is_set() or self._stood_down):
+            if self._core.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE):
+                self._core.on_event(Event.END)
+            await self._sleep(self._period_s)
+
     async def _assemble_and_fly(self, duration_s: float) -> Outcome:
         deadline_s = self._clock.now_s() + MUSTER_TIMEOUT_S
         while self._assembly.start_s is None or self._clock.now_s() < self._assembly.start_s:
+            self._require_one_time()
             now_s = self._clock.now_s()
             if self._assembly.start_s is None and now_s > deadline_s:
                 missing = ", ".join(map(str, self._assembly.missing(now_s)))
@@ -215,13 +250,18 @@ class Agent:
         return Outcome(Ending.COMPLETED)
 
     def _yield_to_foreign_mode(self) -> None:
-        """Stand down once the autopilot is in a mode that this agent did not ask for: somebody has the vehicle."""
+        """Stand down once the autopilot is in a mode that this agent did not ask for: somebody has the vehicle.
+
+        So it is once it has disarmed: PX4 that a failsafe landed out of offboard rests in offboard.
+        """
         status = self._link.status
-        if self._in_charge and status.connected and status.mode not in (FlightMode.OFFBOARD, FlightMode.UNKNOWN):
+        own = status.armed and status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
+        if self._in_charge and status.connected and not own:
             self._in_charge = False
             self._link.hand_over()
             self._core.on_event(Event.FOREIGN_MODE)
-            self._stood_down = f"the flight mode became '{status.mode.value}', which cordon did not ask for"
+            what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
+            self._stood_down = f"{what}, which cordon did not ask for"
 
     def _take_back_if_told(self) -> None:
         """Return to the mission once the core has been told to: by a command, never by itself."""
@@ -251,7 +291,7 @@ class Agent:
                 first_setpoint.set()
             if self._core.tactic is Tactic.LAND:
                 break
-        return Outcome(Ending.STOPPED, "the core decided to land")
+        return self._ended or Outcome(Ending.STOPPED, "the core decided to land")
 
     def _tick(self, now_s: float) -> bool:
         """Tick the core once, and carry out what it asks for; return whether that was a setpoint."""
@@ -263,10 +303,13 @@ class Agent:
         tick_us = (perf_counter() - began) * 1e6
         if output.setpoint is not None:
             self._link.send(output.setpoint)
-        for message in output.messages:
-            self._bus.publish(message.topic, message.payload)
+        self._tell(output)
         self._observe(output.status, tick_us)
         return output.setpoint is not None
+
+    def _tell(self, output: TickOutput) -> None:
+        for message in output.messages:
+            self._bus.publish(message.topic, message.payload)
 
     async def _hold(self, stop: Stop) -> None:
         """Let the vehicle come to rest, unless the operator is in a hurry."""
@@ -279,12 +322,22 @@ class Agent:
         if not self._link.status.armed:
             return outcome
         self._flying = True
-        for step in (self._link.stop_offboard, self._link.land):
-            try:
-                await step()
-            except VehicleRefusedError as refusal:
-                outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
+        self._core.on_event(Event.LAND)
+        telling = asyncio.create_task(self._tell_while_landing())
+        try:
+            for step in (self._link.stop_offboard, self._link.land):
+                try:
+                    await step()
+                except VehicleRefusedError as refusal:
+                    outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
+        finally:
+            telling.cancel()
         return outcome
+
+    async def _tell_while_landing(self) -> None:
+        """Let the peers know that it is still in the air, and where: some wait for it to be down."""
+        async for _ in Ticker(self._period_s, self._clock.now_s, speed=self._clock.speed):
+            self._tell(self._core.tick(self._clock.now_s()))
 
     def _sense(self, telemetry: Telemetry) -> None:
         self._position_m = telemetry.position_m[:2]
@@ -296,8 +349,24 @@ class Agent:
         if self._sensor is None:
             with suppress(ValueError):
                 message = decode(payload)
-                if isinstance(message, Muster) and abs(self._clock.now_s() - message.time_s) < TOPICS[Muster].age_max_s:
-                    self._assembly.hear(message)
+                if isinstance(message, Muster):
+                    self._hear_muster(message)
+
+    def _hear_muster(self, message: Muster) -> None:
+        lag_s = self._clock.now_s() - message.time_s
+        self._clocks.hear(message.sender, lag_s / self._clock.speed)
+        if abs(lag_s) < TOPICS[Muster].age_max_s:
+            self._assembly.hear(message)
+
+    def _require_one_time(self) -> None:
+        """Refuse to fly with a peer whose clock is another: what it says would be too old, or of tomorrow."""
+        for peer, lag_s in self._clocks.lags_s().items():
+            if abs(lag_s) > CLOCK_OFFSET_LIMIT_S:
+                side = "ahead of" if lag_s > 0.0 else "behind"
+                raise VehicleRefusedError(
+                    f"this computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
+                    "let both computers' clocks be set by one time server (chrony, NTP), then fly again",
+                )
 
     async def _sleep(self, mission_s: float) -> None:
         await asyncio.sleep(max(mission_s, 0.0) / self._clock.speed)

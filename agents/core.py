@@ -11,6 +11,7 @@ import numpy as np
 from agents.broadcast import member_state, neighbour_angle, target_package
 from agents.encirclement import EncirclementPlanner
 from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
+from agents.homing import Homing, assembled
 from agents.linearize import polar_from_motion
 from agents.messages import (
     TOPICS,
@@ -56,6 +57,8 @@ class VehicleCore:
         self._patience = 1.0
         self._formation = FormationPlanner(config)
         self._encirclement = EncirclementPlanner(config)
+        self._homing = Homing(config)
+        self._height_m = self._altitude_m = config.take_off_altitude_m
         self._tactic = Tactic.STANDBY
         self._start_s = np.inf
         self._engaged_s = -np.inf
@@ -87,6 +90,7 @@ class VehicleCore:
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""
+        self._height_m = telemetry.position_m[2]
         self._own.measure(telemetry)
 
     def on_sighting(self, sighting: Sighting) -> None:
@@ -134,7 +138,7 @@ class VehicleCore:
         self._own.command(now_s, setpoint_m)
         x, y = setpoint_m.tolist()
         return TickOutput(
-            None if self._tactic is Tactic.STOOD_DOWN else Setpoint(self._config.at_altitude((x, y))),
+            None if self._tactic is Tactic.STOOD_DOWN else Setpoint((x, y, self._altitude_m)),
             self._messages(situation, wish),
             self._status(now_s, situation, wish),
         )
@@ -160,7 +164,8 @@ class VehicleCore:
         now_s, target = situation.now_s, situation.target
         heard_s = self._own.heard_s
         if heard_s is None or now_s - heard_s > self._config.safety.telemetry_timeout_s * self._patience:
-            self._change(Event.HOLD)
+            # On its way down a vehicle that does not know where it is had better be down.
+            self._change(Event.LAND if self._tactic is Tactic.COME_DOWN else Event.HOLD)
         if self._tactic is Tactic.STANDBY and now_s >= self._start_s:
             self._change(Event.START)
         if self._tactic is Tactic.FORMATION and self._formed_s is None:
@@ -178,6 +183,18 @@ class VehicleCore:
             self._engaged_s = now_s
             self._change(Event.ENGAGE)
             self._leaving_m = None if in_line else situation.own.mean[POSITION].copy()
+        if self._tactic is Tactic.COME_DOWN and self._homing.may_land(situation, self._team.members(), self._patience):
+            self._change(Event.LAND)
+        self._choose_height(situation)
+
+    def _choose_height(self, situation: Situation) -> None:
+        """Fly at the flying height once everybody is in place: until then, and on the way home, in layers."""
+        if self._tactic is Tactic.COME_DOWN and self._homing.returns:
+            self._altitude_m = self._config.return_altitude_m
+        elif self._altitude_m != self._config.altitude_m and self._tactic in (Tactic.FORMATION, Tactic.ENCIRCLE):
+            here, flown_s = situation.own.mean[POSITION], situation.now_s - self._start_s
+            if assembled(self._config, self._tactic, here, self._team.members(), flown_s):
+                self._altitude_m = self._config.altitude_m
 
     def _change(self, event: Event) -> None:
         after = next_tactic(self._tactic, event)
@@ -190,6 +207,8 @@ class VehicleCore:
             self._formed_s = None
         if after is Tactic.ENCIRCLE:
             self._encirclement.reset()
+        if after is Tactic.COME_DOWN:
+            self._homing.reset()
 
     def _plan(self, situation: Situation) -> Wish:
         if self._tactic is Tactic.FORMATION:
@@ -202,6 +221,8 @@ class VehicleCore:
             # Somebody else flies: all that is known of the vehicle's input is that it is near where the vehicle is.
             here = situation.own.mean[POSITION]
             return Wish(here, here, np.zeros(2))
+        if self._tactic is Tactic.COME_DOWN:
+            return self._homing.plan(situation, self._height_m)
         return self._hold(situation)
 
     def _left_behind(self, situation: Situation) -> Wish:

@@ -1,12 +1,34 @@
 """Agreeing on the mission's start without a leader: everybody proposes, the earliest proposal holds."""
 
+from collections import Counter
 from collections.abc import Collection
 
 from agents.messages import TOPICS, Muster
 
 LEAD_TIME_S = 2.0
 """How far ahead a start is proposed: longer than a proposal takes to reach everybody."""
+HEARD_LEAST = 5
 _AGE_MAX_S = TOPICS[Muster].age_max_s
+
+
+class PeerClocks:
+    """How far the clocks of the peers' computers are behind one's own, by the messages that they date.
+
+    No message takes less than no time: the least lag of several is nearest to the clocks' offset.
+    """
+
+    def __init__(self) -> None:
+        self._least_s: dict[int, float] = {}
+        self._count: Counter[int] = Counter()
+
+    def hear(self, sender: int, lag_s: float) -> None:
+        """Take in how old a peer's message was when it came, in seconds of the wall's clock."""
+        self._count[sender] += 1
+        self._least_s[sender] = min(lag_s, self._least_s.get(sender, lag_s))
+
+    def lags_s(self) -> dict[int, float]:
+        """Return the least lag by peer, of those that have been heard often enough to be judged."""
+        return {sender: lag_s for sender, lag_s in self._least_s.items() if self._count[sender] >= HEARD_LEAST}
 
 
 class Assembly:

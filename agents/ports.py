@@ -27,7 +27,10 @@ class FlightMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleStatus:
-    """What a vehicle's autopilot says about itself beside its motion; `battery` is a fraction, None if unknown."""
+    """What a vehicle's autopilot says about itself beside its motion.
+
+    `battery` is a fraction, None if unknown; `restarts` counts how often the autopilot has started anew.
+    """
 
     connected: bool = False
     armed: bool = False
@@ -36,6 +39,7 @@ class VehicleStatus:
     battery: float | None = None
     local_position_ok: bool = False
     armable: bool = False
+    restarts: int = 0
 
 
 class Setpoint(msgspec.Struct, frozen=True):

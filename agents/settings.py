@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field
 from math import pi
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from estimation.frames import Triple
 from estimation.plant import Plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 
@@ -63,13 +63,32 @@ class SafetySettings(Settings):
     telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
 
 
+def _ids(value: object) -> object:
+    # TOML knows lists only, and strict validation takes no list for a tuple.
+    if not isinstance(value, list | tuple):
+        raise ValueError("it must be a list of vehicles' ids")
+    return tuple(value)
+
+
+class ChoreographySettings(Settings):
+    """The way up and down. Layers are heights that vehicles have to themselves: in line order above the highest
+    `altitude_m` from take-off until all are in their places, in landing order on the way home; 0 is none. `landing` is
+    "in_place" or "return", to `start_m`; who is not in `landing_order` comes last, in line order.
+    """
+
+    layer_m: float = Field(0.0, ge=0.0, le=50.0)
+    landing: Literal["in_place", "return"] = "in_place"
+    landing_order: Annotated[tuple[Annotated[int, Field(ge=1, le=254)], ...], BeforeValidator(_ids)] = ()
+
+
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
     """Everything one agent is told before it flies.
 
     `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
     mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
-    messages are meant to reach.
+    messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
+    layer's height (None: the flying height).
     """
 
     vehicle_id: int
@@ -85,6 +104,9 @@ class AgentConfig:
     safety: SafetySettings = field(default_factory=SafetySettings)
     own_filter: OwnFilterSettings = field(default_factory=OwnFilterSettings)
     target_filter: TargetFilterSettings = field(default_factory=TargetFilterSettings)
+    choreography: ChoreographySettings = field(default_factory=ChoreographySettings)
+    home_m: tuple[float, float] | None = None
+    layers_from_m: float | None = None
 
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
         """Return where `vehicle_id` belongs relative to another member: line abreast, the first slot farthest left."""
@@ -97,6 +119,24 @@ class AgentConfig:
         half_chord = self.safety.separation_m / 2.0 / self.encirclement.radius_m
         return min(2.0 * half_chord, pi / 2.0)
 
-    def at_altitude(self, position_m: tuple[float, float]) -> Triple:
-        """Return a horizontal position at the flying height."""
-        return (*position_m, self.altitude_m)
+    @property
+    def take_off_altitude_m(self) -> float:
+        """The vehicle's layer from take-off until all are in their places; without layers the flying height."""
+        return self._layer_m(self.slots.index(self.vehicle_id))
+
+    @property
+    def return_altitude_m(self) -> float:
+        """The vehicle's layer on the way home, above all flying heights: who lands first has the lowest."""
+        return self._layer_m(self.landing_order.index(self.vehicle_id) + 1)
+
+    @property
+    def landing_order(self) -> tuple[int, ...]:
+        """All vehicles in the order in which they land."""
+        first = tuple(i for i in self.choreography.landing_order if i in self.slots)
+        return (*first, *(i for i in self.slots if i not in first))
+
+    def _layer_m(self, number: int) -> float:
+        if self.choreography.layer_m == 0.0:
+            return self.altitude_m
+        lowest_m = self.altitude_m if self.layers_from_m is None else self.layers_from_m
+        return lowest_m + number * self.choreography.layer_m

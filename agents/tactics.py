@@ -14,6 +14,7 @@ class Tactic(Enum):
     FORMATION = "formation"
     ENCIRCLE = "encircle"
     HOLD = "hold"
+    COME_DOWN = "come down"
     LAND = "land"
     STOOD_DOWN = "stood down"
 
@@ -26,6 +27,7 @@ class Event(Enum):
     TARGET_LOST = "target lost"
     HOLD = "hold"
     RESUME = "resume"
+    END = "end"
     LAND = "land"
     FOREIGN_MODE = "foreign mode"
 
@@ -42,6 +44,13 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
     (Tactic.ENCIRCLE, Event.LAND): Tactic.LAND,
     (Tactic.HOLD, Event.RESUME): Tactic.FORMATION,
     (Tactic.HOLD, Event.LAND): Tactic.LAND,
+    (Tactic.STANDBY, Event.END): Tactic.COME_DOWN,
+    (Tactic.FORMATION, Event.END): Tactic.COME_DOWN,
+    (Tactic.ENCIRCLE, Event.END): Tactic.COME_DOWN,
+    (Tactic.HOLD, Event.END): Tactic.COME_DOWN,
+    (Tactic.COME_DOWN, Event.HOLD): Tactic.HOLD,
+    (Tactic.COME_DOWN, Event.LAND): Tactic.LAND,
+    (Tactic.COME_DOWN, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.STANDBY, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.FORMATION, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.ENCIRCLE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,

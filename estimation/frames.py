@@ -3,7 +3,8 @@
 The mission frame is tangent to the ellipsoid at the mission origin: x along a stated bearing, z up, y completing the
 right-handed system. A vehicle's local NED is parallel to north-east-down at the mission origin, shifted to that
 vehicle's own estimator origin. The two tangent planes differ a little: a kilometre out, by 2 mm for origins 10 m apart,
-by 17 mm for 100 m.
+by 17 mm for 100 m. A local frame, as indoors, lies nowhere on Earth: its north is that of the vehicles' NED, and where
+their origins lie in it has to be told.
 """
 
 from dataclasses import dataclass
@@ -46,14 +47,22 @@ class Geodetic:
 
 @dataclass(frozen=True)
 class MissionFrame:
-    """The frame a mission is written in: its origin, and the bearing of its x axis clockwise from north."""
+    """The frame a mission is written in: its origin, and the bearing of its x axis clockwise from north.
 
-    origin: Geodetic
+    A frame without an origin is local: it has no geodetic coordinates, and its north is that of the vehicles' NED.
+    """
+
+    origin: Geodetic | None
     x_bearing_rad: float = 0.0
 
     def __post_init__(self) -> None:
         if not isfinite(self.x_bearing_rad):
             raise ValueError(f"x_bearing_rad = {self.x_bearing_rad} is not a bearing")
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is a frame that lies nowhere on Earth."""
+        return self.origin is None
 
     def mission_from_ned(self, ned: Triple) -> Triple:
         """Rotate north-east-down into the mission frame: velocities, and positions about one origin [m, m/s]."""
@@ -68,12 +77,12 @@ class MissionFrame:
         return x * cosine + y * sine, x * sine - y * cosine, -z
 
     def mission_from_geodetic(self, place: Geodetic) -> Triple:
-        """Return the mission coordinates of a place [m]."""
+        """Return the mission coordinates of a place [m]; raises ValueError in a local frame, which has none."""
         east, north, up = self._enu_from_geodetic.transform(place.longitude_deg, place.latitude_deg, place.altitude_m)
         return self.mission_from_ned((north, east, -up))
 
     def geodetic_from_mission(self, mission: Triple) -> Geodetic:
-        """Return the place at mission coordinates [m]."""
+        """Return the place at mission coordinates [m]; raises ValueError in a local frame, which has none."""
         north, east, down = self.ned_from_mission(mission)
         longitude, latitude, altitude = self._enu_from_geodetic.transform(east, north, -down, direction="INVERSE")
         return Geodetic(latitude, longitude, altitude)
@@ -83,6 +92,8 @@ class MissionFrame:
         # pyproj takes a tenth of a second to import: missions that never leave the simulation do without.
         from pyproj import Transformer  # noqa: PLC0415
 
+        if self.origin is None:
+            raise ValueError("a local frame has no geodetic coordinates")
         origin = self.origin
         return Transformer.from_pipeline(
             "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "

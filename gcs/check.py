@@ -22,14 +22,17 @@ HEADLINES = {
 }
 
 
-def findings_view(mission: str, findings: Sequence[Finding]) -> RenderableType:
-    """Return the findings as people read them: what is the same for several vehicles once, with all their numbers."""
+def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = True) -> RenderableType:
+    """Return the findings as people read them: what is the same for several vehicles once, with all their numbers.
+
+    Without `passes` what is well is only counted.
+    """
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(no_wrap=True)
     table.add_column(max_width=SUBJECT_WIDTH)
     table.add_column()
     alike: dict[Finding, list[str]] = {}
-    for finding in findings:
+    for finding in (each for each in findings if passes or each.grade is not Grade.PASS):
         alike.setdefault(replace(finding, subject=""), []).append(finding.subject)
     for finding, subjects in alike.items():
         told = Text(finding.found)

@@ -102,7 +102,7 @@ def check(mission: MissionName, *, json: Json = False) -> Exit:
     """
     from gcs.commands import check_mission  # noqa: PLC0415
 
-    return check_mission(mission, print if json else None)
+    return check_mission(mission, json=json)
 
 
 @app.command

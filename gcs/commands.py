@@ -1,16 +1,18 @@
 """What the commands do once the command line is parsed: load, fly, show, and say how it went."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from agents.agent import Ending, Outcome
 from agents.ports import VehicleRefusedError
 from gcs.exits import Exit, InputError
+from gcs.findings import Finding, Grade
 from gcs.mission import Mission, MissionVehicle
 from gcs.mission_file import load_mission
-from gcs.output import STDERR, SimulationProgress, check_plot, present
+from gcs.output import STDERR, SimulationProgress, check_plot, present, print_result
 from gcs.signals import pending
 
 _SPEED_KEPT_SHARE = 0.97
@@ -64,7 +66,7 @@ def fly_mission(
     plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed)
     try:
         with LiveView(STDERR) as view:
-            flight = asyncio.run(fly(plan, view))
+            flight = asyncio.run(fly(plan, view, partial(_show_alarms, mission)))
     except VehicleRefusedError as refusal:
         _say(refusal.reason, refusal.next_step)
         return Exit.REFUSED
@@ -75,8 +77,16 @@ def fly_mission(
     return _judged(flight.outcomes, verdict)
 
 
-def check_mission(name: str, write: Callable[[str], object] | None) -> Exit:
-    """`cordon check`; `write` takes the findings as JSON."""
+def _show_alarms(mission: Mission, findings: Sequence[Finding]) -> None:
+    """Show what is not well; silent when all is."""
+    from gcs.check import findings_view  # noqa: PLC0415
+
+    if any(finding.grade is not Grade.PASS for finding in findings):
+        STDERR.print(findings_view(mission.mission.name, findings, passes=False))
+
+
+def check_mission(name: str, *, json: bool) -> Exit:
+    """`cordon check`."""
     from gcs.check import exit_code, findings_json, findings_view  # noqa: PLC0415
     from gcs.link_facts import gather_facts  # noqa: PLC0415
     from gcs.preflight import preflight  # noqa: PLC0415
@@ -84,8 +94,8 @@ def check_mission(name: str, write: Callable[[str], object] | None) -> Exit:
     mission = load_mission(name)
     findings = preflight(mission, asyncio.run(gather_facts(mission)))
     STDERR.print(findings_view(mission.mission.name, findings))
-    if write is not None:
-        write(findings_json(mission.mission.name, findings))
+    if json:
+        print_result(findings_json(mission.mission.name, findings))
     return exit_code(findings)
 
 

@@ -59,13 +59,26 @@ class GpsFix:
     satellites: int
 
 
+@dataclass(frozen=True, slots=True)
+class FenceArea:
+    """A polygon (or a circle's) of the autopilot's geofence, in the mission frame [m], to stay in or to keep out of."""
+
+    corners_m: tuple[tuple[float, float], ...]
+    stay_in: bool
+
+    def __post_init__(self) -> None:
+        if len(self.corners_m) < 3 or not all(isfinite(number) for corner in self.corners_m for number in corner):
+            raise ValueError("a fence's area needs three corners that are finite")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleFacts:
     """What one vehicle says about itself on the ground; None is what it did not say.
 
     `unreachable` and `lost` hold (reason, next step) of a vehicle that is not to be talked to, and of one that does not
     know its place. Positions are in the mission frame [m], rates are in the autopilot's own time, `clock_ratio` is how
-    many times faster than the wall that runs. A parameter that could not be read is None. Raises ValueError for numbers
+    many times faster than the wall that runs. A parameter that could not be read is None, so are
+    `fence_areas`. Raises ValueError for numbers
     that are not finite.
     """
 
@@ -84,6 +97,7 @@ class VehicleFacts:
     telemetry_rate_hz: float | None = None
     telemetry_rate_asked_hz: float = 20.0
     parameters: Mapping[str, float | None] = field(default_factory=dict)
+    fence_areas: tuple[FenceArea, ...] | None = ()
 
     def __post_init__(self) -> None:
         numbers = [self.telemetry_rate_hz or 0.0, self.telemetry_rate_asked_hz, self.clock_ratio or 0.0]

@@ -2,7 +2,7 @@
 
 import asyncio
 import traceback
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -18,11 +18,14 @@ from agents.outputs import CoreStatus
 from agents.ports import TargetSensor, VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from gcs.compose import target_sensor
+from gcs.findings import Finding, Grade
 from gcs.journal import Journal
-from gcs.link import MavsdkLink
+from gcs.link_facts import CheckedLink
 from gcs.link_hub import MavsdkHub
 from gcs.live import LiveRow, LiveView
 from gcs.mission import Mission, MissionVehicle
+from gcs.preflight import preflight
+from gcs.preflight_vehicle import clock_lag
 from gcs.record import FlightRecord
 from gcs.signals import relay
 from gcs.stubs import stub_configs
@@ -30,6 +33,7 @@ from sitl.process import StubProcess
 from sitl.server import StubRecord
 
 _VIEW_PERIOD_S = 0.2
+Tell = Callable[[Sequence[Finding]], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +62,12 @@ class _Member:
     """One vehicle of this process."""
 
     vehicle: MissionVehicle
-    link: MavsdkLink
+    link: CheckedLink
     agent: Agent
 
 
-async def fly(plan: FlightPlan, view: LiveView) -> Flight:
-    """Fly; raises VehicleRefusedError when the team cannot even take off.
+async def fly(plan: FlightPlan, view: LiveView, tell: Tell = lambda _findings: None) -> Flight:
+    """Fly; raises VehicleRefusedError when the team cannot even take off, or should not: `tell` is told the findings.
 
     Ctrl-C makes every vehicle hold and land, a second one land at once.
     """
@@ -80,9 +84,9 @@ async def fly(plan: FlightPlan, view: LiveView) -> Flight:
         for member in team:
             stack.push_async_callback(member.agent.close)
         view.update([], 0.0, "looking for the vehicles")
-        await _unless_stopped(_prepare(team, plan, clock), stop)
+        await _unless_stopped(_prepare(team, plan, clock, tell), stop)
         began_s = perf_counter()
-        outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view)
+        outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view, tell)
         wall_time_s = perf_counter() - began_s
     record = _record(plan, team, journal, stubs.record, clock, wall_time_s)
     kept = clock.speed if stubs.record is None else stubs.record.speed_reached
@@ -118,7 +122,16 @@ def _member(
     mission: Mission, vehicle: MissionVehicle, hub: MavsdkHub, clock: MissionClock, journal: Journal
 ) -> _Member:
     config = mission.agent_config(vehicle)
-    link = MavsdkLink(hub, vehicle.section.url, vehicle.system_id, mission.mission_frame(), clock.now_s, clock.speed)
+    link = CheckedLink(
+        hub,
+        vehicle.section.url,
+        vehicle.system_id,
+        mission.mission_frame(),
+        clock.now_s,
+        clock.speed,
+        settings=mission.link,
+        origin_m=vehicle.origin_m,
+    )
     others = [other.section.endpoint for other in mission.vehicles if other.id != vehicle.id]
     bus = ZenohBus(vehicle.id, mission.network.team, vehicle.section.endpoint, others)
     sensor: partial[TargetSensor] = partial(_sensor, mission, vehicle.id)
@@ -129,7 +142,7 @@ def _member(
         clock,
         vehicle_id=vehicle.id,
         members=mission.ids,
-        altitude_m=config.altitude_m,
+        altitude_m=config.take_off_altitude_m,
         rate_hz=config.rate_hz,
         sensor=sensor,
         observe=journal.note,
@@ -157,10 +170,11 @@ async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) ->
             await task
 
 
-async def _prepare(team: Sequence[_Member], plan: FlightPlan, clock: MissionClock) -> None:
+async def _prepare(team: Sequence[_Member], plan: FlightPlan, clock: MissionClock, tell: Tell) -> None:
     await _connect(team)
     if plan.speed is None:
         await _find_speed(team, clock)
+    await _check(team, plan.mission, tell)
 
 
 async def _connect(team: Sequence[_Member]) -> None:
@@ -178,8 +192,27 @@ async def _find_speed(team: Sequence[_Member], clock: MissionClock) -> None:
         member.link.set_speed(clock.speed)
 
 
+async def _check(team: Sequence[_Member], mission: Mission, tell: Tell) -> None:
+    """Look at everything before anything is armed."""
+    facts = await asyncio.gather(*(member.link.facts(member.vehicle.id) for member in team))
+    findings = preflight(mission, facts)
+    tell(findings)
+    refused = sum(finding.grade is Grade.REFUSE for finding in findings)
+    if refused:
+        raise VehicleRefusedError(
+            f"nothing was armed: the preflight check refuses {refused} of the {len(findings)} things it looks at",
+            "do what is said above, then fly again; `cordon check` looks without flying",
+        )
+
+
 async def _fly_team(
-    team: Sequence[_Member], duration_s: float, stop: Stop, clock: MissionClock, journal: Journal, view: LiveView
+    team: Sequence[_Member],
+    duration_s: float,
+    stop: Stop,
+    clock: MissionClock,
+    journal: Journal,
+    view: LiveView,
+    tell: Tell,
 ) -> dict[int, Outcome]:
     async def one(member: _Member) -> Outcome:
         try:
@@ -194,7 +227,7 @@ async def _fly_team(
             stop.ask()  # the mission needs everybody: those in the air come down again
         return outcome
 
-    watching = asyncio.create_task(_watch(team, stop, clock, journal, view))
+    watching = asyncio.create_task(_watch(team, stop, clock, journal, view, tell))
     try:
         outcomes = await asyncio.gather(*map(one, team))
     finally:
@@ -202,13 +235,28 @@ async def _fly_team(
     return {member.vehicle.id: outcome for member, outcome in zip(team, outcomes, strict=True)}
 
 
-async def _watch(team: Sequence[_Member], stop: Stop, clock: MissionClock, journal: Journal, view: LiveView) -> None:
+async def _watch(
+    team: Sequence[_Member], stop: Stop, clock: MissionClock, journal: Journal, view: LiveView, tell: Tell
+) -> None:
+    told: set[int] = set()
     while True:
+        _tell_clocks(team, told, tell)
         start_s = team[0].agent.start_s
         mission_time_s = 0.0 if start_s is None else max(clock.now_s() - start_s, 0.0)
         message = "holding and landing; Ctrl-C once more: land at once" if stop.wanted.is_set() else ""
         view.update([_row(member, journal.latest.get(member.vehicle.id)) for member in team], mission_time_s, message)
         await asyncio.sleep(_VIEW_PERIOD_S)
+
+
+def _tell_clocks(team: Sequence[_Member], told: set[int], tell: Tell) -> None:
+    """Tell once of every computer elsewhere whose clock is not quite this one's."""
+    told |= {member.vehicle.id for member in team}  # they share this one
+    for member in team:
+        for peer, lag_s in member.agent.clock_lags_s.items():
+            finding = clock_lag(member.vehicle.id, peer, lag_s)
+            if peer not in told and finding.grade is not Grade.PASS:
+                told.add(peer)
+                tell([finding])
 
 
 def _row(member: _Member, status: CoreStatus | None) -> LiveRow:
@@ -240,7 +288,9 @@ def _record(
     start_s = team[0].agent.start_s
     if start_s is None or not journal.latest:
         return None
-    flown_s = min(max(status.time_s for status in journal.latest.values()) - start_s, plan.duration_s)
+    seen_s = max(status.time_s for status in journal.latest.values())
+    ended_s = max((member.agent.ended_s or seen_s for member in team), default=seen_s)
+    flown_s = min(min(seen_s, ended_s) - start_s, plan.duration_s)
     loops = [member.agent.loop for member in team]
     return journal.record(
         start_s,

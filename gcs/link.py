@@ -5,10 +5,11 @@ acknowledges every change of mode, then decides. Mode and armed lag behind by up
 """
 
 import asyncio
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from math import degrees
+from math import degrees, inf
 from typing import Any, NamedTuple
 
 from mavsdk.autopilot import Autopilot
@@ -17,11 +18,12 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
-from estimation.frames import MissionFrame, wrap_signed_rad
+from estimation.frames import MissionFrame, Triple, wrap_signed_rad
 from estimation.state import Telemetry
-from gcs.link_calls import VehicleCalls, choose_guided, clock_ratio, find_origin, request_rates
+from gcs.link_calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
 from gcs.link_feed import VehicleFeed
 from gcs.link_hub import MavsdkHub
+from gcs.mission import LinkSection
 
 MODE_TIMEOUT_S = 5.0
 CLIMB_SLOWEST_M_S = 0.5
@@ -30,13 +32,19 @@ MANOEUVRE_EXTRA_S = 60.0
 """PX4 has taken 45 s to notice that it had landed from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
 LAND_ATTEMPTS = 3
+WATCH_PERIOD_S = 1.0
+SILENCE_MAX_S = 3.0
+"""Motion that stays away for longer on a link that lives was forgotten by the autopilot, and is asked for again."""
+RENEWAL_TIMEOUT_S = 5.0
+SETPOINT_EARLY_SHARE = 0.25
+"""How much of its period a setpoint may be early: ticks are not exact."""
 
 
 class MavsdkLink:
     """Implements `agents.ports.VehicleLink` for the vehicle `system_id` on `url`, over the process's `hub`.
 
     `now_s` is the mission clock, which runs `speed` times as fast as the wall. Flights time out on the mission clock,
-    the radio link (`heartbeat_timeout_s`) on the wall's.
+    the radio link (`heartbeat_timeout_s`) on the wall's. In a local frame `origin_m` is where the vehicle's NED begins.
     """
 
     def __init__(
@@ -48,7 +56,8 @@ class MavsdkLink:
         now_s: Callable[[], float],
         speed: float = 1.0,
         *,
-        telemetry_rate_hz: float = 20.0,
+        settings: LinkSection | None = None,
+        origin_m: Triple | None = None,
         heartbeat_timeout_s: float = 10.0,
         ready_timeout_s: float = 60.0,
     ) -> None:
@@ -58,15 +67,19 @@ class MavsdkLink:
         self._frame = frame
         self._now_s = now_s
         self._speed = speed
-        self._telemetry_rate_hz = telemetry_rate_hz
+        self._settings = settings or LinkSection()
+        self._told_origin_m = origin_m or (0.0, 0.0, 0.0)
         self._heartbeat_timeout_s = heartbeat_timeout_s
         self._ready_timeout_s = ready_timeout_s
         self._parts: _Parts | None = None
         self._guided: Callable[[], object] | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._keeper: asyncio.Task[None] | None = None
+        self._attention = asyncio.Event()
         self._silent = False
+        self._asking = 0
         self._sent = 0
         self._unsent = 0
+        self._send_next_s = -inf
 
     @property
     def status(self) -> VehicleStatus:
@@ -101,13 +114,14 @@ class MavsdkLink:
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
         # After the action plugin is made, which turns EXTENDED_SYS_STATE down.
-        await request_rates(calls, feed.plugin, self._telemetry_rate_hz)
-        feed.origin_m = await find_origin(calls, feed, self._frame, self._ready_timeout_s)
+        await request_rates(calls, feed.plugin, self._settings)
+        feed.origin_m = await self._origin(self._ready_timeout_s)
         await calls.until(
             lambda: not feed.missing(), MODE_TIMEOUT_S, lambda: f"sent no {feed.missing()}", "check its estimator"
         )
-        feed.on_reconnect = self._after_reconnection
         feed.on_telemetry = on_telemetry
+        feed.on_loss, feed.on_return = self._mute, self._attention.set
+        self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
     async def take_off(self, altitude_m: float) -> None:
         """Arm, climb to `altitude_m` above the mission origin's datum, and return when the vehicle hovers there."""
@@ -118,12 +132,14 @@ class MavsdkLink:
         await self._until_ready(lambda: feed.status.local_position_ok)
         if self._guided is not None:
             await self._enter(FlightMode.OFFBOARD, self._guided)
+        elif not self._can_hold:
+            await self._plan_climb(altitude_m)
+            await self._enter(FlightMode.TAKE_OFF, action.takeoff)
         elif feed.status.mode not in (FlightMode.HOLD, FlightMode.READY):
             # What the checks allow depends on the mode: PX4 does not arm in the one that the last landing left.
             await self._enter(FlightMode.HOLD, action.hold)
         await self._until_ready(lambda: feed.status.armable)
-        climb_m = altitude_m - feed.ground_z_m
-        await calls.command("take the take-off altitude", action.set_takeoff_altitude, climb_m)
+        climb_m = await self._plan_climb(altitude_m)
         await calls.command("arm", action.arm)
         await calls.command("take off", action.takeoff)
         await calls.until(lambda: feed.status.armed, MODE_TIMEOUT_S, lambda: "did not arm", "see its messages")
@@ -141,10 +157,17 @@ class MavsdkLink:
         parts = self._connected()
         if not self._sent:
             raise parts.calls.refusal("has no setpoint to start offboard with", "send setpoints first")
+        if not parts.feed.status.armed:
+            raise parts.calls.refusal("is disarmed, and starts no offboard from there", "end the flight, take off anew")
         await self._enter(FlightMode.OFFBOARD, parts.offboard.start)
 
     async def stop_offboard(self) -> None:
-        """Leave offboard into hold; returns when the flight mode says so. MAVSDK stops repeating setpoints at once."""
+        """Leave offboard into hold; returns when the flight mode says so. MAVSDK stops repeating setpoints at once.
+
+        Where a vehicle cannot hold by itself, it stays in offboard, at its last setpoint, until it lands.
+        """
+        if not self._can_hold:
+            return
         await self._enter(FlightMode.HOLD, self._connected().offboard.stop)
 
     async def land(self) -> None:
@@ -158,6 +181,7 @@ class MavsdkLink:
                 await self.stop_offboard()
         height_m = feed.position_m[2] - feed.ground_z_m if feed.position_m is not None else 0.0
         await calls.command("land", action.land, attempts=LAND_ATTEMPTS)
+        self._mute()
         await calls.until(
             lambda: not feed.status.armed,
             max(0.0, height_m) / SINK_SLOWEST_M_S + MANOEUVRE_EXTRA_S,
@@ -168,10 +192,7 @@ class MavsdkLink:
     def hand_over(self) -> None:
         """Send nothing from now on, and leave the flight mode alone: somebody else has the vehicle."""
         self._silent = True
-        if self._parts is not None:
-            # MAVSDK falls silent by itself only once it has been in offboard for a while: without its plugin it must.
-            self._parts.offboard.destroy()
-            self._parts = self._parts._replace(offboard=Offboard(self._parts.system))
+        self._mute()
 
     def take_back(self) -> None:
         """Let setpoints through again; offboard has to be started anew."""
@@ -181,10 +202,12 @@ class MavsdkLink:
     def send(self, setpoint: Setpoint) -> None:
         """Send one setpoint now, unless it is landing or handed over; never blocks, never raises for a lost link.
 
-        MAVSDK repeats the last one at 20 Hz from a thread of its own until offboard is stopped.
+        Those that come faster than the setpoint rate are left out. MAVSDK repeats the last one at 20 Hz from a thread
+        of its own until offboard is stopped. Nothing is sent to a vehicle whose place is not known: after a loss of the
+        link or a restart that is until it has said anew where it is.
         """
         parts = self._parts
-        if self._silent:
+        if self._silent or not self._due():
             return
         if parts is None or parts.feed.origin_m is None:
             self._unsent += 1
@@ -205,7 +228,7 @@ class MavsdkLink:
         A ratio within a tenth of a whole number is that number. Raises VehicleRefusedError when attitudes stay away.
         """
         _, feed, calls, _, _ = self._connected()
-        ratio = clock_ratio(await feed.attitude_clock(duration_s), duration_s)
+        ratio = await measure_clock(calls, feed, self._settings, duration_s)
         if ratio is None:
             raise calls.refusal("sends no attitude to tell the time by", "check the link, or state the speed")
         return ratio
@@ -213,10 +236,10 @@ class MavsdkLink:
     async def close(self) -> None:
         """Release the link; calls in flight are drained first. May be called twice, and without `connect`."""
         parts, self._parts = self._parts, None
-        for task in self._tasks:
-            task.cancel()
+        if self._keeper is not None:
+            self._keeper.cancel()
         if parts is not None:
-            parts.feed.on_telemetry = parts.feed.on_reconnect = None
+            parts.feed.on_telemetry = parts.feed.on_loss = parts.feed.on_return = None
             await parts.calls.close()
             await asyncio.to_thread(parts.destroy)
             await self._hub.release(self._url, self._system_id)
@@ -226,10 +249,23 @@ class MavsdkLink:
             raise VehicleRefusedError(f"vehicle {self._system_id} is not connected", "connect first")
         return self._parts
 
+    async def _plan_climb(self, altitude_m: float) -> float:
+        """Tell the vehicle how far above its home to climb, and return that."""
+        _, feed, calls, action, _ = self._connected()
+        climb_m = altitude_m - feed.ground_z_m
+        await calls.command("take the take-off altitude", action.set_takeoff_altitude, climb_m)
+        return climb_m
+
+    @property
+    def _can_hold(self) -> bool:
+        """Whether it can hold its place by itself: PX4's hold is a place on Earth; take-off hovers where it ends."""
+        return self._guided is not None or not self._frame.is_local
+
     def _hovers(self, altitude_m: float) -> bool:
         feed = self._connected().feed
         off_m = feed.position_m[2] - altitude_m if feed.position_m is not None else ALTITUDE_TOLERANCE_M
-        return feed.status.mode is not FlightMode.TAKE_OFF and abs(off_m) < ALTITUDE_TOLERANCE_M
+        arrived = feed.status.mode is not FlightMode.TAKE_OFF or not self._can_hold
+        return arrived and abs(off_m) < ALTITUDE_TOLERANCE_M
 
     async def _until_ready(self, condition: Callable[[], bool]) -> None:
         _, feed, calls, _, _ = self._connected()
@@ -242,7 +278,13 @@ class MavsdkLink:
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
         _, feed, calls, _, _ = self._connected()
-        await calls.command(f"enter {mode.value}", function)
+        self._asking += 1
+        try:
+            await calls.command(f"enter {mode.value}", function)
+        finally:
+            self._asking -= 1
+            if self._silent or feed.origin_m is None:
+                self._mute()
         await calls.until(
             lambda: feed.status.mode is mode,
             MODE_TIMEOUT_S,
@@ -250,17 +292,60 @@ class MavsdkLink:
             "clear what it complains about",
         )
 
-    def _after_reconnection(self) -> None:
-        task = asyncio.get_running_loop().create_task(self._renew())
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+    def _due(self) -> bool:
+        """Say whether a setpoint is due by the setpoint rate, and if so, plan the next."""
+        if self._settings.setpoint_rate_hz is None:
+            return True
+        now_s, period_s = self._now_s(), 1.0 / self._settings.setpoint_rate_hz
+        if now_s < self._send_next_s - SETPOINT_EARLY_SHARE * period_s:
+            return False
+        planned_s = self._send_next_s + period_s
+        self._send_next_s = planned_s if planned_s > now_s else now_s + period_s
+        return True
+
+    def _mute(self) -> None:
+        """Make MAVSDK forget the setpoint that it repeats; it falls silent by itself only after a while in offboard.
+
+        Were it to go on after a lost link, PX4 would be back in offboard, out of its failsafe, before anybody saw it.
+        """
+        if self._parts is not None and not self._asking:  # a call that is in flight must not lose its plugin
+            self._sent = 0
+            self._parts.offboard.destroy()
+            self._parts = self._parts._replace(offboard=Offboard(self._parts.system))
+
+    async def _keep(self) -> None:
+        """Ask again for rates and origin whenever the vehicle came back, restarted, or fell silent on a living link."""
+        feed = self._connected().feed
+        while True:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._attention.wait(), WATCH_PERIOD_S)
+            told = self._attention.is_set()
+            self._attention.clear()
+            silent = time.monotonic() - feed.motion_heard_s > SILENCE_MAX_S
+            if silent and feed.origin_m is not None:
+                feed.lose()
+            lost = feed.origin_m is None and not (self._frame.is_local and feed.clock_heard)
+            if feed.status.connected and (told or lost or silent):
+                with suppress(VehicleRefusedError):  # asked again later; meanwhile there is no telemetry
+                    await self._renew()
 
     async def _renew(self) -> None:
-        """Ask again for rates and origin: an autopilot that restarted has forgotten the one and moved the other."""
-        with suppress(VehicleRefusedError):  # telemetry that stays away or jumps will tell
-            _, feed, calls, _, _ = self._connected()
-            await request_rates(calls, feed.plugin, self._telemetry_rate_hz)
-            feed.origin_m = await find_origin(calls, feed, self._frame, self._ready_timeout_s)
+        """Ask for rates and origin: an autopilot that restarted has forgotten the one and moved the other."""
+        _, feed, calls, _, _ = self._connected()
+        await request_rates(calls, feed.plugin, self._settings)
+        await calls.until(lambda: feed.clock_heard, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
+        if feed.origin_m is None:
+            feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)
+
+    async def _origin(self, timeout_s: float) -> Triple | None:
+        """Return where the vehicle's own NED begins.
+
+        In a local frame that is as told until the autopilot restarts: then it may begin anywhere, and nobody knows.
+        """
+        _, feed, calls, _, _ = self._connected()
+        if self._frame.is_local:
+            return None if feed.status.restarts else self._told_origin_m
+        return await find_origin(calls, feed, self._frame, timeout_s)
 
 
 class _Parts(NamedTuple):

@@ -5,6 +5,7 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from math import dist
 from typing import Any, TypeVar
 
@@ -14,6 +15,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link_feed import VehicleFeed
+from gcs.mission import LinkSection
 
 Result = TypeVar("Result")
 
@@ -25,10 +27,11 @@ TEXT_DELAY_S = 0.3
 TEXT_AGE_S = 15.0
 SPEED_SNAP = 0.1
 ORIGIN_DISTANCE_MAX_M = 20_000.0
-ATTITUDE_RATE_HZ = 10.0
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
-SLOW_RATES_HZ = {"health": 2.0, "in_air": 2.0, "battery": 1.0, "home": 1.0, "gps_info": 1.0, "position": 1.0}
-"""What status and readiness rest on; ArduPilot sends nothing that nobody asked for."""
+STATUS = ("health", "in_air", "attitude_euler")
+"""What comes at the status rate; attitudes carry the autopilot's clock, by which a restart is seen."""
+SLOW_STATUS = ("battery", "home", "gps_info", "position")
+"""What comes half as often. ArduPilot sends nothing that nobody asked for, PX4 all of it too often for a radio."""
 
 
 class VehicleCalls:
@@ -87,17 +90,32 @@ class VehicleCalls:
         await asyncio.to_thread(self._executor.shutdown, cancel_futures=True)
 
 
-async def request_rates(calls: VehicleCalls, telemetry: Any, motion_rate_hz: float) -> None:
-    """Ask for the vehicle's motion at `motion_rate_hz`, and for the rest slowly.
+async def request_rates(calls: VehicleCalls, telemetry: Any, rates: LinkSection) -> None:
+    """Ask for the vehicle's motion, and for the rest slowly.
 
     Raises VehicleRefusedError for the motion; an autopilot that does not know one of the others may fly.
     """
-    await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, motion_rate_hz)
-    for name, rate_hz in (*SLOW_RATES_HZ.items(), ("attitude_euler", ATTITUDE_RATE_HZ)):
-        try:
-            await calls.run(getattr(telemetry, f"set_rate_{name}"), rate_hz)
-        except MavsdkError:
-            continue
+    await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, rates.telemetry_rate_hz)
+    slow = [(name, rates.status_rate_hz) for name in STATUS]
+    for name, rate_hz in (*slow, *((name, rates.status_rate_hz / 2.0) for name in SLOW_STATUS)):
+        await _request_rate(calls, telemetry, name, rate_hz)
+
+
+async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:
+    """Return how many times faster than the wall the autopilot's clock runs; None when attitudes stay away.
+
+    Attitudes come fast for that long only [wall s].
+    """
+    await _request_rate(calls, feed.plugin, "attitude_euler", rates.attitude_rate_hz)
+    try:
+        return clock_ratio(await feed.attitude_clock(duration_s), duration_s)
+    finally:
+        await _request_rate(calls, feed.plugin, "attitude_euler", rates.status_rate_hz)
+
+
+async def _request_rate(calls: VehicleCalls, telemetry: Any, name: str, rate_hz: float) -> None:
+    with suppress(MavsdkError):
+        await calls.run(getattr(telemetry, f"set_rate_{name}"), rate_hz)
 
 
 def choose_guided(system: Any) -> None:

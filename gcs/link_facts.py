@@ -2,30 +2,38 @@
 
 import asyncio
 import time
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from math import cos, sin, tau
+from typing import Any, NamedTuple
 
 from mavsdk.autopilot import Autopilot
 from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.param import Param, ParamError, ParamResult
+from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
 from mavsdk.plugins.telemetry import FixType
 from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
-from estimation.frames import MissionFrame, Triple
-from estimation.state import Telemetry
-from gcs.findings import AutopilotKind, GpsFix, VehicleFacts
-from gcs.link_calls import VehicleCalls, clock_ratio, find_origin, request_rates
+from estimation.frames import Geodetic, MissionFrame
+from gcs.findings import AutopilotKind, FenceArea, GpsFix, VehicleFacts
+from gcs.link import MavsdkLink
+from gcs.link_calls import VehicleCalls, find_origin, measure_clock, request_rates
 from gcs.link_feed import VehicleFeed
 from gcs.link_hub import MavsdkHub
-from gcs.mission import Mission, MissionVehicle
+from gcs.mission import LinkSection, Mission, MissionVehicle
 from gcs.preflight_parameters import parameters_wanted
+from gcs.preflight_reader import read_parameters
+from gcs.preflight_vehicle import ARMING_CHECKS, CALM_MODES
 
 HEARTBEAT_TIMEOUT_S = 5.0
 ORIGIN_TIMEOUT_S = 5.0
 STATUS_TIMEOUT_S = 4.0
 LISTENING_S = 1.5
-TELEMETRY_RATE_HZ = 20.0
+PARAMETERS_TIMEOUT_S = 3.0
+READY_TIMEOUT_S = 20.0
+LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
+"""How long `fly` looks before it arms: it has the links already, and nobody likes to wait."""
+CIRCLE_CORNERS = 36
 KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.ARDUPILOT}
 DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
@@ -33,111 +41,124 @@ DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> tuple[VehicleFacts, ...]:
     """Ask all vehicles of a mission at once; times are wall seconds. A vehicle that is not there is a fact as well."""
     hub = MavsdkHub()
-    frame = mission.mission_frame()
     try:
-        asked = (_facts(hub, vehicle, frame, heartbeat_timeout_s) for vehicle in mission.vehicles)
+        asked = (_facts(hub, mission, vehicle, heartbeat_timeout_s) for vehicle in mission.vehicles)
         return tuple(await asyncio.gather(*asked))
     finally:
         await hub.close()
 
 
-async def _facts(hub: MavsdkHub, vehicle: MissionVehicle, frame: MissionFrame, timeout_s: float) -> VehicleFacts:
-    url, system_id = vehicle.section.url, vehicle.system_id
+class CheckedLink(MavsdkLink):
+    """A vehicle's link that can also ask the vehicle what the preflight wants to know: nothing is set by that."""
+
+    async def facts(self, vehicle_id: int) -> VehicleFacts:
+        """Return what the vehicle of a connected link says of itself, once it is well or has had time to get well."""
+        system, feed, calls, *_ = self._connected()
+        with suppress(VehicleRefusedError):  # what is still not well is told by the facts
+            await calls.until(lambda: _is_well(feed), READY_TIMEOUT_S, lambda: "is not ready", "wait")
+        asked = _Asked(vehicle_id, system, feed, calls, self._frame, self._settings)
+        return await asked.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
+
+
+async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, timeout_s: float) -> VehicleFacts:
+    url, system_id, frame = vehicle.section.url, vehicle.system_id, mission.mission_frame()
     try:
         system = await hub.find(url, system_id, timeout_s)
     except VehicleRefusedError as refusal:
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     feed = VehicleFeed(system, frame, time.monotonic)
     calls = VehicleCalls(system_id, feed, speed=1.0)
-    param = Param(system)
-    kind = KINDS.get(system.autopilot_type(), AutopilotKind.OTHER)
-    multicopter = system.vehicle_type() is Vehicle.MULTICOPTER
     try:
-        return await _asked(vehicle.id, feed, calls, param, frame, kind, multicopter)
+        feed.subscribe()
+        with suppress(VehicleRefusedError):  # the rate that is measured will tell
+            await request_rates(calls, feed.plugin, mission.link)
+        lost = await _find_place(vehicle, feed, calls, frame)
+        asked = _Asked(vehicle.id, system, feed, calls, frame, mission.link)
+        return await asked.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
     finally:
         await calls.close()
-        await asyncio.to_thread(param.destroy)
         await asyncio.to_thread(feed.close)
         await hub.release(url, system_id)
 
 
-async def _asked(
-    vehicle_id: int,
-    feed: VehicleFeed,
-    calls: VehicleCalls,
-    param: Any,
-    frame: MissionFrame,
-    kind: AutopilotKind,
-    multicopter: bool,
-) -> VehicleFacts:
-    feed.subscribe()
-    with suppress(VehicleRefusedError):  # the rate that is measured will tell
-        await request_rates(calls, feed.plugin, TELEMETRY_RATE_HZ)
-    origin_m, lost = await _origin(vehicle_id, feed, calls, frame)
-    feed.origin_m = origin_m
-    with suppress(VehicleRefusedError):  # what is missing is told by the facts
-        await calls.until(lambda: origin_m is None or not feed.missing(), STATUS_TIMEOUT_S, lambda: "is silent", "wait")
-    ratio, rate_hz = await _timing(feed)
-    parameters = await calls.run(_parameters, param, kind)
-    return VehicleFacts(
-        vehicle_id=vehicle_id,
-        autopilot=kind,
-        multicopter=multicopter,
-        status=feed.status,
-        health=feed.health(),
-        says=feed.said(),
-        origin_m=origin_m,
-        lost=lost,
-        position_m=feed.position_m,
-        gps=await calls.run(_gps, feed.plugin),
-        clock_ratio=ratio,
-        telemetry_rate_hz=rate_hz if origin_m is not None else None,  # else nothing is delivered
-        telemetry_rate_asked_hz=TELEMETRY_RATE_HZ,
-        parameters=parameters,
-    )
-
-
-async def _origin(
-    vehicle_id: int, feed: VehicleFeed, calls: VehicleCalls, frame: MissionFrame
-) -> tuple[Triple | None, tuple[str, str] | None]:
+async def _find_place(
+    vehicle: MissionVehicle, feed: VehicleFeed, calls: VehicleCalls, frame: MissionFrame
+) -> tuple[str, str] | None:
+    """Let the feed know its origin; return the reason and the next step if the vehicle does not know its place."""
     try:
-        return await find_origin(calls, feed, frame, ORIGIN_TIMEOUT_S), None
+        told = vehicle.origin_m if frame.is_local else None
+        feed.origin_m = told or await find_origin(calls, feed, frame, ORIGIN_TIMEOUT_S)
     except VehicleRefusedError as refusal:
-        return None, (refusal.reason.removeprefix(f"vehicle {vehicle_id} "), refusal.next_step)
-
-
-async def _timing(feed: VehicleFeed) -> tuple[float | None, float]:
-    """Return how fast the autopilot's clock runs, and the motion samples per second of that clock."""
-    times_s: list[float] = []
-
-    def note(sample: Telemetry) -> None:
-        times_s.append(sample.time_s)
-
-    feed.on_telemetry = note
-    ratio = clock_ratio(await feed.attitude_clock(LISTENING_S), LISTENING_S)
-    feed.on_telemetry = None
-    return ratio, len(times_s) / LISTENING_S / (ratio or 1.0)
-
-
-def _parameters(param: Any, kind: AutopilotKind) -> dict[str, float | None]:
-    """Read the parameters that the preflight judges; blocks, for seconds where one is not answered."""
-    values: dict[str, float | None] = {}
-    for names in parameters_wanted(kind):
-        for name in names:
-            values[name] = _parameter(param, name)
-            if values[name] is not None:
-                break
-    return values
-
-
-def _parameter(param: Any, name: str) -> float | None:
-    for read in (param.get_param_float, param.get_param_int):
-        try:
-            return float(read(name))
-        except ParamError as error:
-            if error.result is not ParamResult.WRONG_TYPE:
-                return None
+        return f"it {refusal.reason.removeprefix(f'vehicle {vehicle.system_id} ')}", refusal.next_step
+    with suppress(VehicleRefusedError):  # what is missing is told by the facts
+        await calls.until(lambda: not feed.missing(), STATUS_TIMEOUT_S, lambda: "is silent", "wait")
     return None
+
+
+class _Asked(NamedTuple):
+    """One vehicle that is heard, and by what means it is asked."""
+
+    vehicle_id: int
+    system: Any
+    feed: VehicleFeed
+    calls: VehicleCalls
+    frame: MissionFrame
+    rates: LinkSection
+
+    async def facts(
+        self, listening_s: float, parameters_timeout_s: float, lost: tuple[str, str] | None = None
+    ) -> VehicleFacts:
+        """Ask and listen for so many wall seconds, all at once."""
+        kind = KINDS.get(self.system.autopilot_type(), AutopilotKind.OTHER)
+        wanted = parameters_wanted(kind)
+        (ratio, rate_hz), parameters, gps, areas = await asyncio.gather(
+            self._timing(listening_s),
+            read_parameters(self.system, kind, wanted, parameters_timeout_s),
+            self.calls.run(_gps, self.feed.plugin),
+            self.calls.run(_fence_areas, self.system, self.frame),
+        )
+        feed = self.feed
+        return VehicleFacts(
+            vehicle_id=self.vehicle_id,
+            autopilot=kind,
+            multicopter=self.system.vehicle_type() is Vehicle.MULTICOPTER,
+            status=feed.status,
+            health=feed.health(),
+            says=feed.said(),
+            origin_m=feed.origin_m,
+            lost=lost,
+            position_m=feed.position_m,
+            gps=None if feed.is_local else gps,
+            clock_ratio=ratio,
+            telemetry_rate_hz=rate_hz if feed.origin_m is not None else None,  # else nothing is delivered
+            telemetry_rate_asked_hz=self.rates.telemetry_rate_hz,
+            parameters=parameters,
+            fence_areas=areas,
+        )
+
+    async def _timing(self, listening_s: float) -> tuple[float | None, float]:
+        """Return how fast the autopilot's clock runs, and the motion samples per second of that clock."""
+        samples = 0
+
+        def count(_motion: object, _user_data: object) -> None:
+            nonlocal samples
+            samples += 1
+
+        began_s = time.monotonic()
+        handle = self.feed.plugin.subscribe_position_velocity_ned(count)
+        try:
+            ratio = await measure_clock(self.calls, self.feed, self.rates, listening_s)
+        finally:
+            listened_s = time.monotonic() - began_s
+            self.feed.plugin.unsubscribe_position_velocity_ned(handle)
+        return ratio, samples / listened_s / (ratio or 1.0)
+
+
+def _is_well(feed: VehicleFeed) -> bool:
+    """Return whether all health items are; in a mode that cordon does not arm in, arming checks do not count."""
+    calm = feed.status.mode in CALM_MODES
+    items = feed.health()
+    return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
 
 
 def _gps(telemetry: Any) -> GpsFix | None:
@@ -146,3 +167,30 @@ def _gps(telemetry: Any) -> GpsFix | None:
     except MavsdkError:
         return None
     return GpsFix(DIMENSIONS.get(info.fix_type, 3), int(info.num_satellites))
+
+
+def _fence_areas(system: Any, frame: MissionFrame) -> tuple[FenceArea, ...] | None:
+    """Download the geofence's areas; None where that fails. Blocks, for seconds where it is not answered."""
+    if frame.origin is None:
+        return ()
+    plugin = Geofence(system)
+    try:
+        fence = plugin.download_geofence()
+        return tuple(_area(frame, each, each.points) for each in fence.polygons) + tuple(
+            _area(frame, each, [each.point], each.radius) for each in fence.circles
+        )
+    except (GeofenceError, ValueError):
+        return None
+    finally:
+        plugin.destroy()
+
+
+def _area(frame: MissionFrame, area: Any, points: Sequence[Any], radius_m: float = 0.0) -> FenceArea:
+    """Return a polygon's area, or that of the circle about a single point; raises ValueError for what is none."""
+    altitude_m = frame.origin.altitude_m if frame.origin is not None else 0.0
+    places = (Geodetic(point.latitude_deg, point.longitude_deg, altitude_m) for point in points)
+    corners = [frame.mission_from_geodetic(place)[:2] for place in places]
+    if radius_m:
+        (x, y), turns = corners[0], (tau * k / CIRCLE_CORNERS for k in range(CIRCLE_CORNERS))
+        corners = [(x + radius_m * cos(turn), y + radius_m * sin(turn)) for turn in turns]
+    return FenceArea(tuple(corners), area.fence_type is FenceType.INCLUSION)

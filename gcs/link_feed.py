@@ -34,13 +34,19 @@ HEALTH_ITEMS = {
     "is_home_position_ok": "home position",
     "is_armable": "arming checks",
 }
+NEEDS_GPS = ("global position", "home position", "arming checks")
+"""Without GPS the arming checks are never well before take-off is chosen: they hold for PX4's present mode, hold."""
 TEXTS_KEPT = 20
+CLOCK_BACK_S = 0.5
+"""An autopilot's clock that is this much behind what it was began anew: no datagram is late by as much."""
 
 
 class VehicleFeed:
     """The newest that one system said. Its own thread hands everything over to the event loop; nothing ever raises.
 
-    `origin_m` is the mission position of the vehicle's own NED origin: no telemetry is delivered before it is set.
+    `origin_m` is the mission position of the vehicle's own NED origin: no telemetry is delivered before it is set. It
+    is forgotten whenever the link is lost or the autopilot restarts, which `on_loss` and `on_return` tell; a restart is
+    seen by the autopilot's clock running backwards, however short it was.
     """
 
     def __init__(self, system: Any, frame: MissionFrame, now_s: Callable[[], float]) -> None:
@@ -49,7 +55,10 @@ class VehicleFeed:
         self.origin_m: Triple | None = None
         self.dropped = 0
         self.on_telemetry: Callable[[Telemetry], None] | None = None
-        self.on_reconnect: Callable[[], None] | None = None
+        self.on_loss: Callable[[], None] | None = None
+        self.on_return: Callable[[], None] | None = None
+        self.motion_heard_s = time.monotonic()
+        self.clock_heard = False
         self.plugin: Any = TelemetryPlugin(system)
         self._system = system
         self._frame = frame
@@ -57,6 +66,8 @@ class VehicleFeed:
         self._health: Any = None
         self._mode: Any = None
         self._home_z_m: float | None = None
+        self._clock_s: float | None = None
+        self._clock_notes: list[tuple[float, float]] | None = None
         self._texts: deque[tuple[float, str]] = deque(maxlen=TEXTS_KEPT)
         self._loop = asyncio.get_running_loop()
 
@@ -69,8 +80,10 @@ class VehicleFeed:
         telemetry.subscribe_in_air(self._posting(lambda in_air: self._update(in_air=bool(in_air))))
         telemetry.subscribe_health(self._posting(self._take_health))
         telemetry.subscribe_battery(self._posting(self._take_battery))
-        telemetry.subscribe_home(self._posting(self._take_home))
+        if not self._frame.is_local:
+            telemetry.subscribe_home(self._posting(self._take_home))
         telemetry.subscribe_status_text(self._posting(self._take_text))
+        telemetry.subscribe_attitude_euler(self._note_clock)
         self._update(connected=self._system.is_connected())
         self._system.subscribe_is_connected(self._posting(self._take_connected))
 
@@ -86,17 +99,17 @@ class VehicleFeed:
 
     async def attitude_clock(self, duration_s: float) -> list[tuple[float, float]]:
         """Return (wall time, autopilot time) of the attitudes heard within `duration_s` wall seconds [s]."""
-        times: list[tuple[float, float]] = []
-
-        def note(attitude: Any, _user_data: object) -> None:
-            times.append((time.monotonic(), attitude.timestamp_us * 1e-6))
-
-        handle = self.plugin.subscribe_attitude_euler(note)
+        notes = self._clock_notes = []
         try:
             await asyncio.sleep(duration_s)
         finally:
-            self.plugin.unsubscribe_attitude_euler(handle)
-        return times
+            self._clock_notes = None
+        return notes
+
+    @property
+    def is_local(self) -> bool:
+        """Whether the mission is flown without knowing where on Earth."""
+        return self._frame.is_local
 
     def missing(self) -> str:
         """Return what has not been heard yet, in words; empty when the picture is complete."""
@@ -104,10 +117,17 @@ class VehicleFeed:
         return ", ".join(words for words, part in parts.items() if part is None)
 
     def health(self) -> dict[str, bool]:
-        """Return whether each health item is well, by its words; empty before the first report."""
+        """Return whether each health item is well, by its words; empty before the first report.
+
+        In a local frame nobody asks a vehicle for its place on Earth, and a local position is well that is told.
+        """
         if self._health is None:
             return {}
-        return {words: bool(getattr(self._health, name)) for name, words in HEALTH_ITEMS.items()}
+        items = {words: bool(getattr(self._health, name)) for name, words in HEALTH_ITEMS.items()}
+        if self.is_local:
+            items = {words: well for words, well in items.items() if words not in NEEDS_GPS}
+            items["local position"] = self.status.local_position_ok
+        return items
 
     def failing(self) -> str:
         """Return the health items that are not well, in words; empty when all are."""
@@ -137,7 +157,35 @@ class VehicleFeed:
     def _update(self, **changes: Any) -> None:
         self.status = replace(self.status, **changes)
 
+    def _note_clock(self, attitude: Any, _user_data: object) -> None:
+        # On MAVSDK's thread: the time of arrival is now, not when the event loop gets to it.
+        times_s = (time.monotonic(), attitude.timestamp_us * 1e-6)
+        with suppress(RuntimeError):  # the loop is closed already
+            self._loop.call_soon_threadsafe(self._take_clock, times_s)
+
+    def _take_clock(self, times_s: tuple[float, float]) -> None:
+        last_s, self._clock_s = self._clock_s, times_s[1]
+        if self._clock_notes is not None:
+            self._clock_notes.append(times_s)
+        if last_s is not None and last_s - times_s[1] > CLOCK_BACK_S:
+            self._update(restarts=self.status.restarts + 1)
+            self.lose()
+            self._return()
+        self.clock_heard = True
+
+    def lose(self) -> None:
+        """Forget where the vehicle's origin is: what it says about its place from now on may mean another."""
+        self.origin_m = None
+        self.clock_heard = False
+        if self.on_loss is not None:
+            self.on_loss()
+
+    def _return(self) -> None:
+        if self.on_return is not None:
+            self.on_return()
+
     def _take_motion(self, motion: Any) -> None:
+        self.motion_heard_s = time.monotonic()
         if self.origin_m is None:
             return
         position, velocity = motion.position, motion.velocity
@@ -162,7 +210,9 @@ class VehicleFeed:
 
     def _take_health(self, health: Any) -> None:
         self._health = health
-        self._update(local_position_ok=bool(health.is_local_position_ok), armable=bool(health.is_armable))
+        # MAVSDK takes it from the health of GPS, optical flow and vision alone.
+        local_position_ok = health.is_local_position_ok or (self.is_local and self.position_m is not None)
+        self._update(local_position_ok=bool(local_position_ok), armable=bool(health.is_armable))
 
     def _take_battery(self, battery: Any) -> None:
         percent = battery.remaining_percent
@@ -180,7 +230,9 @@ class VehicleFeed:
         self._texts.append((time.monotonic(), text.text))
 
     def _take_connected(self, connected: bool) -> None:
-        back = connected and not self.status.connected
+        before = self.status.connected
         self._update(connected=bool(connected))
-        if back and self.on_reconnect is not None:
-            self.on_reconnect()
+        if before and not connected:
+            self.lose()
+        if connected and not before:
+            self._return()

@@ -1,9 +1,7 @@
 """One MAVSDK for all vehicles of a process: connections, and whom each of them carries."""
 
 import asyncio
-import errno
 import logging
-import socket
 import threading
 import time
 from collections import defaultdict
@@ -11,13 +9,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
 
 import mavsdk
 from mavsdk.component_type import ComponentType
 from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
+from gcs.link_urls import require_usable
 
 Result = TypeVar("Result")
 
@@ -48,14 +46,14 @@ class MavsdkHub:
     async def find(self, url: str, system_id: int, timeout_s: float) -> Any:
         """Return MAVSDK's system `system_id`, heard on `url`; times are wall seconds.
 
-        Raises VehicleRefusedError when the port is taken, the url makes no sense, nobody or somebody else is heard
-        there, or the id is that of a vehicle on another url.
+        Raises VehicleRefusedError when the url cannot work (`require_usable`), nobody or somebody else is heard there,
+        or the id is that of a vehicle on another url.
         """
         self._claim(system_id, url)
         try:
             async with self._adding[url]:  # vehicles that share a connection come one by one
                 if url not in self._connections:
-                    _require_free_port(url)
+                    await self._run(require_usable, url)
                     heard = await self._run(self._listen, url, system_id, timeout_s)
                     _require_heard(url, system_id, heard, timeout_s)
                     await self._run(self._add, url)
@@ -148,22 +146,6 @@ def _add_connection(to: Any, url: str) -> Any:
             f"{url} cannot be opened: {error}",
             "write a url like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600, and check the device",
         ) from error
-
-
-def _require_free_port(url: str) -> None:
-    """Refuse a UDP port that is taken: a second MAVSDK on it raises no error, and the first goes silent."""
-    parts = urlsplit(url)
-    if parts.scheme not in ("udp", "udpin") or not parts.port:
-        return
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attempt:
-        try:
-            attempt.bind((parts.hostname or "0.0.0.0", parts.port))
-        except OSError as error:
-            taken = error.errno == errno.EADDRINUSE
-            raise VehicleRefusedError(
-                f"udp port {parts.port} of {url} " + ("is taken" if taken else f"cannot be had: {error.strerror}"),
-                "end the other ground station or agent that listens there" if taken else "check the url",
-            ) from error
 
 
 def _require_heard(url: str, system_id: int, heard: list[int], timeout_s: float) -> None:

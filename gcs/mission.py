@@ -8,12 +8,13 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from agents.settings import (
     AgentConfig,
+    ChoreographySettings,
     DecisionSettings,
     EncirclementSettings,
     FormationSettings,
     SafetySettings,
 )
-from estimation.frames import Geodetic, MissionFrame
+from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant import Plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 
@@ -26,7 +27,7 @@ def _pair(value: object) -> object:
 def _port(url: str) -> str:
     scheme, _, rest = url.partition("://")
     host, _, port = rest.rpartition(":")
-    if scheme == "serial" and rest:
+    if scheme == "serial" and host and port.isdecimal() and int(port) > 0:
         return url
     known = ("udpin", "udpout", "tcpin", "tcpout")
     if scheme not in known or not host or not port.isdecimal() or not 0 < int(port) < 65536:
@@ -44,6 +45,7 @@ def _endpoint(text: str) -> str:
 
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
 Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(_pair)]
+Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(_pair)]
 Velocity = Annotated[float, Field(ge=-20.0, le=20.0)]
 Velocity2 = Annotated[tuple[Velocity, Velocity], BeforeValidator(_pair)]
 Acceleration = Annotated[float, Field(ge=-10.0, le=10.0)]
@@ -61,11 +63,15 @@ class MissionSection(Settings):
 
 
 class FrameSection(Settings):
-    """`[frame]`: where on Earth the mission frame lies, and the bearing of its x axis clockwise from north."""
+    """`[frame]`: where on Earth the mission frame lies, and the bearing of its x axis clockwise from north. Latitude,
+    longitude and altitude are required, unless `local` is true: then, as indoors, nobody knows where on Earth that is,
+    no GPS is needed, and every vehicle's `origin_m` says where its own local NED begins.
+    """
 
-    latitude_deg: float = Field(ge=-89.0, le=89.0)
-    longitude_deg: float = Field(ge=-180.0, le=180.0)
-    altitude_m: float = Field(ge=-500.0, le=9000.0)
+    latitude_deg: float | None = Field(None, ge=-89.0, le=89.0)
+    longitude_deg: float | None = Field(None, ge=-180.0, le=180.0)
+    altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    local: bool = False
     x_bearing_deg: float = Field(0.0, ge=-360.0, le=360.0)
 
 
@@ -97,6 +103,18 @@ class NetworkSection(Settings):
     loss: float = Field(0.0, ge=0.0, lt=1.0)
 
 
+class LinkSection(Settings):
+    """`[link]`: how often a vehicle tells its motion, its attitude while its clock is measured, and its status; and how
+    often setpoints are handed to MAVSDK: every tick (none), or less often. MAVSDK itself repeats the last setpoint at
+    20 Hz: a lower setpoint rate makes setpoints older, but the link no emptier than 20 of them a second.
+    """
+
+    telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
+    attitude_rate_hz: float = Field(10.0, ge=5.0, le=50.0)
+    status_rate_hz: float = Field(2.0, ge=0.2, le=10.0)
+    setpoint_rate_hz: float | None = Field(None, ge=1.0, le=100.0)
+
+
 class SimulationSection(Settings):
     """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise and a steady wind."""
 
@@ -123,13 +141,16 @@ class TrueScale(Settings):
 
 
 class VehicleSection(Settings):
-    """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise; `autopilot` is what its stub plays."""
+    """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise; `autopilot` is what its stub plays.
+    `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
+    """
 
     id: int = Field(ge=1, le=254)
     system_id: int | None = Field(None, ge=1, le=254)
     url: Annotated[str, AfterValidator(_port)]
     endpoint: Annotated[str, AfterValidator(_endpoint)]
     start_m: Metres2
+    origin_m: Metres3 | None = None
     altitude_m: float = Field(8.0, ge=1.0, le=500.0)
     plant: str = "stub"
     autopilot: Literal["px4", "ardupilot"] = "px4"
@@ -156,6 +177,11 @@ class MissionVehicle:
         """Its MAVLink system id."""
         return self.section.system_id or self.section.id
 
+    @property
+    def origin_m(self) -> Triple:
+        """Where its local NED begins in a local mission frame."""
+        return self.section.origin_m or (*self.section.start_m, 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Mission:
@@ -170,6 +196,8 @@ class Mission:
     target_filter: TargetFilterSettings
     target: TargetSection
     network: NetworkSection
+    link: LinkSection
+    choreography: ChoreographySettings
     simulation: SimulationSection
     verdicts: VerdictSection
     vehicles: tuple[MissionVehicle, ...]
@@ -188,8 +216,9 @@ class Mission:
 
     def mission_frame(self) -> MissionFrame:
         """Return the frame the mission is written in."""
-        frame = self.frame
-        origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
+        frame, origin = self.frame, None
+        if not (frame.latitude_deg is None or frame.longitude_deg is None or frame.altitude_m is None):
+            origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
         return MissionFrame(origin, radians(frame.x_bearing_deg))
 
     def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
@@ -208,4 +237,7 @@ class Mission:
             safety=self.safety,
             own_filter=self.own_filter,
             target_filter=self.target_filter,
+            choreography=self.choreography,
+            home_m=vehicle.section.start_m,
+            layers_from_m=max(each.section.altitude_m for each in self.vehicles),
         )

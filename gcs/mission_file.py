@@ -15,13 +15,20 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from agents.encirclement import chord_m
-from agents.settings import DecisionSettings, EncirclementSettings, FormationSettings, SafetySettings
+from agents.settings import (
+    ChoreographySettings,
+    DecisionSettings,
+    EncirclementSettings,
+    FormationSettings,
+    SafetySettings,
+)
 from estimation.plant import Plant, PlantAxis
 from estimation.plant_file import PlantFileError, load_plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.exits import InputError
 from gcs.mission import (
     FrameSection,
+    LinkSection,
     Mission,
     MissionSection,
     MissionVehicle,
@@ -32,6 +39,7 @@ from gcs.mission import (
     VerdictSection,
 )
 
+LAYER_LEAST_M = 1.0
 _BUNDLED = Path(__file__).parent / "missions"
 SECTIONS: dict[str, type[Settings]] = {
     "mission": MissionSection,
@@ -44,6 +52,8 @@ SECTIONS: dict[str, type[Settings]] = {
     "target_filter": TargetFilterSettings,
     "target": TargetSection,
     "network": NetworkSection,
+    "link": LinkSection,
+    "choreography": ChoreographySettings,
     "simulation": SimulationSection,
     "verdicts": VerdictSection,
 }
@@ -51,8 +61,8 @@ _REQUIRED = ("mission", "frame", "formation", "encirclement", "target")
 _PLAIN_WORDS = {
     "missing": "this key is missing",
     "model_type": "it must be a table",
-    "tuple_type": "it must be a list of two numbers",
-    "too_long": "it must be a list of two numbers",
+    "tuple_type": "it must be a list of numbers",
+    "too_long": "it holds too many numbers",
 }
 
 _S = TypeVar("_S", bound=Settings)
@@ -202,6 +212,11 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
             yield f"formation.leader: no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
     if isinstance(safety, SafetySettings):
         yield from _separated(known, safety, formation, ring, len(vehicles))
+    frame = sections.get("frame")
+    if isinstance(frame, FrameSection):
+        yield from _located(frame, known)
+    yield from _kept_up(sections.get("mission"), sections.get("link"))
+    yield from _way_home(known, sections.get("choreography"))
     target = sections.get("target")
     if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
         highest = formation.speed_max_m_s
@@ -251,6 +266,46 @@ def _separated(
         yield (
             f"encirclement.radius_m: {count} vehicles on a ring of {ring.radius_m} m are "
             f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m"
+        )
+
+
+def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings | None) -> Iterator[str]:
+    if not isinstance(choreography, ChoreographySettings):
+        return
+    order, ids = choreography.landing_order, [vehicle.id for _, vehicle in vehicles]
+    for i, vehicle_id in enumerate(order):
+        if vehicle_id not in ids:
+            known = ", ".join(map(str, ids))
+            yield f"choreography.landing_order[{i}]: no vehicle has the id {vehicle_id} (ids: {known})"
+        if vehicle_id in order[:i]:
+            yield f"choreography.landing_order[{i}]: vehicle {vehicle_id} is in the order already"
+    if choreography.landing == "return" and choreography.layer_m < LAYER_LEAST_M and len(vehicles) > 1:
+        yield (
+            f"choreography.layer_m: {choreography.layer_m} m; vehicles that return cross each other's paths, and need "
+            f"layers of at least {LAYER_LEAST_M} m"
+        )
+
+
+def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[str]:
+    """Check that the frame lies somewhere on Earth, or else that nothing refers to where."""
+    place = {name: getattr(frame, name) for name in ("latitude_deg", "longitude_deg", "altitude_m")}
+    for name, value in place.items():
+        if frame.local and value is not None:
+            yield f"frame.{name}: with local = true it lies nowhere on Earth: leave one of them out (given: {value})"
+        if not frame.local and value is None:
+            yield f"frame.{name}: this key is missing; indoors, without GPS, write local = true instead"
+    for i, vehicle in vehicles:
+        if vehicle.origin_m is not None and not frame.local:
+            yield f"vehicles[{i}].origin_m: with a [frame] on Earth the vehicle says itself where its origin is"
+
+
+def _kept_up(mission: Settings | None, link: Settings | None) -> Iterator[str]:
+    if not (isinstance(mission, MissionSection) and isinstance(link, LinkSection)):
+        return
+    if link.setpoint_rate_hz is not None and link.setpoint_rate_hz > mission.rate_hz:
+        yield (
+            f"link.setpoint_rate_hz: {link.setpoint_rate_hz} Hz is more than mission.rate_hz = {mission.rate_hz} Hz: "
+            "the loop makes no more setpoints; leave it out to send every one"
         )
 
 

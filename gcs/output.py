@@ -1,9 +1,11 @@
 """What a command leaves behind: JSON on standard output, people's text on standard error, and the figure."""
 
 import os
+import sys
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TextIO
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -16,7 +18,17 @@ from gcs.metrics import evaluate
 from gcs.mission import Mission
 from gcs.record import FlightRecord
 
-STDERR = Console(stderr=True)
+
+class _Console(Console):
+    """A console whose reader may go away: a flight goes on without anybody who looks at it."""
+
+    def on_broken_pipe(self) -> None:
+        """Write to nowhere from now on, and end nothing."""
+        self.quiet = True
+        _to_nowhere(sys.stderr)
+
+
+STDERR = _Console(stderr=True)
 _PROGRESS_STEP_S = 1.0
 
 
@@ -63,6 +75,22 @@ def check_plot(path: Path | None) -> None:
         raise InputError([f"--plot: no folder {str(path.parent)!r} to write into"])
 
 
+def print_result(text: str) -> None:
+    """Print to standard output; a reader that has read enough (`| head`) and is gone changes nothing."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        _to_nowhere(sys.stdout)
+
+
+def _to_nowhere(stream: TextIO) -> None:
+    """Let a stream that nobody reads end quietly: it is flushed once more when the program ends."""
+    with suppress(OSError, ValueError):  # it may be no file
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+
+
 def present(mission: Mission, record: FlightRecord, *, json: bool, plot: Path | None, timed: bool = True) -> Exit:
     """Evaluate a flight, show it, and return how it went."""
     ring, formation = ring_reference(mission), formation_reference(mission)
@@ -75,5 +103,5 @@ def present(mission: Mission, record: FlightRecord, *, json: bool, plot: Path | 
             raise InputError([f"--plot: {plot}: {error.strerror or error}"]) from error
         STDERR.print(f"figure: {plot}", markup=False, highlight=False, soft_wrap=True)
     if json:
-        print((result if timed else result.untimed()).to_json())
+        print_result((result if timed else result.untimed()).to_json())
     return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED

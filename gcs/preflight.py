@@ -4,8 +4,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from gcs.findings import Finding, Grade, VehicleFacts
 from gcs.mission import Mission, MissionVehicle
+from gcs.preflight_fence import fence_areas
 from gcs.preflight_mission import autopilot_limits, feasibility
-from gcs.preflight_parameters import JUDGES, failsafes, fence
+from gcs.preflight_parameters import JUDGES, failsafes, fence, station
 from gcs.preflight_vehicle import at_rest, battery, clock, gps, health, identity, place, telemetry, together
 
 Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
@@ -13,9 +14,9 @@ Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
 VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, _vehicle: identity(facts),
     lambda facts, _mission, _vehicle: at_rest(facts),
-    lambda facts, _mission, _vehicle: health(facts),
-    lambda facts, _mission, vehicle: place(facts, vehicle),
     lambda facts, _mission, _vehicle: gps(facts),
+    lambda facts, _mission, _vehicle: health(facts),
+    place,
     lambda facts, _mission, _vehicle: battery(facts),
     lambda facts, _mission, _vehicle: telemetry(facts),
     lambda facts, _mission, _vehicle: clock(facts),
@@ -23,7 +24,9 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
 """What is asked of every vehicle that is heard."""
 AUTOPILOT_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, _vehicle: failsafes(facts),
+    lambda facts, _mission, _vehicle: station(facts),
     fence,
+    fence_areas,
     lambda facts, mission, _vehicle: autopilot_limits(mission, facts),
 )
 """What is asked of every autopilot whose parameters cordon understands."""

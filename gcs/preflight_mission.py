@@ -62,6 +62,13 @@ def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
     return max(around, mission.formation.speed_m_s * duration_s)
 
 
+def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
+    """Return the greatest height at which a vehicle flies: that of its mission, or a layer on its way up or down."""
+    config = mission.agent_config(vehicle)
+    home_m = config.return_altitude_m if mission.choreography.landing == "return" else 0.0
+    return max(config.altitude_m, config.take_off_altitude_m, home_m)
+
+
 def _along_ring_m_s(mission: Mission) -> float:
     return abs(mission.encirclement.angular_rate_rad_s) * mission.encirclement.radius_m
 
@@ -69,7 +76,8 @@ def _along_ring_m_s(mission: Mission) -> float:
 def _ring_gap(mission: Mission) -> Finding:
     ring, count = mission.encirclement, len(mission.vehicles)
     what = f"{count} vehicles on a ring of {ring.radius_m:g} m"
-    wider = "widen encirclement.radius_m, fly fewer vehicles, or lower safety.separation_m"
+    enough_m = (GAP_RESERVE * mission.safety.separation_m + _distance_error_m(mission)) / chord_m(1.0, count)
+    wider = f"widen encirclement.radius_m to {enough_m:.1f} m, fly fewer vehicles, or lower safety.separation_m"
     return _gap(mission, "ring spacing", what, chord_m(ring.radius_m, count), wider)
 
 
@@ -80,8 +88,7 @@ def _line_gap(mission: Mission) -> Finding:
 
 def _gap(mission: Mission, check: str, what: str, gap_m: float, wider: str) -> Finding:
     separation_m = mission.safety.separation_m
-    # Both vehicles err: the error of a distance is that of two positions.
-    error_m = SIGMAS * sqrt(2.0) * mission.own_filter.position_noise_m
+    error_m = _distance_error_m(mission)
     grade = Grade.PASS if gap_m >= GAP_RESERVE * separation_m + error_m else Grade.WARNING
     return Finding.graded(
         Grade.REFUSE if gap_m < separation_m + error_m else grade,
@@ -94,9 +101,15 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, wider: str) -> F
     )
 
 
+def _distance_error_m(mission: Mission) -> float:
+    """Return the error of a distance: both vehicles err, it is that of two positions."""
+    return SIGMAS * sqrt(2.0) * mission.own_filter.position_noise_m
+
+
 def _target_speed(mission: Mission) -> Finding:
     ring, target_m_s = mission.encirclement, hypot(*mission.target.velocity_m_s)
     most_m_s = ring.speed_max_m_s - _along_ring_m_s(mission)
+    well_rad_s = max(RESERVE * ring.speed_max_m_s - target_m_s, 0.0) / ring.radius_m
     return Finding.graded(
         limited(ring_speed_m_s(mission), ring.speed_max_m_s, RESERVE),
         MISSION,
@@ -104,7 +117,7 @@ def _target_speed(mission: Mission) -> Finding:
         f"the target moves at {target_m_s:.2f} m/s; at {_along_ring_m_s(mission):.2f} m/s along the ring and at most "
         f"encirclement.speed_max_m_s = {ring.speed_max_m_s:g} m/s, up to {max(most_m_s, 0.0):.2f} m/s can be followed",
         "a vehicle that moves along with the target needs the speed of both, and some in reserve",
-        "lower encirclement.angular_rate_rad_s or radius_m, or raise speed_max_m_s if the vehicles can fly it",
+        f"lower encirclement.angular_rate_rad_s to {well_rad_s:.2f}, or raise speed_max_m_s if the vehicles can fly it",
     )
 
 
@@ -116,7 +129,8 @@ def _ring_acceleration(mission: Mission) -> Finding:
         "ring acceleration",
         f"the ring takes v²/R = {needed:.2f} m/s²; encirclement.acceleration_max_m_s2 is {limit:g} m/s²",
         "a vehicle that cannot turn as tightly as the ring leaves it outwards",
-        "lower encirclement.angular_rate_rad_s, or raise acceleration_max_m_s2 if the vehicles can fly it",
+        f"lower encirclement.angular_rate_rad_s to {sqrt(RESERVE * limit / mission.encirclement.radius_m):.2f}, "
+        "or raise acceleration_max_m_s2 if the vehicles can fly it",
     )
 
 

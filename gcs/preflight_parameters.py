@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from gcs.findings import AutopilotKind, Finding, Grade, VehicleFacts
 from gcs.mission import Mission, MissionVehicle
-from gcs.preflight_mission import ACCELERATION_LIMITS, SPEED_LIMITS, extent_m
+from gcs.preflight_mission import ACCELERATION_LIMITS, SPEED_LIMITS, extent_m, highest_m
 
 Judgement = tuple[Grade, str, str, str]
 """Grade, what the value means, why it matters, and the next step."""
@@ -61,7 +61,7 @@ def _throttle_failsafe(value: float) -> Judgement:
 
 
 def _station_failsafe(value: float) -> Judgement:
-    land = "set FS_GCS_ENABLE = 5 (land), and SYSID_MYGCS (MAV_GCS_SYSID since 4.7) to cordon's system id, 245"
+    land = f"set FS_GCS_ENABLE = 5 (land), and SYSID_MYGCS (MAV_GCS_SYSID since 4.7) to cordon's id, {CORDON_ID}"
     if int(value) == 0:
         why = "when cordon or the link dies it hovers at its last setpoint until the battery is empty"
         return Grade.WARNING, "no failsafe when the ground station's link is lost", why, land
@@ -94,7 +94,10 @@ FENCES: Mapping[AutopilotKind, tuple[str, ...]] = {
     AutopilotKind.ARDUPILOT: ("FENCE_ENABLE", "FENCE_ACTION", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX"),
 }
 PX4_FENCE_WARNS, PX4_FENCE_TERMINATES = 1, 4
-ARDUPILOT_FENCE_ALTITUDE, ARDUPILOT_FENCE_CIRCLE = 1, 2
+ARDUPILOT_FENCE_ALTITUDE, ARDUPILOT_FENCE_CIRCLE, ARDUPILOT_FENCE_AREAS = 1, 2, 4
+STATION_ID = ("MAV_GCS_SYSID", "SYSID_MYGCS")
+CORDON_ID = 245
+"""MAVSDK's system id as a ground station."""
 
 
 def parameters_wanted(autopilot: AutopilotKind) -> tuple[tuple[str, ...], ...]:
@@ -102,7 +105,8 @@ def parameters_wanted(autopilot: AutopilotKind) -> tuple[tuple[str, ...], ...]:
     if autopilot not in JUDGES:
         return ()
     limits = (tuple(name for name, _ in table[autopilot]) for table in (SPEED_LIMITS, ACCELERATION_LIMITS))
-    return (*((name,) for name in JUDGES[autopilot]), *((name,) for name in FENCES[autopilot]), *limits)
+    station = (STATION_ID,) if autopilot is AutopilotKind.ARDUPILOT else ()
+    return (*((name,) for name in JUDGES[autopilot]), *((name,) for name in FENCES[autopilot]), *limits, *station)
 
 
 def failsafes(facts: VehicleFacts) -> Iterator[Finding]:
@@ -114,6 +118,25 @@ def failsafes(facts: VehicleFacts) -> Iterator[Finding]:
         else:
             grade, meaning, why, step = judge(value)
             yield Finding(grade, facts.subject, name, f"{name} = {value:g}: {meaning}", why, step)
+
+
+def station(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check whose heartbeats ArduPilot's ground station failsafe watches: only one system id's, and rarely cordon's."""
+    if facts.autopilot is not AutopilotKind.ARDUPILOT or facts.parameter("FS_GCS_ENABLE") == 0.0:
+        return
+    value = facts.parameter(*STATION_ID)
+    if value is None:
+        yield _unread(facts, " or ".join(STATION_ID), WITHOUT_SETPOINTS)
+        return
+    name = next(name for name in STATION_ID if facts.parameter(name) is not None)
+    yield Finding.graded(
+        Grade.PASS if int(value) == CORDON_ID else Grade.WARNING,
+        facts.subject,
+        "ground station id",
+        f"{name} = {value:g}: its ground station failsafe watches system {value:g}; cordon is system {CORDON_ID}",
+        "when cordon or its link dies, a failsafe that watches another ground station does not act",
+        f"set {name} = {CORDON_ID}",
+    )
 
 
 def fence(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
@@ -137,7 +160,7 @@ def fence(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Ite
             MOTORS_STOP,
             "set GF_ACTION = 2 (hold) or 5 (land)",
         )
-    reaches = ((across, extent_m(mission, vehicle), "from home"), (up, vehicle.section.altitude_m, "high"))
+    reaches = ((across, extent_m(mission, vehicle), "from home"), (up, highest_m(mission, vehicle), "high"))
     for limit, needed_m, where in reaches:
         if limit is not None:
             yield _room(facts, *limit, needed_m, where)

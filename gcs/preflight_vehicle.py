@@ -18,7 +18,9 @@ BATTERY_LOW, BATTERY_EMPTY = 0.5, 0.25
 SATELLITES_LEAST = 8
 RATE_LOW_SHARE, RATE_LEAST_SHARE = 0.8, 0.4
 WHOLE_SPEED_TOLERANCE, CLOCK_TOLERANCE = 1e-6, 0.1
+CLOCK_LAG_TOLERANCE_S = 0.05
 ARMING_CHECKS = "arming checks"
+POSITION_ITEMS = ("local position", "global position", "home position")
 CALM_MODES = (FlightMode.HOLD, FlightMode.READY)
 
 
@@ -53,7 +55,7 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
     else:
         yield Finding(Grade.PASS, facts.subject, "armed", "it is disarmed, on the ground")
     yield Finding.graded(
-        Grade.PASS if status.mode in CALM_MODES else Grade.WARNING,
+        Grade.PASS if status.mode in (*CALM_MODES, FlightMode.LAND) else Grade.WARNING,  # as its last flight left it
         facts.subject,
         "mode",
         f"its flight mode is {status.mode.value}",
@@ -63,24 +65,34 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
 
 
 def health(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check everything that the autopilot reports on its own health, each item by its name."""
+    """Check everything that the autopilot reports on its own health, each item by its name.
+
+    What only follows from something told elsewhere is not told again: arming checks fail with any other item, and a
+    vehicle without a place has no positions.
+    """
     says = f"; it says {facts.says}" if facts.says else ""
     if not facts.health:
         why, step = "an autopilot that does not report is not ready to arm", "wait until it has started, check the link"
         yield Finding(Grade.REFUSE, facts.subject, "health", f"it sent no health report{says}", why, step)
-    for item in (item for item, well in facts.health.items() if not well):
+    failing = [item for item, well in facts.health.items() if not well]
+    told = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
+    for item in told if failing == [ARMING_CHECKS] else [item for item in told if item != ARMING_CHECKS]:
         # What the arming checks allow depends on the mode, and cordon changes to hold before it arms.
         by_mode = item == ARMING_CHECKS and facts.status.mode not in CALM_MODES
         yield Finding(
             Grade.WARNING if by_mode else Grade.REFUSE,
             facts.subject,
             "health",
-            f"{item}: not well{says}",
+            f"{item}: not well{f' in {facts.status.mode.value}' if by_mode else ''}{says}",
             "the autopilot will refuse to arm, or will not know where it flies",
             HEALTH_STEPS.get(item, "clear what it complains about"),
         )
     if facts.health and all(facts.health.values()):
         yield Finding(Grade.PASS, facts.subject, "health", f"all of its {len(facts.health)} health items are well")
+
+
+def _lost(facts: VehicleFacts) -> bool:
+    return facts.origin_m is None or facts.position_m is None
 
 
 HEALTH_STEPS = {
@@ -90,19 +102,26 @@ HEALTH_STEPS = {
     "local position": "wait for its estimator, and check GPS and compass",
     "global position": "wait for GPS: give it a free view of the sky",
     "home position": "wait for GPS: home is set with the first good position",
-    ARMING_CHECKS: "clear what it complains about in its messages",
+    ARMING_CHECKS: "put it into hold, and clear what a ground station then shows as its reason not to arm",
 }
 
 
-def place(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
-    """Check that it knows its place, and that it stands where the mission has it start."""
+def place(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Check that it knows its place, and that it stands where the mission has it start.
+
+    In a local frame the mission says where its origin is: then there is nothing to find out about that.
+    """
     if facts.origin_m is None or facts.position_m is None:
-        found, step = facts.lost or ("it sent no local position", "wait for its estimator, or check it")
-        why = "without a place in the mission frame it cannot keep clear of the others"
-        yield Finding(Grade.REFUSE, facts.subject, "origin", found, why, step)
+        yield _without_a_place(facts, local=mission.frame.local)
         return
-    away_m = hypot(facts.origin_m[0], facts.origin_m[1])
-    yield Finding.graded(
+    if not mission.frame.local:
+        yield _far(facts, hypot(facts.origin_m[0], facts.origin_m[1]))
+    yield _start(facts, vehicle, _off_start(facts.position_m, vehicle))
+    yield _height(facts, vehicle, facts.position_m[2])
+
+
+def _far(facts: VehicleFacts, away_m: float) -> Finding:
+    return Finding.graded(
         Grade.WARNING if away_m > ORIGIN_TOLERANCE_M else Grade.PASS,
         facts.subject,
         "origin",
@@ -110,8 +129,18 @@ def place(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
         "far from the mission's origin the earth's curve bends the vehicles' frames apart",
         "set [frame] to a place where the vehicles stand",
     )
-    yield _start(facts, vehicle, _off_start(facts.position_m, vehicle))
-    yield _height(facts, vehicle, facts.position_m[2])
+
+
+def _without_a_place(facts: VehicleFacts, *, local: bool) -> Finding:
+    found, step = facts.lost or ("it sent no local position", "wait for its estimator, or check it")
+    unwell = [item for item in POSITION_ITEMS if not facts.health.get(item, True)]
+    if unwell:
+        says = f"; it says {facts.says}" if facts.says else ""
+        found = f"it does not know where it is ({', '.join(unwell)}: not well){says}"
+        source = "its GPS first; with a good fix" if not local else "its external position first; with that"
+        step = f"see to {source}, restart the autopilot, and look at its messages"
+    why = "without a place in the mission frame it cannot keep clear of the others"
+    return Finding(Grade.REFUSE, facts.subject, "origin", found, why, step)
 
 
 def _off_start(position_m: Triple, vehicle: MissionVehicle) -> tuple[float, float]:
@@ -146,7 +175,7 @@ def _height(facts: VehicleFacts, vehicle: MissionVehicle, ground_m: float) -> Fi
         f"it stands {_signed(ground_m)} m from the height of the mission's origin: to fly at altitude_m = "
         f"{vehicle.section.altitude_m:g} m it climbs {climb_m:.1f} m",
         "altitudes count from the mission's origin for all: a wrong datum is a wrong height above the ground",
-        "set frame.altitude_m to the height of the ground as the autopilots state it",
+        "set frame.altitude_m to the height of the ground as the autopilots state it; in a local frame, origin_m",
     )
 
 
@@ -163,8 +192,8 @@ def gps(facts: VehicleFacts) -> Iterator[Finding]:
         facts.subject,
         "gps",
         f"GPS: {fix}, {facts.gps.satellites} satellites",
-        "without a fix it does not know where it is; with few satellites it may be wrong by metres",
-        "wait for GPS, give it a free view of the sky, check its receiver and cable",
+        "without a 3D fix it does not know where it is" if blind else "with few satellites it may be wrong by metres",
+        "give it a free view of the sky and wait a few minutes; then check its receiver and cable",
     )
 
 
@@ -220,6 +249,19 @@ def clock(facts: VehicleFacts) -> Iterator[Finding]:
     )
 
 
+def clock_lag(vehicle_id: int, peer: int, lag_s: float) -> Finding:
+    """Judge how far the clock of a peer's computer is behind that of this vehicle's, in wall seconds."""
+    side = "ahead of" if lag_s > 0.0 else "behind"
+    return Finding.graded(
+        Grade.WARNING if abs(lag_s) > CLOCK_LAG_TOLERANCE_S else Grade.PASS,
+        f"vehicle {vehicle_id}",
+        "clock offset",
+        f"its computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
+        "what a peer says is carried on from when its clock says it was: it is taken for where it was, or will be",
+        "let both computers' clocks be set by one time server (chrony, NTP)",
+    )
+
+
 def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:
     """Check those vehicles against each other whose place and clock are known."""
     placed = {each.vehicle_id: each.position_m for each in team if each.position_m is not None}
@@ -249,7 +291,8 @@ def _agreement(mission: Mission, placed: dict[int, Triple]) -> Finding:
         tolerated(worst_m, PLACE_TOLERANCE_M, PLACE_LIMIT_M),
         MISSION,
         "origin agreement",
-        f"vehicles {one} and {other} stand {worst_m:.1f} m off each other's place in the mission, the most of any two",
+        f"seen from vehicle {one}, vehicle {other} stands {worst_m:.1f} m beside where its start_m puts it, "
+        "the most of any two",
         "origins that disagree bring vehicles together that seem apart, and their paths cross",
         "put them on their start_m; if they are, restart the autopilots and wait for better GPS",
     )

@@ -4,8 +4,9 @@ import asyncio
 from collections.abc import Sequence
 from urllib.parse import urlsplit
 
+from estimation.frames import Triple
 from gcs.exits import InputError
-from gcs.mission import Mission
+from gcs.mission import Mission, MissionVehicle
 from gcs.signals import relay
 from sitl.dialects import AutopilotKind
 from sitl.process import unix_clock
@@ -31,6 +32,8 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
             plant=vehicle.true_plant,
             frame=mission.mission_frame(),
             start_position_m=vehicle.section.start_m,
+            origin_offset_m=_origin_offset_m(vehicle) if mission.frame.local else (0.0, 0.0, 0.0),
+            gps=not mission.frame.local,
             noise=noise,
             wind_m_s2=simulation.wind_m_s2,
             seed=mission.mission.seed,
@@ -38,6 +41,12 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
         )
         for vehicle in mission.vehicles
     ]
+
+
+def _origin_offset_m(vehicle: MissionVehicle) -> Triple:
+    """Return where its local NED begins, seen from its start."""
+    (x, y, z), (start_x, start_y) = vehicle.origin_m, vehicle.section.start_m
+    return x - start_x, y - start_y, z
 
 
 async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> None:

@@ -24,7 +24,7 @@ class ArduCopter(Autopilot):
 
     ARMED_TEXT = "Arming motors"
     DISARMED_TEXT = "Disarming motors"
-    TAKE_OFF_TEXT = LANDING_TEXT = None
+    TAKE_OFF_TEXT = LANDING_TEXT = LAND_TEXT = MODE_REFUSED_TEXT = None
 
     def __init__(
         self,
@@ -34,6 +34,8 @@ class ArduCopter(Autopilot):
         parameters: Parameters | None = None,
         battery_fraction: float = 1.0,
         endurance_s: float = 1800.0,
+        gps: bool = True,
+        localised: bool = True,
     ) -> None:
         """Boot on the ground at `start_m`, disarmed, in STABILIZE; the limits of horizontal motion are read once."""
         parameters = parameters or Parameters(ARDUCOPTER_TABLE)
@@ -48,11 +50,13 @@ class ArduCopter(Autopilot):
             endurance_s=endurance_s,
             mode=NavMode.STABILIZED,
             shape=shape,
+            gps=gps,
+            localised=localised,
         )
 
     @property
     def conditions(self) -> Conditions:
-        """What the flight modes may count on now: GUIDED waits for nobody."""
+        """What the flight modes may count on now: GUIDED waits for nobody, and a local position does for all."""
         return Conditions(estimator_ready=self.estimator_ready, setpoints_flow=True)
 
     @property
@@ -80,6 +84,10 @@ class ArduCopter(Autopilot):
 
     def _flown(self) -> NavMode:
         return self._intention.mode
+
+    def _fence_action(self) -> int:
+        """Play no fence: its own has other parameters."""
+        return 0
 
     def _on_mode_change(self) -> None:
         """Forget the setpoints: GUIDED begins with staying here."""

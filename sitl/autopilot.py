@@ -13,8 +13,9 @@ import numpy as np
 from estimation.frames import Triple
 from estimation.plant import Plant
 from sitl.airframe import STEP_S, Airframe
+from sitl.fence import BREACH_MODES, WARNS, Zone, breach
 from sitl.guidance import Guidance, PositionTarget
-from sitl.modes import Conditions, Intention, ModeEvent, NavMode, can_arm
+from sitl.modes import Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
 from sitl.parameters import Parameters
 from sitl.shaping import ShapeLimits
 
@@ -25,6 +26,7 @@ CHECK_PERIOD_S = 0.1
 LANDED_AFTER_S = 1.0
 """From touching the ground to having landed."""
 SETPOINTS_PENDING_MAX = 1000
+MODES_BY_SEVERITY = {NavMode.HOLD: 1, NavMode.RETURN: 2, NavMode.LAND: 3}
 
 
 class Verdict(Enum):
@@ -57,6 +59,9 @@ class Autopilot:
     DISARMED_TEXT = "Disarmed by {reason}"
     TAKE_OFF_TEXT: str | None = "Takeoff detected"
     LANDING_TEXT: str | None = "Landing detected"
+    LAND_TEXT: str | None = "Landing at current position"
+    DEFAULT_ALTITUDE_TEXT = "Using default takeoff altitude: {altitude_m:.1f} m"
+    MODE_REFUSED_TEXT: str | None = "Switching to {mode} is currently not available"
 
     def __init__(
         self,
@@ -68,10 +73,13 @@ class Autopilot:
         endurance_s: float = 1800.0,
         mode: NavMode = NavMode.HOLD,
         shape: ShapeLimits | None = None,
+        gps: bool = True,
+        localised: bool = True,
     ) -> None:
         """Boot on the ground at `start_m`, disarmed, in `mode`.
 
-        `endurance_s` is how long a full battery keeps it armed, `shape` what bounds its horizontal motion.
+        `endurance_s` is how long a full battery keeps it armed, `shape` what bounds its horizontal motion. Without
+        `gps` it knows its local position only, as from cameras indoors; not `localised`, it never knows where it is.
         """
         self.parameters = parameters or Parameters()
         self.airframe = Airframe(plant, start_m, shape=shape)
@@ -79,6 +87,8 @@ class Autopilot:
         self.armed = False
         self.landed = True
         self.mode = mode
+        self.gps = gps
+        self._localised = localised
         self._endurance_s = endurance_s
         self._delay_s = plant.delay_s
         self._guidance = Guidance(self.parameters, self.airframe)
@@ -89,6 +99,9 @@ class Autopilot:
         self._heard_s = -inf
         self._armed_s = self._airborne_s = self._landed_s = -inf
         self._texts: list[tuple[Severity, str]] = []
+        self.zones: tuple[Zone, ...] = ()
+        self._breached = False
+        self._breach_mode: NavMode | None = None
 
     @property
     def time_s(self) -> float:
@@ -102,15 +115,20 @@ class Autopilot:
 
     @property
     def estimator_ready(self) -> bool:
-        """Whether there is a position estimate."""
-        return self.time_s >= ESTIMATOR_READY_S
+        """Whether there is a local position estimate."""
+        return self._localised and self.time_s >= ESTIMATOR_READY_S
+
+    @property
+    def global_position_known(self) -> bool:
+        """Whether it knows its place on the globe as well: home, and the origin of its local frame."""
+        return self.gps and self.estimator_ready
 
     @property
     def conditions(self) -> Conditions:
         """What the flight modes may count on now."""
         age_s = self.time_s - self._heard_s
         flow = age_s <= self.parameters["COM_OF_LOSS_T"] + CHECK_PERIOD_S
-        return Conditions(estimator_ready=self.estimator_ready, setpoints_flow=flow)
+        return Conditions(self.estimator_ready, flow, self.global_position_known)
 
     @property
     def armable(self) -> bool:
@@ -159,7 +177,8 @@ class Autopilot:
     def select(self, mode: NavMode) -> Verdict:
         """Ask for a flight mode."""
         if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
-            return Verdict.REJECTED
+            return self._reject(self.MODE_REFUSED_TEXT and self.MODE_REFUSED_TEXT.format(mode=mode.label))
+        self._breach_mode = None  # whoever chooses a mode may fly on outside
         self._update_mode()
         return Verdict.ACCEPTED
 
@@ -168,6 +187,15 @@ class Autopilot:
         verdict = self.select(NavMode.TAKE_OFF)
         if verdict is Verdict.ACCEPTED:
             self._guidance.plan_take_off(altitude_m)
+            if altitude_m is None:
+                self._say(self.DEFAULT_ALTITUDE_TEXT.format(altitude_m=self.parameters["MIS_TAKEOFF_ALT"]))
+        return verdict
+
+    def land(self) -> Verdict:
+        """Land where the vehicle is."""
+        verdict = self.select(NavMode.LAND)
+        if verdict is Verdict.ACCEPTED:
+            self._say(self.LAND_TEXT)
         return verdict
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
@@ -190,6 +218,7 @@ class Autopilot:
             self._steps += 1
             self._watch_take_off()
             self._watch_ground()
+            self._watch_fence()
 
     def _apply_due_setpoints(self) -> None:
         # A setpoint acts from the step nearest to its due time: on average nothing is added to the delay.
@@ -208,7 +237,9 @@ class Autopilot:
                 self._say("Failsafe activated", Severity.CRITICAL)
 
     def _watch_take_off(self) -> None:
-        if self.armed and self.mode is NavMode.TAKE_OFF and self._guidance.take_off_complete:
+        # Where hold cannot be flown, PX4 goes on hovering in take-off.
+        arrived = self.mode is NavMode.TAKE_OFF and self._guidance.take_off_complete
+        if self.armed and arrived and can_run(NavMode.HOLD, self.conditions):
             self._intention.on_event(ModeEvent.TAKE_OFF_COMPLETE)
 
     def _watch_ground(self) -> None:
@@ -225,6 +256,17 @@ class Autopilot:
         if self.armed and self.landed:
             self._disarm_when_idle()
 
+    def _watch_fence(self) -> None:
+        """Act once on leaving what the fence allows, in the air: the mode stays until somebody chooses another."""
+        before, action = self._breached, self._fence_action()
+        words = None
+        if action and self.armed and not self.landed and self.global_position_known:
+            words = breach(self.zones, self.parameters, self.airframe.position_m, self.home_m)
+        self._breached = words is not None
+        if self._breached and not before:
+            self._say(words, Severity.CRITICAL)
+            self._breach_mode = BREACH_MODES.get(action)
+
     def _disarm_when_idle(self) -> None:
         flown = self._landed_s > self._armed_s
         if self._disarm_after_s(flown=flown) <= self.time_s - max(self._landed_s, self._armed_s):
@@ -232,10 +274,11 @@ class Autopilot:
 
     def _disarm(self, reason: str) -> None:
         self.armed = False
+        self._breach_mode = None
         self._on_disarmed()
         self._say(self.DISARMED_TEXT.format(reason=reason))
 
-    def _reject(self, why: str) -> Verdict:
+    def _reject(self, why: str | None) -> Verdict:
         self._say(why, Severity.CRITICAL)
         return Verdict.REJECTED
 
@@ -248,9 +291,21 @@ class Autopilot:
         return None if self.armable else "Arming denied: Resolve system health failures first"
 
     def _flown(self) -> NavMode:
-        """Return the mode to fly: the one the user wants, or a failsafe."""
-        loss_action = int(self.parameters["COM_OBL_RC_ACT"])
-        return self._intention.flown(armed=self.armed, conditions=self.conditions, offboard_loss_action=loss_action)
+        """Return the mode to fly: the one the user wants, or a failsafe; of several the one that ends the flight."""
+        flown = self._intention.flown(
+            armed=self.armed,
+            conditions=self.conditions,
+            offboard_loss_action=int(self.parameters["COM_OBL_RC_ACT"]),
+            sticks_loss_action=int(self.parameters["NAV_RCL_ACT"]),
+        )
+        if self._breach_mode is None:
+            return flown
+        return max(flown, self._breach_mode, key=lambda mode: MODES_BY_SEVERITY.get(mode, 0))
+
+    def _fence_action(self) -> int:
+        """Return GF_ACTION, or 0 where the fence does nothing."""
+        action = int(self.parameters["GF_ACTION"])
+        return action if action == WARNS or action in BREACH_MODES else 0
 
     def _on_mode_change(self) -> None:
         """Follow a change of the mode that flies: setpoints are kept."""
@@ -261,4 +316,7 @@ class Autopilot:
 
     def _disarm_after_s(self, *, flown: bool) -> float:
         """Return how long the vehicle idles on the ground, armed, after a flight or before; a limit of 0 is none."""
-        return self.parameters["COM_DISARM_LAND" if flown else "COM_DISARM_PRFLT"] or inf
+        if flown:
+            return self.parameters["COM_DISARM_LAND"] or inf
+        limit_s = self.parameters["COM_DISARM_PRFLT"]
+        return limit_s + self.parameters["COM_SPOOLUP_TIME"] if limit_s else inf

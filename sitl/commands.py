@@ -55,7 +55,7 @@ class Commander:
         self._schedule = schedule
         self._handlers: dict[int, Callable[[Params], tuple[Result, list[Outgoing]]]] = {
             CommandId.NAV_RETURN_TO_LAUNCH: lambda _: self._select(NavMode.RETURN),
-            CommandId.NAV_LAND: lambda _: self._select(NavMode.LAND),
+            CommandId.NAV_LAND: lambda _: (self._result(self._autopilot.land()), []),
             CommandId.NAV_TAKEOFF: self._take_off,
             CommandId.DO_SET_MODE: self._set_mode,
             CommandId.COMPONENT_ARM_DISARM: self._arm_or_disarm,
@@ -90,8 +90,8 @@ class Commander:
 
     def _take_off(self, params: Params) -> tuple[Result, list[Outgoing]]:
         """Take off to an altitude above the geodetic datum or home, or NaN: to the vehicle's own default, if any."""
-        from_home = self._dialect.take_off_from_home
-        datum_m = -self._autopilot.home_m[2] if from_home else self._frame.origin.altitude_m
+        origin = None if self._dialect.take_off_from_home else self._frame.origin
+        datum_m = -self._autopilot.home_m[2] if origin is None else origin.altitude_m
         altitude_m = params[6] - datum_m if isfinite(params[6]) else None
         if altitude_m is not None and abs(altitude_m) > ALTITUDE_MAX_M:
             return Result.DENIED, []

@@ -25,6 +25,7 @@ class Dialect:
     """
 
     autopilot: int
+    system_id_parameter: str
     firmware_version: int
     capabilities: int
     refused: Result
@@ -32,6 +33,7 @@ class Dialect:
     rates_hz: Mapping[int, float]
     streams: Mapping[int, tuple[MessageId, ...]] = field(default_factory=dict)
     acknowledges_mode_first: bool = False
+    tells_checks_in_heartbeat: bool = False
     parameters_bytewise: bool = False
     take_off_from_home: bool = False
 
@@ -46,6 +48,7 @@ class Dialect:
 
 PX4 = Dialect(
     autopilot=12,
+    system_id_parameter="MAV_SYS_ID",
     firmware_version=1 << 24 | 17 << 16 | 0 << 8 | 255,
     # Mission and command items as integers, parameters bytewise, local setpoints, MAVLink 2, fences.
     capabilities=2 | 4 | 8 | 16 | 128 | 8192 | 16384,
@@ -53,6 +56,7 @@ PX4 = Dialect(
     modes=MappingProxyType({mode: (mode.custom_mode, float(mode.value[0]), float(mode.value[1])) for mode in NavMode}),
     rates_hz=PX4_RATES_HZ,
     acknowledges_mode_first=True,
+    tells_checks_in_heartbeat=True,
     parameters_bytewise=True,
 )
 
@@ -74,6 +78,7 @@ _BATTERY = (MessageId.BATTERY_STATUS,)
 
 ARDUCOPTER = Dialect(
     autopilot=3,
+    system_id_parameter="SYSID_THISMAV",
     firmware_version=4 << 24 | 7 << 16 | 0 << 8 | 0,
     # Mission and command items as integers, local setpoints, MAVLink 2, fences, parameters as numbers.
     capabilities=1 | 2 | 4 | 8 | 128 | 8192 | 16384 | 131072,

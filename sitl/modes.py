@@ -22,6 +22,11 @@ class NavMode(Enum):
     STABILIZED = (7, 0)
 
     @property
+    def label(self) -> str:
+        """What PX4 calls the mode when it speaks to people."""
+        return self.name.replace("TAKE_OFF", "takeoff").capitalize()
+
+    @property
     def custom_mode(self) -> int:
         """The heartbeat's custom_mode field."""
         main, sub = self.value
@@ -36,6 +41,8 @@ class ModeEvent(Enum):
 
 
 NEEDS_STICKS = frozenset({NavMode.MANUAL, NavMode.ALTITUDE, NavMode.POSITION, NavMode.STABILIZED})
+NEEDS_GLOBAL_POSITION = frozenset({NavMode.HOLD, NavMode.RETURN})
+"""Modes that a local position alone does not do for: PX4's hold is a place on the globe."""
 PREVENTS_ARMING = frozenset({NavMode.LAND, NavMode.RETURN})
 NOT_RESTED_IN = PREVENTS_ARMING | {NavMode.TAKE_OFF}
 """Modes that a disarmed vehicle leaves for the last other one that was chosen."""
@@ -50,20 +57,24 @@ OFFBOARD_LOSS = {
 }
 """COM_OBL_RC_ACT -> the mode flown when setpoints stop; the other values fly as Position, PX4's default."""
 
+STICKS_LOSS = {1: NavMode.HOLD, 2: NavMode.RETURN, 3: NavMode.LAND}
+"""NAV_RCL_ACT -> the mode flown instead of one that needs sticks; the other values, which stop motors, only sink."""
+
 _NEXT = {(NavMode.TAKE_OFF, ModeEvent.TAKE_OFF_COMPLETE): NavMode.HOLD}
 
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What a mode may need: a position estimate, and an offboard stream that flows."""
+    """What a mode may need: a local position estimate, a global one, and an offboard stream that flows."""
 
     estimator_ready: bool
     setpoints_flow: bool
+    global_position: bool = True
 
 
 def can_run(mode: NavMode, conditions: Conditions) -> bool:
     """Say whether a vehicle without a remote control can fly `mode`."""
-    if mode in NEEDS_STICKS:
+    if mode in NEEDS_STICKS or (mode in NEEDS_GLOBAL_POSITION and not conditions.global_position):
         return False
     return conditions.estimator_ready and (mode is not NavMode.OFFBOARD or conditions.setpoints_flow)
 
@@ -97,8 +108,18 @@ class Intention:
         else:
             self.mode = _NEXT.get((self.mode, event), self.mode)
 
-    def flown(self, *, armed: bool, conditions: Conditions, offboard_loss_action: int) -> NavMode:
-        """Return the mode that flies: the intended one, or while offboard has no setpoints its failsafe."""
-        if armed and self.mode is NavMode.OFFBOARD and not conditions.setpoints_flow:
-            return OFFBOARD_LOSS.get(offboard_loss_action, NavMode.POSITION)
-        return self.mode
+    def flown(
+        self, *, armed: bool, conditions: Conditions, offboard_loss_action: int, sticks_loss_action: int
+    ) -> NavMode:
+        """Return the mode that flies: the intended one, or while offboard has no setpoints its failsafe.
+
+        There are no sticks: a failsafe that would need them is the one for lost sticks (since PX4 1.17; before, it
+        sank in Position mode). One that needs to know its place on the globe, and does not, lands.
+        """
+        if not (armed and self.mode is NavMode.OFFBOARD and not conditions.setpoints_flow):
+            return self.mode
+        failsafe = OFFBOARD_LOSS.get(offboard_loss_action, NavMode.POSITION)
+        if failsafe in NEEDS_STICKS:
+            failsafe = STICKS_LOSS.get(sticks_loss_action, failsafe)
+        lost = failsafe in NEEDS_GLOBAL_POSITION and not conditions.global_position
+        return NavMode.LAND if lost else failsafe

@@ -40,7 +40,7 @@ DEFAULTS: Mapping[str, Value] = MappingProxyType(
         "COM_OBL_RC_ACT": 0,
         "COM_OF_LOSS_T": 1.0,
         "COM_RCL_EXCEPT": 0,
-        "COM_RC_IN_MODE": 3,
+        "COM_RC_IN_MODE": 1,
         "COM_SPOOLUP_TIME": 1.0,
         "GF_ACTION": 2,
         "GF_MAX_HOR_DIST": 0.0,
@@ -49,6 +49,7 @@ DEFAULTS: Mapping[str, Value] = MappingProxyType(
         "MAV_SYS_ID": 1,
         "MAV_TYPE": 2,
         "MIS_TAKEOFF_ALT": 2.5,
+        "MPC_ACC_HOR": 3.0,
         "MPC_LAND_CRWL": 0.3,
         "MPC_LAND_SPEED": 0.7,
         "MPC_TKO_RAMP_T": 3.0,
@@ -60,12 +61,12 @@ DEFAULTS: Mapping[str, Value] = MappingProxyType(
         "NAV_DLL_ACT": 0,
         "NAV_MC_ALT_RAD": 0.8,
         "NAV_RCL_ACT": 2,
-        "RTL_DESCEND_ALT": 30.0,
-        "RTL_RETURN_ALT": 60.0,
+        "RTL_DESCEND_ALT": 10.0,
+        "RTL_RETURN_ALT": 30.0,
         "SYS_AUTOSTART": 10040,
     }
 )
-"""An int is a 32-bit integer on the wire, a float a 32-bit float."""
+"""PX4 1.17's, of a multicopter in its simulator. An int is a 32-bit integer on the wire, a float a 32-bit float."""
 
 
 def _px4_limits(values: Mapping[str, Value]) -> FlightLimits:
@@ -106,6 +107,7 @@ ARDUCOPTER_DEFAULTS: Mapping[str, Value] = MappingProxyType(
         "MOT_SPOOL_TIME": 0.5,
         "PSC_JERK_XY": 5.0,
         "RTL_ALT": 1500.0,
+        "SYSID_MYGCS": 255,
         "SYSID_THISMAV": 1,
         "TKOFF_SLEW_TIME": 2.0,
         "WPNAV_ACCEL": 250.0,

@@ -1,6 +1,6 @@
 """The receiving end of MAVLink's mission protocol: missions (type 0), fences (1) and rally points (2).
 
-The stub stores plans and hands them back; it does not fly them.
+The stub stores plans and hands them back; of them all it flies by the fence only.
 """
 
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from typing import Any
 from sitl.vocabulary import Fields, MessageId, Outgoing
 
 PLAN_TYPES = frozenset({0, 1, 2})
-ALL_PLANS = 255
+FENCE_PLAN, ALL_PLANS = 1, 255
 ITEMS_MAX = 500
 ACCEPTED, ERROR, NO_SPACE, INVALID_SEQUENCE = 0, 1, 4, 13
 """MAV_MISSION_RESULT, as far as it is used."""

@@ -6,7 +6,7 @@ raised.
 
 import struct
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import Enum
 from math import isfinite
 from typing import Any
@@ -18,12 +18,13 @@ from estimation.frames import MissionFrame, Triple
 from sitl.autopilot import Autopilot
 from sitl.commands import Commander
 from sitl.dialects import PX4, Dialect
+from sitl.fence import zones_of
 from sitl.guidance import PositionTarget
 from sitl.parameters import Value
-from sitl.plans import Plans
+from sitl.plans import FENCE_PLAN, Plans
 from sitl.reports import EstimatorNoise, Reporter
 from sitl.schedule import Schedule
-from sitl.vocabulary import MessageId, Outgoing
+from sitl.vocabulary import Fields, MessageId, Outgoing
 
 AUTOPILOT_COMPONENT = 1
 INT32, REAL32 = 6, 9
@@ -33,6 +34,8 @@ YAW_IGNORED = 1 << 10
 REACH_MAX_M = 100e3
 """A setpoint farther than this from the vehicle's origin is not believed."""
 DEG_E7 = 1e7
+TEXT_MAX = 50
+"""What one STATUSTEXT holds; a longer text comes in several."""
 
 _SPOKEN = {message: mavlink.mavlink_map[message] for message in MessageId}
 
@@ -80,6 +83,7 @@ class MavlinkVehicle:
     ) -> None:
         """Speak for `autopilot`, in its dialect; `origin_m` is its estimator's origin in the mission frame."""
         self.autopilot = autopilot
+        self.autopilot.parameters.set(dialect.system_id_parameter, system_id)
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
         self._dialect = dialect
@@ -99,6 +103,8 @@ class MavlinkVehicle:
         self._schedule = Schedule(dialect.rates_hz, reporter.known)
         self._commander = Commander(autopilot, dialect, frame=frame, reporter=reporter, schedule=self._schedule)
         self._listing: list[int] = []
+        self._texts_chunked = 0
+        self._fence: tuple[Fields, ...] = ()
         self._outbox = _Outbox()
         self._writer = mavlink.MAVLink(self._outbox, system_id, AUTOPILOT_COMPONENT)
         self._parser = _new_parser()
@@ -107,8 +113,8 @@ class MavlinkVehicle:
             "COMMAND_LONG": self._on_command_long,
             "HEARTBEAT": lambda _message, _time_s: [],
             "MISSION_ACK": lambda _message, _time_s: [],
-            "MISSION_CLEAR_ALL": lambda m, _: self.plans.clear(m.mission_type, _sender(m)),
-            "MISSION_COUNT": lambda m, _: self.plans.begin_upload(m.mission_type, m.count, _sender(m)),
+            "MISSION_CLEAR_ALL": self._on_mission_clear,
+            "MISSION_COUNT": self._on_mission_count,
             "MISSION_ITEM_INT": self._on_mission_item,
             "MISSION_REQUEST_INT": lambda m, _: self.plans.item(m.mission_type, m.seq, _sender(m)),
             "MISSION_REQUEST_LIST": lambda m, _: self.plans.count(m.mission_type, _sender(m)),
@@ -133,10 +139,20 @@ class MavlinkVehicle:
             for report in self._reporter.report(message):
                 self._send(report)
         for severity, text in self.autopilot.take_texts():
-            self._send((MessageId.STATUSTEXT, (int(severity), text.encode()[:50])))
+            for chunk in self._chunked(text):
+                self._send((MessageId.STATUSTEXT, (int(severity), *chunk)))
         if self._listing:
             self._send(self._param_value(self._listing.pop()))
         return self._outbox.take()
+
+    def _chunked(self, text: str) -> Iterator[tuple[bytes, int, int]]:
+        """Yield a text's parts, each with the text's id and its place; texts that fit one message have no id."""
+        whole = text.encode()
+        starts = range(0, len(whole), TEXT_MAX)
+        if len(starts) > 1:
+            self._texts_chunked = self._texts_chunked % 65535 + 1
+        text_id = self._texts_chunked if len(starts) > 1 else 0
+        yield from ((whole[start : start + TEXT_MAX], text_id, place) for place, start in enumerate(starts))
 
     def _send(self, outgoing: Outgoing) -> None:
         message, fields = outgoing
@@ -175,7 +191,26 @@ class MavlinkVehicle:
     def _on_mission_item(self, m: Any, _time_s: float) -> list[Outgoing]:
         params = (m.param1, m.param2, m.param3, m.param4, m.x, m.y, m.z)
         item = (m.frame, m.command, m.current, m.autocontinue, *params)
-        return self.plans.receive_item(m.mission_type, m.seq, item, _sender(m))
+        answers = self.plans.receive_item(m.mission_type, m.seq, item, _sender(m))
+        self._raise_fence()
+        return answers
+
+    def _on_mission_count(self, m: Any, _time_s: float) -> list[Outgoing]:
+        answers = self.plans.begin_upload(m.mission_type, m.count, _sender(m))
+        self._raise_fence()
+        return answers
+
+    def _on_mission_clear(self, m: Any, _time_s: float) -> list[Outgoing]:
+        answers = self.plans.clear(m.mission_type, _sender(m))
+        self._raise_fence()
+        return answers
+
+    def _raise_fence(self) -> None:
+        """Let the autopilot fly by the fence that is stored now."""
+        items = self.plans.items(FENCE_PLAN)
+        if items != self._fence:
+            self._fence = items
+            self.autopilot.zones = zones_of(items, self._frame)
 
     def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
         """Take a local position setpoint; its velocity and acceleration are left aside."""
@@ -214,15 +249,18 @@ class MavlinkVehicle:
         return [self._param_value(index)] if 0 <= index < len(names) else self._drop(Drop.PARAMETER)
 
     def _on_param_set(self, m: Any, _time_s: float) -> list[Outgoing]:
-        """Set a parameter and answer with the value it then has; to an unknown name PX4 says nothing."""
+        """Set a parameter and answer with its value; to an unknown name, or on PX4 a wrong type, with nothing."""
         index = self._index(m.param_id)
         if index < 0:
             return self._drop(Drop.PARAMETER)
         name = self.autopilot.parameters.names[index]
+        present = self.autopilot.parameters[name]
         if self._dialect.parameters_bytewise:
             value = _decoded(m.param_value, m.param_type)
+            if type(value) is not type(present):
+                return self._drop(Drop.PARAMETER)
         else:
-            value = _cast(m.param_value, like=self.autopilot.parameters[name])
+            value = _cast(m.param_value, like=present)
         if value is None or not self.autopilot.parameters.set(name, value):
             self.dropped[Drop.PARAMETER] += 1
         return [self._param_value(index)]

@@ -23,6 +23,7 @@ from sitl.vocabulary import (
     GPS_FIX_NONE,
     QUADROTOR,
     STANDBY,
+    UNINITIALISED,
     UNKNOWN_U16,
     Fields,
     MessageId,
@@ -109,6 +110,10 @@ class Reporter:
     def _ready(self) -> bool:
         return self._autopilot.estimator_ready
 
+    @property
+    def _on_globe(self) -> bool:
+        return self._autopilot.global_position_known
+
     def _estimate(self) -> Estimate:
         """Return the estimate of now: the truth, and noise drawn once per time."""
         now_s = self._autopilot.time_s
@@ -130,13 +135,21 @@ class Reporter:
     def _heartbeat(self) -> Fields:
         autopilot = self._autopilot
         flags = ModeFlag.CUSTOM_MODE_ENABLED | (ModeFlag.SAFETY_ARMED if autopilot.armed else 0)
-        armed_state = CRITICAL if autopilot.failsafe else ACTIVE
-        state = armed_state if autopilot.armed else STANDBY
-        return QUADROTOR, self._dialect.autopilot, int(flags), self._dialect.custom_mode(autopilot.mode), state, 3
+        mode = self._dialect.custom_mode(autopilot.mode)
+        return QUADROTOR, self._dialect.autopilot, int(flags), mode, self._system_status(), 3
+
+    def _system_status(self) -> int:
+        autopilot = self._autopilot
+        if autopilot.armed:
+            return CRITICAL if autopilot.failsafe else ACTIVE
+        # PX4 stands by only where it could be armed.
+        return STANDBY if autopilot.armable or not self._dialect.tells_checks_in_heartbeat else UNINITIALISED
 
     def _sys_status(self) -> Fields:
-        present = Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.PRESSURE | Sensor.GPS | Sensor.BATTERY
-        healthy = present if self._ready else present & ~Sensor.GPS
+        present = Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.PRESSURE | Sensor.POSITION | Sensor.BATTERY
+        if self._autopilot.gps:
+            present |= Sensor.GPS
+        healthy = present if self._ready else present & ~(Sensor.GPS | Sensor.POSITION)
         if self._autopilot.armable or self._autopilot.armed:
             healthy |= Sensor.PREARM_CHECK
         enabled = present | Sensor.PREARM_CHECK
@@ -146,7 +159,7 @@ class Reporter:
 
     def _gps_raw_int(self) -> Fields:
         time_us = self._boot_ms * 1000
-        if not self._ready:
+        if not self._on_globe:
             return time_us, GPS_FIX_NONE, 0, 0, 0, *[UNKNOWN_U16] * 4, 0
         estimate = self._estimate()
         north, east, _ = self._frame.ned_from_mission(estimate.velocity_m_s)
@@ -171,7 +184,7 @@ class Reporter:
         return self._boot_ms, *position, *self._frame.ned_from_mission(estimate.velocity_m_s)
 
     def _global_position_int(self) -> Fields | None:
-        if not self._ready:
+        if not self._on_globe:
             return None
         estimate = self._estimate()
         relative_mm = round((estimate.position_m[2] - self._autopilot.home_m[2]) * 1e3)
@@ -180,10 +193,10 @@ class Reporter:
         return self._boot_ms, *self._place(estimate.position_m), relative_mm, *velocity, heading_cdeg
 
     def _gps_global_origin(self) -> Fields | None:
-        return (*self._place(self._origin_m), self._boot_ms * 1000) if self._ready else None
+        return (*self._place(self._origin_m), self._boot_ms * 1000) if self._on_globe else None
 
     def _home_position(self) -> Fields | None:
-        if not self._ready:
+        if not self._on_globe:
             return None
         home = self._autopilot.home_m
         local = self._ned_from_mission_place(home)

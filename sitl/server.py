@@ -40,6 +40,10 @@ class StubConfig:
 
     The vehicle id is its MAVLink system id. Mission frame; `origin_offset_m` is the estimator's origin seen from the
     start position, `wind_m_s2` a constant disturbance acceleration. Raises ValueError for what makes no vehicle.
+
+    Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 flown indoors by
+    external position: neither hold nor return can be flown, and it arms in take-off or offboard only. Not `localised`,
+    it knows nothing of where it is and cannot be armed. `port` is where clients may call it; 0 is any.
     """
 
     vehicle_id: int
@@ -54,17 +58,22 @@ class StubConfig:
     seed: int = 0
     battery_fraction: float = 1.0
     autopilot: AutopilotKind = AutopilotKind.PX4
+    gps: bool = True
+    localised: bool = True
+    port: int = 0
 
     def __post_init__(self) -> None:
         """Check what can be checked."""
         if not 1 <= self.vehicle_id <= 254:
             raise ValueError(f"vehicle_id = {self.vehicle_id}: a MAVLink system id lies between 1 and 254")
-        if not 1 <= self.client_port <= 65535:
-            raise ValueError(f"client_port = {self.client_port} is not a port")
+        if not (1 <= self.client_port <= 65535 and 0 <= self.port <= 65535):
+            raise ValueError(f"client_port = {self.client_port}, port = {self.port}: one is not a port")
         if not all(map(isfinite, (*self.start_position_m, *self.origin_offset_m, *self.wind_m_s2))):
             raise ValueError(f"vehicle {self.vehicle_id}: its start, origin and wind must be finite")
         if not (self.seed >= 0 and 0.0 <= self.battery_fraction <= 1.0):
             raise ValueError(f"vehicle {self.vehicle_id}: a negative seed, or no battery fraction")
+        if self.gps and self.frame.is_local:
+            raise ValueError(f"vehicle {self.vehicle_id}: in a local frame there is no GPS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +163,13 @@ class _Stub:
         dx, dy, dz = config.origin_offset_m
         self.config = config
         autopilot, dialect = _MANNERS[config.autopilot]
-        self._autopilot = autopilot(config.plant, (x, y, 0.0), battery_fraction=config.battery_fraction)
+        self._autopilot = autopilot(
+            config.plant,
+            (x, y, 0.0),
+            battery_fraction=config.battery_fraction,
+            gps=config.gps,
+            localised=config.localised,
+        )
         self._vehicle = MavlinkVehicle(
             self._autopilot,
             dialect,
@@ -207,12 +222,13 @@ async def serve(
     if not (isfinite(speed) and speed > 0.0):
         raise ValueError(f"speed = {speed}: it must be positive")
     for config in configs:
-        config.frame.geodetic_from_mission((0.0, 0.0, 0.0))  # its first use loads a library: not in flight
+        if not config.frame.is_local:
+            config.frame.geodetic_from_mission((0.0, 0.0, 0.0))  # its first use loads a library: not in flight
     pace = _Pace(now_s)
     stubs = [_Stub(config, pace) for config in configs]
     async with AsyncExitStack() as stack:
         for stub in stubs:
-            await stack.enter_async_context(_bound(stub.endpoint))
+            await stack.enter_async_context(_bound(stub.endpoint, stub.config.port))
         if on_ready is not None:
             on_ready()
         while not stop.is_set():
@@ -227,9 +243,9 @@ async def serve(
 
 
 @asynccontextmanager
-async def _bound(endpoint: _Endpoint) -> AsyncIterator[None]:
+async def _bound(endpoint: _Endpoint, port: int) -> AsyncIterator[None]:
     loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(lambda: endpoint, local_addr=(LOOPBACK, 0))
+    transport, _ = await loop.create_datagram_endpoint(lambda: endpoint, local_addr=(LOOPBACK, port))
     try:
         yield
     finally:

@@ -1,8 +1,10 @@
 """What several tests share: how hypothesis searches, a configuration to start from, and a batch estimator."""
 
+import re
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +14,13 @@ from hypothesis import settings
 from agents.settings import AgentConfig, EncirclementSettings, FormationSettings
 from estimation.plant import Plant, PlantAxis
 from estimation.state import Vector
+from tests.wire import free_ports
 
 # The same examples on every run, and no stop-watch: a slow machine is no failure.
 settings.register_profile("cordon", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("cordon")
 
+MISSIONS = Path(__file__).parents[1] / "gcs" / "missions"
 STUB = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.80, 0.87))
 CONFIG = AgentConfig(
     vehicle_id=2,
@@ -37,6 +41,25 @@ def _signals_as_before() -> Iterator[None]:
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     yield
     signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+@pytest.fixture
+def mission_file(tmp_path: Path) -> Callable[..., str]:
+    """Return a maker of mission files: a bundled mission on ports of its own, with pieces of its text replaced."""
+
+    def make(name: str, *changes: tuple[str, str]) -> str:
+        text = (MISSIONS / f"{name}.toml").read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        ports = sorted(set(re.findall(r"127\.0\.0\.1:(\d+)", text)))
+        own = dict(zip(ports, free_ports(len(ports)), strict=True))
+        text = re.sub(r"(127\.0\.0\.1):(\d+)", lambda found: f"{found[1]}:{own[found[2]]}", text)
+        path = tmp_path / "mission.toml"
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return make
 
 
 @pytest.fixture(scope="session")

@@ -2,15 +2,14 @@
 
 import asyncio
 import json
-import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
+from mavsdk.plugins.geofence import Circle, FenceType, Geofence, GeofenceData, Point, Polygon
 from mavsdk.plugins.param import Param
 
 from gcs.cli import main
@@ -26,35 +25,18 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens"),
 ]
 
-CASE2 = (Path(__file__).parents[1] / "gcs" / "missions" / "case2.toml").read_text(encoding="utf-8")
 SPEED = 5.0
 WELL = {"COM_OBL_RC_ACT": 4}
 Checked = Callable[..., tuple[int, list[dict[str, str]]]]
 
 
-def free_ports(count: int) -> list[int]:
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
-    try:
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [int(each.getsockname()[1]) for each in sockets]
-    finally:
-        for each in sockets:
-            each.close()
-
-
 @pytest.fixture
-def mission(tmp_path: Path) -> Callable[..., tuple[str, Mission]]:
+def mission(mission_file: Callable[..., str]) -> Callable[..., tuple[str, Mission]]:
     """Return a maker of missions: case 2 on free ports, with pieces of its text replaced."""
 
     def make(*changes: tuple[str, str]) -> tuple[str, Mission]:
-        text = CASE2
-        for old, new in (*zip(("14540", "14541", "14542"), map(str, free_ports(3)), strict=True), *changes):
-            assert old in text
-            text = text.replace(old, new)
-        path = tmp_path / "mission.toml"
-        path.write_text(text, encoding="utf-8")
-        return str(path), load_mission(str(path))
+        path = mission_file("case2", *changes)
+        return path, load_mission(path)
 
     return make
 
@@ -102,6 +84,29 @@ def set_parameters(mission: Mission, vehicle_id: int, values: Mapping[str, int |
     asyncio.run(write())
 
 
+def upload_fence(mission: Mission, vehicle_id: int, half_m: float) -> None:
+    """Let a vehicle have a fence about the mission's origin, as a ground station would upload it."""
+    frame = mission.mission_frame()
+    square = ((-half_m, -half_m), (half_m, -half_m), (half_m, half_m), (-half_m, half_m))
+    places = [frame.geodetic_from_mission((x, y, 0.0)) for x, y in square]
+    corners = [Point(place.latitude_deg, place.longitude_deg) for place in places]
+    around = Circle(Point(places[0].latitude_deg, places[0].longitude_deg), 5000.0, FenceType.INCLUSION)
+
+    async def write() -> None:
+        hub, vehicle = MavsdkHub(), mission.vehicle(vehicle_id)
+        system = await hub.find(vehicle.section.url, vehicle.system_id, 5.0)
+        geofence: Any = Geofence(system)
+        circles = [around] if half_m > 1000.0 else []
+        fence = GeofenceData([Polygon(corners, FenceType.INCLUSION)], circles)
+        await asyncio.to_thread(geofence.upload_geofence, fence)
+        geofence.destroy()
+        system.destroy()
+        await hub.release(vehicle.section.url, vehicle.system_id)
+        await hub.close()
+
+    asyncio.run(write())
+
+
 def of(findings: list[dict[str, str]], grade: str) -> list[tuple[str, str, str]]:
     return [(each["subject"], each["check"], each["found"]) for each in findings if each["grade"] == grade]
 
@@ -112,6 +117,8 @@ def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any],
         set_parameters(team, 1, WELL)
         set_parameters(team, 2, {"COM_OBL_RC_ACT": 0, "COM_OF_LOSS_T": 6.0, "GF_MAX_HOR_DIST": 40.0})
         set_parameters(team, 3, WELL)
+        upload_fence(team, 2, 20.0)
+        upload_fence(team, 3, 2000.0)
         code, findings = checked(path)
     assert code == 3
     assert of(findings, "refuse") == [
@@ -120,9 +127,12 @@ def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any],
     warned = {found for subject, _, found in of(findings, "warning") if subject == "vehicle 2"}
     assert "COM_OBL_RC_ACT = 0: position mode when setpoints stop" in warned
     assert "the mission takes it up to 120 m from home; its fence GF_MAX_HOR_DIST is at 40 m" in warned
+    assert "areas in its geofence: 1, and the mission leads out of them, to (45, -5) among others" in warned
     # The others are well, but for what the stub does not know.
     others = [each for each in findings if each["subject"] != "vehicle 2" and each["grade"] != "pass"]
     assert {each["check"] for each in others} <= {"acceleration limit"}
+    areas = [each["found"] for each in findings if each["check"] == "fence areas" and each["subject"] == "vehicle 3"]
+    assert areas == ["areas in its geofence: 2; the mission stays where it may fly"]
     told = {each["check"]: each["found"] for each in findings if each["subject"] == "vehicle 1"}
     assert told["gps"] == "GPS: 3D fix, 14 satellites"
     assert told["battery"] == "its battery is at 100%"

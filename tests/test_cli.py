@@ -312,21 +312,9 @@ def test_a_command_line_that_makes_no_sense_is_told_and_refused(
 
 
 @pytest.fixture
-def own_ports(mission: Callable[..., str]) -> str:
+def own_ports(mission_file: Callable[..., str]) -> str:
     """A copy of case 1 on ports that nobody else uses."""
-    numbers = [*map(str, range(14540, 14543)), *map(str, range(7461, 7464))]
-    return mission(*zip(numbers, map(str, free_ports(len(numbers))), strict=True))
-
-
-def free_ports(count: int) -> list[int]:
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_STREAM) for _ in range(count)]
-    try:
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [int(each.getsockname()[1]) for each in sockets]
-    finally:
-        for each in sockets:
-            each.close()
+    return mission_file("case1")
 
 
 def ports_of(path: str, key: str) -> list[int]:
@@ -426,6 +414,23 @@ def test_ctrl_c_before_take_off_ends_the_search_for_vehicles(own_ports: str) -> 
         told = process.stderr.read()
     assert "Traceback" not in told
     assert "before take-off" in told
+
+
+@pytest.mark.parametrize("gone", ["stdout", "stderr"])
+def test_a_reader_that_has_gone_ends_nothing(gone: str, mission: Callable[..., str]) -> None:
+    command = [sys.executable, "-m", "gcs", "sim", mission(("duration_s = 240.0", "duration_s = 20.0")), "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()) as process:
+        streams = {"stdout": process.stdout, "stderr": process.stderr}
+        lost = streams.pop(gone)
+        (read,) = streams.values()
+        assert lost is not None
+        assert read is not None
+        lost.close()
+        told = read.read().decode()
+        assert process.wait(60.0) == 0, "the flight's own code"
+    assert "Traceback" not in told
+    assert "BrokenPipe" not in told
+    assert ("judged by" if gone == "stdout" else '"mission"') in told
 
 
 def test_ctrl_c_ends_a_simulation_without_a_traceback(mission: Callable[..., str]) -> None:

@@ -29,6 +29,7 @@ def earth_centred_m(place: Geodetic) -> Vector:
 
 def axes_of(frame: MissionFrame) -> tuple[Vector, Vector, Vector]:
     """The unit vectors of x, y and z in earth-centred coordinates."""
+    assert frame.origin is not None
     latitude, longitude = radians(frame.origin.latitude_deg), radians(frame.origin.longitude_deg)
     east = np.array([-sin(longitude), cos(longitude), 0.0])
     up = np.array([cos(latitude) * cos(longitude), cos(latitude) * sin(longitude), sin(latitude)])

@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -16,6 +17,7 @@ import pytest
 from mavsdk.plugins.action import ActionError, ActionResult
 
 from agents.ports import FlightMode, Setpoint, VehicleLink, VehicleRefusedError, VehicleStatus
+from agents.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant import Plant, PlantAxis
 from estimation.state import Telemetry
@@ -24,8 +26,13 @@ from gcs.link import MavsdkLink
 from gcs.link_calls import VehicleCalls, find_origin
 from gcs.link_feed import VehicleFeed
 from gcs.link_hub import MavsdkHub
-from sitl.process import StubProcess
-from sitl.server import StubConfig
+from gcs.mission import LinkSection
+from sitl.autopilot import Autopilot
+from sitl.guidance import PositionTarget
+from sitl.process import StubProcess, unix_clock
+from sitl.protocol import MavlinkVehicle
+from sitl.server import StubConfig, serve
+from sitl.vocabulary import MessageId, Outgoing
 
 pytestmark = pytest.mark.wire
 
@@ -151,12 +158,85 @@ async def heading_of(link: MavsdkLink) -> float:
 
 
 async def test_telemetry_comes_at_the_rate_asked_for(stubs: StubProcess) -> None:
-    async with linked("near", 1, telemetry_rate_hz=10.0) as (_, telemetry):
+    async with linked("near", 1, settings=LinkSection(telemetry_rate_hz=10.0)) as (_, telemetry):
         await asyncio.sleep(0.3)
         telemetry.clear()
         await asyncio.sleep(1.2)
         elapsed_s = telemetry[-1].time_s - telemetry[0].time_s
         assert (len(telemetry) - 1) / elapsed_s == pytest.approx(10.0, rel=0.05)
+
+
+async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = Counter[MessageId]()
+    send = MavlinkVehicle._send
+
+    def note(vehicle: MavlinkVehicle, outgoing: Outgoing) -> None:
+        sent[outgoing[0]] += 1
+        send(vehicle, outgoing)
+
+    monkeypatch.setattr(MavlinkVehicle, "_send", note)
+    async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 5.0) as (url, now_s):
+        hub = MavsdkHub()
+        rates = LinkSection(telemetry_rate_hz=10.0, status_rate_hz=2.0, attitude_rate_hz=25.0)
+        link = MavsdkLink(hub, url, 1, FRAME, now_s, 5.0, settings=rates)
+        await link.connect(lambda sample: None)
+        sent.clear()
+        began_s = now_s()
+        await asyncio.sleep(2.0)
+        came_hz = {message: count / (now_s() - began_s) for message, count in sent.items()}
+        assert came_hz[MessageId.LOCAL_POSITION_NED] == pytest.approx(10.0, rel=0.1)
+        assert came_hz[MessageId.ATTITUDE] == pytest.approx(2.0, rel=0.15)
+        assert came_hz[MessageId.EXTENDED_SYS_STATE] == pytest.approx(2.0, rel=0.15)
+        for message in (MessageId.SYS_STATUS, MessageId.GPS_RAW_INT, MessageId.GLOBAL_POSITION_INT):
+            assert came_hz[message] <= 2.0 * 1.15, message
+        sent.clear()
+        assert await link.measure_speed(1.0) == 5.0
+        assert sent[MessageId.ATTITUDE] >= 0.8 * 25.0 * 5.0
+        sent.clear()
+        began_s = now_s()
+        await asyncio.sleep(1.0)
+        assert sent[MessageId.ATTITUDE] / (now_s() - began_s) == pytest.approx(2.0, abs=0.6)
+        await link.close()
+        await hub.close()
+
+
+@asynccontextmanager
+async def served_here(config: StubConfig, speed: float) -> AsyncIterator[tuple[str, Callable[[], float]]]:
+    """Serve a stub in this process, where it can be watched; yield its url and its clock."""
+    stop, now_s = asyncio.Event(), unix_clock(speed)
+    stub = asyncio.create_task(serve([config], speed=speed, now_s=now_s, stop=stop))
+    try:
+        yield f"udpin://127.0.0.1:{config.client_port}", now_s
+    finally:
+        stop.set()
+        await stub
+
+
+@pytest.mark.parametrize(("rate_hz", "expected_hz"), [(None, 20.0), (5.0, 5.0)])
+async def test_setpoints_are_handed_on_at_the_rate_asked_for(
+    rate_hz: float | None, expected_hz: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # MAVSDK repeats the last one besides: what counts is how often a new one comes.
+    received: list[float] = []
+    take = Autopilot.receive_setpoint
+
+    def note(autopilot: Autopilot, time_s: float, target: PositionTarget) -> None:
+        received.append(target.position_m[2])
+        take(autopilot, time_s, target)
+
+    monkeypatch.setattr(Autopilot, "receive_setpoint", note)
+    async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 2.0) as (url, now_s):
+        hub = MavsdkHub()
+        link = MavsdkLink(hub, url, 1, FRAME, now_s, 2.0, settings=LinkSection(setpoint_rate_hz=rate_hz))
+        await link.connect(lambda sample: None)
+        began_s = now_s()
+        async for tick in Ticker(0.05, now_s, speed=2.0):
+            link.send(Setpoint((0.0, 0.0, 0.001 * tick.index)))
+            if now_s() - began_s > 4.0:
+                break
+        await link.close()
+        await hub.close()
+    assert len({round(z, 4) for z in received}) / 4.0 == pytest.approx(expected_hz, rel=0.15)
 
 
 async def test_the_speed_of_a_simulation_is_measured(stubs: StubProcess) -> None:
@@ -262,7 +342,7 @@ async def test_two_vehicles_with_one_system_id_are_refused(stubs: StubProcess) -
         await hub.close()
 
 
-@pytest.mark.parametrize("bad", ["carrier-pigeon://coop", "udpin://", "serial:///dev/nowhere:57600"])
+@pytest.mark.parametrize("bad", ["carrier-pigeon://coop", "udpin://", "serial:///dev/null:57600"])
 async def test_urls_that_lead_nowhere_are_refused(bad: str) -> None:
     hub = MavsdkHub()
     with pytest.raises(VehicleRefusedError, match="cannot be opened"):
@@ -275,7 +355,8 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     first = StubProcess([config], 1.0)
     first.start()
     hub, telemetry = MavsdkHub(), list[Telemetry]()
-    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, time.monotonic, telemetry_rate_hz=10.0)
+    rates = LinkSection(telemetry_rate_hz=10.0)
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, time.monotonic, settings=rates)
     await link.connect(telemetry.append)
     assert await link.measure_speed(0.6) == 1.0
     first.stop()
@@ -371,3 +452,30 @@ async def test_closing_waits_for_calls_in_flight(calls_and_feed: tuple[VehicleCa
     await calls.close()
     assert done == [True]
     await call
+
+
+INDOORS = MissionFrame(None, x_bearing_rad=BEARING_RAD)
+
+
+async def test_a_vehicle_without_gps_flies_in_a_local_frame_from_where_it_was_told_to_begin() -> None:
+    config = StubConfig(3, free_port(), PLANT, INDOORS, (2.0, 1.0), origin_offset_m=(-1.5, 0.5, 0.0), gps=False)
+    process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
+    process.start()
+    url = f"udpin://127.0.0.1:{config.client_port}"
+    link = MavsdkLink(hub, url, 3, INDOORS, clock(), SPEED, origin_m=(0.5, 1.5, 0.0))
+    await link.connect(telemetry.append)
+    await until(lambda: bool(telemetry))
+    assert dist(telemetry[-1].position_m, (2.0, 1.0, 0.0)) < 1e-3
+    for goal_m in ((4.0, 3.0, 2.0), (1.0, 2.0, 1.5)):
+        await link.take_off(goal_m[2])
+        link.send(Setpoint(goal_m))
+        await link.start_offboard()
+        await hold_setpoint(link, Setpoint(goal_m), 7.0)
+        assert dist(telemetry[-1].position_m, goal_m) < 0.05
+        await link.stop_offboard()
+        await link.land()
+        assert not link.status.armed
+    await link.close()
+    await hub.close()
+    truth = process.stop().tracks[0].position_m[-1].tolist()
+    assert dist(truth, (*goal_m[:2], 0.0)) < 0.05

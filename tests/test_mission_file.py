@@ -119,6 +119,8 @@ def keys(model: type[BaseModel], path: Place = ()) -> Iterator[tuple[Place, obje
 def _keys(path: Place, annotation: Any) -> Iterator[tuple[Place, object]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield from keys(annotation, path)
+    elif get_origin(annotation) is tuple and Ellipsis in get_args(annotation):
+        yield path, tuple
     elif get_origin(annotation) is tuple:
         for index, part in enumerate(get_args(annotation)):
             yield from _keys((*path, index), part)
@@ -257,6 +259,40 @@ def test_an_agent_is_told_what_the_mission_says() -> None:
     assert config.safety.separation_m == 3.0
     assert mission.mission_frame().origin == Geodetic(47.397742, 8.545594, 488.0)
     assert mission.mission_frame().x_bearing_rad == pytest.approx(pi / 2.0)
+
+
+def test_layers_and_the_order_of_landing_reach_the_agents() -> None:
+    mission = put(content(), ("choreography",), {"layer_m": 3.0, "landing": "return", "landing_order": [3]})
+    mission = put(mission, ("vehicles", 1, "altitude_m"), 10.0)
+    loaded = parsed(mission)
+    configs = [loaded.agent_config(vehicle) for vehicle in loaded.vehicles]
+    assert {config.landing_order for config in configs} == {(3, 1, 2)}
+    assert [config.take_off_altitude_m for config in configs] == [10.0, 13.0, 16.0]
+    assert [config.return_altitude_m for config in configs] == [16.0, 19.0, 13.0]
+    assert [config.home_m for config in configs] == [(0.0, 4.0), (0.0, 0.0), (0.0, -4.0)]
+
+
+def test_without_layers_vehicles_take_off_to_where_they_fly() -> None:
+    loaded = parsed(put(content(), ("vehicles", 1, "altitude_m"), 10.0))
+    configs = [loaded.agent_config(vehicle) for vehicle in loaded.vehicles]
+    assert [config.take_off_altitude_m for config in configs] == [8.0, 10.0, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("choreography", "place", "told"),
+    [
+        ({"landing": "return"}, "choreography.layer_m", "layers of at least 1.0 m"),
+        ({"landing": "home"}, "choreography.landing", "'in_place' or 'return'"),
+        ({"landing_order": [1, 7]}, "choreography.landing_order[1]", "no vehicle has the id 7 (ids: 1, 2, 3)"),
+        ({"landing_order": [2, 1, 2]}, "choreography.landing_order[2]", "vehicle 2 is in the order already"),
+        ({"landing_order": [0]}, "choreography.landing_order[0]", "greater than or equal to 1"),
+        ({"landing_order": 2}, "choreography.landing_order", "a list of vehicles' ids"),
+    ],
+)
+def test_a_way_home_that_cannot_be_is_refused(choreography: dict[str, object], place: str, told: str) -> None:
+    (fault,) = faults(put(content(), ("choreography",), choreography))
+    assert fault.startswith(f"{place}: ")
+    assert told in fault
 
 
 def test_a_vehicle_that_is_not_there_is_a_key_error() -> None:
@@ -495,6 +531,37 @@ def test_all_faults_are_told_at_once() -> None:
 def test_a_mission_is_refused_once_for_each_fault() -> None:
     found = faults(changed((("encirclement", "radius_m"), nan), (("vehicles", 0, "id"), "1")))
     assert len(found) == len(set(found)) == 2
+
+
+LOCAL = changed((("frame",), {"local": True, "x_bearing_deg": 90.0}), (("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5]))
+
+
+def test_a_local_frame_lies_nowhere_on_earth() -> None:
+    mission = parsed(LOCAL)
+    frame = mission.mission_frame()
+    assert (frame.is_local, frame.origin) == (True, None)
+    assert frame.x_bearing_rad == pytest.approx(pi / 2.0)
+    origins = [vehicle.origin_m for vehicle in mission.vehicles]
+    assert origins == [(0.0, 4.0, 0.0), (1.0, -2.0, 0.5), (0.0, -4.0, 0.0)]
+
+
+def test_a_frame_is_on_earth_or_local_and_every_fault_is_named() -> None:
+    both = put(put(content(), ("frame", "local"), True), ("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5])
+    assert places(both) == ["frame.altitude_m", "frame.latitude_deg", "frame.longitude_deg"]
+    assert all("leave one of them out" in fault for fault in faults(both))
+    neither = put(put(content(), ("frame",), {"altitude_m": 5.0}), ("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5])
+    assert places(neither) == ["frame.latitude_deg", "frame.longitude_deg", "vehicles[1].origin_m"]
+    assert sum("indoors, without GPS, write local = true" in fault for fault in faults(neither)) == 2
+
+
+def test_setpoints_are_not_asked_for_faster_than_the_loop_makes_them() -> None:
+    (fault,) = faults(put(content(), ("link",), {"setpoint_rate_hz": 12.5}))
+    assert fault.startswith("link.setpoint_rate_hz: 12.5 Hz is more than mission.rate_hz = 10.0 Hz")
+    assert parsed(put(content(), ("link",), {"setpoint_rate_hz": 10.0})).link.setpoint_rate_hz == 10.0
+
+
+def test_a_serial_url_names_its_baud_rate() -> None:
+    assert places(put(content(), ("vehicles", 0, "url"), "serial:///dev/ttyUSB0")) == ["vehicles[0].url"]
 
 
 # Plant files

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.messages import TOPICS, Muster
-from agents.muster import LEAD_TIME_S, Assembly
+from agents.muster import HEARD_LEAST, LEAD_TIME_S, Assembly, PeerClocks
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[Muster].period_s
@@ -97,3 +97,14 @@ def test_a_late_message_makes_nobody_look_older() -> None:
 
 def test_a_vehicle_alone_starts_by_itself() -> None:
     assert Assembly(1, [1]).speak(3.0).start_s == 3.0 + LEAD_TIME_S
+
+
+def test_the_least_lag_tells_how_far_a_peers_clock_is_off_once_it_was_heard_often_enough() -> None:
+    clocks = PeerClocks()
+    for count in range(1, HEARD_LEAST + 1):
+        assert clocks.lags_s() == {}
+        clocks.hear(2, 0.3 + 0.1 * count)
+    clocks.hear(3, -4.0)
+    assert clocks.lags_s() == {2: 0.3 + 0.1}
+    clocks.hear(2, -0.5)
+    assert clocks.lags_s() == {2: -0.5}

@@ -13,7 +13,7 @@ from rich.console import Console
 from agents.ports import FlightMode, VehicleStatus
 from gcs.check import exit_code, findings_json, findings_view
 from gcs.exits import Exit
-from gcs.findings import AutopilotKind, Finding, GpsFix, Grade, VehicleFacts
+from gcs.findings import AutopilotKind, FenceArea, Finding, GpsFix, Grade, VehicleFacts
 from gcs.mission import Mission
 from gcs.mission_file import load_mission
 from gcs.preflight import preflight, worst
@@ -42,6 +42,7 @@ ARDUCOPTER = {
     "FENCE_ALT_MAX": 100.0,
     "WPNAV_SPEED": 1000.0,
     "WPNAV_ACCEL": 250.0,
+    "SYSID_MYGCS": 245.0,
 }
 HEALTH = ("gyrometer calibration", "local position", "global position", "home position", "arming checks")
 
@@ -106,18 +107,32 @@ def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
     told = [(each.found, each.next_step) for each in findings if each.grade is Grade.REFUSE]
     assert told == [
         (
-            "local position: not well; it says “Preflight Fail: no GPS”",
-            "wait for its estimator, and check GPS and compass",
+            "GPS: no fix, 0 satellites",
+            "give it a free view of the sky and wait a few minutes; then check its receiver and cable",
         ),
         (
-            "global position: not well; it says “Preflight Fail: no GPS”",
-            "wait for GPS: give it a free view of the sky",
+            "it does not know where it is (local position, global position: not well); "
+            "it says “Preflight Fail: no GPS”",
+            "see to its GPS first; with a good fix, restart the autopilot, and look at its messages",
         ),
-        ("did not know where it is within 5 s (local position, global position)", "wait for GPS, or check it"),
-        ("GPS: no fix, 0 satellites", "wait for GPS, give it a free view of the sky, check its receiver and cable"),
     ]
     assert {each.subject for each in findings if each.grade is Grade.REFUSE} == {"vehicle 2"}
     assert exit_code(findings) is Exit.REFUSED
+
+
+def test_arming_checks_that_fail_with_something_else_are_not_told_twice() -> None:
+    health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False, "arming checks": False}
+    told = [each.found for each in team(health=health) if each.grade is Grade.REFUSE]
+    assert told == ["gyrometer calibration: not well"]
+
+
+def test_in_a_local_frame_nobody_asks_for_a_place_on_earth() -> None:
+    local = changed(frame={"local": True, "latitude_deg": None, "longitude_deg": None, "altitude_m": None})
+    far = {"origin_m": (2000.0, 0.0, 0.0), "gps": None}
+    assert grave(preflight(local, [well(i, **far) for i in local.ids])) == []
+    health = {"local position": False, "arming checks": False}
+    (lost,) = (each for each in preflight(local, [well(1, origin_m=None, health=health)]) if each.check == "origin")
+    assert "external position" in lost.next_step
 
 
 def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
@@ -306,7 +321,7 @@ def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
         f"3 vehicles on a ring of 10 m are {chord:.2f} m apart; they need 17 m of separation "
         "and 0.57 m for the error of their positions"
     )
-    assert found.next_step == "widen encirclement.radius_m, fly fewer vehicles, or lower safety.separation_m"
+    assert found.next_step == "widen encirclement.radius_m to 12.1 m, fly fewer vehicles, or lower safety.separation_m"
 
 
 @pytest.mark.parametrize(
@@ -380,3 +395,72 @@ def test_facts_hold_finite_numbers() -> None:
         well(2, position_m=(0.0, float("nan"), 0.0))
     with pytest.raises(ValueError, match="vehicle 2"):
         well(2, parameters={"COM_OF_LOSS_T": float("inf")})
+
+
+# The ground station that a failsafe watches, and the fence's areas
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"SYSID_MYGCS": 255.0}, ["SYSID_MYGCS = 255: its ground station failsafe watches system 255"]),
+        ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 255.0}, ["MAV_GCS_SYSID = 255"]),
+        ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 245.0}, []),
+        ({"SYSID_MYGCS": 255.0, "FS_GCS_ENABLE": 0.0}, []),
+    ],
+)
+def test_an_arducopter_whose_failsafe_watches_another_station(
+    changes: dict[str, float | None], expected: list[str]
+) -> None:
+    findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
+    told = [each for each in findings if each.check == "ground station id" and each.grade is Grade.WARNING]
+    assert len(told) == len(expected)
+    for finding, words in zip(told, expected, strict=True):
+        assert finding.found.startswith(words)
+        assert finding.next_step.endswith(" = 245")
+
+
+def square(half_m: float, *, stay_in: bool, about: tuple[float, float] = (50.0, 0.0)) -> FenceArea:
+    x, y = about
+    corners = ((x - half_m, y - half_m), (x + half_m, y - half_m), (x + half_m, y + half_m), (x - half_m, y + half_m))
+    return FenceArea(corners, stay_in)
+
+
+WIDE = square(90.0, stay_in=True)
+
+
+@pytest.mark.parametrize(
+    ("areas", "expected"),
+    [
+        ((WIDE,), ["pass"]),
+        ((square(50.5, stay_in=True),), ["warning"]),
+        ((square(50.5, stay_in=True), WIDE), ["pass"]),
+        ((WIDE, square(3.0, stay_in=False)), ["warning"]),
+        ((WIDE, square(3.0, stay_in=False, about=(50.0, 60.0))), ["pass"]),
+        ((), []),
+        (None, ["warning"]),
+    ],
+)
+def test_the_areas_of_the_fence(areas: tuple[FenceArea, ...] | None, expected: list[str]) -> None:
+    findings = team(fence_areas=areas)
+    assert [each.grade.value for each in findings if each.check == "fence areas"] == expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "acts"),
+    [
+        (AutopilotKind.PX4, {**PX4, "GF_ACTION": 1.0}, False),
+        (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0}, True),
+        (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0}, False),
+    ],
+)
+def test_areas_of_a_fence_that_does_not_act_are_none(
+    kind: AutopilotKind, parameters: dict[str, float], acts: bool
+) -> None:
+    findings = team(autopilot=kind, parameters=parameters, fence_areas=(square(5.0, stay_in=True),))
+    assert bool([each for each in findings if each.check == "fence areas"]) is acts
+
+
+def test_an_area_is_a_polygon_of_finite_corners() -> None:
+    with pytest.raises(ValueError, match="three corners"):
+        FenceArea(((0.0, 0.0), (1.0, 0.0)), True)

@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from estimation.plant import Plant, PlantAxis
 from sitl.airframe import STEP_S
 from sitl.autopilot import Autopilot, LandedState, Verdict
+from sitl.fence import Zone
 from sitl.guidance import PositionTarget
 from sitl.modes import NEEDS_STICKS, Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
 from sitl.parameters import DEFAULTS, Parameters
@@ -210,7 +211,12 @@ def test_arming_in_offboard_takes_a_flowing_stream() -> None:
 def test_an_armed_vehicle_that_never_takes_off_disarms() -> None:
     autopilot = ready()
     autopilot.arm()
-    assert until(autopilot, lambda: not autopilot.armed) == pytest.approx(10.0, abs=2 * STEP_S)
+    # COM_DISARM_PRFLT counts from when the motors have spooled up.
+    assert until(autopilot, lambda: not autopilot.armed) == pytest.approx(11.0, abs=2 * STEP_S)
+    autopilot = ready(COM_DISARM_PRFLT=0.0)
+    autopilot.arm()
+    wait(autopilot, 60.0)
+    assert autopilot.armed
 
 
 def test_take_off_to_four_metres_takes_as_long_as_measured() -> None:
@@ -292,14 +298,18 @@ def test_home_is_where_the_vehicle_was_last_armed() -> None:
 def test_what_it_says() -> None:
     autopilot = hovering(2.0)
     autopilot.disarm()
-    autopilot.select(NavMode.LAND)
+    autopilot.select(NavMode.OFFBOARD)
+    autopilot.land()
     until(autopilot, lambda: not autopilot.armed)
     autopilot.select(NavMode.LAND)
     autopilot.arm()
     assert [text for _, text in autopilot.take_texts()] == [
         "Armed by external command",
+        "Using default takeoff altitude: 2.0 m",
         "Takeoff detected",
         "Disarming denied: not landed",
+        "Switching to Offboard is currently not available",
+        "Landing at current position",
         "Landing detected",
         "Disarmed by landing",
         "Arming denied: Resolve system health failures first",
@@ -320,19 +330,25 @@ def test_offboard_is_refused_in_flight_without_setpoints_and_one_is_enough() -> 
 
 
 @pytest.mark.parametrize(
-    ("action", "mode"),
+    ("action", "sticks_action", "mode"),
     [
-        (0, NavMode.POSITION),
-        (1, NavMode.ALTITUDE),
-        (2, NavMode.STABILIZED),
-        (3, NavMode.RETURN),
-        (4, NavMode.LAND),
-        (5, NavMode.HOLD),
-        (99, NavMode.POSITION),
+        (3, 3, NavMode.RETURN),
+        (4, 2, NavMode.LAND),
+        (5, 2, NavMode.HOLD),
+        # What would need sticks, and has none, does what is to be done about lost sticks.
+        (0, 2, NavMode.RETURN),
+        (1, 3, NavMode.LAND),
+        (2, 1, NavMode.HOLD),
+        (99, 2, NavMode.RETURN),
+        (0, 5, NavMode.POSITION),
+        (1, 5, NavMode.ALTITUDE),
+        (2, 5, NavMode.STABILIZED),
     ],
 )
-def test_a_stream_that_stops_ends_in_the_chosen_failsafe_after_1_1_s(action: int, mode: NavMode) -> None:
-    autopilot = offboard(COM_OBL_RC_ACT=action)
+def test_a_stream_that_stops_ends_in_the_chosen_failsafe_after_1_1_s(
+    action: int, sticks_action: int, mode: NavMode
+) -> None:
+    autopilot = offboard(COM_OBL_RC_ACT=action, NAV_RCL_ACT=sticks_action)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 5.0)))
     assert until(autopilot, lambda: autopilot.mode is not NavMode.OFFBOARD) == pytest.approx(1.1, abs=0.05)
     assert autopilot.mode is mode
@@ -340,8 +356,15 @@ def test_a_stream_that_stops_ends_in_the_chosen_failsafe_after_1_1_s(action: int
     assert "Failsafe activated" in [text for _, text in autopilot.take_texts()]
 
 
-def test_the_default_failsafe_lands_from_five_metres_in_eight_seconds_and_rests_in_offboard() -> None:
+def test_the_default_failsafe_returns_and_lands_where_it_took_off() -> None:
     autopilot = offboard(5.0)
+    stream(autopilot, PositionTarget((6.0, 0.0, 5.0)), 8.0)
+    until(autopilot, lambda: not autopilot.armed)
+    assert autopilot.airframe.position_m == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+
+
+def test_without_anybody_at_the_sticks_it_sinks_from_five_metres_in_eight_seconds_and_rests_in_offboard() -> None:
+    autopilot = offboard(5.0, NAV_RCL_ACT=5)
     until(autopilot, lambda: autopilot.mode is NavMode.POSITION)
     assert until(autopilot, lambda: autopilot.landed) == pytest.approx(8.0, abs=1.0)
     assert until(autopilot, lambda: not autopilot.armed) == pytest.approx(2.0, abs=0.1)
@@ -405,6 +428,152 @@ def test_a_setpoint_below_the_ground_lands_and_disarms() -> None:
     stream(autopilot, PositionTarget((0.0, 0.0, -1.0)), 20.0)
     assert not autopilot.armed
     assert autopilot.airframe.position_m[2] == 0.0
+
+
+# The fence
+
+SQUARE = Zone(True, ((5.0, 5.0), (5.0, -5.0), (-5.0, -5.0), (-5.0, 5.0)))
+KEPT_OUT = Zone(False, ((20.0, 0.0),), radius_m=4.0)
+TRIANGLE = Zone(True, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)))
+
+
+@pytest.mark.parametrize(
+    ("zone", "place_m", "allowed"),
+    [
+        (SQUARE, (4.9, -4.9), True),
+        (SQUARE, (5.1, 0.0), False),
+        (SQUARE, (0.0, -5.1), False),
+        (SQUARE, (0.0, 5.1), False),
+        (KEPT_OUT, (20.0, 3.9), False),
+        (KEPT_OUT, (20.0, 4.1), True),
+        (TRIANGLE, (4.9, 4.9), True),
+        (TRIANGLE, (5.1, 5.1), False),
+        (TRIANGLE, (-0.1, 5.0), False),
+    ],
+)
+def test_what_a_zone_allows(zone: Zone, place_m: tuple[float, float], allowed: bool) -> None:
+    assert zone.allows(place_m) is allowed
+
+
+@pytest.mark.parametrize(
+    ("parameters", "zones", "place_m", "says"),
+    [
+        ({}, (SQUARE,), (9.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
+        ({}, (KEPT_OUT,), (20.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
+        ({"GF_MAX_HOR_DIST": 6.0}, (), (6.0, 6.0, 5.0), "Geofence: exceeding maximum distance to Home"),
+        ({"GF_MAX_VER_DIST": 8.0}, (), (0.0, 0.0, 12.0), "Geofence: exceeding maximum altitude above Home"),
+    ],
+)
+@pytest.mark.parametrize(("action", "mode"), [(2, NavMode.HOLD), (3, NavMode.RETURN), (5, NavMode.LAND)])
+def test_a_breach_flies_what_gf_action_says(
+    parameters: dict[str, float],
+    zones: tuple[Zone, ...],
+    place_m: tuple[float, float, float],
+    says: str,
+    action: int,
+    mode: NavMode,
+) -> None:
+    autopilot = offboard(GF_ACTION=action, **parameters)
+    autopilot.zones = zones
+    stream(autopilot, PositionTarget((0.0, 0.0, 5.0)), 1.0)
+    assert mode_of(autopilot) is NavMode.OFFBOARD
+    stream(autopilot, PositionTarget(place_m), 6.0)
+    assert mode_of(autopilot) is mode
+    assert autopilot.failsafe
+    texts = [text for _, text in autopilot.take_texts()]
+    assert texts[-2:] == [says, "Failsafe activated"]
+    assert texts.count(says) == 1
+
+
+@pytest.mark.parametrize("action", [0, 1, 4])
+def test_a_fence_that_does_not_act_stops_nobody(action: int) -> None:
+    autopilot = offboard(GF_ACTION=action)
+    autopilot.zones = (SQUARE,)
+    stream(autopilot, PositionTarget((9.0, 0.0, 5.0)), 6.0)
+    assert mode_of(autopilot) is NavMode.OFFBOARD
+    assert (action == 1) is ("Geofence: approaching or outside geofence" in [t for _, t in autopilot.take_texts()])
+
+
+def test_one_of_several_inclusions_is_enough_and_whoever_chooses_a_mode_flies_on_outside() -> None:
+    autopilot = offboard()
+    autopilot.zones = (Zone(True, ((10.0, 0.0),), radius_m=3.0), SQUARE)
+    stream(autopilot, PositionTarget((0.0, 0.0, 5.0)), 1.0)
+    assert [autopilot.mode] == [NavMode.OFFBOARD]
+    stream(autopilot, PositionTarget((10.0, 0.0, 5.0)), 8.0)
+    assert mode_of(autopilot) is NavMode.HOLD  # between the two
+    stream(autopilot, PositionTarget((10.0, 0.0, 5.0)), 3.0)
+    assert mode_of(autopilot) is NavMode.HOLD
+    assert autopilot.select(NavMode.OFFBOARD) is Verdict.ACCEPTED
+    stream(autopilot, PositionTarget((10.0, 0.0, 5.0)), 8.0)
+    assert mode_of(autopilot) is NavMode.OFFBOARD
+    assert autopilot.airframe.position_m[0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_of_a_breach_and_a_lost_stream_the_graver_rules_and_landing_is_not_held_back() -> None:
+    autopilot = offboard(COM_OBL_RC_ACT=4)
+    autopilot.zones = (SQUARE,)
+    stream(autopilot, PositionTarget((9.0, 0.0, 5.0)), 6.0)
+    assert mode_of(autopilot) is NavMode.HOLD
+    wait(autopilot, 1.5)
+    assert mode_of(autopilot) is NavMode.LAND
+    until(autopilot, lambda: not autopilot.armed)
+
+
+# Without GPS
+
+
+def indoors(**parameters: float) -> Autopilot:
+    autopilot = Autopilot(PLANT, parameters=Parameters(**parameters), gps=False)
+    autopilot.step(3.0)
+    return autopilot
+
+
+def test_without_gps_it_arms_for_take_off_and_offboard_but_not_in_hold() -> None:
+    autopilot = indoors()
+    assert autopilot.arm() is Verdict.REJECTED
+    assert [text for _, text in autopilot.take_texts()] == ["Arming denied: Resolve system health failures first"]
+    autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
+    for mode, verdict in (
+        (NavMode.RETURN, Verdict.REJECTED),
+        (NavMode.OFFBOARD, Verdict.ACCEPTED),
+        (NavMode.TAKE_OFF, Verdict.ACCEPTED),
+    ):
+        autopilot.select(mode)
+        assert autopilot.arm() is verdict
+        autopilot.disarm()
+
+
+def test_without_gps_it_hovers_on_in_take_off_refuses_hold_and_lands() -> None:
+    autopilot = indoors()
+    autopilot.take_off()
+    autopilot.arm()
+    wait(autopilot, 20.0)
+    assert mode_of(autopilot) is NavMode.TAKE_OFF
+    assert autopilot.airframe.position_m[2] == pytest.approx(2.5, abs=0.01)
+    assert autopilot.select(NavMode.HOLD) is Verdict.REJECTED
+    assert autopilot.take_texts()[-1][1] == "Switching to Hold is currently not available"
+    assert autopilot.land() is Verdict.ACCEPTED
+    until(autopilot, lambda: not autopilot.armed)
+
+
+@pytest.mark.parametrize("action", [3, 5])
+def test_a_failsafe_that_needs_a_place_on_the_globe_lands_without_one(action: int) -> None:
+    autopilot = indoors(COM_OBL_RC_ACT=action)
+    stream(autopilot, PositionTarget((0.0, 0.0, 2.0)), 0.2)
+    autopilot.select(NavMode.OFFBOARD)
+    autopilot.arm()
+    stream(autopilot, PositionTarget((0.0, 0.0, 2.0)), 8.0)
+    until(autopilot, lambda: autopilot.mode is not NavMode.OFFBOARD)
+    assert mode_of(autopilot) is NavMode.LAND
+
+
+def test_not_localised_it_arms_in_no_mode() -> None:
+    autopilot = Autopilot(PLANT, localised=False)
+    autopilot.step(60.0)
+    autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
+    for mode in NavMode:
+        autopilot.select(mode)
+        assert autopilot.arm() is Verdict.REJECTED
 
 
 # Values

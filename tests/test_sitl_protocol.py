@@ -30,8 +30,8 @@ NOBODY = (0.0,) * 7
 class Client:
     """A ground station that knows nothing of the stub but its bytes."""
 
-    def __init__(self, noise: EstimatorNoise | None = None, seed: int = 0) -> None:
-        self.autopilot = Autopilot(PLANT, START)
+    def __init__(self, noise: EstimatorNoise | None = None, seed: int = 0, **knows: Any) -> None:
+        self.autopilot = Autopilot(PLANT, START, **knows)
         self.vehicle = MavlinkVehicle(
             self.autopilot,
             system_id=SYSTEM_ID,
@@ -158,6 +158,7 @@ def test_a_vehicle_north_of_its_origin_says_so_in_every_message(client: Client) 
     local = last(messages, "LOCAL_POSITION_NED")
     assert (local.x, local.y, local.z) == pytest.approx((30.0, -12.0, -5.0), abs=0.02)
     place, origin = last(messages, "GLOBAL_POSITION_INT"), only(client.command(512, 49), "GPS_GLOBAL_ORIGIN")
+    assert FRAME.origin is not None
     latitude = radians(FRAME.origin.latitude_deg)
     curvature = 1.0 - 6.69437999014e-3 * np.sin(latitude) ** 2
     meridian_m = 6378137.0 * (1.0 - 6.69437999014e-3) / curvature**1.5 + 488.0
@@ -303,15 +304,80 @@ def test_parameters_integers_bytewise(client: Client) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value", "kind"),
-    [("COM_OF_LOSS_T", nan, 9), ("COM_OF_LOSS_T", 0.0, 6), ("GF_ACTION", 1.0, 9), ("GF_ACTION", 1.0, 2)],
+    [("COM_OF_LOSS_T", 0.0, 6), ("GF_ACTION", 1.0, 9), ("GF_ACTION", 1.0, 2)],
 )
-def test_parameters_of_the_wrong_kind_are_dropped_and_the_old_value_told(
+def test_parameters_of_the_wrong_kind_are_dropped_without_an_answer(
     client: Client, name: str, value: float, kind: int
 ) -> None:
     before = client.autopilot.parameters[name]
-    assert only(client.send(param_set(name, value, kind)), "PARAM_VALUE").param_id == name
+    assert client.send(param_set(name, value, kind)) == []
     assert client.autopilot.parameters[name] == before
     assert client.vehicle.dropped[Drop.PARAMETER] == 1
+
+
+def test_a_parameter_that_is_no_number_is_not_taken_and_the_old_value_told(client: Client) -> None:
+    assert only(client.send(param_set("COM_OF_LOSS_T", nan, 9)), "PARAM_VALUE").param_value == 1.0
+    assert client.vehicle.dropped[Drop.PARAMETER] == 1
+
+
+def test_the_system_id_is_a_parameter_too(client: Client) -> None:
+    assert client.autopilot.parameters["MAV_SYS_ID"] == SYSTEM_ID
+
+
+def test_a_text_too_long_for_a_message_comes_in_chunks(client: Client) -> None:
+    client.command(176, 1, 4, 5)
+    client.command(400, 1)
+    client.command(400, 1)
+    texts = [message for message in client.run(0.1) if message.get_type() == "STATUSTEXT"]
+    assert [(each.text, each.id, each.chunk_seq) for each in texts] == [
+        ("Arming denied: Resolve system health failures firs", 1, 0), ("t", 1, 1),
+        ("Arming denied: Resolve system health failures firs", 2, 0), ("t", 2, 1),
+    ]  # fmt: skip
+    client.command(176, 1, 4, 3)
+    client.command(400, 1)
+    (armed,) = [message for message in client.run(0.1) if message.get_type() == "STATUSTEXT"]
+    assert (armed.text, armed.id, armed.chunk_seq) == ("Armed by external command", 0, 0)
+
+
+def test_the_heartbeat_stands_by_only_where_it_could_be_armed(client: Client) -> None:
+    states = [last(client.run(1.1), "HEARTBEAT").system_status]
+    client.command(176, 1, 4, 5)
+    states.append(last(client.run(1.1), "HEARTBEAT").system_status)
+    client.command(176, 1, 4, 3)
+    client.command(400, 1)
+    states.append(last(client.run(1.1), "HEARTBEAT").system_status)
+    assert states == [dialect.MAV_STATE_STANDBY, dialect.MAV_STATE_UNINIT, dialect.MAV_STATE_ACTIVE]
+
+
+# Without GPS
+
+
+GPS_BIT, POSITION_BIT = dialect.MAV_SYS_STATUS_SENSOR_GPS, dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+
+
+def test_without_gps_it_knows_its_local_position_and_nothing_of_the_globe() -> None:
+    indoors = Client(gps=False)
+    messages = indoors.run(6.0)
+    kinds = {message.get_type() for message in messages}
+    assert "LOCAL_POSITION_NED" in kinds
+    assert not kinds & {"GLOBAL_POSITION_INT", "HOME_POSITION"}
+    assert last(messages, "GPS_RAW_INT").fix_type == dialect.GPS_FIX_TYPE_NO_FIX
+    status = last(messages, "SYS_STATUS")
+    assert not status.onboard_control_sensors_present & GPS_BIT
+    assert status.onboard_control_sensors_health & POSITION_BIT
+    assert [m.get_type() for m in indoors.command(512, 49)] == ["COMMAND_ACK"]
+    assert [m.get_type() for m in indoors.command(512, 242)] == ["COMMAND_ACK"]
+
+
+def test_not_localised_it_says_nothing_of_any_place_and_stays_disarmed() -> None:
+    lost = Client(localised=False)
+    messages = lost.run(30.0)
+    kinds = {message.get_type() for message in messages}
+    assert not kinds & {"LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "HOME_POSITION"}
+    status = last(messages, "SYS_STATUS")
+    assert status.onboard_control_sensors_present & GPS_BIT
+    assert not status.onboard_control_sensors_health & (GPS_BIT | POSITION_BIT)
+    assert results(lost.command(400, 1)) == [1]
 
 
 def test_unknown_parameters_get_no_answer(client: Client) -> None:
@@ -354,6 +420,59 @@ def test_a_fence_is_taken_item_by_item_given_back_and_cleared(client: Client) ->
     assert client.vehicle.plans.items(1) == ()
     refused = client.send(dialect.MAVLink_mission_request_int_message(SYSTEM_ID, 1, 0, 1))
     assert only(refused, "MISSION_ACK").type == dialect.MAV_MISSION_INVALID_SEQUENCE
+
+
+def fence_item(seq: int, command: int, size: float, north_m: float, east_m: float) -> Any:
+    """Return a fence item at an offset from the vehicle's start, worked out on a sphere."""
+    place = FRAME.geodetic_from_mission(START)
+    latitude = place.latitude_deg + north_m / 111_195.0
+    longitude = place.longitude_deg + east_m / 111_195.0 / np.cos(radians(place.latitude_deg))
+    return dialect.MAVLink_mission_item_int_message(
+        SYSTEM_ID, 1, seq, 0, command, 0, 1, size, 0.0, 0.0, 0.0, round(latitude * 1e7), round(longitude * 1e7), 0.0, 1
+    )
+
+
+def upload_fence(client: Client, *items: Any) -> None:
+    client.send(dialect.MAVLink_mission_count_message(SYSTEM_ID, 1, len(items), 1))
+    for each in items[:-1]:
+        assert only(client.send(each), "MISSION_REQUEST_INT")
+    assert only(client.send(items[-1]), "MISSION_ACK").type == 0
+
+
+def test_an_uploaded_fence_holds_the_vehicle_that_leaves_it(client: Client) -> None:
+    corners = [(8.0, 8.0), (8.0, -8.0), (-8.0, -8.0), (-8.0, 8.0)]
+    circle = fence_item(4, 5004, 3.0, 30.0, 0.0)
+    upload_fence(client, *(fence_item(seq, 5001, 4.0, *corner) for seq, corner in enumerate(corners)), circle)
+    assert [(zone.stay_inside, len(zone.corners_m), zone.radius_m) for zone in client.autopilot.zones] == [
+        (True, 4, 0.0),
+        (False, 1, 3.0),
+    ]
+    fly(client)
+    north, east, _ = FRAME.ned_from_mission((START[0] - ORIGIN[0], START[1] - ORIGIN[1], 0.0))
+    follow(client, north + 7.0, east, -5.0, seconds=8.0)
+    assert last(client.run(1.1), "HEARTBEAT").custom_mode == NavMode.OFFBOARD.custom_mode
+    messages = follow(client, north + 12.0, east, -5.0, seconds=8.0)
+    texts = {message.text for message in messages if message.get_type() == "STATUSTEXT"}
+    assert {"Geofence: approaching or outside geofence", "Failsafe activated"} <= texts
+    assert last(messages, "HEARTBEAT").custom_mode == NavMode.HOLD.custom_mode
+    client.send(dialect.MAVLink_mission_clear_all_message(SYSTEM_ID, 1, 1))
+    assert client.autopilot.zones == ()
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        (5001, 4.0, 0.0),  # a polygon of four corners with one
+        (5001, nan, 0.0),
+        (5003, nan, 0.0),
+        (5003, 5.0, 1e7),  # beyond the pole
+        (16, 5.0, 0.0),
+    ],
+)
+def test_what_makes_no_zone_is_left_out(client: Client, broken: tuple[int, float, float]) -> None:
+    command, size, north_m = broken
+    upload_fence(client, fence_item(0, command, size, north_m, 0.0))
+    assert client.autopilot.zones == ()
 
 
 def test_clearing_by_an_empty_plan_and_all_at_once(client: Client) -> None:

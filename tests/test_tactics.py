@@ -10,15 +10,32 @@ from agents.tactics import TRANSITIONS, Event, Tactic, decides_to_encircle, diag
 from estimation.state import TargetEstimate
 
 # One line for each tactic, one letter for each event in the order below; '.' changes nothing.
-EVENTS = (Event.START, Event.ENGAGE, Event.TARGET_LOST, Event.HOLD, Event.RESUME, Event.LAND, Event.FOREIGN_MODE)
-LETTERS = {"F": Tactic.FORMATION, "E": Tactic.ENCIRCLE, "H": Tactic.HOLD, "L": Tactic.LAND, "S": Tactic.STOOD_DOWN}
+EVENTS = (
+    Event.START,
+    Event.ENGAGE,
+    Event.TARGET_LOST,
+    Event.HOLD,
+    Event.RESUME,
+    Event.LAND,
+    Event.FOREIGN_MODE,
+    Event.END,
+)
+LETTERS = {
+    "F": Tactic.FORMATION,
+    "E": Tactic.ENCIRCLE,
+    "H": Tactic.HOLD,
+    "D": Tactic.COME_DOWN,
+    "L": Tactic.LAND,
+    "S": Tactic.STOOD_DOWN,
+}
 TABLE = {
-    Tactic.STANDBY: "F..H.LS",
-    Tactic.FORMATION: ".E.H.LS",
-    Tactic.ENCIRCLE: "..HH.LS",
-    Tactic.HOLD: "....FLS",
-    Tactic.LAND: ".......",
-    Tactic.STOOD_DOWN: "....F..",
+    Tactic.STANDBY: "F..H.LSD",
+    Tactic.FORMATION: ".E.H.LSD",
+    Tactic.ENCIRCLE: "..HH.LSD",
+    Tactic.HOLD: "....FLSD",
+    Tactic.COME_DOWN: "...H.LS.",
+    Tactic.LAND: "........",
+    Tactic.STOOD_DOWN: "....F...",
 }
 
 

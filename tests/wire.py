@@ -1,0 +1,68 @@
+"""What the tests that fly over sockets share: ports of their own, stubs that can be watched, and waiting."""
+
+import asyncio
+import socket
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from sitl.autopilot import Autopilot
+from sitl.protocol import MavlinkVehicle
+
+LOOPBACK = "127.0.0.1"
+
+
+def free_ports(count: int) -> list[int]:
+    """Return ports that are free for UDP and for TCP."""
+    held: list[socket.socket] = []
+    ports: list[int] = []
+    try:
+        while len(ports) < count:
+            udp, tcp = (socket.socket(socket.AF_INET, kind) for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM))
+            held += [udp, tcp]
+            udp.bind((LOOPBACK, 0))
+            try:
+                tcp.bind(udp.getsockname())
+            except OSError:
+                continue
+            ports.append(int(udp.getsockname()[1]))
+    finally:
+        for each in held:
+            each.close()
+    return ports
+
+
+class StubWatch:
+    """The stub vehicles of this process by system id, and when each received setpoints; a restart makes a new one."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.vehicles: dict[int, Autopilot] = {}
+        self.received_s: defaultdict[int, list[float]] = defaultdict(list)
+        make, take = MavlinkVehicle.__init__, MavlinkVehicle._on_setpoint
+
+        def made(vehicle: MavlinkVehicle, autopilot: Autopilot, *arguments: Any, **named: Any) -> None:
+            self.vehicles[named["system_id"]] = autopilot
+            make(vehicle, autopilot, *arguments, **named)
+
+        def taken(vehicle: MavlinkVehicle, message: Any, time_s: float) -> Any:
+            self.received_s[vehicle._system_id].append(asyncio.get_running_loop().time())
+            return take(vehicle, message, time_s)
+
+        monkeypatch.setattr(MavlinkVehicle, "__init__", made)
+        monkeypatch.setattr(MavlinkVehicle, "_on_setpoint", taken)
+
+    def received_since(self, system_id: int, since_s: float) -> int:
+        """Return how many setpoints a vehicle has received since a time of the event loop."""
+        return sum(at_s > since_s for at_s in self.received_s[system_id])
+
+
+async def until(condition: Callable[[], bool], timeout_s: float = 20.0, waiting_for: str = "it") -> float:
+    """Wait for a condition and return when it came true, on the event loop's clock."""
+    loop = asyncio.get_running_loop()
+    end_s = loop.time() + timeout_s
+    while not condition():
+        assert loop.time() < end_s, f"{waiting_for} never came true"
+        await asyncio.sleep(0.005)
+    return loop.time()
