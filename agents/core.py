@@ -202,6 +202,8 @@ class VehicleCore:
             return
         self._tactic = after
         self._hold_m = None
+        on_ring = after is Tactic.ENCIRCLE and self._config.own_filter.disturbance_turns
+        self._own.turn_disturbance(self._config.encirclement.angular_rate_rad_s if on_ring else 0.0)
         if after is Tactic.FORMATION:
             self._formation.reset()
             self._formed_s = None

@@ -1,12 +1,12 @@
 """A vehicle's Kalman filter for its own motion: the identified plant is the process model, the setpoint its input.
 
 State [x y x' y' w_x w_y]: `w` is the acceleration that the plant does not explain (wind, model error), a bounded random
-walk (mathematics.md sections 1 and 8).
+walk (mathematics.md sections 1 and 8) that may turn at a known rate.
 """
 
 from bisect import bisect_right
 from functools import lru_cache, partial
-from math import inf
+from math import cos, inf, sin
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class OwnFilter:
         self._process = lru_cache(maxsize=1024)(partial(_process, plant, settings))
         self._inputs = _InputHistory(plant.delay_s)
         self._belief: Belief | None = None
+        self._turning_rad_s = 0.0
         self._doubted_s = inf
         self.refused = 0
         self.resets = 0
@@ -35,6 +36,10 @@ class OwnFilter:
     def command(self, time_s: float, setpoint_m: Vector) -> None:
         """Remember that the setpoint (2,) was sent at `time_s`."""
         self._inputs.add(time_s, setpoint_m)
+
+    def turn_disturbance(self, rate_rad_s: float) -> None:
+        """Expect the disturbance to turn at this rate from now on, counter-clockwise."""
+        self._turning_rad_s = rate_rad_s
 
     def measure(self, telemetry: Telemetry) -> None:
         """Take in a telemetry sample; one from the past is refused, and so is an outlier unless they go on."""
@@ -81,7 +86,7 @@ class OwnFilter:
         step_s = round(to_s - belief.time_s, STEP_DIGITS)
         if step_s <= 0.0:
             return belief
-        transition, noise, gain = self._process(step_s)
+        transition, noise, gain = self._process(self._turning_rad_s, step_s)
         return predict(belief, to_s, transition, noise, gain, self._inputs.mean(belief.time_s, to_s))
 
     def _reset(self, time_s: float, measured: Vector) -> None:
@@ -134,12 +139,16 @@ class _InputHistory:
         return np.asarray(total / (to_s - from_s), dtype=np.float64)
 
 
-def _process(plant: Plant, settings: OwnFilterSettings, step_s: float) -> tuple[Vector, Vector, Vector]:
+def _process(
+    plant: Plant, settings: OwnFilterSettings, turning_rad_s: float, step_s: float
+) -> tuple[Vector, Vector, Vector]:
     """Return transition (6, 6), process noise (6, 6) and setpoint gain (6, 2) over one step."""
     step = exact_step(plant, step_s)
     transition = np.eye(6)
     transition[MOTION, MOTION] = step.transition
     transition[MOTION, DISTURBANCE] = step.disturbance_gain
+    cosine, sine = cos(turning_rad_s * step_s), sin(turning_rad_s * step_s)
+    transition[DISTURBANCE, DISTURBANCE] = [[cosine, -sine], [sine, cosine]]
     gain = np.zeros((6, 2))
     gain[MOTION] = step.input_gain
     noise = np.zeros((6, 6))

@@ -227,7 +227,7 @@ class VehicleFeed:
         self._home_z_m = self._frame.mission_from_geodetic(place)[2]
 
     def _take_text(self, text: Any) -> None:
-        self._texts.append((time.monotonic(), text.text))
+        self._texts.append((time.monotonic(), text.text.strip()))
 
     def _take_connected(self, connected: bool) -> None:
         before = self.status.connected

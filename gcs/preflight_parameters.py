@@ -24,7 +24,7 @@ def _offboard_loss_action(value: float) -> Judgement:
         return Grade.PASS, f"{action} when setpoints stop", "", ""
     by_hand = {0: "position", 1: "altitude", 2: "manual"}
     if (mode := by_hand.get(int(value))) is not None:
-        why = "without a remote control in somebody's hands it sinks to the ground where it is"
+        why = "without a remote control NAV_RCL_ACT decides: by default it flies home across the others' paths"
         return Grade.WARNING, f"{mode} mode when setpoints stop", why, land
     if int(value) == 3:
         return Grade.WARNING, "return when setpoints stop", CROSSING, land

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import sysconfig
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -14,6 +15,8 @@ CHECKS = (
     ("mypy",),
     ("lint-imports", "--no-logo"),
 )
+
+PARTS = ("not wire", "wire and not team", "wire and team")
 
 
 def main() -> int:
@@ -27,18 +30,19 @@ def main() -> int:
 
 
 def _run_all_tests() -> int:
-    """Run the tests that open sockets, which mostly wait, and all others beside them, which compute.
-
-    No two tests with sockets run at once: they would keep each other from the processor.
-    """
-    with TemporaryFile() as output:
-        others = subprocess.Popen([SCRIPTS / "pytest", "-m", "not wire"], cwd=ROOT, stdout=output, stderr=output)
-        wire = _run("pytest", "-m", "wire")
-        print("--- pytest -m not wire", flush=True)
-        other = others.wait()
-        output.seek(0)
-        sys.stdout.buffer.write(output.read())
-    return wire or other
+    """Run the tests in parts side by side: those with sockets mostly wait, the others compute."""
+    with ExitStack() as stack:
+        outputs = [stack.enter_context(TemporaryFile()) for _ in PARTS]
+        runs = [
+            subprocess.Popen([SCRIPTS / "pytest", "-m", part], cwd=ROOT, stdout=output, stderr=output)
+            for part, output in zip(PARTS, outputs, strict=True)
+        ]
+        for part, output, run in zip(PARTS, outputs, runs, strict=True):
+            print(f"--- pytest -m '{part}'", flush=True)
+            run.wait()
+            output.seek(0)
+            sys.stdout.buffer.write(output.read())
+    return max(abs(run.returncode) for run in runs)
 
 
 def _run(tool: str, *arguments: str) -> int:

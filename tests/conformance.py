@@ -5,7 +5,6 @@ PX4 did (1.17, its built-in simulator), never from the stub. The same list is fl
 and against PX4 under the marker `px4`; `python -m tests.conformance` prints both side by side and marks differences.
 """
 
-import socket
 import struct
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from sitl.process import StubProcess
 from sitl.server import StubConfig
 from tests.conformance_client import Client, NeverHappenedError
 from tests.px4 import Px4Missing, Px4Simulator
+from tests.wire import free_port
 
 Value = str | float | bool
 Observation = Mapping[str, Value]
@@ -596,13 +596,6 @@ def wire_value(value: int | float) -> int | float:
 
 
 PLACE = (47.397742, 8.545594, 488.0)
-
-
-def free_port() -> int:
-    """Return a UDP port that nobody uses."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class StubSimulator:

@@ -22,6 +22,7 @@ from sitl.server import StubConfig
 
 pytestmark = [
     pytest.mark.wire,
+    pytest.mark.team,
     pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens"),
 ]
 

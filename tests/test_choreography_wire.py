@@ -30,7 +30,7 @@ from sitl.modes import NavMode
 from sitl.process import unix_clock
 from sitl.server import StubConfig, serve
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.team]
 
 ROOT = Path(__file__).parents[1]
 SPEED = 5.0

@@ -20,12 +20,12 @@ from tests.conformance import (
     Value,
     Within,
     client_of,
-    free_port,
     observed,
     table,
 )
 from tests.conformance_client import Client
 from tests.px4 import VARIABLE, Px4Missing, Px4Simulator, px4_build
+from tests.wire import free_port
 
 NAMES = [exercise.name for exercise in EXERCISES]
 

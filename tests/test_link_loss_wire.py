@@ -36,7 +36,7 @@ from sitl.process import unix_clock
 from sitl.server import StubConfig, serve
 from tests.wire import LOOPBACK, StubWatch, free_ports, until
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.team]
 
 SPEED = 5.0
 RATE_HZ = 20.0

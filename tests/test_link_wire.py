@@ -33,6 +33,7 @@ from sitl.process import StubProcess, unix_clock
 from sitl.protocol import MavlinkVehicle
 from sitl.server import StubConfig, serve
 from sitl.vocabulary import MessageId, Outgoing
+from tests.wire import free_port
 
 pytestmark = pytest.mark.wire
 
@@ -41,12 +42,6 @@ PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 BEARING_RAD = radians(35.0)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=BEARING_RAD)
 QUANTUM_M = 0.012  # GPS_GLOBAL_ORIGIN counts in 1e-7 degrees
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 PORTS = {name: free_port() for name in ("near", "twin")}

@@ -19,7 +19,7 @@ from gcs.preflight import preflight
 from gcs.stubs import stub_configs
 from sitl.process import StubProcess
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.team]
 
 SPEED = 5.0
 DURATION_S = 20.0

@@ -124,6 +124,30 @@ def test_errors_are_as_large_as_the_filter_believes() -> None:
     assert lowest < sum(squares) < highest
 
 
+@pytest.mark.parametrize(("turning_rad_s", "motion_error"), [(0.15, 1e-3), (0.0, 0.05)])
+def test_a_disturbance_that_turns_leaves_no_error_if_that_is_known(turning_rad_s: float, motion_error: float) -> None:
+    settings = OwnFilterSettings(position_noise_m=0.05, velocity_noise_m_s=1.0)
+    own, motion = OwnFilter(PLANT, settings), np.zeros(4)
+    own.turn_disturbance(turning_rad_s)
+
+    def disturbance(time_s: float) -> Vector:
+        return 0.5 * np.array([np.cos(0.15 * time_s), np.sin(0.15 * time_s)])
+
+    steps = 20  # within a period, for the true disturbance turns all the time
+    errors = []
+    for tick in range(2001):
+        own.measure(telemetry(tick * PERIOD_S, motion))
+        error = estimated(own, tick * PERIOD_S) - [*motion, *disturbance(tick * PERIOD_S)]
+        errors.append(float(np.abs(error[:4]).max()))
+        setpoint = np.array([2.0 * np.sin(0.5 * tick * PERIOD_S), 0.3 * tick * PERIOD_S])
+        own.command(tick * PERIOD_S, setpoint)
+        for step in range(steps):
+            wind = disturbance((tick + (step + 0.5) / steps) * PERIOD_S)
+            motion = exact_step(PLANT, PERIOD_S / steps).advance(motion, setpoint, wind)
+    settled = max(errors[1000:])
+    assert settled < motion_error if turning_rad_s else settled > motion_error
+
+
 def test_a_constant_wind_is_found() -> None:
     own = OwnFilter(PLANT, SETTINGS)
     fly(own, PLANT, 300, wind=(0.3, -0.2))

@@ -14,7 +14,7 @@ def test_the_bundled_plants_load(tmp_path: Path) -> None:
     axis = PlantAxis(0.80, 0.87)
     assert {name: load_plant(name, tmp_path) for name in bundled_plants()} == {
         "ardupilot": Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), 0.03),
-        "px4": Plant(PlantAxis(1.7, 2.1), PlantAxis(1.7, 2.1), 0.25),
+        "px4": Plant(PlantAxis(1.7, 1.8), PlantAxis(1.7, 1.8), 0.2),
         "stub": Plant(axis, axis),
         "stub-delayed": Plant(axis, axis, 0.15),
     }

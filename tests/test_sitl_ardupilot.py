@@ -1,7 +1,6 @@
 """The stub in its ArduCopter manners: shaped motion, GUIDED, silence until asked, and flown by MAVSDK."""
 
 import asyncio
-import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -28,6 +27,7 @@ from sitl.process import StubProcess
 from sitl.protocol import Drop, MavlinkVehicle
 from sitl.server import StubConfig
 from sitl.shaping import ShapedStep, ShapeLimits
+from tests.wire import free_port
 
 PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
@@ -377,12 +377,6 @@ def wait_until(condition: Callable[[], bool], what: str, limit_s: float = 8.0) -
     while not condition():
         assert time.monotonic() < end, f"not within {limit_s} s: {what}"
         time.sleep(0.01)
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def copter_on(port: int) -> StubConfig:

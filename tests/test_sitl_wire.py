@@ -31,18 +31,13 @@ from estimation.state import Vector
 from sitl.process import StubProcess, StubReady, run_in_process, unix_clock
 from sitl.reports import EstimatorNoise
 from sitl.server import StubConfig, StubRecord, serve
+from tests.wire import free_port
 
 pytestmark = pytest.mark.wire
 
 SPEED = 10.0
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def config(vehicle_id: int = 1, **changes: Any) -> StubConfig:

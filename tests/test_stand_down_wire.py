@@ -19,7 +19,7 @@ from sitl.process import unix_clock
 from sitl.server import serve
 from tests.wire import StubWatch, until
 
-pytestmark = pytest.mark.wire
+pytestmark = [pytest.mark.wire, pytest.mark.team]
 
 SPEED = 4.0
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ import pytest
 
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.zenoh_bus import PAYLOAD_LIMIT_BYTES, ZenohBus
+from tests.wire import free_ports
 
 ROOT = Path(__file__).resolve().parent.parent
 PEER_PROCESS = """
@@ -52,13 +52,7 @@ async def until(condition: Callable[[], bool], timeout_s: float) -> float:
 
 
 def free_endpoints(count: int) -> list[str]:
-    sockets = [socket.socket() for _ in range(count)]
-    for each in sockets:
-        each.bind(("127.0.0.1", 0))
-    endpoints = [f"tcp/127.0.0.1:{each.getsockname()[1]}" for each in sockets]
-    for each in sockets:
-        each.close()
-    return endpoints
+    return [f"tcp/127.0.0.1:{port}" for port in free_ports(count)]
 
 
 @asynccontextmanager

@@ -1,9 +1,12 @@
 """What the tests that fly over sockets share: ports of their own, stubs that can be watched, and waiting."""
 
 import asyncio
+import os
+import random
 import socket
 from collections import defaultdict
 from collections.abc import Callable
+from itertools import islice
 from typing import Any
 
 import pytest
@@ -14,24 +17,28 @@ from sitl.protocol import MavlinkVehicle
 LOOPBACK = "127.0.0.1"
 
 
+# Below the range from which systems take ports for connections that do not ask for one: nobody else happens on them.
+_PORTS = iter(random.Random(os.getpid()).sample(range(20_000, 32_000), 12_000))
+
+
 def free_ports(count: int) -> list[int]:
-    """Return ports that are free for UDP and for TCP."""
-    held: list[socket.socket] = []
-    ports: list[int] = []
-    try:
-        while len(ports) < count:
-            udp, tcp = (socket.socket(socket.AF_INET, kind) for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM))
-            held += [udp, tcp]
-            udp.bind((LOOPBACK, 0))
+    """Return ports that are free for UDP and for TCP; no port is returned twice."""
+    return list(islice(filter(_is_free, _PORTS), count))
+
+
+def free_port() -> int:
+    """Return one such port."""
+    return free_ports(1)[0]
+
+
+def _is_free(port: int) -> bool:
+    for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
+        with socket.socket(socket.AF_INET, kind) as attempt:
             try:
-                tcp.bind(udp.getsockname())
+                attempt.bind((LOOPBACK, port))
             except OSError:
-                continue
-            ports.append(int(udp.getsockname()[1]))
-    finally:
-        for each in held:
-            each.close()
-    return ports
+                return False
+    return True
 
 
 class StubWatch:
