@@ -42,7 +42,7 @@ def _run_all_tests() -> int:
             run.wait()
             output.seek(0)
             sys.stdout.buffer.write(output.read())
-    return max(abs(run.returncode) for run in runs)
+    return int(any(run.wait() for run in runs))
 
 
 def _run(tool: str, *arguments: str) -> int:
