@@ -53,7 +53,6 @@ def test_the_stub_conforms(stub: Client, exercise: Exercise) -> None:
 
 
 @pytest.mark.px4
-@pytest.mark.xdist_group("wire")
 @pytest.mark.parametrize("exercise", EXERCISES, ids=NAMES)
 def test_px4_conforms(px4: Client, exercise: Exercise) -> None:
     assert exercise.faults(exercise.run(px4)) == []
