@@ -51,6 +51,21 @@ async def until(condition: Callable[[], bool], timeout_s: float) -> float:
     return time.monotonic() - start_s
 
 
+async def acquainted(buses: dict[int, ZenohBus], heard: dict[int, Heard]) -> None:
+    """Wait until everybody is heard by everybody: that a peer is there is known before what it listens to."""
+    greetings = {own: f"{own}:hello".encode() for own in buses}
+
+    def greeted() -> bool:
+        for own, bus in buses.items():
+            bus.publish("motion", greetings[own])
+        return all(set(greetings.values()) - {greetings[own]} <= set(each.messages) for own, each in heard.items())
+
+    await until(greeted, 2.0)
+    await asyncio.sleep(0.2)  # until the last greetings have arrived
+    for each in heard.values():
+        each.messages.clear()
+
+
 def free_endpoints(count: int) -> list[str]:
     return [f"tcp/127.0.0.1:{port}" for port in free_ports(count)]
 
@@ -103,6 +118,7 @@ async def test_three_peers_hear_each_other_and_not_themselves() -> None:
             heard = {1: heard_first, 2: heard_second, 3: heard_third}
             await until(lambda: all(len(each.presence) == 2 for each in heard.values()), 2.0)
             assert time.monotonic() - started_s < 1.5
+            await acquainted(buses, heard)
             for own, bus in buses.items():
                 for number in range(20):
                     bus.publish("motion", f"{own}:{number}".encode())
