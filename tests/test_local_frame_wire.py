@@ -24,6 +24,7 @@ pytestmark = [pytest.mark.wire, pytest.mark.team]
 SPEED = 5.0
 DURATION_S = 20.0
 INDOORS = (
+    ('layer_m = 3.0\nlanding = "return"', 'landing = "in_place"'),
     ("latitude_deg = 47.397742\nlongitude_deg = 8.545594\naltitude_m = 488.0\n", "local = true\n"),
     ("altitude_m = 8.0", "altitude_m = 2.0"),
     ("start_m = [0.0, 4.0]", "start_m = [0.0, 4.0]\norigin_m = [-3.0, 1.5, -0.5]"),
