@@ -9,40 +9,28 @@ from math import hypot
 import numpy as np
 
 from agents.broadcast import member_state, neighbour_angle, target_package
-from agents.encirclement import EncirclementPlanner
-from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
-from agents.homing import Homing, assembled
+from agents.homing import assembled
+from agents.inbox import Inbox
 from agents.linearize import polar_from_motion
-from agents.messages import (
-    TOPICS,
-    BusMessage,
-    MemberState,
-    Muster,
-    NeighbourAngle,
-    OperatorCommand,
-    TargetPackage,
-    decode,
-)
+from agents.messages import MemberState, Muster, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.outputs import CoreStatus, Outgoing, TickOutput
+from agents.planning import Planner
 from agents.ports import Setpoint
-from agents.ring import ring_place
 from agents.settings import AgentConfig
-from agents.situation import Situation, Wish, extrapolated, mixed, moved
-from agents.tactics import Event, Tactic, decides_to_encircle, mixing_share, next_tactic
+from agents.situation import Situation, Wish, moved
+from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic
 from agents.team import Team
 from estimation.own import OwnFilter
 from estimation.state import (
     DISTURBANCE,
     MOTION,
     POSITION,
-    VELOCITY,
     Sighting,
     Telemetry,
     Vector,
 )
 from estimation.target import TargetFilter
 
-_CLOCK_AHEAD_MAX_S = 1.0
 _EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND}
 
 
@@ -55,19 +43,13 @@ class VehicleCore:
         self._target = TargetFilter(config.target_filter)
         self._team = Team()
         self._patience = 1.0
-        self._formation = FormationPlanner(config)
-        self._encirclement = EncirclementPlanner(config)
-        self._homing = Homing(config)
+        self._planner = Planner(config, self._team)
+        self._inbox = Inbox(config.vehicle_id, config.slots)
         self._height_m = self._altitude_m = config.take_off_altitude_m
         self._tactic = Tactic.STANDBY
         self._start_s = np.inf
-        self._engaged_s = -np.inf
         self._formed_s: float | None = None
-        self._leaving_m: Vector | None = None
-        self._hold_m: Vector | None = None
-        self._predecessor_id: int | None = None
         self._sightings: list[Sighting] = []
-        self._dropped = 0
         # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
         self._acts_after_s = config.plant.delay_s + 0.5 / config.rate_hz
 
@@ -83,6 +65,7 @@ class VehicleCore:
     def start(self, at_s: float) -> None:
         """Begin the mission at `at_s`: the formation's clock starts then."""
         self._start_s = at_s
+        self._planner.start(at_s)
 
     def on_event(self, event: Event) -> None:
         """Take an operator's or the shell's event."""
@@ -100,14 +83,7 @@ class VehicleCore:
 
     def on_message(self, payload: bytes, now_s: float) -> None:
         """Take a peer's message; what is malformed, foreign or from the future is counted and dropped."""
-        try:
-            message = decode(payload)
-        except ValueError:
-            self._dropped += 1
-            return
-        if not self._plausible(message, now_s):
-            self._dropped += 1
-            return
+        message = self._inbox.take(payload, now_s, self._patience)
         match message:
             case MemberState():
                 self._team.hear_member(message)
@@ -118,8 +94,8 @@ class VehicleCore:
             case OperatorCommand(verb=verb, vehicle=vehicle):
                 if vehicle in (None, self._config.vehicle_id):
                     self._change(_EVENT_OF_VERB[verb])
-            case Muster():
-                pass  # the shell's concern, before the mission starts
+            case Muster() | None:
+                pass  # a muster is the shell's concern, before the mission starts
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
         """Take the news that a peer has come or gone."""
@@ -133,7 +109,7 @@ class VehicleCore:
         if situation is None:
             return TickOutput(None, (), self._status(now_s, None, None))
         self._decide(situation)
-        wish = self._plan(situation)
+        wish = self._planner.wish(self._tactic, situation, self._height_m)
         setpoint_m = self._led(wish.setpoint_m, situation)
         self._own.command(now_s, setpoint_m)
         x, y = setpoint_m.tolist()
@@ -180,16 +156,17 @@ class VehicleCore:
             # One that is sent back close to the target has no place in line to leave from: it leaves from where it is.
             formed_s = now_s if self._formed_s is None else self._formed_s
             in_line = now_s - formed_s > self._config.encirclement.smoothing_time_s
-            self._engaged_s = now_s
             self._change(Event.ENGAGE)
-            self._leaving_m = None if in_line else situation.own.mean[POSITION].copy()
-        if self._tactic is Tactic.COME_DOWN and self._homing.may_land(situation, self._team.members(), self._patience):
+            self._planner.engage(now_s, None if in_line else situation.own.mean[POSITION])
+        if self._tactic is Tactic.COME_DOWN and self._planner.homing.may_land(
+            situation, self._team.members(), self._patience
+        ):
             self._change(Event.LAND)
         self._choose_height(situation)
 
     def _choose_height(self, situation: Situation) -> None:
         """Fly at the flying height once everybody is in place: until then, and on the way home, in layers."""
-        if self._tactic is Tactic.COME_DOWN and self._homing.returns:
+        if self._tactic is Tactic.COME_DOWN and self._planner.homing.returns:
             self._altitude_m = self._config.return_altitude_m
         elif self._altitude_m != self._config.altitude_m and self._tactic in (Tactic.FORMATION, Tactic.ENCIRCLE):
             here, flown_s = situation.own.mean[POSITION], situation.now_s - self._start_s
@@ -201,85 +178,11 @@ class VehicleCore:
         if after is self._tactic:
             return
         self._tactic = after
-        self._hold_m = None
+        self._planner.begin(after)
         on_ring = after is Tactic.ENCIRCLE and self._config.own_filter.disturbance_turns
         self._own.turn_disturbance(self._config.encirclement.angular_rate_rad_s if on_ring else 0.0)
         if after is Tactic.FORMATION:
-            self._formation.reset()
             self._formed_s = None
-        if after is Tactic.ENCIRCLE:
-            self._encirclement.reset()
-        if after is Tactic.COME_DOWN:
-            self._homing.reset()
-
-    def _plan(self, situation: Situation) -> Wish:
-        if self._tactic is Tactic.FORMATION:
-            return self._form(situation)
-        if self._tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
-            ring = self._encircle(situation, situation.acting_target)
-            share = self._mixing_share(situation.now_s)
-            return ring if share >= 1.0 else mixed(self._left_behind(situation), ring, share)
-        if self._tactic is Tactic.STOOD_DOWN:
-            # Somebody else flies: all that is known of the vehicle's input is that it is near where the vehicle is.
-            here = situation.own.mean[POSITION]
-            return Wish(here, here, np.zeros(2))
-        if self._tactic is Tactic.COME_DOWN:
-            return self._homing.plan(situation, self._height_m)
-        return self._hold(situation)
-
-    def _left_behind(self, situation: Situation) -> Wish:
-        """Return what a vehicle would do had it not engaged."""
-        if self._leaving_m is None:
-            return self._form(situation)
-        return Wish(self._leaving_m, self._leaving_m, np.zeros(2))
-
-    def _mixing_share(self, now_s: float) -> float:
-        if self._tactic is not Tactic.ENCIRCLE:
-            return 0.0
-        return mixing_share(now_s - self._engaged_s, self._config.encirclement.smoothing_time_s)
-
-    def _form(self, situation: Situation) -> Wish:
-        config = self._config
-        flying = {*self._team.in_formation(), config.vehicle_id} & set(config.slots)
-        leader = config.formation.leader
-        predecessor_id = predecessor_of(config.vehicle_id, flying, config.slots, leader)
-        if predecessor_id != self._predecessor_id:
-            self._formation.reset()
-            self._predecessor_id = predecessor_id
-        rate = np.array([config.formation.speed_m_s, 0.0])
-        if predecessor_id is None:
-            predecessor, offset = self._own_line(situation.acting_s), (0.0, 0.0)
-        else:
-            predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
-            offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
-        plan = self._formation.plan(situation.acting_motion, situation.disturbance, predecessor, offset)
-        return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
-
-    def _own_line(self, at_s: float) -> Predecessor:
-        """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""
-        config = self._config
-        shift_x, shift_y = config.slot_offset_m(config.vehicle_id, config.formation.leader)
-        start = config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
-        return mission_line(config.plant, start, config.formation.speed_m_s, max(at_s - self._start_s, 0.0))
-
-    def _encircle(self, situation: Situation, target: Vector) -> Wish:
-        polar = polar_from_motion(situation.acting_motion, target)
-        rate = self._config.encirclement.angular_rate_rad_s
-        place = ring_place(polar.bearing_rad, self._team.bearings_rad(situation.acting_s, rate))
-        plan = self._encirclement.plan(situation.acting_motion, target, situation.disturbance, place)
-        return Wish(
-            plan.setpoint_m,
-            plan.setpoint_m,
-            situation.acting_motion[VELOCITY],
-            place,
-            plan.approach,
-            plan.status,
-        )
-
-    def _hold(self, situation: Situation) -> Wish:
-        if self._hold_m is None:
-            self._hold_m = situation.own.mean[POSITION].copy()
-        return Wish(self._hold_m, self._hold_m, np.zeros(2))
 
     def _led(self, setpoint_m: Vector, situation: Situation) -> Vector:
         """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
@@ -312,16 +215,9 @@ class VehicleCore:
                 package.threat,
             )
         except ValueError:
-            self._dropped += 1
+            self._inbox.dropped += 1
             return
         self._target.sight(sighting)
-
-    def _plausible(self, message: BusMessage, now_s: float) -> bool:
-        age_s = now_s - message.time_s
-        known = isinstance(message, OperatorCommand) or (
-            message.sender in self._config.slots and message.sender != self._config.vehicle_id
-        )
-        return known and -_CLOCK_AHEAD_MAX_S <= age_s / self._patience <= TOPICS[type(message)].age_max_s
 
     def _status(self, now_s: float, situation: Situation | None, wish: Wish | None) -> CoreStatus:
         target = None if situation is None or situation.target is None else situation.target.mean
@@ -330,7 +226,7 @@ class VehicleCore:
             self._config.vehicle_id,
             now_s,
             self._tactic,
-            self._mixing_share(now_s),
+            self._planner.mixing_share(self._tactic, now_s),
             motion,
             target,
             None if situation is None else situation.polar,
@@ -338,5 +234,5 @@ class VehicleCore:
             None if wish is None else wish.approach,
             None if wish is None else wish.qp,
             self._team.members(),
-            self._dropped,
+            self._inbox.dropped,
         )

@@ -27,25 +27,13 @@ from gcs.mission_file import load_mission
 from gcs.stubs import stub_configs
 from sitl.autopilot import Autopilot
 from sitl.modes import NavMode
-from sitl.process import unix_clock
-from sitl.server import StubConfig, serve
+from tests.wire import served
 
 pytestmark = [pytest.mark.wire, pytest.mark.team]
 
 ROOT = Path(__file__).parents[1]
 SPEED = 5.0
 RETURN = ("[safety]", '[choreography]\nlayer_m = 3.0\nlanding = "return"\nlanding_order = [3, 1, 2]\n\n[safety]')
-
-
-@asynccontextmanager
-async def served(configs: Sequence[StubConfig]) -> AsyncIterator[None]:
-    stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(configs, speed=SPEED, now_s=unix_clock(SPEED), stop=stop))
-    try:
-        yield
-    finally:
-        stop.set()
-        await stubs
 
 
 async def flown(mission: Mission, duration_s: float, findings: list[Finding]) -> Flight:
@@ -95,7 +83,7 @@ async def test_a_second_mission_right_after_the_first(
 ) -> None:
     mission = load_mission(mission_file("case2"))
     watched, told = Watched(monkeypatch), list[Finding]()
-    async with served(stub_configs(mission)):
+    async with served(stub_configs(mission), SPEED):
         for _ in range(2):
             flight = await flown(mission, 5.0, told)
             assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
@@ -110,7 +98,7 @@ async def test_what_the_check_refuses_is_told_and_nothing_is_armed(
     mission = load_mission(mission_file("case2"))
     one, two, three = stub_configs(mission)
     watched, told = Watched(monkeypatch), list[Finding]()
-    async with served([one, replace(two, battery_fraction=0.1), three]):
+    async with served([one, replace(two, battery_fraction=0.1), three], SPEED):
         with pytest.raises(VehicleRefusedError, match="nothing was armed") as refused:
             await flown(mission, 5.0, told)
     grave = [(finding.subject, finding.found) for finding in told if finding.grade is Grade.REFUSE]
@@ -126,7 +114,7 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
     words = "Arming denied: press the safety switch first"
     monkeypatch.setattr(Autopilot, "_arming_fault", lambda _autopilot: words)
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
-    async with served(stub_configs(load_mission(path))):
+    async with served(stub_configs(load_mission(path)), SPEED):
         command = ("-m", "gcs", "fly", path, "--json", "--speed", str(SPEED))
         process = await asyncio.create_subprocess_exec(
             sys.executable, *command, env=environment, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
@@ -144,7 +132,7 @@ async def test_vehicles_too_near_to_land_together_land_one_by_one(
 ) -> None:
     mission = load_mission(mission_file("case2", ("separation_m = 3.0", "separation_m = 3.6")))
     watched, told = Watched(monkeypatch), list[Finding]()
-    async with served(stub_configs(mission)):
+    async with served(stub_configs(mission), SPEED):
         flight = await flown(mission, 5.0, told)
     assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
     assert watched.ids(watched.disarmed) == [1, 2, 3]
@@ -157,7 +145,7 @@ async def test_vehicles_return_on_layers_of_their_own_and_land_in_order(
     mission = load_mission(mission_file("case2", RETURN))
     watched, told = Watched(monkeypatch), list[Finding]()
     highest: dict[int, float] = {}
-    async with served(stub_configs(mission)):
+    async with served(stub_configs(mission), SPEED):
         flight = asyncio.create_task(flown(mission, 10.0, told))
         while not flight.done():
             for number, vehicle in enumerate(watched.vehicles, start=1):
@@ -180,7 +168,7 @@ async def test_a_peer_whose_computer_has_another_time(
     one, _, three = mission.vehicles
     watched, told = Watched(monkeypatch), list[Finding]()
     plan = FlightPlan(mission, 5.0, (one,), stubs=False, speed=SPEED)
-    async with served(stub_configs(mission)[:1]), mustering(mission, three, ahead_s):
+    async with served(stub_configs(mission)[:1], SPEED), mustering(mission, three, ahead_s):
         outcome = (await fly(plan, LiveView(Console(file=StringIO())), told.extend)).outcomes[1]
     assert outcome.ending is Ending.REFUSED
     assert outcome.flew is not refused

@@ -32,25 +32,14 @@ from sitl import reports
 from sitl.autopilot import Autopilot
 from sitl.dialects import PX4, AutopilotKind
 from sitl.process import unix_clock
-from sitl.server import StubConfig, serve
-from tests.wire import LOOPBACK, free_ports, until
+from sitl.server import StubConfig
+from tests.wire import LOOPBACK, free_ports, served, until
 
 pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0))
 PLANT = Plant(PlantAxis(0.8, 0.87), PlantAxis(0.8, 0.87))
-
-
-@asynccontextmanager
-async def served(*configs: StubConfig) -> AsyncIterator[None]:
-    stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(configs, speed=SPEED, now_s=unix_clock(SPEED), stop=stop))
-    try:
-        yield
-    finally:
-        stop.set()
-        await stubs
 
 
 class Wire(asyncio.DatagramProtocol):
@@ -90,7 +79,7 @@ async def pump(wire: Wire, reader: asyncio.StreamReader) -> None:
 
 @asynccontextmanager
 async def over_udp_out(config: StubConfig, port: int) -> AsyncIterator[str]:
-    async with served(replace(config, port=port)):
+    async with served([replace(config, port=port)], SPEED):
         yield f"udpout://localhost:{port}"
 
 
@@ -104,7 +93,7 @@ async def over_tcp_out(config: StubConfig, port: int) -> AsyncIterator[str]:
                 await pump(wire, reader)
         writer.close()
 
-    async with served(config), await asyncio.start_server(serve_one, LOOPBACK, port):
+    async with served([config], SPEED), await asyncio.start_server(serve_one, LOOPBACK, port):
         yield f"tcpout://{LOOPBACK}:{port}"
 
 
@@ -123,7 +112,7 @@ async def over_tcp_in(config: StubConfig, port: int) -> AsyncIterator[str]:
 
     calling = asyncio.create_task(call())
     try:
-        async with served(config):
+        async with served([config], SPEED):
             yield f"tcpin://{LOOPBACK}:{port}"
     finally:
         calling.cancel()
@@ -145,7 +134,7 @@ async def over_serial(config: StubConfig, _port: int) -> AsyncIterator[str]:
         with suppress(BlockingIOError, OSError):
             wire.feed(os.read(ours, 4096))
 
-    async with served(config), wired(config.client_port, write) as wire:
+    async with served([config], SPEED), wired(config.client_port, write) as wire:
         loop.add_reader(ours, read)
         try:
             yield f"serial://{os.ttyname(theirs)}:57600"
@@ -249,7 +238,7 @@ async def test_what_is_no_multicopter_of_a_known_autopilot_is_not_armed(
     mission = load_mission(mission_file("px4-trio"))
     told: list[Finding] = []
     plan = FlightPlan(mission, 5.0, mission.vehicles[:1], stubs=False, speed=SPEED)
-    async with served(stub_configs(mission)[0]):
+    async with served([stub_configs(mission)[0]], SPEED):
         with pytest.raises(VehicleRefusedError, match="nothing was armed"):
             await fly(plan, LiveView(Console(file=StringIO())), told.extend)
     assert ("vehicle 1", found) in [(each.subject, each.found) for each in told if each.grade is Grade.REFUSE]

@@ -5,14 +5,17 @@ import os
 import random
 import socket
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from itertools import islice
 from typing import Any
 
 import pytest
 
 from sitl.autopilot import Autopilot
+from sitl.process import unix_clock
 from sitl.protocol import MavlinkVehicle
+from sitl.server import StubConfig, serve
 
 LOOPBACK = "127.0.0.1"
 
@@ -63,6 +66,18 @@ class StubWatch:
     def received_since(self, system_id: int, since_s: float) -> int:
         """Return how many setpoints a vehicle has received since a time of the event loop."""
         return sum(at_s > since_s for at_s in self.received_s[system_id])
+
+
+@asynccontextmanager
+async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[None]:
+    """Serve stub vehicles in this process."""
+    stop = asyncio.Event()
+    stubs = asyncio.create_task(serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop))
+    try:
+        yield
+    finally:
+        stop.set()
+        await stubs
 
 
 async def until(condition: Callable[[], bool], timeout_s: float = 20.0, waiting_for: str = "it") -> float:

@@ -1,0 +1,33 @@
+"""What comes over the bus, before anybody believes it: what is not a fresh word of a member is counted and dropped."""
+
+from collections.abc import Collection
+
+from agents.messages import TOPICS, BusMessage, OperatorCommand, decode
+
+_CLOCK_AHEAD_MAX_S = 1.0
+
+
+class Inbox:
+    """Takes the bus's payloads for one vehicle."""
+
+    def __init__(self, vehicle_id: int, members: Collection[int]) -> None:
+        self._others = frozenset(members) - {vehicle_id}
+        self.dropped = 0
+
+    def take(self, payload: bytes, now_s: float, patience: float) -> BusMessage | None:
+        """Return the message, or None when it is malformed, foreign, too old or from the future.
+
+        `patience` is how many times as long as on the wall's clock a message may take.
+        """
+        try:
+            message = decode(payload)
+        except ValueError:
+            message = None
+        if message is None or not self._plausible(message, (now_s - message.time_s) / patience):
+            self.dropped += 1
+            return None
+        return message
+
+    def _plausible(self, message: BusMessage, age_s: float) -> bool:
+        known = isinstance(message, OperatorCommand) or message.sender in self._others
+        return known and -_CLOCK_AHEAD_MAX_S <= age_s <= TOPICS[type(message)].age_max_s

@@ -1,0 +1,121 @@
+"""What each tactic wishes for: from the situation to a wish, and what has to be remembered from tick to tick."""
+
+import numpy as np
+
+from agents.encirclement import EncirclementPlanner
+from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
+from agents.homing import Homing
+from agents.linearize import polar_from_motion
+from agents.ring import ring_place
+from agents.settings import AgentConfig
+from agents.situation import Situation, Wish, extrapolated, mixed
+from agents.tactics import Tactic, mixing_share
+from agents.team import Team
+from estimation.state import POSITION, VELOCITY, Vector
+
+
+class Planner:
+    """Plans one vehicle's flight in every tactic."""
+
+    def __init__(self, config: AgentConfig, team: Team) -> None:
+        self._config = config
+        self._team = team
+        self._formation = FormationPlanner(config)
+        self._encirclement = EncirclementPlanner(config)
+        self.homing = Homing(config)
+        self._start_s = np.inf
+        self._engaged_s = -np.inf
+        self._leaving_m: Vector | None = None
+        self._hold_m: Vector | None = None
+        self._predecessor_id: int | None = None
+
+    def start(self, at_s: float) -> None:
+        """Let the mission's line begin at `at_s`."""
+        self._start_s = at_s
+
+    def begin(self, tactic: Tactic) -> None:
+        """Begin a tactic anew, with nothing left of what was planned before."""
+        self._hold_m = None
+        if tactic is Tactic.FORMATION:
+            self._formation.reset()
+        if tactic is Tactic.ENCIRCLE:
+            self._encirclement.reset()
+        if tactic is Tactic.COME_DOWN:
+            self.homing.reset()
+
+    def engage(self, now_s: float, leaving_m: Vector | None) -> None:
+        """Begin to leave for the ring: from the formation, or (2,) from a place of its own."""
+        self._engaged_s = now_s
+        self._leaving_m = None if leaving_m is None else leaving_m.copy()
+
+    def mixing_share(self, tactic: Tactic, now_s: float) -> float:
+        """Return the share of the encirclement in the setpoint."""
+        if tactic is not Tactic.ENCIRCLE:
+            return 0.0
+        return mixing_share(now_s - self._engaged_s, self._config.encirclement.smoothing_time_s)
+
+    def wish(self, tactic: Tactic, situation: Situation, height_m: float) -> Wish:
+        """Return where a tactic wants to go; `height_m` is where the vehicle is."""
+        if tactic is Tactic.FORMATION:
+            return self._form(situation)
+        if tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
+            ring = self._encircle(situation, situation.acting_target)
+            share = self.mixing_share(tactic, situation.now_s)
+            return ring if share >= 1.0 else mixed(self._left_behind(situation), ring, share)
+        if tactic is Tactic.STOOD_DOWN:
+            # Somebody else flies: all that is known of the vehicle's input is that it is near where the vehicle is.
+            return _resting(situation.own.mean[POSITION])
+        if tactic is Tactic.COME_DOWN:
+            return self.homing.plan(situation, height_m)
+        return self._hold(situation)
+
+    def _left_behind(self, situation: Situation) -> Wish:
+        """Return what a vehicle would do had it not engaged."""
+        return self._form(situation) if self._leaving_m is None else _resting(self._leaving_m)
+
+    def _form(self, situation: Situation) -> Wish:
+        config = self._config
+        flying = {*self._team.in_formation(), config.vehicle_id} & set(config.slots)
+        leader = config.formation.leader
+        predecessor_id = predecessor_of(config.vehicle_id, flying, config.slots, leader)
+        if predecessor_id != self._predecessor_id:
+            self._formation.reset()
+            self._predecessor_id = predecessor_id
+        rate = np.array([config.formation.speed_m_s, 0.0])
+        if predecessor_id is None:
+            predecessor, offset = self._own_line(situation.acting_s), (0.0, 0.0)
+        else:
+            predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
+            offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
+        plan = self._formation.plan(situation.acting_motion, situation.disturbance, predecessor, offset)
+        return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
+
+    def _own_line(self, at_s: float) -> Predecessor:
+        """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""
+        config = self._config
+        shift_x, shift_y = config.slot_offset_m(config.vehicle_id, config.formation.leader)
+        start = config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
+        return mission_line(config.plant, start, config.formation.speed_m_s, max(at_s - self._start_s, 0.0))
+
+    def _encircle(self, situation: Situation, target: Vector) -> Wish:
+        polar = polar_from_motion(situation.acting_motion, target)
+        rate = self._config.encirclement.angular_rate_rad_s
+        place = ring_place(polar.bearing_rad, self._team.bearings_rad(situation.acting_s, rate))
+        plan = self._encirclement.plan(situation.acting_motion, target, situation.disturbance, place)
+        return Wish(
+            plan.setpoint_m,
+            plan.setpoint_m,
+            situation.acting_motion[VELOCITY],
+            place,
+            plan.approach,
+            plan.status,
+        )
+
+    def _hold(self, situation: Situation) -> Wish:
+        if self._hold_m is None:
+            self._hold_m = situation.own.mean[POSITION].copy()
+        return _resting(self._hold_m)
+
+
+def _resting(place_m: Vector) -> Wish:
+    return Wish(place_m, place_m, np.zeros(2))
