@@ -1,5 +1,7 @@
 """What a vehicle tells its peers, made from what it believes and does: ready to be sent."""
 
+from math import sqrt
+
 from agents.linearize import Polar
 from agents.messages import TOPICS, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
 from agents.outputs import Outgoing
@@ -8,12 +10,16 @@ from agents.tactics import Tactic
 from estimation.state import MOTION, Sighting
 
 
-def member_state(vehicle_id: int, tactic: Tactic, situation: Situation, wish: Wish) -> Outgoing:
+def member_state(
+    vehicle_id: int, tactic: Tactic, situation: Situation, wish: Wish, *, altitude_m: float, alert: str
+) -> Outgoing:
     """Tell tactic, motion and the undisturbed setpoint, taken back from when it acts to the present."""
     x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
     at_now = wish.undisturbed_m - wish.rate_m_s * (situation.acting_s - situation.now_s)
     setpoint_x, setpoint_y = at_now.tolist()
     rate_x, rate_y = wish.rate_m_s.tolist()
+    covariance = situation.own.covariance
+    position_sigma_m = sqrt(max(covariance[0, 0], covariance[1, 1]))
     return _outgoing(
         MemberState(
             vehicle_id,
@@ -23,6 +29,9 @@ def member_state(vehicle_id: int, tactic: Tactic, situation: Situation, wish: Wi
             (x_rate, y_rate),
             (setpoint_x, setpoint_y),
             (rate_x, rate_y),
+            altitude_m,
+            position_sigma_m,
+            alert,
         )
     )
 

@@ -12,8 +12,8 @@ from agents.broadcast import member_state, neighbour_angle, target_package
 from agents.homing import assembled
 from agents.inbox import Inbox
 from agents.linearize import polar_from_motion
-from agents.messages import MemberState, Muster, NeighbourAngle, OperatorCommand, TargetPackage
-from agents.outputs import CoreStatus, Outgoing, TickOutput
+from agents.messages import MemberState, NeighbourAngle, OperatorCommand, TargetPackage
+from agents.outputs import CoreStatus, Note, Outgoing, TickOutput
 from agents.planning import Planner
 from agents.ports import Setpoint
 from agents.settings import AgentConfig
@@ -31,7 +31,7 @@ from estimation.state import (
 )
 from estimation.target import TargetFilter
 
-_EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND}
+_EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND, "rtl": Event.RETURN}
 
 
 class VehicleCore:
@@ -50,6 +50,9 @@ class VehicleCore:
         self._start_s = np.inf
         self._formed_s: float | None = None
         self._sightings: list[Sighting] = []
+        self._alert = ""
+        self._notes: list[Note] = []
+        self._now_s = 0.0
         # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
         self._acts_after_s = config.plant.delay_s + 0.5 / config.rate_hz
 
@@ -94,8 +97,8 @@ class VehicleCore:
             case OperatorCommand(verb=verb, vehicle=vehicle):
                 if vehicle in (None, self._config.vehicle_id):
                     self._change(_EVENT_OF_VERB[verb])
-            case Muster() | None:
-                pass  # a muster is the shell's concern, before the mission starts
+            case _:
+                pass  # a muster is the shell's concern before the mission starts, an answer is the operator's
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
         """Take the news that a peer has come or gone."""
@@ -104,6 +107,7 @@ class VehicleCore:
 
     def tick(self, now_s: float) -> TickOutput:
         """Estimate, decide, plan: one step of the control loop at `now_s`."""
+        self._now_s = now_s
         self._team.expire(now_s, self._patience)
         situation = self._assess(now_s)
         if situation is None:
@@ -177,8 +181,9 @@ class VehicleCore:
         after = next_tactic(self._tactic, event)
         if after is self._tactic:
             return
+        self._notes.append(Note(self._now_s, "tactic", f"{self._tactic.value} -> {after.value}: {event.value}"))
         self._tactic = after
-        self._planner.begin(after)
+        self._planner.begin(after, to_home=event is Event.RETURN)
         on_ring = after is Tactic.ENCIRCLE and self._config.own_filter.disturbance_turns
         self._own.turn_disturbance(self._config.encirclement.angular_rate_rad_s if on_ring else 0.0)
         if after is Tactic.FORMATION:
@@ -193,7 +198,10 @@ class VehicleCore:
         return setpoint_m if distance <= limit else position + lead * (limit / distance)
 
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
-        messages = [member_state(self._config.vehicle_id, self._tactic, situation, wish)]
+        state = member_state(
+            self._config.vehicle_id, self._tactic, situation, wish, altitude_m=self._height_m, alert=self._alert
+        )
+        messages = [state]
         if self._tactic is Tactic.ENCIRCLE and situation.polar is not None:
             messages.append(neighbour_angle(self._config.vehicle_id, situation.now_s, situation.polar))
         if self._sightings:
@@ -220,6 +228,8 @@ class VehicleCore:
         self._target.sight(sighting)
 
     def _status(self, now_s: float, situation: Situation | None, wish: Wish | None) -> CoreStatus:
+        notes = tuple(self._notes)
+        self._notes.clear()
         target = None if situation is None or situation.target is None else situation.target.mean
         motion = None if situation is None else situation.own.mean[MOTION]
         return CoreStatus(
@@ -235,4 +245,6 @@ class VehicleCore:
             None if wish is None else wish.qp,
             self._team.members(),
             self._inbox.dropped,
+            self._alert,
+            notes,
         )

@@ -36,7 +36,7 @@ class Homing:
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
-        self._home_m = config.home_m if config.choreography.landing == "return" else None
+        self._home_m: tuple[float, float] | None = None
         self._number = config.landing_order.index(config.vehicle_id)
         self._began_s: float | None = None
         self._from_m: Vector = np.zeros(2)
@@ -47,8 +47,10 @@ class Homing:
         """Whether it flies home, on a layer of its own, before it lands."""
         return self._home_m is not None
 
-    def reset(self) -> None:
-        """Begin anew with the next plan."""
+    def reset(self, *, to_home: bool = False) -> None:
+        """Begin anew with the next plan: `to_home` even where the mission lands in place."""
+        returns = to_home or self._config.choreography.landing == "return"
+        self._home_m = self._config.home_m if returns else None
         self._began_s, self._rising = None, self.returns
 
     def plan(self, situation: Situation, height_m: float) -> Wish:

@@ -17,11 +17,17 @@ _Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
 _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 _Name = Annotated[str, msgspec.Meta(max_length=32)]
 
+_Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+
+Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill"]
 Metres2 = tuple[_Metres, _Metres]
 
 
 class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
-    """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs."""
+    """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs.
+
+    `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none.
+    """
 
     sender: _Id
     time_s: _Time
@@ -30,6 +36,9 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
     velocity_m_s: tuple[_Speed, _Speed]
     setpoint_m: Metres2
     setpoint_rate_m_s: tuple[_Speed, _Speed]
+    altitude_m: _Metres = 0.0
+    position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    alert: _Name = ""
 
 
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
@@ -66,15 +75,28 @@ class Muster(msgspec.Struct, frozen=True, array_like=True, tag="muster"):
 
 
 class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):
-    """What an operator tells one vehicle, or all of them (None), on the team's clock; `origin` is who it was."""
+    """What an operator tells one vehicle, or all of them (None), on the team's clock; `origin` is who it was.
+
+    It is said again and again until it is answered: `number` tells one command from the next.
+    """
 
     time_s: _Time
-    verb: Literal["hold", "resume", "land"]
+    verb: Verb
     vehicle: _Id | None
     origin: _Name
+    number: _Number
 
 
-PeerMessage = MemberState | NeighbourAngle | TargetPackage | Muster
+class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
+    """What a vehicle did about an operator's command, and when."""
+
+    sender: _Id
+    time_s: _Time
+    number: _Number
+    did: Annotated[str, msgspec.Meta(max_length=120)]
+
+
+PeerMessage = MemberState | NeighbourAngle | TargetPackage | Muster | CommandAnswer
 BusMessage = PeerMessage | OperatorCommand
 
 
@@ -93,6 +115,7 @@ TOPICS: dict[type[BusMessage], Topic] = {
     TargetPackage: Topic("target", 0.2, 1.0),
     Muster: Topic("muster", 0.2, 1.0),
     OperatorCommand: Topic("command", 0.1, 2.0),
+    CommandAnswer: Topic("answer", 0.1, 2.0),
 }
 
 _encoder = msgspec.msgpack.Encoder()

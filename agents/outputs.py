@@ -1,5 +1,7 @@
 """What a core gives back from a tick: a setpoint, messages for the peers, and its status."""
 
+from typing import Literal
+
 import msgspec
 
 from agents.encirclement import Approach
@@ -19,8 +21,19 @@ class Outgoing(msgspec.Struct, frozen=True):
     payload: bytes
 
 
+class Note(msgspec.Struct, frozen=True):
+    """Something that people want to read about afterwards: when, of what kind, and what happened."""
+
+    time_s: float
+    kind: Literal["tactic", "command", "failsafe", "guard"]
+    text: str
+
+
 class CoreStatus(msgspec.Struct, frozen=True):
-    """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,)."""
+    """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,).
+
+    `alert` is the failsafe that holds it, empty if none; `notes` are what has happened since the last tick.
+    """
 
     vehicle_id: int
     time_s: float
@@ -34,6 +47,8 @@ class CoreStatus(msgspec.Struct, frozen=True):
     qp: QpStatus | None
     peers: tuple[MemberState, ...]
     messages_dropped: int
+    alert: str
+    notes: tuple[Note, ...]
 
 
 class TickOutput(msgspec.Struct, frozen=True):

@@ -1,5 +1,7 @@
 """What each tactic wishes for: from the situation to a wish, and what has to be remembered from tick to tick."""
 
+from math import cos, sin
+
 import numpy as np
 
 from agents.encirclement import EncirclementPlanner
@@ -12,6 +14,9 @@ from agents.situation import Situation, Wish, extrapolated, mixed
 from agents.tactics import Tactic, mixing_share
 from agents.team import Team
 from estimation.state import POSITION, VELOCITY, Vector
+
+ASIDE = 2.0
+"""In separations: how far outside the ring a vehicle waits that has left it."""
 
 
 class Planner:
@@ -33,15 +38,15 @@ class Planner:
         """Let the mission's line begin at `at_s`."""
         self._start_s = at_s
 
-    def begin(self, tactic: Tactic) -> None:
-        """Begin a tactic anew, with nothing left of what was planned before."""
+    def begin(self, tactic: Tactic, *, to_home: bool) -> None:
+        """Begin a tactic anew, with nothing left of what was planned before; coming down may have to be `to_home`."""
         self._hold_m = None
         if tactic is Tactic.FORMATION:
             self._formation.reset()
         if tactic is Tactic.ENCIRCLE:
             self._encirclement.reset()
         if tactic is Tactic.COME_DOWN:
-            self.homing.reset()
+            self.homing.reset(to_home=to_home)
 
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Begin to leave for the ring: from the formation, or (2,) from a place of its own."""
@@ -67,6 +72,8 @@ class Planner:
             return _resting(situation.own.mean[POSITION])
         if tactic is Tactic.COME_DOWN:
             return self.homing.plan(situation, height_m)
+        if tactic is Tactic.ASIDE:
+            return self._step_aside(situation)
         return self._hold(situation)
 
     def _left_behind(self, situation: Situation) -> Wish:
@@ -110,6 +117,15 @@ class Planner:
             plan.approach,
             plan.status,
         )
+
+    def _step_aside(self, situation: Situation) -> Wish:
+        """Leave the ring straight outwards, to where it is in nobody's way; outside of it, or without one, hold."""
+        clear_m = self._config.encirclement.radius_m + ASIDE * self._config.safety.separation_m
+        if self._hold_m is None and situation.polar is not None and situation.polar.radius_m < clear_m:
+            here, bearing_rad = situation.own.mean[POSITION], situation.polar.bearing_rad
+            outward = np.array([cos(bearing_rad), sin(bearing_rad)])
+            self._hold_m = here + (clear_m - situation.polar.radius_m) * outward
+        return self._hold(situation)
 
     def _hold(self, situation: Situation) -> Wish:
         if self._hold_m is None:

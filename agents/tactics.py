@@ -13,6 +13,7 @@ class Tactic(Enum):
     STANDBY = "standby"
     FORMATION = "formation"
     ENCIRCLE = "encircle"
+    ASIDE = "aside"
     HOLD = "hold"
     COME_DOWN = "come down"
     LAND = "land"
@@ -25,9 +26,11 @@ class Event(Enum):
     START = "start"
     ENGAGE = "engage"
     TARGET_LOST = "target lost"
+    STEP_ASIDE = "step aside"
     HOLD = "hold"
     RESUME = "resume"
     END = "end"
+    RETURN = "return"
     LAND = "land"
     FOREIGN_MODE = "foreign mode"
 
@@ -42,18 +45,30 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
     (Tactic.ENCIRCLE, Event.TARGET_LOST): Tactic.HOLD,
     (Tactic.ENCIRCLE, Event.HOLD): Tactic.HOLD,
     (Tactic.ENCIRCLE, Event.LAND): Tactic.LAND,
+    (Tactic.FORMATION, Event.STEP_ASIDE): Tactic.ASIDE,
+    (Tactic.ENCIRCLE, Event.STEP_ASIDE): Tactic.ASIDE,
+    (Tactic.ASIDE, Event.HOLD): Tactic.HOLD,
+    (Tactic.ASIDE, Event.RESUME): Tactic.FORMATION,
+    (Tactic.ASIDE, Event.LAND): Tactic.LAND,
     (Tactic.HOLD, Event.RESUME): Tactic.FORMATION,
     (Tactic.HOLD, Event.LAND): Tactic.LAND,
     (Tactic.STANDBY, Event.END): Tactic.COME_DOWN,
     (Tactic.FORMATION, Event.END): Tactic.COME_DOWN,
     (Tactic.ENCIRCLE, Event.END): Tactic.COME_DOWN,
     (Tactic.HOLD, Event.END): Tactic.COME_DOWN,
+    (Tactic.ASIDE, Event.END): Tactic.COME_DOWN,
+    (Tactic.STANDBY, Event.RETURN): Tactic.COME_DOWN,
+    (Tactic.FORMATION, Event.RETURN): Tactic.COME_DOWN,
+    (Tactic.ENCIRCLE, Event.RETURN): Tactic.COME_DOWN,
+    (Tactic.ASIDE, Event.RETURN): Tactic.COME_DOWN,
+    (Tactic.HOLD, Event.RETURN): Tactic.COME_DOWN,
     (Tactic.COME_DOWN, Event.HOLD): Tactic.HOLD,
     (Tactic.COME_DOWN, Event.LAND): Tactic.LAND,
     (Tactic.COME_DOWN, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.STANDBY, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.FORMATION, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.ENCIRCLE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
+    (Tactic.ASIDE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.HOLD, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.STOOD_DOWN, Event.RESUME): Tactic.FORMATION,
 }

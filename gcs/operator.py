@@ -4,16 +4,14 @@ import asyncio
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from getpass import getuser
+from random import randrange
 from time import monotonic
-from typing import Literal
 
-from agents.messages import TOPICS, MemberState, OperatorCommand, decode, encode
+from agents.messages import TOPICS, MemberState, OperatorCommand, Verb, decode, encode
 from agents.ports import VehicleRefusedError
 from agents.tactics import Tactic
 from agents.zenoh_bus import ZenohBus
 from gcs.mission import Mission
-
-Verb = Literal["hold", "resume", "land"]
 
 _OPERATOR_ID = 0
 _HEARD_TIMEOUT_S = 3.0
@@ -34,6 +32,7 @@ class Operator:
         endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
         self._bus = ZenohBus(_OPERATOR_ID, mission.network.team, connect=endpoints)
         self._heard: dict[int, MemberState] = {}
+        self._number = randrange(2**32)
 
     async def command(self, verb: Verb, vehicles: Collection[int], vehicle: int | None) -> dict[int, float | None]:
         """Tell one vehicle, or all (None); return after how many seconds each of `vehicles` obeyed, None if it did not.
@@ -68,7 +67,7 @@ class Operator:
     def _say(self, verb: Verb, vehicle: int | None) -> None:
         # The team's clock may run faster than the wall's: the newest time heard is the only one to go by.
         now_s = max(state.time_s for state in self._heard.values())
-        command = OperatorCommand(now_s, verb, vehicle, getuser()[:32])
+        command = OperatorCommand(now_s, verb, vehicle, getuser()[:32], self._number)
         self._bus.publish(TOPICS[OperatorCommand].name, encode(command))
 
     def _hear(self, payload: bytes) -> None:

@@ -397,14 +397,14 @@ def test_a_vehicle_that_stood_down_asks_for_nothing_and_tells_its_peers_so(make_
 def test_a_command_is_for_one_vehicle_or_for_all(vehicle: int | None, obeys: bool, make_config: Maker) -> None:
     pilot = Pilot(make_config(vehicle_id=2))
     pilot.fly(1.0)
-    pilot.core.on_message(encode(OperatorCommand(1.0, "hold", vehicle, "pat")), 1.0)
+    pilot.core.on_message(encode(OperatorCommand(1.0, "hold", vehicle, "pat", 1)), 1.0)
     assert (pilot.core.tactic is Tactic.HOLD) == obeys
 
 
 def test_a_command_of_long_ago_is_dropped(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     pilot.fly(10.0)
-    pilot.core.on_message(encode(OperatorCommand(5.0, "land", None, "pat")), 10.0)
+    pilot.core.on_message(encode(OperatorCommand(5.0, "land", None, "pat", 1)), 10.0)
     assert pilot.core.tactic is Tactic.FORMATION
 
 

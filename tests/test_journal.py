@@ -59,6 +59,8 @@ def status(
         qp=None,
         peers=tuple(peers),
         messages_dropped=0,
+        alert="",
+        notes=(),
     )
 
 

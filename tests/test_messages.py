@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from agents.messages import (
     TOPICS,
     BusMessage,
+    CommandAnswer,
     MemberState,
     Muster,
     NeighbourAngle,
@@ -43,8 +44,9 @@ MEMBER = MemberState(2, 10.0, "formation", (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (
 ANGLE = NeighbourAngle(2, 10.0, 0.5, 0.05, 10.0)
 TARGET = TargetPackage(2, 10.0, (35.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (1, 3))
 MUSTER = Muster(2, 10.0, 12.0)
-COMMAND = OperatorCommand(12.5, "resume", 2, "pat")
-EXAMPLES: list[BusMessage] = [MEMBER, ANGLE, TARGET, MUSTER, COMMAND]
+COMMAND = OperatorCommand(12.5, "resume", 2, "pat", 7)
+ANSWER = CommandAnswer(2, 12.6, 7, "resumed")
+EXAMPLES: list[BusMessage] = [MEMBER, ANGLE, TARGET, MUSTER, COMMAND, ANSWER]
 
 
 def fields(message: BusMessage) -> list[object]:

@@ -19,23 +19,27 @@ EVENTS = (
     Event.LAND,
     Event.FOREIGN_MODE,
     Event.END,
+    Event.RETURN,
+    Event.STEP_ASIDE,
 )
 LETTERS = {
     "F": Tactic.FORMATION,
     "E": Tactic.ENCIRCLE,
+    "A": Tactic.ASIDE,
     "H": Tactic.HOLD,
     "D": Tactic.COME_DOWN,
     "L": Tactic.LAND,
     "S": Tactic.STOOD_DOWN,
 }
 TABLE = {
-    Tactic.STANDBY: "F..H.LSD",
-    Tactic.FORMATION: ".E.H.LSD",
-    Tactic.ENCIRCLE: "..HH.LSD",
-    Tactic.HOLD: "....FLSD",
-    Tactic.COME_DOWN: "...H.LS.",
-    Tactic.LAND: "........",
-    Tactic.STOOD_DOWN: "....F...",
+    Tactic.STANDBY: "F..H.LSDD.",
+    Tactic.FORMATION: ".E.H.LSDDA",
+    Tactic.ENCIRCLE: "..HH.LSDDA",
+    Tactic.ASIDE: "...HFLSDD.",
+    Tactic.HOLD: "....FLSDD.",
+    Tactic.COME_DOWN: "...H.LS...",
+    Tactic.LAND: "..........",
+    Tactic.STOOD_DOWN: "....F.....",
 }
 
 
