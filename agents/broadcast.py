@@ -1,7 +1,5 @@
 """What a vehicle tells its peers, made from what it believes and does: ready to be sent."""
 
-from math import sqrt
-
 from agents.linearize import Polar
 from agents.messages import TOPICS, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
 from agents.outputs import Outgoing
@@ -18,8 +16,6 @@ def member_state(
     at_now = wish.undisturbed_m - wish.rate_m_s * (situation.acting_s - situation.now_s)
     setpoint_x, setpoint_y = at_now.tolist()
     rate_x, rate_y = wish.rate_m_s.tolist()
-    covariance = situation.own.covariance
-    position_sigma_m = sqrt(max(covariance[0, 0], covariance[1, 1]))
     return _outgoing(
         MemberState(
             vehicle_id,
@@ -30,7 +26,7 @@ def member_state(
             (setpoint_x, setpoint_y),
             (rate_x, rate_y),
             altitude_m,
-            position_sigma_m,
+            situation.position_sigma_m,
             alert,
         )
     )

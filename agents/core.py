@@ -4,20 +4,20 @@ What the world says comes in through the `on_...` methods, the time is an argume
 wants done comes back from it: the same object flies over MAVLink, in the simulation, and again from a log.
 """
 
-from math import hypot
-
 import numpy as np
 
 from agents.broadcast import member_state, neighbour_angle, target_package
+from agents.guard import Guard, Guarded
 from agents.homing import assembled
 from agents.inbox import Inbox
 from agents.linearize import polar_from_motion
 from agents.messages import MemberState, NeighbourAngle, OperatorCommand, TargetPackage
+from agents.neighbours import Neighbours
 from agents.outputs import CoreStatus, Note, Outgoing, TickOutput
 from agents.planning import Planner
 from agents.ports import Setpoint
 from agents.settings import AgentConfig
-from agents.situation import Situation, Wish, moved
+from agents.situation import Situation, Wish, moved, shifted
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic
 from agents.team import Team
 from estimation.own import OwnFilter
@@ -27,7 +27,6 @@ from estimation.state import (
     POSITION,
     Sighting,
     Telemetry,
-    Vector,
 )
 from estimation.target import TargetFilter
 
@@ -43,6 +42,8 @@ class VehicleCore:
         self._target = TargetFilter(config.target_filter)
         self._team = Team()
         self._patience = 1.0
+        self._guard = Guard(config)
+        self._neighbours = Neighbours(config)
         self._planner = Planner(config, self._team)
         self._inbox = Inbox(config.vehicle_id, config.slots)
         self._height_m = self._altitude_m = config.take_off_altitude_m
@@ -111,16 +112,20 @@ class VehicleCore:
         self._team.expire(now_s, self._patience)
         situation = self._assess(now_s)
         if situation is None:
-            return TickOutput(None, (), self._status(now_s, None, None))
+            return TickOutput(None, (), self._status(now_s, None, None, None))
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
-        setpoint_m = self._led(wish.setpoint_m, situation)
+        bodies = self._neighbours.bodies(
+            situation, self._height_m, self._team.members(), self._team.lost(now_s, self._config.safety.lost_avoided_s)
+        )
+        guarded = self._guard.check(situation, wish.setpoint_m, bodies)
+        wish, setpoint_m = shifted(wish, guarded.setpoint_m), guarded.setpoint_m
         self._own.command(now_s, setpoint_m)
         x, y = setpoint_m.tolist()
         return TickOutput(
             None if self._tactic is Tactic.STOOD_DOWN else Setpoint((x, y, self._altitude_m)),
             self._messages(situation, wish),
-            self._status(now_s, situation, wish),
+            self._status(now_s, situation, wish, guarded),
         )
 
     def _assess(self, now_s: float) -> Situation | None:
@@ -189,14 +194,6 @@ class VehicleCore:
         if after is Tactic.FORMATION:
             self._formed_s = None
 
-    def _led(self, setpoint_m: Vector, situation: Situation) -> Vector:
-        """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
-        position = situation.acting_motion[POSITION]
-        lead = setpoint_m - position
-        distance = hypot(*lead.tolist())
-        limit = self._config.safety.setpoint_lead_max_m
-        return setpoint_m if distance <= limit else position + lead * (limit / distance)
-
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
         state = member_state(
             self._config.vehicle_id, self._tactic, situation, wish, altitude_m=self._height_m, alert=self._alert
@@ -227,7 +224,9 @@ class VehicleCore:
             return
         self._target.sight(sighting)
 
-    def _status(self, now_s: float, situation: Situation | None, wish: Wish | None) -> CoreStatus:
+    def _status(
+        self, now_s: float, situation: Situation | None, wish: Wish | None, guarded: Guarded | None
+    ) -> CoreStatus:
         notes = tuple(self._notes)
         self._notes.clear()
         target = None if situation is None or situation.target is None else situation.target.mean
@@ -247,4 +246,5 @@ class VehicleCore:
             self._inbox.dropped,
             self._alert,
             notes,
+            guarded,
         )

@@ -5,6 +5,7 @@ from typing import Literal
 import msgspec
 
 from agents.encirclement import Approach
+from agents.guard import Guarded
 from agents.linearize import Polar
 from agents.lmpc import QpStatus
 from agents.messages import MemberState
@@ -49,6 +50,7 @@ class CoreStatus(msgspec.Struct, frozen=True):
     messages_dropped: int
     alert: str
     notes: tuple[Note, ...]
+    guarded: Guarded | None
 
 
 class TickOutput(msgspec.Struct, frozen=True):

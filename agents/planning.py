@@ -82,9 +82,7 @@ class Planner:
 
     def _form(self, situation: Situation) -> Wish:
         config = self._config
-        flying = {*self._team.in_formation(), config.vehicle_id} & set(config.slots)
-        leader = config.formation.leader
-        predecessor_id = predecessor_of(config.vehicle_id, flying, config.slots, leader)
+        predecessor_id = self._predecessor() if config.formation.station == "predecessor" else None
         if predecessor_id != self._predecessor_id:
             self._formation.reset()
             self._predecessor_id = predecessor_id
@@ -96,6 +94,11 @@ class Planner:
             offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
         plan = self._formation.plan(situation.acting_motion, situation.disturbance, predecessor, offset)
         return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
+
+    def _predecessor(self) -> int | None:
+        config = self._config
+        flying = {*self._team.in_formation(), config.vehicle_id} & set(config.slots)
+        return predecessor_of(config.vehicle_id, flying, config.slots, config.formation.leader)
 
     def _own_line(self, at_s: float) -> Predecessor:
         """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""

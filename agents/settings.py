@@ -10,12 +10,26 @@ from estimation.plant import Plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 
 
+def pair(value: object) -> object:
+    """Return a list as a tuple: TOML knows lists only, and strict validation takes no list for a tuple."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _pairs(value: object) -> object:
+    return tuple(map(pair, value)) if isinstance(value, list) else value
+
+
 class FormationSettings(Settings):
-    """Line abreast: spacing between neighbours, the leader and its speed along x, and the weights of (13)."""
+    """Line abreast: spacing between neighbours, the leader and its speed along x, and the weights of (13). The line of
+    the mission begins at `start_m`, the leader's own start unless told otherwise. A vehicle keeps station on its
+    "predecessor", the next one towards the leader, or on the mission's "line" itself.
+    """
 
     spacing_m: float = Field(gt=0.0, le=1000.0)
     speed_m_s: float = Field(ge=0.0, le=20.0)
     leader: int = Field(ge=1, le=254)
+    start_m: Annotated[tuple[float, float], BeforeValidator(pair)] | None = None
+    station: Literal["predecessor", "line"] = "predecessor"
     position_weight: float = Field(1.0, gt=0.0, le=1e6)
     velocity_weight: float = Field(1.0, ge=0.0, le=1e6)
     increment_weight: float = Field(0.5, gt=0.0, le=1e6)
@@ -56,9 +70,26 @@ class DecisionSettings(Settings):
 
 
 class SafetySettings(Settings):
-    """What is never to be exceeded, whatever a tactic wishes."""
+    """What is never to be exceeded, whatever a tactic wishes: the guard changes setpoints so that vehicles keep
+    `separation_m` from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the
+    target (0: none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two
+    altitudes; and below the speed. `uncertainty_sigmas` is how much of the estimates' uncertainty is added,
+    `barrier_rate_per_s` how fast a distance may shrink, relative to what is left of it; `lost_avoided_s` is how long
+    the last place of a silent vehicle is avoided. `guard = false` switches it off: for simulations.
+    """
 
+    guard: bool = True
     separation_m: float = Field(1.0, gt=0.0, le=100.0)
+    vertical_separation_m: float = Field(2.0, gt=0.0, le=100.0)
+    keep_out_m: float = Field(0.0, ge=0.0, le=1000.0)
+    fence_m: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_pairs)] = ()
+    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)
+    acceleration_max_m_s2: float = Field(4.0, gt=0.0, le=20.0)
+    barrier_rate_per_s: float = Field(1.3, gt=0.0, le=5.0)
+    uncertainty_sigmas: float = Field(3.0, ge=0.0, le=10.0)
+    lost_avoided_s: float = Field(60.0, ge=0.0, le=3600.0)
     setpoint_lead_max_m: float = Field(6.0, gt=0.0, le=50.0)
     telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
 
@@ -88,7 +119,7 @@ class AgentConfig:
     `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
     mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
     messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
-    layer's height (None: the flying height).
+    layer's height (None: the flying height), `slots_m` the vehicles' places in a formation that is no line abreast.
     """
 
     vehicle_id: int
@@ -107,11 +138,14 @@ class AgentConfig:
     choreography: ChoreographySettings = field(default_factory=ChoreographySettings)
     home_m: tuple[float, float] | None = None
     layers_from_m: float | None = None
+    slots_m: tuple[tuple[float, float], ...] = ()
 
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
         """Return where `vehicle_id` belongs relative to another member: line abreast, the first slot farthest left."""
-        places = self.slots.index(relative_to) - self.slots.index(vehicle_id)
-        return 0.0, places * self.formation.spacing_m
+        here, there = self.slots.index(vehicle_id), self.slots.index(relative_to)
+        if self.slots_m:
+            return self.slots_m[here][0] - self.slots_m[there][0], self.slots_m[here][1] - self.slots_m[there][1]
+        return 0.0, (there - here) * self.formation.spacing_m
 
     @property
     def clearance_rad(self) -> float:

@@ -1,5 +1,7 @@
 """What a tick decides on, and what comes of it: the situation and the wish, and how both are carried and mixed."""
 
+from math import sqrt
+
 import msgspec
 import numpy as np
 
@@ -24,6 +26,12 @@ class Situation(msgspec.Struct, frozen=True):
     polar: Polar | None
     acting_target: Vector | None
 
+    @property
+    def position_sigma_m(self) -> float:
+        """The standard deviation of the own position, in the worse direction of the axes."""
+        covariance = self.own.covariance
+        return sqrt(max(covariance[0, 0], covariance[1, 1]))
+
 
 class Wish(msgspec.Struct, frozen=True):
     """The setpoint (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about."""
@@ -41,6 +49,14 @@ def moved(motion: Vector, by_s: float) -> Vector:
     later = motion.copy()
     later[POSITION] += motion[VELOCITY] * by_s
     return later
+
+
+def shifted(wish: Wish, setpoint_m: Vector) -> Wish:
+    """Return a wish that was changed into another setpoint: what peers are told of it changes as much."""
+    if setpoint_m is wish.setpoint_m:
+        return wish
+    undisturbed = wish.undisturbed_m + (setpoint_m - wish.setpoint_m)
+    return Wish(setpoint_m, undisturbed, wish.rate_m_s, wish.place, wish.approach, wish.qp)
 
 
 def extrapolated(member: MemberState, at_s: float) -> Predecessor:

@@ -17,12 +17,14 @@ class Team:
     def __init__(self) -> None:
         self._members: dict[int, MemberState] = {}
         self._angles: dict[int, NeighbourAngle] = {}
+        self._lost: dict[int, MemberState] = {}
 
     def hear_member(self, message: MemberState) -> None:
         """Take in a peer's state unless a newer one is known."""
         known = self._members.get(message.sender)
         if known is None or message.time_s > known.time_s:
             self._members[message.sender] = message
+            self._lost.pop(message.sender, None)
 
     def hear_angle(self, message: NeighbourAngle) -> None:
         """Take in a peer's place on the ring unless a newer one is known."""
@@ -31,15 +33,17 @@ class Team:
             self._angles[message.sender] = message
 
     def forget(self, vehicle_id: int) -> None:
-        """Drop a peer whose presence has ended."""
-        self._members.pop(vehicle_id, None)
+        """Drop a peer whose presence has ended; unless it was landing, it is lost: in the air, where nobody knows."""
+        member = self._members.pop(vehicle_id, None)
         self._angles.pop(vehicle_id, None)
+        if member is not None and member.tactic != Tactic.LAND.value:
+            self._lost[vehicle_id] = member
 
     def expire(self, now_s: float, patience: float = 1.0) -> None:
         """Drop what has become too old to act on, which takes `patience` times as long as on the wall's clock."""
         member_s, angle_s = now_s - _MEMBER_AGE_MAX_S * patience, now_s - _ANGLE_AGE_MAX_S * patience
         for sender in [s for s, m in self._members.items() if m.time_s < member_s]:
-            del self._members[sender]
+            self._lost[sender] = self._members.pop(sender)
         for sender in [s for s, a in self._angles.items() if a.time_s < angle_s]:
             del self._angles[sender]
 
@@ -50,6 +54,10 @@ class Team:
     def members(self) -> tuple[MemberState, ...]:
         """Return the newest state of every peer that is known to be there."""
         return tuple(self._members.values())
+
+    def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
+        """Return the last word of every peer that fell silent in the air less than `for_s` ago."""
+        return tuple(member for member in self._lost.values() if now_s - member.time_s < for_s)
 
     def member(self, vehicle_id: int) -> MemberState:
         """Return the newest state of a peer that is known to be there."""

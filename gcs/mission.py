@@ -13,15 +13,11 @@ from agents.settings import (
     EncirclementSettings,
     FormationSettings,
     SafetySettings,
+    pair,
 )
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant import Plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
-
-
-def _pair(value: object) -> object:
-    # TOML knows lists only, and strict validation takes no list for a tuple.
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _port(url: str) -> str:
@@ -44,12 +40,12 @@ def _endpoint(text: str) -> str:
 
 
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
-Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(_pair)]
-Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(_pair)]
+Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
+Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(pair)]
 Velocity = Annotated[float, Field(ge=-20.0, le=20.0)]
-Velocity2 = Annotated[tuple[Velocity, Velocity], BeforeValidator(_pair)]
+Velocity2 = Annotated[tuple[Velocity, Velocity], BeforeValidator(pair)]
 Acceleration = Annotated[float, Field(ge=-10.0, le=10.0)]
-Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(_pair)]
+Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pair)]
 
 
 class MissionSection(Settings):
@@ -143,6 +139,7 @@ class TrueScale(Settings):
 class VehicleSection(Settings):
     """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise; `autopilot` is what its stub plays.
     `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
+    `slot_m` is its place in a formation that is no line abreast: all vehicles have one, or none.
     """
 
     id: int = Field(ge=1, le=254)
@@ -151,6 +148,7 @@ class VehicleSection(Settings):
     endpoint: Annotated[str, AfterValidator(_endpoint)]
     start_m: Metres2
     origin_m: Metres3 | None = None
+    slot_m: Metres2 | None = None
     altitude_m: float = Field(8.0, ge=1.0, le=500.0)
     plant: str = "stub"
     autopilot: Literal["px4", "ardupilot"] = "px4"
@@ -226,7 +224,7 @@ class Mission:
         return AgentConfig(
             vehicle_id=vehicle.id,
             slots=self.ids,
-            line_start_m=self.vehicle(self.formation.leader).section.start_m,
+            line_start_m=self.formation.start_m or self.vehicle(self.formation.leader).section.start_m,
             altitude_m=vehicle.section.altitude_m,
             rate_hz=self.mission.rate_hz,
             communication_radius_m=self.network.range_m,
@@ -240,4 +238,5 @@ class Mission:
             choreography=self.choreography,
             home_m=vehicle.section.start_m,
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
+            slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
         )

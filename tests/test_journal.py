@@ -61,6 +61,7 @@ def status(
         messages_dropped=0,
         alert="",
         notes=(),
+        guarded=None,
     )
 
 

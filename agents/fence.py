@@ -1,0 +1,88 @@
+"""The geofence: a simple polygon in the mission frame that the vehicles stay inside of, and the distances to it."""
+
+from collections.abc import Sequence
+from math import hypot, inf
+
+import msgspec
+
+Corner = tuple[float, float]
+
+
+class NearestPoint(msgspec.Struct, frozen=True):
+    """The point of one edge that is nearest to a place: how far, and the unit vector from it into the fence."""
+
+    distance_m: float
+    inward: Corner
+
+
+class Fence:
+    """A polygon by its corners, in either sense; edges may not cross each other."""
+
+    def __init__(self, corners_m: Sequence[Corner]) -> None:
+        self._edges = tuple(zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True))
+
+    def contains(self, place_m: Corner) -> bool:
+        """Return whether a place is inside: a ray from it to the right crosses an odd number of edges."""
+        x, y = place_m
+        inside = False
+        for (x1, y1), (x2, y2) in self._edges:
+            if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
+                inside = not inside
+        return inside
+
+    def clearance_m(self, place_m: Corner) -> float:
+        """Return the distance to the fence: negative outside."""
+        nearest_m = min(point.distance_m for point in self._points(place_m, 1.0))
+        return nearest_m if self.contains(place_m) else -nearest_m
+
+    def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
+        """Return the nearest point of every edge within reach; from outside that of the nearest edge alone.
+
+        From outside the distance is negative: only the way back in counts then.
+        """
+        if self.contains(place_m):
+            return [point for point in self._points(place_m, 1.0) if point.distance_m <= within_m]
+        nearest = min(self._points(place_m, -1.0), key=lambda point: point.distance_m)
+        return [NearestPoint(-nearest.distance_m, nearest.inward)]
+
+    def _points(self, place_m: Corner, sense: float) -> list[NearestPoint]:
+        return [_nearest(place_m, start, end, sense) for start, end in self._edges]
+
+    def crossed_edges(self) -> tuple[int, int] | None:
+        """Return two edges that cross each other or touch without being neighbours, None for a simple polygon."""
+        count = len(self._edges)
+        for i in range(count):
+            for k in range(i + 2, count):
+                if (i, k) != (0, count - 1) and _meet(*self._edges[i], *self._edges[k]):
+                    return i, k
+        return None
+
+
+def _nearest(place_m: Corner, start: Corner, end: Corner, sense: float) -> NearestPoint:
+    (x, y), (x1, y1), (x2, y2) = place_m, start, end
+    along_x, along_y = x2 - x1, y2 - y1
+    length_m = hypot(along_x, along_y)
+    share = ((x - x1) * along_x + (y - y1) * along_y) / length_m**2
+    share = min(max(share, 0.0), 1.0)
+    away_x, away_y = x - x1 - share * along_x, y - y1 - share * along_y
+    distance_m = hypot(away_x, away_y)
+    if distance_m < 1e-9:  # on the edge itself: either side will do, the other edges say which it is
+        return NearestPoint(0.0, (-along_y / length_m, along_x / length_m))
+    return NearestPoint(distance_m, (sense * away_x / distance_m, sense * away_y / distance_m))
+
+
+def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
+    """Return whether the segments ab and cd have a point in common."""
+    sides = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
+    if sides[0] * sides[1] < 0.0 and sides[2] * sides[3] < 0.0:
+        return True
+    touching = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
+    return any(side == 0.0 and _between(*each) for side, each in zip(sides, touching, strict=True))
+
+
+def _side(a: Corner, b: Corner, c: Corner) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _between(a: Corner, b: Corner, c: Corner) -> bool:
+    return min(a[0], b[0]) <= c[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= c[1] <= max(a[1], b[1])
