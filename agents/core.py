@@ -33,6 +33,10 @@ from estimation.target import TargetFilter
 _EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND, "rtl": Event.RETURN}
 
 
+GUARD_QUIET_S = 5.0
+"""After this long without it the guard's next intervention is news again."""
+
+
 class VehicleCore:
     """Estimates, decides and plans for one vehicle."""
 
@@ -53,6 +57,7 @@ class VehicleCore:
         self._sightings: list[Sighting] = []
         self._alert = ""
         self._notes: list[Note] = []
+        self._guarding_s = -np.inf
         self._now_s = 0.0
         # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
         self._acts_after_s = config.plant.delay_s + 0.5 / config.rate_hz
@@ -119,11 +124,12 @@ class VehicleCore:
             situation, self._height_m, self._team.members(), self._team.lost(now_s, self._config.safety.lost_avoided_s)
         )
         guarded = self._guard.check(situation, wish.setpoint_m, bodies)
+        self._note_guard(now_s, guarded)
         wish, setpoint_m = shifted(wish, guarded.setpoint_m), guarded.setpoint_m
         self._own.command(now_s, setpoint_m)
         x, y = setpoint_m.tolist()
         return TickOutput(
-            None if self._tactic is Tactic.STOOD_DOWN else Setpoint((x, y, self._altitude_m)),
+            None if self._tactic is Tactic.STOOD_DOWN else Setpoint((x, y, self._guard.altitude_m(self._altitude_m))),
             self._messages(situation, wish),
             self._status(now_s, situation, wish, guarded),
         )
@@ -193,6 +199,13 @@ class VehicleCore:
         self._own.turn_disturbance(self._config.encirclement.angular_rate_rad_s if on_ring else 0.0)
         if after is Tactic.FORMATION:
             self._formed_s = None
+
+    def _note_guard(self, now_s: float, guarded: Guarded) -> None:
+        """Note when the guard begins to change setpoints, and why; not again while it goes on and off."""
+        if guarded.causes:
+            if now_s - self._guarding_s > GUARD_QUIET_S:
+                self._notes.append(Note(now_s, "guard", ", ".join(cause.words for cause in guarded.causes)))
+            self._guarding_s = now_s
 
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
         state = member_state(

@@ -74,6 +74,12 @@ class Guard:
                 return self._kept(position, lead, reached, rows, broken)
         return Guarded(position + reached, GuardStatus.CHANGED, broken) if broken else Guarded(wish_m)
 
+    def altitude_m(self, wish_m: float) -> float:
+        """Return the altitude nearest to the wish that is inside the band."""
+        low, high = self._safety.altitude_min_m, self._safety.altitude_max_m
+        wish_m = wish_m if high is None else min(wish_m, high)
+        return wish_m if low is None else max(wish_m, low)
+
     def _kept(
         self, position: Vector, lead: Vector, reached: Vector, rows: "_Rows", broken: tuple[Cause, ...]
     ) -> Guarded:

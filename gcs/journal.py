@@ -10,7 +10,7 @@ from agents.outputs import CoreStatus
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.compose import target_motion
 from gcs.mission import Mission
-from gcs.record import FlightRecord, LoopStatistics, VehicleTrack
+from gcs.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
 from sitl.server import TruthTrack
 
 _GAP_MAX_S = 1.0
@@ -38,11 +38,13 @@ class Journal:
         self._mission = mission
         self._seen: defaultdict[int, _Sightings] = defaultdict(_Sightings)
         self._tick_us: list[float] = []
+        self._guard = GuardTally()
         self.latest: dict[int, CoreStatus] = {}
 
     def note(self, status: CoreStatus, tick_us: float) -> None:
         """Note one tick."""
         self._tick_us.append(tick_us)
+        self._guard.note(status.guarded)
         self.latest[status.vehicle_id] = status
         if status.motion is not None:
             self._seen[status.vehicle_id].add(status.time_s, status.motion, status.tactic.value)
@@ -84,6 +86,7 @@ class Journal:
             vehicles=tracks,
             loop=LoopStatistics(mission.mission.rate_hz, ticks, missed, np.array(self._tick_us)),
             wall_time_s=wall_time_s,
+            guard=self._guard,
         )
 
     def _track(self, vehicle_id: int, seen: _Sightings, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:

@@ -248,7 +248,8 @@ def _loop_line(result: FlightResult) -> Text:
     if loop.tick_p50_us is not None and loop.tick_p99_us is not None:
         parts.append(f"a tick took {loop.tick_p50_us:.0f} µs (median), {loop.tick_p99_us:.0f} µs (99 %)")
     if result.guard_interventions is not None:
-        parts.append(f"guard interventions: {result.guard_interventions}")
+        causes = ", ".join(f"{cause} {count}" for cause, count in result.guard_causes.items())
+        parts.append(f"guard interventions: {result.guard_interventions}" + (f" ({causes})" if causes else ""))
     return Text("; ".join(parts), style="dim")
 
 

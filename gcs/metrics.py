@@ -66,9 +66,8 @@ def evaluate(
     ring: RingReference,
     formation: FormationReference,
     tolerances: VerdictTolerances,
-    guard_interventions: int | None = None,
 ) -> FlightResult:
-    """Compute the metrics and verdicts of a flight; `guard_interventions` is passed on, None if unknown."""
+    """Compute the metrics and verdicts of a flight."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
     engaged_s = [time_s for time_s in engagement_times_s(record) if time_s is not None]
     motion = ring_motion(record)
@@ -89,7 +88,8 @@ def evaluate(
         vehicles=vehicles,
         ring=ring_result,
         closest_approach_m=closest_m,
-        guard_interventions=guard_interventions,
+        guard_interventions=None if record.guard is None else record.guard.interventions,
+        guard_causes={} if record.guard is None else dict(record.guard.causes),
         loop=LoopResult.of(record.loop),
         verdicts=judge(vehicles, ring_result, closest_m, ring, tolerances),
         wall_time_s=record.wall_time_s,

@@ -38,6 +38,7 @@ from gcs.mission import (
     VehicleSection,
     VerdictSection,
 )
+from gcs.mission_geometry import IndexedVehicles, altitudes_fit, fence_fits, limits_agree, slots_fit
 
 LAYER_LEAST_M = 1.0
 _BUNDLED = Path(__file__).parent / "missions"
@@ -212,6 +213,7 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
             yield f"formation.leader: no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
     if isinstance(safety, SafetySettings):
         yield from _separated(known, safety, formation, ring, len(vehicles))
+        yield from _inside_limits(sections, known, safety)
     frame = sections.get("frame")
     if isinstance(frame, FrameSection):
         yield from _located(frame, known)
@@ -225,6 +227,23 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
         yield from _within_reach(ring)
     if isinstance(ring, EncirclementSettings) and isinstance(target, TargetSection):
         yield from _fast_enough(ring, target)
+
+
+def _inside_limits(
+    sections: dict[str, Settings | None], vehicles: IndexedVehicles, safety: SafetySettings
+) -> Iterator[str]:
+    mission, formation, ring, target = (
+        sections.get(name) for name in ("mission", "formation", "encirclement", "target")
+    )
+    ring = ring if isinstance(ring, EncirclementSettings) else None
+    target = target if isinstance(target, TargetSection) else None
+    mission = mission if isinstance(mission, MissionSection) else None
+    yield from slots_fit(vehicles, safety)
+    yield from limits_agree(safety, ring, formation if isinstance(formation, FormationSettings) else None)
+    layers = sections.get("choreography")
+    layer_m = layers.layer_m if isinstance(layers, ChoreographySettings) else 0.0
+    yield from altitudes_fit(vehicles, safety, layer_m)
+    yield from fence_fits(safety, vehicles, ring, target, mission)
 
 
 def _exclusive_part(url: str) -> str:
@@ -260,7 +279,8 @@ def _separated(
             yield (
                 f"vehicles[{k}].start_m: {distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m"
             )
-    if isinstance(formation, FormationSettings) and count > 1 and formation.spacing_m < least:
+    in_line = all(vehicle.slot_m is None for _, vehicle in vehicles)
+    if isinstance(formation, FormationSettings) and count > 1 and in_line and formation.spacing_m < least:
         yield f"formation.spacing_m: {formation.spacing_m} m is less than safety.separation_m = {least} m"
     if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
         yield (

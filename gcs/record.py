@@ -1,9 +1,11 @@
 """The record of a flight: what metrics, figures and reports are computed from."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from agents.guard import Guarded
 from estimation.state import Vector
 
 
@@ -31,11 +33,26 @@ class LoopStatistics:
     tick_us: Vector = field(default_factory=lambda: np.empty(0))
 
 
+@dataclass(slots=True)
+class GuardTally:
+    """Counts the setpoints of all vehicles that the guard changed, and by cause: one may have several."""
+
+    interventions: int = 0
+    causes: Counter[str] = field(default_factory=Counter)
+
+    def note(self, guarded: Guarded | None) -> None:
+        """Count one tick."""
+        if guarded is not None and guarded.causes:
+            self.interventions += 1
+            self.causes.update(cause.words for cause in guarded.causes)
+
+
 @dataclass(frozen=True, slots=True)
 class FlightRecord:
     """A whole flight on an even grid `time_s` (T,) since the mission's start; the target's motion has shape (T, 2).
 
-    `source` is simulation, sitl or flight; `reference` is truth or estimate: what the positions are.
+    `source` is simulation, sitl or flight; `reference` is truth or estimate: what the positions are; `guard` is what
+    the guard did, None if unknown.
     """
 
     mission: str
@@ -48,3 +65,4 @@ class FlightRecord:
     vehicles: tuple[VehicleTrack, ...]
     loop: LoopStatistics
     wall_time_s: float
+    guard: GuardTally | None = None

@@ -153,6 +153,7 @@ class FlightResult:
     ring: RingResult
     closest_approach_m: float | None
     guard_interventions: int | None
+    guard_causes: dict[str, int]
     loop: LoopResult
     verdicts: Verdicts
     wall_time_s: float | None

@@ -10,7 +10,7 @@ from agents.outputs import TickOutput
 from estimation.state import POSITION, VELOCITY
 from gcs.compose import target_motion, target_sensor
 from gcs.mission import Mission
-from gcs.record import FlightRecord, LoopStatistics, VehicleTrack
+from gcs.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
 from sitl.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 
 
@@ -19,8 +19,11 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
     rate_hz = mission.mission.rate_hz
     tactics = np.full((round(duration_s * rate_hz) + 1, len(mission.vehicles)), "unknown", dtype="<U16")
 
+    guard = GuardTally()
+
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
         tactics[tick, vehicle] = output.status.tactic.value
+        guard.note(output.status.guarded)
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     began_s = perf_counter()
@@ -33,7 +36,7 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
         observe=observe,
         progress=progress,
     )
-    return _record(mission, seed, flight, tactics, perf_counter() - began_s)
+    return _record(mission, seed, flight, tactics, guard, perf_counter() - began_s)
 
 
 def _vehicles(mission: Mission, seed: int) -> list[SimulatedVehicle[TickOutput]]:
@@ -63,6 +66,7 @@ def _record(
     seed: int,
     flight: SimulatedFlight,
     tactics: "np.ndarray[tuple[int, int], np.dtype[np.str_]]",
+    guard: GuardTally,
     wall_time_s: float,
 ) -> FlightRecord:
     target = target_motion(mission)
@@ -86,4 +90,5 @@ def _record(
         vehicles=tracks,
         loop=LoopStatistics(mission.mission.rate_hz, flight.tick_us.size, 0, flight.tick_us.ravel()),
         wall_time_s=wall_time_s,
+        guard=guard,
     )

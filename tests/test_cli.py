@@ -27,8 +27,8 @@ HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlin
 
 RESULT_KEYS = {
     "": (
-        "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions loop "
-        "verdicts wall_time_s realtime_factor"
+        "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions "
+        "guard_causes loop verdicts wall_time_s realtime_factor"
     ),
     "vehicles": (
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
@@ -230,7 +230,7 @@ def test_a_misspelt_option_is_an_exit_code_of_the_process_and_a_hint_on_standard
 
 
 def test_an_unknown_mission_names_the_bundled_ones(refused: Refused) -> None:
-    known = "ardupilot-trio, case1, case2, case2-field, mixed-team, px4-trio"
+    known = "ardupilot-trio, case1, case2, case2-field, crossing, mixed-team, px4-trio"
     assert refused("sim", "case9") == [f"case9: No such file or directory; bundled missions: {known}"]
 
 
@@ -418,7 +418,7 @@ def test_ctrl_c_before_take_off_ends_the_search_for_vehicles(own_ports: str) -> 
 
 @pytest.mark.parametrize("gone", ["stdout", "stderr"])
 def test_a_reader_that_has_gone_ends_nothing(gone: str, mission: Callable[..., str]) -> None:
-    command = [sys.executable, "-m", "gcs", "sim", mission(("duration_s = 240.0", "duration_s = 20.0")), "--json"]
+    command = [sys.executable, "-m", "gcs", "sim", mission(("duration_s = 600.0", "duration_s = 20.0")), "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()) as process:
         streams = {"stdout": process.stdout, "stderr": process.stderr}
         lost = streams.pop(gone)
@@ -434,7 +434,7 @@ def test_a_reader_that_has_gone_ends_nothing(gone: str, mission: Callable[..., s
 
 
 def test_ctrl_c_ends_a_simulation_without_a_traceback(mission: Callable[..., str]) -> None:
-    endless = mission(("duration_s = 240.0", "duration_s = 86400.0"))
+    endless = mission(("duration_s = 600.0", "duration_s = 86400.0"))
     command = [sys.executable, "-m", "gcs", "sim", endless]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment()) as process:
         with pytest.raises(subprocess.TimeoutExpired):

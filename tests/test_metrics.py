@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from dataclasses import replace
 from math import pi, radians, sqrt, tau
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from estimation.state import Vector
 from gcs.metrics import engagement_times_s, evaluate, ring_motion
-from gcs.record import FlightRecord, LoopStatistics, VehicleTrack
+from gcs.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
 from gcs.result import FlightResult, FormationReference, RingReference, VerdictTolerances
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -36,6 +37,7 @@ KEYS = [
     "ring",
     "closest_approach_m",
     "guard_interventions",
+    "guard_causes",
     "loop",
     "verdicts",
     "wall_time_s",
@@ -437,8 +439,9 @@ def test_no_rigid_motion_of_the_world_changes_the_ring_metrics(
 
 
 def test_json_has_the_documented_keys_in_their_order() -> None:
-    flown = record(*ring_of_three(), tick_us=np.arange(101.0))
-    result = evaluate(flown, RING, FORMATION, TOLERANCES, guard_interventions=14)
+    tally = GuardTally(14, Counter({"separation": 13, "speed": 2}))
+    flown = replace(record(*ring_of_three(), tick_us=np.arange(101.0)), guard=tally)
+    result = evaluate(flown, RING, FORMATION, TOLERANCES)
     told = json.loads(result.to_json())
     assert list(told) == KEYS
     assert list(told["vehicles"][0]) == VEHICLE_KEYS

@@ -1,0 +1,130 @@
+"""Whether a mission fits into its own limits: fence, altitude band, keep-out disc and speeds, before anything flies."""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from math import dist, hypot
+
+import numpy as np
+
+from agents.fence import Fence
+from agents.settings import EncirclementSettings, FormationSettings, SafetySettings
+from gcs.mission import MissionSection, TargetSection, VehicleSection
+
+_PATH_POINTS = 200
+
+IndexedVehicles = Sequence[tuple[int, VehicleSection]]
+
+
+def slots_fit(vehicles: IndexedVehicles, safety: SafetySettings) -> Iterator[str]:
+    """Check that all vehicles have a place in the formation of their own, or none, and that places are apart."""
+    placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
+    if placed and len(placed) < len(vehicles):
+        i = next(i for i, vehicle in vehicles if vehicle.slot_m is None)
+        yield f"vehicles[{i}].slot_m: this key is missing; vehicles[{placed[0][0]}] has one: all have one, or none"
+    for (i, one_m), (k, other_m) in combinations(placed, 2):
+        apart_m = dist(one_m, other_m)
+        if apart_m < safety.separation_m:
+            yield (
+                f"vehicles[{k}].slot_m: {apart_m:.2f} m from vehicles[{i}]'s, less than "
+                f"safety.separation_m = {safety.separation_m} m"
+            )
+
+
+def limits_agree(
+    safety: SafetySettings, ring: EncirclementSettings | None, formation: FormationSettings | None
+) -> Iterator[str]:
+    """Check that no limit contradicts another, or what the tactics need."""
+    low, high = safety.altitude_min_m, safety.altitude_max_m
+    if low is not None and high is not None and low >= high:
+        yield f"safety.altitude_min_m: {low} m is not below altitude_max_m = {high} m"
+    if ring is not None and safety.keep_out_m >= ring.radius_m:
+        yield (
+            f"safety.keep_out_m: {safety.keep_out_m} m about the target leaves no room for the ring of "
+            f"encirclement.radius_m = {ring.radius_m} m"
+        )
+    along_m_s = 0.0 if ring is None else abs(ring.angular_rate_rad_s) * ring.radius_m
+    if ring is not None and along_m_s > ring.speed_max_m_s:
+        return  # the ring contradicts itself, which is told already
+    line_m_s = 0.0 if formation is None else formation.speed_m_s
+    for needed_m_s, what in ((along_m_s, "the ring"), (line_m_s, "the formation")):
+        if needed_m_s > safety.speed_max_m_s:
+            yield f"safety.speed_max_m_s: {safety.speed_max_m_s} m/s is less than the {needed_m_s:.2f} m/s of {what}"
+    inwards_m_s2 = 0.0 if ring is None else along_m_s**2 / ring.radius_m
+    if inwards_m_s2 > safety.acceleration_max_m_s2:
+        yield (
+            f"safety.acceleration_max_m_s2: {safety.acceleration_max_m_s2} m/s² is less than v²/R = "
+            f"{inwards_m_s2:.2f} m/s² of the ring"
+        )
+
+
+def altitudes_fit(vehicles: IndexedVehicles, safety: SafetySettings, layer_m: float) -> Iterator[str]:
+    """Check that the vehicles fly inside the altitude band, and their layers too."""
+    low, high = safety.altitude_min_m, safety.altitude_max_m
+    if vehicles and high is not None and layer_m > 0.0:
+        highest_m = max(vehicle.altitude_m for _, vehicle in vehicles) + len(vehicles) * layer_m
+        if highest_m > high:
+            yield (
+                f"safety.altitude_max_m: {high} m is below the highest layer, {highest_m:g} m, of choreography.layer_m "
+                f"= {layer_m} m"
+            )
+    for i, vehicle in vehicles:
+        if low is not None and vehicle.altitude_m < low:
+            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is below safety.altitude_min_m = {low} m"
+        if high is not None and vehicle.altitude_m > high:
+            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is above safety.altitude_max_m = {high} m"
+
+
+def fence_fits(
+    safety: SafetySettings,
+    vehicles: IndexedVehicles,
+    ring: EncirclementSettings | None,
+    target: TargetSection | None,
+    mission: MissionSection | None,
+) -> Iterator[str]:
+    """Check the polygon, and that starts, target path and ring lie inside."""
+    corners = safety.fence_m
+    if not corners:
+        return
+    faults = list(_sound(corners))
+    yield from faults
+    if faults:
+        return
+    fence = Fence(corners)
+    for i, vehicle in vehicles:
+        clearance_m = fence.clearance_m(vehicle.start_m)
+        if clearance_m < 0.0:
+            yield f"vehicles[{i}].start_m: {_at(vehicle.start_m)} is {-clearance_m:.2f} m outside of safety.fence_m"
+    if target is not None and mission is not None:
+        yield from _around_target(fence, 0.0 if ring is None else ring.radius_m, target, mission.duration_s)
+
+
+def _sound(corners: Sequence[tuple[float, float]]) -> Iterator[str]:
+    if len(corners) < 3:
+        yield f"safety.fence_m: a fence needs at least 3 corners (given: {len(corners)})"
+        return
+    for i, (one, other) in enumerate(zip(corners, (*corners[1:], corners[0]), strict=True)):
+        if dist(one, other) < 1e-6:
+            yield f"safety.fence_m: corners {i} and {(i + 1) % len(corners)} are the same, {_at(one)}"
+            return
+    crossed = Fence(corners).crossed_edges()
+    if crossed is not None:
+        yield f"safety.fence_m: the edges from corner {crossed[0]} and from corner {crossed[1]} meet: order the corners"
+
+
+def _around_target(fence: Fence, radius_m: float, target: TargetSection, duration_s: float) -> Iterator[str]:
+    """Check target path and ring, and say when the first of them leaves the fence, and where."""
+    times_s = np.linspace(0.0, duration_s if hypot(*target.velocity_m_s) > 0.0 else 0.0, _PATH_POINTS).tolist()
+    for time_s in times_s:
+        x, y = (start + rate * time_s for start, rate in zip(target.start_m, target.velocity_m_s, strict=True))
+        room_m = fence.clearance_m((x, y))
+        if room_m < radius_m:
+            what = "the target's path" if room_m < 0.0 else f"the ring of {radius_m} m around it"
+            yield (
+                f"safety.fence_m: {what} is {radius_m - room_m if room_m >= 0.0 else -room_m:.2f} m outside, "
+                f"with the target at {_at((x, y))} after {time_s:.0f} s"
+            )
+            return
+
+
+def _at(place_m: tuple[float, float]) -> str:
+    return f"({place_m[0]:g}, {place_m[1]:g})"
