@@ -24,7 +24,8 @@ MUSTER_TIMEOUT_S = 120.0
 ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats come once a second: after this, an arming that was under way has been heard of."""
 HOLD_BEFORE_LANDING_S = 3.0
-CLOCK_OFFSET_LIMIT_S = 0.5
+CLOCKS_TIMEOUT_S = 1.2
+"""How long a take-off waits to hear the clocks of the peers that are there [wall s]: one may still be connecting."""
 _MUSTER_PERIOD_S = TOPICS[Muster].period_s
 
 
@@ -96,6 +97,8 @@ class Agent:
         self._altitude_m = altitude_m
         self._assembly = Assembly(vehicle_id, members)
         self._clocks = PeerClocks()
+        self._present: set[int] = set()
+        self._announcing: asyncio.Task[None] | None = None
         self._period_s = 1.0 / rate_hz
         self._ticker: Ticker | None = None
         self._make_sensor = sensor
@@ -133,8 +136,12 @@ class Agent:
 
     async def connect(self) -> None:
         """Reach the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
-        await self._bus.open(self._hear, self._core.on_presence)
+        await self._bus.open(self._hear, self._note_presence)
         await self._link.connect(self._sense)
+
+    def announce(self) -> None:
+        """Tell the peers the time from now on, and compare with theirs: once connected, with the clock at its speed."""
+        self._announcing = self._announcing or asyncio.create_task(self._announce())
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from the ground to the ground: whatever happens, it comes down or is handed over."""
@@ -142,7 +149,7 @@ class Agent:
         outcome = Outcome(Ending.COMPLETED)
         try:
             outcome = _STOPPED
-            self._require_one_time()
+            await self._compare_clocks()
             if await self._took_off(stop):
                 self._flying = True
                 outcome = await self._control_until_end(duration_s, stop)
@@ -162,6 +169,7 @@ class Agent:
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
+        self._fall_silent()
         await self._bus.close()
         await self._link.close()
 
@@ -231,9 +239,10 @@ class Agent:
             await self._sleep(self._period_s)
 
     async def _assemble_and_fly(self, duration_s: float) -> Outcome:
+        self._fall_silent()  # from here on it says that it is ready
         deadline_s = self._clock.now_s() + MUSTER_TIMEOUT_S
         while self._assembly.start_s is None or self._clock.now_s() < self._assembly.start_s:
-            self._require_one_time()
+            self._clocks.require_one_time()
             now_s = self._clock.now_s()
             if self._assembly.start_s is None and now_s > deadline_s:
                 missing = ", ".join(map(str, self._assembly.missing(now_s)))
@@ -241,7 +250,7 @@ class Agent:
                     f"vehicles not heard on the bus within {MUSTER_TIMEOUT_S:.0f} s: {missing}",
                     "start their agents, or check the vehicles' endpoints in the mission file",
                 )
-            self._bus.publish(TOPICS[Muster].name, encode(self._assembly.speak(now_s)))
+            self._say(self._assembly.speak(now_s))
             await self._sleep(_MUSTER_PERIOD_S)
         start_s = self._assembly.start_s
         self._sensor = self._make_sensor(start_s)
@@ -346,7 +355,7 @@ class Agent:
 
     def _hear(self, payload: bytes) -> None:
         self._core.on_message(payload, self._clock.now_s())
-        if self._sensor is None:
+        if self._announcing is not None and self._sensor is None:  # before, this clock has not got its speed
             with suppress(ValueError):
                 message = decode(payload)
                 if isinstance(message, Muster):
@@ -358,15 +367,29 @@ class Agent:
         if abs(lag_s) < TOPICS[Muster].age_max_s:
             self._assembly.hear(message)
 
-    def _require_one_time(self) -> None:
-        """Refuse to fly with a peer whose clock is another: what it says would be too old, or of tomorrow."""
-        for peer, lag_s in self._clocks.lags_s().items():
-            if abs(lag_s) > CLOCK_OFFSET_LIMIT_S:
-                side = "ahead of" if lag_s > 0.0 else "behind"
-                raise VehicleRefusedError(
-                    f"this computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
-                    "let both computers' clocks be set by one time server (chrony, NTP), then fly again",
-                )
+    def _note_presence(self, vehicle_id: int, present: bool) -> None:
+        (self._present.add if present else self._present.discard)(vehicle_id)
+        self._core.on_presence(vehicle_id, present)
+
+    async def _announce(self) -> None:
+        while True:
+            self._say(self._assembly.speak(self._clock.now_s(), ready=False))
+            await self._sleep(_MUSTER_PERIOD_S)
+
+    def _fall_silent(self) -> None:
+        if self._announcing is not None:
+            self._announcing.cancel()
+
+    def _say(self, message: Muster) -> None:
+        self._bus.publish(TOPICS[Muster].name, encode(message))
+
+    async def _compare_clocks(self) -> None:
+        """Compare with every peer that is there, while all are on the ground; those that come later do so then."""
+        self.announce()
+        end_s = self._clock.now_s() + CLOCKS_TIMEOUT_S * self._clock.speed
+        while self._clocks.unjudged(self._present & self._assembly.others) and self._clock.now_s() < end_s:
+            await self._sleep(_MUSTER_PERIOD_S)
+        self._clocks.require_one_time()
 
     async def _sleep(self, mission_s: float) -> None:
         await asyncio.sleep(max(mission_s, 0.0) / self._clock.speed)

@@ -67,11 +67,15 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
 
 
 class Muster(msgspec.Struct, frozen=True, array_like=True, tag="muster"):
-    """A vehicle that is up and ready, and the mission's start it proposes (None: not everybody is ready yet)."""
+    """A vehicle that is there, and the mission's start it proposes (None: not everybody is ready yet).
+
+    It is `ready` once it is up; on the ground it only lets the others compare their clocks with its own.
+    """
 
     sender: _Id
     time_s: _Time
     start_s: _Time | None
+    ready: bool = True
 
 
 class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):

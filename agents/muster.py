@@ -1,13 +1,15 @@
 """Agreeing on the mission's start without a leader: everybody proposes, the earliest proposal holds."""
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 from agents.messages import TOPICS, Muster
+from agents.ports import VehicleRefusedError
 
 LEAD_TIME_S = 2.0
 """How far ahead a start is proposed: longer than a proposal takes to reach everybody."""
 HEARD_LEAST = 5
+CLOCK_OFFSET_LIMIT_S = 0.5
 _AGE_MAX_S = TOPICS[Muster].age_max_s
 
 
@@ -30,6 +32,23 @@ class PeerClocks:
         """Return the least lag by peer, of those that have been heard often enough to be judged."""
         return {sender: lag_s for sender, lag_s in self._least_s.items() if self._count[sender] >= HEARD_LEAST}
 
+    def unjudged(self, peers: Iterable[int]) -> list[int]:
+        """Return which of `peers` have not been heard often enough yet."""
+        return sorted(peer for peer in peers if self._count[peer] < HEARD_LEAST)
+
+    def require_one_time(self) -> None:
+        """Refuse to fly with a peer whose clock is another: what it says would be too old, or of tomorrow.
+
+        Raises VehicleRefusedError.
+        """
+        for peer, lag_s in self.lags_s().items():
+            if abs(lag_s) > CLOCK_OFFSET_LIMIT_S:
+                side = "ahead of" if lag_s > 0.0 else "behind"
+                raise VehicleRefusedError(
+                    f"this computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
+                    "let both computers' clocks be set by one time server (chrony, NTP), then fly again",
+                )
+
 
 class Assembly:
     """One vehicle's view of who is up and ready, and of the start agreed on.
@@ -40,7 +59,7 @@ class Assembly:
 
     def __init__(self, vehicle_id: int, members: Collection[int]) -> None:
         self._vehicle_id = vehicle_id
-        self._others = frozenset(members) - {vehicle_id}
+        self.others = frozenset(members) - {vehicle_id}
         self._heard_s: dict[int, float] = {}
         self._start_s: float | None = None
 
@@ -51,18 +70,20 @@ class Assembly:
 
     def missing(self, now_s: float) -> list[int]:
         """Return who has not been heard lately."""
-        return sorted(i for i in self._others if now_s - self._heard_s.get(i, -_AGE_MAX_S) >= _AGE_MAX_S)
+        return sorted(i for i in self.others if now_s - self._heard_s.get(i, -_AGE_MAX_S) >= _AGE_MAX_S)
 
     def hear(self, message: Muster) -> None:
-        """Take in a peer's readiness and proposal."""
-        if message.sender not in self._others:
+        """Take in a peer's readiness and proposal; who is not ready yet says nothing about the start."""
+        if message.sender not in self.others or not message.ready:
             return
         self._heard_s[message.sender] = max(message.time_s, self._heard_s.get(message.sender, message.time_s))
         if message.start_s is not None:
             self._start_s = message.start_s if self._start_s is None else min(self._start_s, message.start_s)
 
-    def speak(self, now_s: float) -> Muster:
+    def speak(self, now_s: float, *, ready: bool = True) -> Muster:
         """Return what to tell the peers now."""
+        if not ready:
+            return Muster(self._vehicle_id, now_s, None, ready=False)
         if self._start_s is None and not self.missing(now_s):
             self._start_s = now_s + LEAD_TIME_S
         return Muster(self._vehicle_id, now_s, self._start_s)

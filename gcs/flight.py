@@ -174,15 +174,30 @@ async def _prepare(team: Sequence[_Member], plan: FlightPlan, clock: MissionCloc
     await _connect(team)
     if plan.speed is None:
         await _find_speed(team, clock)
+    for member in team:
+        member.agent.announce()
     await _check(team, plan.mission, tell)
 
 
 async def _connect(team: Sequence[_Member]) -> None:
-    """Reach everybody, or refuse with the first reason."""
+    """Reach everybody, or refuse with the reason of each that cannot be reached."""
     results = await asyncio.gather(*(member.agent.connect() for member in team), return_exceptions=True)
-    for result in results:
-        if isinstance(result, BaseException):
+    refused: list[tuple[_Member, VehicleRefusedError]] = []
+    for member, result in zip(team, results, strict=True):
+        if isinstance(result, VehicleRefusedError):
+            refused.append((member, result))
+        elif isinstance(result, BaseException):
             raise result
+    if len(refused) == 1:
+        raise refused[0][1]
+    if refused:
+        raise VehicleRefusedError("\n".join(_told(member.vehicle, refusal) for member, refusal in refused), "")
+
+
+def _told(vehicle: MissionVehicle, refusal: VehicleRefusedError) -> str:
+    """Return one line about a vehicle among several that cannot be reached."""
+    reason = refusal.reason.removeprefix(f"vehicle {vehicle.system_id} ")
+    return f"vehicle {vehicle.id}: {reason}; next: {refusal.next_step}"
 
 
 async def _find_speed(team: Sequence[_Member], clock: MissionClock) -> None:

@@ -182,6 +182,29 @@ async def test_a_peer_whose_computer_has_another_time(
         assert re.fullmatch(r"its computer's clock is 0\.[12]\d s behind that of vehicle 3's", finding.found)
 
 
+async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ahead_s = iter((0.0, 0.7))
+
+    def computers_clock(speed: float) -> MissionClock:
+        clock = MissionClock(speed)
+        clock._offset_s += next(ahead_s)
+        return clock
+
+    monkeypatch.setattr("gcs.flight.MissionClock", computers_clock)
+    mission = load_mission(mission_file("case2"))
+    watched, two = Watched(monkeypatch), mission.vehicles[:2]
+    plans = [FlightPlan(mission, 5.0, (vehicle,), stubs=False, speed=SPEED) for vehicle in two]
+    async with served(stub_configs(mission)[:2], SPEED):
+        flights = await asyncio.gather(*(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans))
+    one, other = (outcome for flight in flights for outcome in flight.outcomes.values())
+    assert (one.ending, one.flew, other.ending, other.flew) == (Ending.REFUSED, False, Ending.REFUSED, False)
+    assert re.fullmatch(r"this computer's clock is 0\.[67]\d s behind that of vehicle 2's", one.reason)
+    assert re.fullmatch(r"this computer's clock is 0\.[67]\d s ahead of that of vehicle 1's", other.reason)
+    assert "arm" not in watched.asked
+
+
 @asynccontextmanager
 async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -> AsyncIterator[None]:
     """Let one vehicle be up and ready on a computer whose clock is ahead, and never propose a start."""

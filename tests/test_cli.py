@@ -356,6 +356,18 @@ def test_a_vehicle_that_is_not_heard_is_a_refusal_with_a_next_step(own_ports: st
 
 
 @pytest.mark.wire
+def test_all_vehicles_that_cannot_be_reached_are_named_one_a_line(own_ports: str, taken: Callable[..., None]) -> None:
+    ports = ports_of(own_ports, "url")
+    taken(ports[1], socket.SOCK_DGRAM)
+    ran = cordon("fly", own_ports, "--json")
+    assert (ran.code, ran.out) == (3, "")
+    first, second, third = ran.err.splitlines()[-3:]
+    assert first.startswith(f"vehicle 1: no heartbeat on udpin://127.0.0.1:{ports[0]} within 10 s; next: ")
+    assert second.startswith(f"vehicle 2: udp port {ports[1]} of udpin://127.0.0.1:{ports[1]} is taken; next: ")
+    assert third.startswith(f"vehicle 3: no heartbeat on udpin://127.0.0.1:{ports[2]} within 10 s; next: ")
+
+
+@pytest.mark.wire
 def test_a_vehicles_port_that_is_taken_is_a_refusal(own_ports: str, taken: Callable[..., None]) -> None:
     port = ports_of(own_ports, "url")[0]
     taken(port, socket.SOCK_DGRAM)

@@ -37,7 +37,7 @@ messages = st.one_of(
         fractions,
         st.lists(ids, max_size=5).map(tuple),
     ),
-    st.builds(Muster, ids, times, st.none() | times),
+    st.builds(Muster, ids, times, st.none() | times, st.booleans()),
 )
 
 MEMBER = MemberState(2, 10.0, "formation", (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (0.2, 0.0))
@@ -86,7 +86,7 @@ def test_a_mutated_message_never_raises_anything_but_value_error(message: BusMes
 
 
 # An array of one field more, and that one nested without end: to skip it takes recursion.
-BOTTOMLESS = b"\x95" + encode(MUSTER)[1:] + b"\x91" * 100_000
+BOTTOMLESS = b"\x96" + encode(MUSTER)[1:] + b"\x91" * 100_000
 
 
 @pytest.mark.parametrize(

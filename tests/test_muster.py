@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from agents.messages import TOPICS, Muster
 from agents.muster import HEARD_LEAST, LEAD_TIME_S, Assembly, PeerClocks
+from agents.ports import VehicleRefusedError
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[Muster].period_s
@@ -99,6 +100,19 @@ def test_a_vehicle_alone_starts_by_itself() -> None:
     assert Assembly(1, [1]).speak(3.0).start_s == 3.0 + LEAD_TIME_S
 
 
+def test_who_is_not_ready_yet_is_not_there_and_starts_nothing() -> None:
+    assembly, waiting = Assembly(1, (1, 2)), Assembly(2, (1, 2))
+    assembly.hear(waiting.speak(0.1, ready=False))
+    assembly.hear(Muster(2, 0.2, 5.0, ready=False))
+    assert assembly.missing(0.3) == [2]
+    assert assembly.speak(0.3).start_s is None
+    waiting.hear(Muster(1, 0.4, None))
+    assert waiting.speak(0.5, ready=False) == Muster(2, 0.5, None, ready=False)
+    assert waiting.start_s is None
+    assembly.hear(waiting.speak(0.6))
+    assert assembly.start_s == 0.6 + LEAD_TIME_S
+
+
 def test_the_least_lag_tells_how_far_a_peers_clock_is_off_once_it_was_heard_often_enough() -> None:
     clocks = PeerClocks()
     for count in range(1, HEARD_LEAST + 1):
@@ -106,5 +120,22 @@ def test_the_least_lag_tells_how_far_a_peers_clock_is_off_once_it_was_heard_ofte
         clocks.hear(2, 0.3 + 0.1 * count)
     clocks.hear(3, -4.0)
     assert clocks.lags_s() == {2: 0.3 + 0.1}
+    assert clocks.unjudged({2, 3, 4}) == [3, 4]
     clocks.hear(2, -0.5)
     assert clocks.lags_s() == {2: -0.5}
+
+
+@pytest.mark.parametrize(("lag_s", "told"), [(0.51, "0.51 s ahead of"), (-0.51, "0.51 s behind"), (0.49, None)])
+def test_nobody_flies_with_a_peer_of_another_time(lag_s: float, told: str | None) -> None:
+    clocks = PeerClocks()
+    for _ in range(HEARD_LEAST - 1):
+        clocks.hear(3, lag_s)
+    clocks.require_one_time()
+    clocks.hear(3, lag_s)
+    if told is None:
+        clocks.require_one_time()
+        return
+    with pytest.raises(VehicleRefusedError) as refused:
+        clocks.require_one_time()
+    assert refused.value.reason == f"this computer's clock is {told} that of vehicle 3's"
+    assert "chrony" in refused.value.next_step
