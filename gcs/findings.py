@@ -60,6 +60,25 @@ class GpsFix:
 
 
 @dataclass(frozen=True, slots=True)
+class EstimatorReport:
+    """What an estimator says of itself: test ratios by sensor (above 1 it is rejected), and what it knows and not.
+
+    `relative` and `absolute` are horizontal positions, against where it began and on Earth; `wrong` names its errors.
+    Raises ValueError for ratios that are not finite.
+    """
+
+    ratios: Mapping[str, float]
+    relative: bool
+    absolute: bool
+    wrong: tuple[str, ...] = ()
+    glitch: bool = False
+
+    def __post_init__(self) -> None:
+        if not all(map(isfinite, self.ratios.values())):
+            raise ValueError(f"a test ratio of {dict(self.ratios)} is not finite")
+
+
+@dataclass(frozen=True, slots=True)
 class FenceArea:
     """A polygon (or a circle's) of the autopilot's geofence, in the mission frame [m], to stay in or to keep out of."""
 
@@ -77,9 +96,8 @@ class VehicleFacts:
 
     `unreachable` and `lost` hold (reason, next step) of a vehicle that is not to be talked to, and of one that does not
     know its place. Positions are in the mission frame [m], rates are in the autopilot's own time, `clock_ratio` is how
-    many times faster than the wall that runs. A parameter that could not be read is None, so are
-    `fence_areas`. Raises ValueError for numbers
-    that are not finite.
+    many times faster than the wall that runs. A parameter that could not be read is None, so are `estimator` and
+    `fence_areas`. Raises ValueError for numbers that are not finite.
     """
 
     vehicle_id: int
@@ -93,6 +111,7 @@ class VehicleFacts:
     lost: tuple[str, str] | None = None
     position_m: Triple | None = None
     gps: GpsFix | None = None
+    estimator: EstimatorReport | None = None
     clock_ratio: float | None = None
     telemetry_rate_hz: float | None = None
     telemetry_rate_asked_hz: float = 20.0

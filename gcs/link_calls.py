@@ -124,15 +124,19 @@ def choose_guided(system: Any) -> None:
     It arms in neither the mode it landed in nor BRAKE, which is MAVSDK's hold. MAVSDK itself asks for GUIDED only
     together with a setpoint, which it then repeats and the take-off would stumble over.
     """
-    fields = {"command": DO_SET_MODE, "param1": CUSTOM_MODE_ENABLED, "param2": COPTER_GUIDED, "confirmation": 0}
-    fields |= dict.fromkeys(("param3", "param4", "param5", "param6", "param7"), 0)
-    fields |= {"target_system": system.get_system_id(), "target_component": AUTOPILOT_COMPONENT}
     direct = MavlinkDirect(system)
     try:
-        message = MavlinkMessage("COMMAND_LONG", 0, 0, system.get_system_id(), AUTOPILOT_COMPONENT, json.dumps(fields))
-        direct.send_command(message)
+        direct.send_command(command_long(system.get_system_id(), DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED))
     finally:
         direct.destroy()
+
+
+def command_long(system_id: int, command: int, *params: float) -> MavlinkMessage:
+    """Return a command to the autopilot of a system, for MAVSDK's `send_command`; what is not given is 0."""
+    fields = {"command": command, "confirmation": 0, **{f"param{place}": 0.0 for place in range(1, 8)}}
+    fields |= {f"param{place}": value for place, value in enumerate(params, start=1)}
+    fields |= {"target_system": system_id, "target_component": AUTOPILOT_COMPONENT}
+    return MavlinkMessage("COMMAND_LONG", 0, 0, system_id, AUTOPILOT_COMPONENT, json.dumps(fields))
 
 
 async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFrame, timeout_s: float) -> Triple:

@@ -22,7 +22,7 @@ from gcs.link_feed import VehicleFeed
 from gcs.link_hub import MavsdkHub
 from gcs.mission import LinkSection, Mission, MissionVehicle
 from gcs.preflight_parameters import parameters_wanted
-from gcs.preflight_reader import read_parameters
+from gcs.preflight_reader import read_estimator, read_parameters
 from gcs.preflight_vehicle import ARMING_CHECKS, CALM_MODES
 
 HEARTBEAT_TIMEOUT_S = 5.0
@@ -111,11 +111,12 @@ class _Asked(NamedTuple):
         """Ask and listen for so many wall seconds, all at once."""
         kind = KINDS.get(self.system.autopilot_type(), AutopilotKind.OTHER)
         wanted = parameters_wanted(kind)
-        (ratio, rate_hz), parameters, gps, areas = await asyncio.gather(
+        (ratio, rate_hz), parameters, gps, areas, estimator = await asyncio.gather(
             self._timing(listening_s),
             read_parameters(self.system, kind, wanted, parameters_timeout_s),
             self.calls.run(_gps, self.feed.plugin),
             self.calls.run(_fence_areas, self.system, self.frame),
+            self.calls.run(read_estimator, self.system, kind, parameters_timeout_s),
         )
         feed = self.feed
         return VehicleFacts(
@@ -129,6 +130,7 @@ class _Asked(NamedTuple):
             lost=lost,
             position_m=feed.position_m,
             gps=None if feed.is_local else gps,
+            estimator=estimator,
             clock_ratio=ratio,
             telemetry_rate_hz=rate_hz if feed.origin_m is not None else None,  # else nothing is delivered
             telemetry_rate_asked_hz=self.rates.telemetry_rate_hz,

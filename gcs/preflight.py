@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from gcs.findings import Finding, Grade, VehicleFacts
 from gcs.mission import Mission, MissionVehicle
+from gcs.preflight_estimator import estimator
 from gcs.preflight_fence import fence_areas
 from gcs.preflight_mission import autopilot_limits, feasibility
 from gcs.preflight_parameters import JUDGES, failsafes, fence, station
@@ -23,13 +24,14 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
 )
 """What is asked of every vehicle that is heard."""
 AUTOPILOT_CHECKS: tuple[Check, ...] = (
+    lambda facts, mission, _vehicle: estimator(facts, mission),
     lambda facts, _mission, _vehicle: failsafes(facts),
     lambda facts, _mission, _vehicle: station(facts),
     fence,
     fence_areas,
     lambda facts, mission, _vehicle: autopilot_limits(mission, facts),
 )
-"""What is asked of every autopilot whose parameters cordon understands."""
+"""What is asked of every autopilot whose parameters and reports cordon understands."""
 _ORDER = list(Grade)
 
 

@@ -1,12 +1,14 @@
-"""Reading an autopilot's parameters all at once: one request each, side by side, and only what is missing again.
+"""Reading what MAVSDK's own plugins do not tell, or too slowly: an autopilot's parameters, its estimator's report.
 
-MAVSDK's own parameter client asks for one name after the other, and waits three seconds for each that the firmware does
-not know. Nothing is written.
+Parameters are read all at once: one request each, side by side, and only what is missing again. MAVSDK's own client
+asks for one name after the other, and waits three seconds for each that the firmware does not know. Nothing is written.
 """
 
 import asyncio
 import json
 import struct
+import threading
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import isfinite
@@ -14,11 +16,13 @@ from typing import Any
 
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
-from gcs.findings import AutopilotKind
-from gcs.link_calls import AUTOPILOT_COMPONENT
+from gcs.findings import AutopilotKind, EstimatorReport
+from gcs.link_calls import AUTOPILOT_COMPONENT, command_long
+from gcs.preflight_estimator import DIALECTS, estimator_report
 
 ASK_AGAIN_S = 0.4
 POLL_S = 0.02
+REQUEST_MESSAGE = 512
 INTEGER_LAST = 6
 """The last MAV_PARAM_TYPE of an integer of 32 bits or less; 9 is a 32-bit float."""
 
@@ -52,6 +56,37 @@ async def read_parameters(
     finally:
         await asyncio.to_thread(direct.destroy)
     return values
+
+
+def read_estimator(system: Any, kind: AutopilotKind, timeout_s: float) -> EstimatorReport | None:
+    """Ask for the estimator's report; None where it does not come within `timeout_s` wall seconds.
+
+    Blocks: for longer than that where a request is not even acknowledged.
+    """
+    dialect = DIALECTS.get(kind)
+    if dialect is None:
+        return None
+    direct, system_id = MavlinkDirect(system), int(system.get_system_id())
+    heard, reports = threading.Event(), list[EstimatorReport]()
+
+    def take(message: Any, _user_data: object) -> None:
+        with suppress(ValueError):  # malformed bytes are dropped here
+            told = json.loads(message.fields_json)
+            report = estimator_report(kind, told) if message.system_id == system_id else None
+            if report is not None:
+                reports.append(report)
+                heard.set()
+
+    direct.subscribe_message(dialect.message, take)
+    try:
+        end_s = time.monotonic() + timeout_s
+        while not heard.is_set() and time.monotonic() < end_s:
+            with suppress(MavlinkDirectError):  # not acknowledged: it may come unasked, and else that is told
+                direct.send_command(command_long(system_id, REQUEST_MESSAGE, dialect.number))
+            heard.wait(ASK_AGAIN_S)
+    finally:
+        direct.destroy()
+    return reports[-1] if reports else None
 
 
 def parameter_value(kind: AutopilotKind, wire_type: int, value: float | None) -> float | None:

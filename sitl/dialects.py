@@ -21,7 +21,8 @@ class Dialect:
     """One autopilot's MAVLink.
 
     `autopilot` is its MAV_AUTOPILOT, `modes` each mode's number in heartbeats and the two parameters that DO_SET_MODE
-    selects it by, `rates_hz` what it streams unasked, `streams` what REQUEST_DATA_STREAM asks for by stream.
+    selects it by, `rates_hz` what it streams unasked, `streams` what REQUEST_DATA_STREAM asks for by stream,
+    `estimator_message` how its estimator reports on itself.
     """
 
     autopilot: int
@@ -31,6 +32,7 @@ class Dialect:
     refused: Result
     modes: Mapping[NavMode, tuple[int, float, float]]
     rates_hz: Mapping[int, float]
+    estimator_message: MessageId
     streams: Mapping[int, tuple[MessageId, ...]] = field(default_factory=dict)
     acknowledges_mode_first: bool = False
     tells_checks_in_heartbeat: bool = False
@@ -55,6 +57,7 @@ PX4 = Dialect(
     refused=Result.TEMPORARILY_REJECTED,
     modes=MappingProxyType({mode: (mode.custom_mode, float(mode.value[0]), float(mode.value[1])) for mode in NavMode}),
     rates_hz=PX4_RATES_HZ,
+    estimator_message=MessageId.ESTIMATOR_STATUS,
     acknowledges_mode_first=True,
     tells_checks_in_heartbeat=True,
     parameters_bytewise=True,
@@ -85,6 +88,7 @@ ARDUCOPTER = Dialect(
     refused=Result.FAILED,
     modes=MappingProxyType({mode: (number, float(number), 0.0) for mode, number in _COPTER_MODES.items()}),
     rates_hz=MappingProxyType({MessageId.HEARTBEAT: 1.0}),
+    estimator_message=MessageId.EKF_STATUS_REPORT,
     streams=MappingProxyType(
         {
             0: (*_EXTENDED_STATUS, *_POSITION, *_ATTITUDE, *_BATTERY),

@@ -12,7 +12,7 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink  # all of common, and EKF_STATUS_REPORT
 
 from estimation.frames import MissionFrame, Triple
 from sitl.autopilot import Autopilot

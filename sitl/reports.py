@@ -25,12 +25,16 @@ from sitl.vocabulary import (
     STANDBY,
     UNINITIALISED,
     UNKNOWN_U16,
+    EstimatorFlag,
     Fields,
     MessageId,
     ModeFlag,
     Outgoing,
     Sensor,
 )
+
+POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
+"""What the estimators' tests let through: five standard deviations of a GPS that is good to 0.5 m and 0.3 m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,11 @@ class Reporter:
             MessageId.HOME_POSITION: self._home_position,
             MessageId.EXTENDED_SYS_STATE: self._extended_sys_state,
         }
+        estimators: dict[int, Callable[[], Fields]] = {
+            MessageId.ESTIMATOR_STATUS: self._estimator_status,
+            MessageId.EKF_STATUS_REPORT: self._ekf_status_report,
+        }
+        self._builders[dialect.estimator_message] = estimators[dialect.estimator_message]
 
     @property
     def known(self) -> frozenset[int]:
@@ -208,6 +217,33 @@ class Reporter:
 
     def _extended_sys_state(self) -> Fields:
         return 0, int(self._autopilot.landed_state)
+
+    def _estimator_status(self) -> Fields:
+        """PX4's: its test ratios are squares."""
+        ratios = (share**2 for share in self._shares_of_gates())
+        accuracy_m = self._noise.position_m
+        return self._boot_ms * 1000, int(self._estimator_flags()), *ratios, 0.0, 0.0, 0.0, accuracy_m, accuracy_m
+
+    def _ekf_status_report(self) -> Fields:
+        """ArduPilot's: what it calls variances are the roots of its test ratios."""
+        return int(self._estimator_flags()), *self._shares_of_gates(), 0.0, 0.0
+
+    def _shares_of_gates(self) -> tuple[float, float, float]:
+        """Return how far the estimate is off, of what the tests let through: velocity, horizontal position, height."""
+        estimate, airframe = self._estimate(), self._autopilot.airframe
+        position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
+        velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
+        return float(np.linalg.norm(velocity)), float(np.hypot(position[0], position[1])), abs(float(position[2]))
+
+    def _estimator_flags(self) -> EstimatorFlag:
+        """Gyros and barometer tell attitude and height at all times; the rest takes something that tells the place."""
+        flags = EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_VERT | EstimatorFlag.POS_VERT_ABS
+        if not self._ready:
+            return flags | EstimatorFlag.CONST_POS_MODE
+        flags |= EstimatorFlag.VELOCITY_HORIZ | EstimatorFlag.POS_HORIZ_REL | EstimatorFlag.PRED_POS_HORIZ_REL
+        if self._on_globe:
+            flags |= EstimatorFlag.POS_HORIZ_ABS | EstimatorFlag.PRED_POS_HORIZ_ABS
+        return flags
 
     def _autopilot_version(self) -> Fields:
         no_hash = (0,) * 8

@@ -26,6 +26,8 @@ class MessageId(IntEnum):
     COMMAND_ACK = 77
     BATTERY_STATUS = 147
     AUTOPILOT_VERSION = 148
+    EKF_STATUS_REPORT = 193
+    ESTIMATOR_STATUS = 230
     HOME_POSITION = 242
     MESSAGE_INTERVAL = 244
     EXTENDED_SYS_STATE = 245
@@ -76,6 +78,20 @@ class Sensor(IntFlag):
     POSITION = 1 << 14
     BATTERY = 1 << 25
     PREARM_CHECK = 1 << 28
+
+
+class EstimatorFlag(IntFlag):
+    """ESTIMATOR_STATUS_FLAGS and EKF_STATUS_FLAGS, as far as both mean the same."""
+
+    ATTITUDE = 1
+    VELOCITY_HORIZ = 2
+    VELOCITY_VERT = 4
+    POS_HORIZ_REL = 8
+    POS_HORIZ_ABS = 16
+    POS_VERT_ABS = 32
+    CONST_POS_MODE = 128
+    PRED_POS_HORIZ_REL = 256
+    PRED_POS_HORIZ_ABS = 512
 
 
 QUADROTOR = 2

@@ -17,7 +17,9 @@ from gcs.link_hub import MavsdkHub
 from gcs.mission import Mission
 from gcs.mission_file import load_mission
 from gcs.stubs import stub_configs
+from sitl.dialects import AutopilotKind
 from sitl.process import StubProcess
+from sitl.reports import EstimatorNoise
 from sitl.server import StubConfig
 
 pytestmark = [
@@ -139,8 +141,23 @@ def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any],
     assert told["battery"] == "its battery is at 100%"
     assert told["clock"] == "its clock runs 5 times as fast as the wall's: it is a simulator's"
     assert told["health"] == "all of its 7 health items are well"
+    assert told["estimator"].startswith("its estimator's sensors agree: highest test ratio 0.0")
     assert told["armed"] == "it is disarmed, on the ground"
     assert float(told["telemetry"].split()[3]) == pytest.approx(20.0, rel=0.1)
+
+
+def test_estimators_whose_sensors_disagree(mission: Callable[..., Any], checked: Checked) -> None:
+    path, team = mission()
+    one, two, three = stub_configs(team)
+    shaken = EstimatorNoise(velocity_m_s=20.0)
+    copter = replace(two, noise=shaken, autopilot=AutopilotKind.ARDUPILOT)
+    with stubs([replace(one, noise=shaken), copter, three]):
+        code, findings = checked(path)
+    assert code == 3
+    refused = [each for each in findings if each["check"] == "estimator" and each["grade"] == "refuse"]
+    assert [each["subject"] for each in refused] == ["vehicle 1", "vehicle 2"]
+    assert all("its estimator rejects what it is told about its velocity" in each["found"] for each in refused)
+    assert [subject for subject, check, _ in of(findings, "pass") if check == "estimator"] == ["vehicle 3"]
 
 
 def test_vehicles_that_are_silent_misplaced_or_carry_anothers_id(mission: Callable[..., Any], checked: Checked) -> None:

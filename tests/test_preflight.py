@@ -13,7 +13,7 @@ from rich.console import Console
 from agents.ports import FlightMode, VehicleStatus
 from gcs.check import exit_code, findings_json, findings_view
 from gcs.exits import Exit
-from gcs.findings import AutopilotKind, FenceArea, Finding, GpsFix, Grade, VehicleFacts
+from gcs.findings import AutopilotKind, EstimatorReport, FenceArea, Finding, GpsFix, Grade, VehicleFacts
 from gcs.mission import Mission
 from gcs.mission_file import load_mission
 from gcs.preflight import preflight, worst
@@ -44,6 +44,8 @@ ARDUCOPTER = {
     "WPNAV_ACCEL": 250.0,
     "SYSID_MYGCS": 245.0,
 }
+RATIOS = {"horizontal position": 0.1, "height": 0.05, "velocity": 0.02, "compass": 0.3}
+SURE = EstimatorReport(RATIOS, relative=True, absolute=True)
 HEALTH = ("gyrometer calibration", "local position", "global position", "home position", "arming checks")
 
 
@@ -59,6 +61,7 @@ def well(vehicle_id: int, **changes: Any) -> VehicleFacts:
         origin_m=(x, y, 0.0),
         position_m=(x, y, 0.0),
         gps=GpsFix(3, 14),
+        estimator=SURE,
         clock_ratio=1.0,
         telemetry_rate_hz=20.0,
         parameters=PX4,
@@ -91,6 +94,63 @@ def test_a_healthy_team_has_no_grave_finding() -> None:
     assert worst(findings) is Grade.PASS
     assert all(each.found and not each.next_step for each in findings)
     assert exit_code(findings) is Exit.HOLDS
+
+
+def test_an_estimator_is_graded_by_its_test_ratios() -> None:
+    (passed,) = (each for each in team() if (each.subject, each.check) == ("vehicle 2", "estimator"))
+    assert passed.found == "its estimator's sensors agree: highest test ratio 0.30, of 1 at most (compass)"
+    shaky = replace(SURE, ratios=RATIOS | {"compass": 0.5, "velocity": 0.51, "height": 1.0})
+    findings = team(estimator=shaky)
+    assert grave(findings) == [("warning", "vehicle 2", "estimator")] * 2
+    assert [each.found for each in findings[:2]] == [
+        "its estimator hardly believes what it is told about its height: test ratio 1.00, of 1 at most",
+        "its estimator hardly believes what it is told about its velocity: test ratio 0.51, of 1 at most",
+    ]
+    findings = team(estimator=replace(SURE, ratios=RATIOS | {"compass": 1.01}))
+    assert grave(findings) == [("refuse", "vehicle 2", "estimator")]
+    assert "rejects what it is told about its compass: test ratio 1.01" in findings[0].found
+    assert "calibrate its compass" in findings[0].next_step
+
+
+@pytest.mark.parametrize(
+    ("change", "grades"),
+    [
+        ({"absolute": False}, ["refuse"]),
+        ({"wrong": ("its accelerometer reads wrong",)}, ["refuse"]),
+        ({"wrong": ("it knows no attitude", "it knows no height")}, ["refuse", "refuse"]),
+        ({"glitch": True}, ["warning"]),
+        ({"ratios": {}}, ["warning"]),
+        ({"relative": False}, []),
+    ],
+)
+def test_an_estimator_that_does_not_know_what_it_should(change: dict[str, Any], grades: list[str]) -> None:
+    findings = team(estimator=replace(SURE, **change))
+    assert grave(findings) == [(grade, "vehicle 2", "estimator") for grade in grades]
+
+
+def test_an_estimator_in_a_local_frame_needs_no_place_on_earth() -> None:
+    indoors = replace(CASE2, frame=CASE2.frame.model_copy(update={"local": True}))
+
+    def found(**change: Any) -> list[str]:
+        facts = well(1, estimator=replace(SURE, absolute=False, **change))
+        return [each.grade.value for each in preflight(indoors, (facts,)) if each.check == "estimator"]
+
+    assert found() == ["pass"]
+    assert found(relative=False) == ["refuse", "pass"]
+
+
+def test_an_estimator_that_is_not_heard_is_a_warning_that_names_the_message() -> None:
+    findings = team(estimator=None)
+    assert grave(findings) == [("warning", "vehicle 2", "estimator")]
+    assert "(ESTIMATOR_STATUS) could not be read" in findings[0].found
+    copter = team(estimator=None, autopilot=AutopilotKind.ARDUPILOT, parameters=ARDUCOPTER)
+    assert any("(EKF_STATUS_REPORT) could not be read" in each.found for each in copter)
+
+
+def test_a_vehicle_without_a_place_is_not_told_so_by_its_estimator_again() -> None:
+    lost = replace(SURE, relative=False, absolute=False)
+    findings = team(estimator=lost, origin_m=None, position_m=None)
+    assert grave(findings) == [("refuse", "vehicle 2", "origin")]
 
 
 def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:

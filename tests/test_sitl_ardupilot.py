@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant import Plant, PlantAxis, exact_step
@@ -365,6 +365,14 @@ def test_version_home_and_origin_are_told_on_request(client: Client) -> None:
     version = client.command(REQUEST, 148)[1]
     assert version.flight_sw_version >> 24 == 4
     assert not version.capabilities & dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+
+
+def test_the_estimators_report_is_ekf_status(client: Client) -> None:
+    assert "EKF_STATUS_REPORT" not in counted(client.run(3.0))
+    acknowledged, report = client.command(REQUEST, 193)
+    assert (acknowledged.result, report.get_type()) == (ACCEPTED, "EKF_STATUS_REPORT")
+    assert (report.flags, report.pos_horiz_variance, report.compass_variance) == (831, 0.0, 0.0)
+    assert [each.get_type() for each in client.command(REQUEST, 230)] == ["COMMAND_ACK"]
 
 
 # Flown by MAVSDK

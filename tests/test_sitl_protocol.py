@@ -380,6 +380,30 @@ def test_not_localised_it_says_nothing_of_any_place_and_stays_disarmed() -> None
     assert results(lost.command(400, 1)) == [1]
 
 
+def test_the_estimators_report_comes_when_asked_for_and_follows_its_noise() -> None:
+    calm, noisy = Client(), Client(EstimatorNoise(position_m=0.5, velocity_m_s=0.3))
+    told = []
+    for client in (calm, noisy):
+        assert "ESTIMATOR_STATUS" not in {message.get_type() for message in client.run(3.0)}
+        only(client.command(512, 230), "ESTIMATOR_STATUS")
+        client.command(511, 230, 20_000.0)
+        told.append([message for message in client.run(20.0) if message.get_type() == "ESTIMATOR_STATUS"])
+    exact, shaken = told
+    assert len(exact) == pytest.approx(1000, abs=2)
+    assert {(m.vel_ratio, m.pos_horiz_ratio, m.pos_vert_ratio, m.flags) for m in exact} == {(0.0, 0.0, 0.0, 831)}
+    # Errors of one standard deviation on each axis, and gates of five of them.
+    means = [np.mean([getattr(m, name) for m in shaken]) for name in ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio")]
+    assert means == pytest.approx([3 / 25, 2 / 25, 1 / 25], rel=0.2)
+    assert results(calm.command(512, 193)) == [2], "that is ArduPilot's"
+
+
+@pytest.mark.parametrize(("knows", "flags"), [({"gps": False}, 303), ({"localised": False}, 165)])
+def test_the_estimator_says_what_it_does_not_know(knows: dict[str, Any], flags: int) -> None:
+    client = Client(**knows)
+    client.run(3.0)
+    assert only(client.command(512, 230), "ESTIMATOR_STATUS").flags == flags
+
+
 def test_unknown_parameters_get_no_answer(client: Client) -> None:
     assert client.send(param_set("NO_SUCH", 1.0, 9)) == []
     assert client.send(dialect.MAVLink_param_request_read_message(SYSTEM_ID, 1, b"NO_SUCH", -1)) == []
