@@ -28,7 +28,7 @@ from gcs.preflight import preflight
 from gcs.preflight_vehicle import clock_lag
 from gcs.record import FlightRecord
 from gcs.signals import relay
-from gcs.stubs import stub_configs
+from gcs.stubs import prepared_configs
 from sitl.process import StubProcess
 from sitl.server import StubRecord
 
@@ -97,7 +97,7 @@ class _Stubs:
     """The stub vehicles of a flight that brings its own; their record is there once they have been stopped."""
 
     def __init__(self, plan: FlightPlan, speed: float) -> None:
-        self._process = StubProcess(stub_configs(plan.mission), speed) if plan.stubs else None
+        self._process = StubProcess(prepared_configs(plan.mission), speed) if plan.stubs else None
         self.record: StubRecord | None = None
 
     async def __aenter__(self) -> Self:

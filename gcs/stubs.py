@@ -1,17 +1,26 @@
 """The mission's vehicles as stubs: what `cordon sitl` serves and `cordon fly --sitl` brings along."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from urllib.parse import urlsplit
 
 from estimation.frames import Triple
 from gcs.exits import InputError
 from gcs.mission import Mission, MissionVehicle
+from gcs.preflight_parameters import CORDON_ID
 from gcs.signals import relay
 from sitl.dialects import AutopilotKind
+from sitl.parameters import Value
 from sitl.process import unix_clock
 from sitl.reports import EstimatorNoise
 from sitl.server import StubConfig, serve
+
+PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
+    AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
+    AutopilotKind.ARDUPILOT: {"FS_GCS_ENABLE": 5, "SYSID_MYGCS": CORDON_ID},
+}
+"""The failsafes that docs/hardware.md asks for, where the firmware's own defaults are others: to land."""
 
 
 def stub_configs(mission: Mission) -> list[StubConfig]:
@@ -41,6 +50,11 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
         )
         for vehicle in mission.vehicles
     ]
+
+
+def prepared_configs(mission: Mission) -> list[StubConfig]:
+    """Return the same stubs with failsafes set as an operator should: for flights that bring their own vehicles."""
+    return [replace(config, parameters=PREPARED[config.autopilot]) for config in stub_configs(mission)]
 
 
 def _origin_offset_m(vehicle: MissionVehicle) -> Triple:

@@ -16,6 +16,7 @@ from sitl.airframe import STEP_S
 from sitl.arducopter import ArduCopter
 from sitl.autopilot import Autopilot
 from sitl.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
+from sitl.parameters import Value
 from sitl.protocol import MavlinkVehicle
 from sitl.reports import EstimatorNoise
 
@@ -43,7 +44,8 @@ class StubConfig:
 
     Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 flown indoors by
     external position: neither hold nor return can be flown, and it arms in take-off or offboard only. Not `localised`,
-    it knows nothing of where it is and cannot be armed. `port` is where clients may call it; 0 is any.
+    it knows nothing of where it is and cannot be armed. `port` is where clients may call it; 0 is any. `parameters` are
+    those that somebody has set to other values than the firmware's own.
     """
 
     vehicle_id: int
@@ -61,6 +63,7 @@ class StubConfig:
     gps: bool = True
     localised: bool = True
     port: int = 0
+    parameters: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check what can be checked."""
@@ -170,6 +173,9 @@ class _Stub:
             gps=config.gps,
             localised=config.localised,
         )
+        for name, value in config.parameters.items():
+            if not self._autopilot.parameters.set(name, value):
+                raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
         self._vehicle = MavlinkVehicle(
             self._autopilot,
             dialect,

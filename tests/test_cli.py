@@ -389,6 +389,7 @@ def test_a_peers_endpoint_that_is_taken_is_a_refusal(own_ports: str, taken: Call
 @pytest.mark.wire
 def test_a_team_flies_with_stubs_of_its_own(own_ports: str) -> None:
     ran = cordon("fly", own_ports, "--sitl", "--speed", "10", "--duration", "20", "--json")
+    assert "fit to fly" not in ran.err, "the vehicles that it brings along give no cause for warnings"
     assert ran.code == 0, ran.err
     result = json.loads(ran.out)
     assert list(result) == RESULT_KEYS[""].split()
