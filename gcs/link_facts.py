@@ -1,6 +1,7 @@
 """What vehicles say about themselves on the ground, over MAVSDK: asked, listened to, never armed, nothing written."""
 
 import asyncio
+import queue
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -8,7 +9,6 @@ from math import cos, sin, tau
 from typing import Any, NamedTuple
 
 from mavsdk.autopilot import Autopilot
-from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
 from mavsdk.plugins.telemetry import FixType
 from mavsdk.vehicle import Vehicle
@@ -33,6 +33,8 @@ PARAMETERS_TIMEOUT_S = 3.0
 READY_TIMEOUT_S = 20.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """How long `fly` looks before it arms: it has the links already, and nobody likes to wait."""
+GPS_PERIODS = 4.0
+"""In periods of the status rate: what the receiver says comes half as often, and once may be lost."""
 CIRCLE_CORNERS = 36
 KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.ARDUPILOT}
 DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
@@ -114,7 +116,7 @@ class _Asked(NamedTuple):
         (ratio, rate_hz), parameters, gps, areas, estimator = await asyncio.gather(
             self._timing(listening_s),
             read_parameters(self.system, kind, wanted, parameters_timeout_s),
-            self.calls.run(_gps, self.feed.plugin),
+            self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_rate_hz),
             self.calls.run(_fence_areas, self.system, self.frame),
             self.calls.run(read_estimator, self.system, kind, parameters_timeout_s),
         )
@@ -163,11 +165,19 @@ def _is_well(feed: VehicleFeed) -> bool:
     return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
 
 
-def _gps(telemetry: Any) -> GpsFix | None:
+def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
+    """Wait for what the receiver says; None where it says nothing.
+
+    What MAVSDK holds before it has heard anything looks like a receiver without a fix.
+    """
+    heard: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    handle = telemetry.subscribe_gps_info(lambda info, _user_data: heard.put(info))
     try:
-        info = telemetry.gps_info()
-    except MavsdkError:
+        info = heard.get(timeout=timeout_s)
+    except queue.Empty:
         return None
+    finally:
+        telemetry.unsubscribe_gps_info(handle)
     return GpsFix(DIMENSIONS.get(info.fix_type, 3), int(info.num_satellites))
 
 
