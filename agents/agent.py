@@ -293,14 +293,18 @@ class Agent:
 
     async def _control(self, first_setpoint: asyncio.Event) -> Outcome:
         self._ticker = Ticker(self._period_s, self._clock.now_s, speed=self._clock.speed)
-        async for _ in self._ticker:
+        async for tick in self._ticker:
             self._yield_to_foreign_mode()
             self._take_back_if_told()
+            self._core.on_vehicle(self._link.status)
+            self._core.on_loop(tick.skipped)
+            self._core.on_bus(self._bus.alive)
             if self._tick(self._clock.now_s()):
                 first_setpoint.set()
             if self._core.tactic is Tactic.LAND:
                 break
-        return self._ended or Outcome(Ending.STOPPED, "the core decided to land")
+        why = f"failsafe: {self._core.alert}" if self._core.alert else "the core decided to land"
+        return self._ended or Outcome(Ending.STOPPED, why)
 
     def _tick(self, now_s: float) -> bool:
         """Tick the core once, and carry out what it asks for; return whether that was a setpoint."""

@@ -7,17 +7,21 @@ wants done comes back from it: the same object flies over MAVLink, in the simula
 import numpy as np
 
 from agents.broadcast import member_state, neighbour_angle, target_package
-from agents.guard import Guard, Guarded
+from agents.clock_watch import ClockWatch
+from agents.failsafe import Condition, FailsafeMonitor
+from agents.guard import Guard, Guarded, GuardStatus
 from agents.homing import assembled
 from agents.inbox import Inbox
 from agents.linearize import polar_from_motion
+from agents.lmpc import QpStatus
 from agents.messages import MemberState, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.neighbours import Neighbours
 from agents.outputs import CoreStatus, Note, Outgoing, TickOutput
 from agents.planning import Planner
-from agents.ports import Setpoint
+from agents.ports import Setpoint, VehicleStatus
 from agents.settings import AgentConfig
 from agents.situation import Situation, Wish, moved, shifted
+from agents.symptoms import Symptoms
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic
 from agents.team import Team
 from estimation.own import OwnFilter
@@ -49,13 +53,15 @@ class VehicleCore:
         self._guard = Guard(config)
         self._neighbours = Neighbours(config)
         self._planner = Planner(config, self._team)
-        self._inbox = Inbox(config.vehicle_id, config.slots)
+        clocks = ClockWatch(config.failsafe.clock_step_s)
+        self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
+        self._symptoms = Symptoms(config, self._own, self._target, self._team, clocks)
+        self._failsafe = FailsafeMonitor(config)
         self._height_m = self._altitude_m = config.take_off_altitude_m
         self._tactic = Tactic.STANDBY
         self._start_s = np.inf
         self._formed_s: float | None = None
         self._sightings: list[Sighting] = []
-        self._alert = ""
         self._notes: list[Note] = []
         self._guarding_s = -np.inf
         self._now_s = 0.0
@@ -67,9 +73,15 @@ class VehicleCore:
         """The present tactic."""
         return self._tactic
 
+    @property
+    def alert(self) -> str:
+        """The gravest condition of the failsafe table that is being reacted to, empty if there is none."""
+        return self._failsafe.alert
+
     def set_patience(self, factor: float) -> None:
         """Wait `factor` times as long for what comes over a link: links take wall time, the core's may pass faster."""
         self._patience = factor
+        self._failsafe.set_patience(factor)
 
     def start(self, at_s: float) -> None:
         """Begin the mission at `at_s`: the formation's clock starts then."""
@@ -79,6 +91,18 @@ class VehicleCore:
     def on_event(self, event: Event) -> None:
         """Take an operator's or the shell's event."""
         self._change(event)
+
+    def on_vehicle(self, status: VehicleStatus) -> None:
+        """Take what the autopilot says of itself."""
+        self._symptoms.battery = status.battery
+
+    def on_loop(self, late_ticks: int) -> None:
+        """Take how many ticks were skipped before the next, because it comes that late."""
+        self._symptoms.late_ticks = late_ticks
+
+    def on_bus(self, alive: bool) -> None:
+        """Take whether the bus to the peers works, as far as this end of it knows."""
+        self._symptoms.bus_alive = alive
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""
@@ -118,6 +142,7 @@ class VehicleCore:
         situation = self._assess(now_s)
         if situation is None:
             return TickOutput(None, (), self._status(now_s, None, None, None))
+        self._fail_safe(situation)
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
         bodies = self._neighbours.bodies(
@@ -125,6 +150,7 @@ class VehicleCore:
         )
         guarded = self._guard.check(situation, wish.setpoint_m, bodies)
         self._note_guard(now_s, guarded)
+        self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         wish, setpoint_m = shifted(wish, guarded.setpoint_m), guarded.setpoint_m
         self._own.command(now_s, setpoint_m)
         x, y = setpoint_m.tolist()
@@ -151,18 +177,20 @@ class VehicleCore:
             None if target is None else moved(target.mean, acting_s - target.time_s),
         )
 
+    def _fail_safe(self, situation: Situation) -> None:
+        failsafe, tactic = self._failsafe, self._tactic
+        found = self._symptoms.find(situation, tactic, self._height_m, failsafe.active, self._patience)
+        event = failsafe.judge(situation.now_s, found, tactic)
+        self._notes += [Note(situation.now_s, "failsafe", text) for text in failsafe.news()]
+        if event is not None:
+            self._change(event)
+
     def _decide(self, situation: Situation) -> None:
         now_s, target = situation.now_s, situation.target
-        heard_s = self._own.heard_s
-        if heard_s is None or now_s - heard_s > self._config.safety.telemetry_timeout_s * self._patience:
-            # On its way down a vehicle that does not know where it is had better be down.
-            self._change(Event.LAND if self._tactic is Tactic.COME_DOWN else Event.HOLD)
         if self._tactic is Tactic.STANDBY and now_s >= self._start_s:
             self._change(Event.START)
         if self._tactic is Tactic.FORMATION and self._formed_s is None:
             self._formed_s = now_s
-        if self._tactic is Tactic.ENCIRCLE and target is None:
-            self._change(Event.TARGET_LOST)
         if (
             self._tactic is Tactic.FORMATION
             and target is not None
@@ -189,11 +217,18 @@ class VehicleCore:
                 self._altitude_m = self._config.altitude_m
 
     def _change(self, event: Event) -> None:
+        if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
+            self._notes.append(Note(self._now_s, "failsafe", f"resume refused: {reason}"))
+            return
         after = next_tactic(self._tactic, event)
         if after is self._tactic:
             return
         self._notes.append(Note(self._now_s, "tactic", f"{self._tactic.value} -> {after.value}: {event.value}"))
         self._tactic = after
+        if event is Event.RESUME:
+            self._failsafe.resume()
+        if event is Event.FOREIGN_MODE:
+            self._failsafe.latch(Condition.FOREIGN_MODE, "somebody else has the vehicle")
         self._planner.begin(after, to_home=event is Event.RETURN)
         on_ring = after is Tactic.ENCIRCLE and self._config.own_filter.disturbance_turns
         self._own.turn_disturbance(self._config.encirclement.angular_rate_rad_s if on_ring else 0.0)
@@ -209,7 +244,7 @@ class VehicleCore:
 
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
         state = member_state(
-            self._config.vehicle_id, self._tactic, situation, wish, altitude_m=self._height_m, alert=self._alert
+            self._config.vehicle_id, self._tactic, situation, wish, altitude_m=self._height_m, alert=self.alert
         )
         messages = [state]
         if self._tactic is Tactic.ENCIRCLE and situation.polar is not None:
@@ -257,7 +292,7 @@ class VehicleCore:
             None if wish is None else wish.qp,
             self._team.members(),
             self._inbox.dropped,
-            self._alert,
+            self.alert,
             notes,
             guarded,
         )

@@ -2,7 +2,8 @@
 
 from collections.abc import Collection
 
-from agents.messages import TOPICS, BusMessage, OperatorCommand, decode
+from agents.clock_watch import ClockWatch
+from agents.messages import TOPICS, BusMessage, MemberState, OperatorCommand, decode
 
 _CLOCK_AHEAD_MAX_S = 1.0
 
@@ -10,8 +11,10 @@ _CLOCK_AHEAD_MAX_S = 1.0
 class Inbox:
     """Takes the bus's payloads for one vehicle."""
 
-    def __init__(self, vehicle_id: int, members: Collection[int]) -> None:
+    def __init__(self, vehicle_id: int, members: Collection[int], clocks: ClockWatch) -> None:
+        """Take the team; `clocks` sees how every member dates what it says, believed or not."""
         self._others = frozenset(members) - {vehicle_id}
+        self._clocks = clocks
         self.dropped = 0
 
     def take(self, payload: bytes, now_s: float, patience: float) -> BusMessage | None:
@@ -23,7 +26,10 @@ class Inbox:
             message = decode(payload)
         except ValueError:
             message = None
-        if message is None or not self._plausible(message, (now_s - message.time_s) / patience):
+        age_s = 0.0 if message is None else (now_s - message.time_s) / patience
+        if isinstance(message, MemberState) and message.sender in self._others:
+            self._clocks.hear(message.sender, age_s, now_s)
+        if message is None or not self._plausible(message, age_s):
             self.dropped += 1
             return None
         return message

@@ -116,6 +116,11 @@ class VehicleLink(Protocol):
 class PeerBus(Protocol):
     """Messages between vehicles: opaque bytes on named topics, and who is present."""
 
+    @property
+    def alive(self) -> bool:
+        """Whether it can still carry messages, as far as this end knows."""
+        ...
+
     async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
         """Join; both callbacks run on the event loop: a peer's payload; a peer's id and whether it is present."""
         ...

@@ -94,6 +94,28 @@ class SafetySettings(Settings):
     telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
 
 
+class FailsafeSettings(Settings):
+    """How long a condition of the failsafe table (safety.md) is borne before a vehicle reacts, and what counts as one.
+    What persists for `escalation_s` more is met by a graver reaction; the batteries' are shares of a full one.
+    """
+
+    escalation_s: float = Field(30.0, ge=1.0, le=3600.0)
+    settle_s: float = Field(5.0, gt=0.0, le=600.0)
+    battery_low: float = Field(0.2, ge=0.0, lt=1.0)
+    battery_critical: float = Field(0.1, ge=0.0, lt=1.0)
+    battery_s: float = Field(5.0, ge=0.0, le=60.0)
+    fence_s: float = Field(0.5, ge=0.0, le=60.0)
+    separation_share: float = Field(0.8, ge=0.0, le=1.0)
+    separation_s: float = Field(0.3, ge=0.0, le=60.0)
+    plan_s: float = Field(1.0, ge=0.0, le=60.0)
+    bus_lost_s: float = Field(2.0, ge=0.0, le=600.0)
+    peers_silent_s: float = Field(3.0, ge=1.0, le=600.0)
+    peer_silent_s: float = Field(2.0, ge=1.0, le=600.0)
+    late_s: float = Field(2.0, ge=0.0, le=60.0)
+    clock_step_s: float = Field(0.5, ge=0.1, le=10.0)
+    clock_s: float = Field(1.0, ge=0.0, le=60.0)
+
+
 def _ids(value: object) -> object:
     # TOML knows lists only, and strict validation takes no list for a tuple.
     if not isinstance(value, list | tuple):
@@ -133,6 +155,7 @@ class AgentConfig:
     encirclement: EncirclementSettings
     decision: DecisionSettings = field(default_factory=DecisionSettings)
     safety: SafetySettings = field(default_factory=SafetySettings)
+    failsafe: FailsafeSettings = field(default_factory=FailsafeSettings)
     own_filter: OwnFilterSettings = field(default_factory=OwnFilterSettings)
     target_filter: TargetFilterSettings = field(default_factory=TargetFilterSettings)
     choreography: ChoreographySettings = field(default_factory=ChoreographySettings)

@@ -25,7 +25,6 @@ class Event(Enum):
 
     START = "start"
     ENGAGE = "engage"
-    TARGET_LOST = "target lost"
     STEP_ASIDE = "step aside"
     HOLD = "hold"
     RESUME = "resume"
@@ -42,7 +41,6 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
     (Tactic.FORMATION, Event.ENGAGE): Tactic.ENCIRCLE,
     (Tactic.FORMATION, Event.HOLD): Tactic.HOLD,
     (Tactic.FORMATION, Event.LAND): Tactic.LAND,
-    (Tactic.ENCIRCLE, Event.TARGET_LOST): Tactic.HOLD,
     (Tactic.ENCIRCLE, Event.HOLD): Tactic.HOLD,
     (Tactic.ENCIRCLE, Event.LAND): Tactic.LAND,
     (Tactic.FORMATION, Event.STEP_ASIDE): Tactic.ASIDE,

@@ -9,6 +9,8 @@ from estimation.state import Vector
 
 _MEMBER_AGE_MAX_S = TOPICS[MemberState].age_max_s
 _ANGLE_AGE_MAX_S = TOPICS[NeighbourAngle].age_max_s
+_LEAVING = (Tactic.LAND.value, Tactic.STOOD_DOWN.value)
+"""Who said this last may fall silent."""
 
 
 class Team:
@@ -18,6 +20,7 @@ class Team:
         self._members: dict[int, MemberState] = {}
         self._angles: dict[int, NeighbourAngle] = {}
         self._lost: dict[int, MemberState] = {}
+        self._heard: set[int] = set()
 
     def hear_member(self, message: MemberState) -> None:
         """Take in a peer's state unless a newer one is known."""
@@ -25,6 +28,7 @@ class Team:
         if known is None or message.time_s > known.time_s:
             self._members[message.sender] = message
             self._lost.pop(message.sender, None)
+            self._heard.add(message.sender)
 
     def hear_angle(self, message: NeighbourAngle) -> None:
         """Take in a peer's place on the ring unless a newer one is known."""
@@ -58,6 +62,16 @@ class Team:
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
         """Return the last word of every peer that fell silent in the air less than `for_s` ago."""
         return tuple(member for member in self._lost.values() if now_s - member.time_s < for_s)
+
+    @property
+    def gone_s(self) -> dict[int, float]:
+        """When each peer was heard last that fell silent without having said that it lands or stands down."""
+        return {sender: last.time_s for sender, last in self._lost.items() if last.tactic not in _LEAVING}
+
+    @property
+    def count_heard(self) -> int:
+        """How many peers have been heard so far, whether they still are or not."""
+        return len(self._heard)
 
     def member(self, vehicle_id: int) -> MemberState:
         """Return the newest state of a peer that is known to be there."""

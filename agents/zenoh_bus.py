@@ -60,6 +60,11 @@ class ZenohBus:
         """How many messages were dropped so far: foreign ones too long or unreadable, own ones unsendable."""
         return self._dropped
 
+    @property
+    def alive(self) -> bool:
+        """Whether its session is open; that peers are heard is another matter."""
+        return self._session is not None and not self._session.is_closed()
+
     async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
         """Join the team. Raises VehicleRefusedError when the endpoints cannot be used: a taken port."""
         self._loop = asyncio.get_running_loop()

@@ -73,6 +73,11 @@ class TargetFilter:
             newest.sighting.threat,
         )
 
+    @property
+    def sighted_s(self) -> float:
+        """Time of the newest sighting that was believed, 0 before there is any."""
+        return self._accepted_s
+
     def _is_repeat(self, sighting: Sighting, place: int) -> bool:
         before = takewhile(lambda taken: taken.sighting.time_s == sighting.time_s, reversed(self._taken[:place]))
         return any(taken.sighting == sighting for taken in before)

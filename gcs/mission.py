@@ -11,6 +11,7 @@ from agents.settings import (
     ChoreographySettings,
     DecisionSettings,
     EncirclementSettings,
+    FailsafeSettings,
     FormationSettings,
     SafetySettings,
     pair,
@@ -190,6 +191,7 @@ class Mission:
     formation: FormationSettings
     encirclement: EncirclementSettings
     safety: SafetySettings
+    failsafe: FailsafeSettings
     own_filter: OwnFilterSettings
     target_filter: TargetFilterSettings
     target: TargetSection
@@ -233,6 +235,7 @@ class Mission:
             encirclement=self.encirclement,
             decision=vehicle.decision,
             safety=self.safety,
+            failsafe=self.failsafe,
             own_filter=self.own_filter,
             target_filter=self.target_filter,
             choreography=self.choreography,

@@ -19,6 +19,7 @@ from agents.settings import (
     ChoreographySettings,
     DecisionSettings,
     EncirclementSettings,
+    FailsafeSettings,
     FormationSettings,
     SafetySettings,
 )
@@ -49,6 +50,7 @@ SECTIONS: dict[str, type[Settings]] = {
     "encirclement": EncirclementSettings,
     "decision": DecisionSettings,
     "safety": SafetySettings,
+    "failsafe": FailsafeSettings,
     "own_filter": OwnFilterSettings,
     "target_filter": TargetFilterSettings,
     "target": TargetSection,
@@ -219,6 +221,7 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
         yield from _located(frame, known)
     yield from _kept_up(sections.get("mission"), sections.get("link"))
     yield from _way_home(known, sections.get("choreography"))
+    yield from _in_order(sections.get("failsafe"))
     target = sections.get("target")
     if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
         highest = formation.speed_max_m_s
@@ -304,6 +307,18 @@ def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings
             f"choreography.layer_m: {choreography.layer_m} m; vehicles that return cross each other's paths, and need "
             f"layers of at least {LAYER_LEAST_M} m"
         )
+
+
+def _in_order(failsafe: Settings | None) -> Iterator[str]:
+    """Check that what is grave comes after what is less so."""
+    if not isinstance(failsafe, FailsafeSettings):
+        return
+    low, critical = failsafe.battery_low, failsafe.battery_critical
+    if critical >= low and critical > 0.0:
+        yield f"failsafe.battery_critical: {critical} must be less than battery_low = {low}"
+    one_s, all_s = failsafe.peer_silent_s, failsafe.peers_silent_s
+    if all_s < one_s:
+        yield f"failsafe.peers_silent_s: {all_s} s, for all peers, is less than peer_silent_s = {one_s} s, for one"
 
 
 def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[str]:

@@ -13,7 +13,6 @@ from estimation.state import TargetEstimate
 EVENTS = (
     Event.START,
     Event.ENGAGE,
-    Event.TARGET_LOST,
     Event.HOLD,
     Event.RESUME,
     Event.LAND,
@@ -32,14 +31,14 @@ LETTERS = {
     "S": Tactic.STOOD_DOWN,
 }
 TABLE = {
-    Tactic.STANDBY: "F..H.LSDD.",
-    Tactic.FORMATION: ".E.H.LSDDA",
-    Tactic.ENCIRCLE: "..HH.LSDDA",
-    Tactic.ASIDE: "...HFLSDD.",
-    Tactic.HOLD: "....FLSDD.",
-    Tactic.COME_DOWN: "...H.LS...",
-    Tactic.LAND: "..........",
-    Tactic.STOOD_DOWN: "....F.....",
+    Tactic.STANDBY: "F.H.LSDD.",
+    Tactic.FORMATION: ".EH.LSDDA",
+    Tactic.ENCIRCLE: "..H.LSDDA",
+    Tactic.ASIDE: "..HFLSDD.",
+    Tactic.HOLD: "...FLSDD.",
+    Tactic.COME_DOWN: "..H.LS...",
+    Tactic.LAND: ".........",
+    Tactic.STOOD_DOWN: "...F.....",
 }
 
 
