@@ -181,7 +181,8 @@ class VehicleCore:
         failsafe, tactic = self._failsafe, self._tactic
         found = self._symptoms.find(situation, tactic, self._height_m, failsafe.active, self._patience)
         event = failsafe.judge(situation.now_s, found, tactic)
-        self._notes += [Note(situation.now_s, "failsafe", text) for text in failsafe.news()]
+        for text in failsafe.news():
+            self._notes.append(Note(situation.now_s, "failsafe", text))
         if event is not None:
             self._change(event)
 

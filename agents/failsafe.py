@@ -297,9 +297,8 @@ class FailsafeMonitor:
         """
         if not (present or self._alerts) or tactic is Tactic.LAND:
             return None
-        for condition, symptom in present.items():
-            self._take(now_s, condition, symptom)
-        for condition in [c for c, alert in self._alerts.items() if alert.present and c not in present]:
+        lasting = [condition for condition, symptom in present.items() if self._take(now_s, condition, symptom)]
+        for condition in [c for c, alert in self._alerts.items() if alert.present and c not in lasting]:
             self._end(condition)
         return self._due(tactic)
 
@@ -324,25 +323,29 @@ class FailsafeMonitor:
 
     def news(self) -> list[str]:
         """Return what is to be noted since the last time."""
+        if not self._news:
+            return []
         news, self._news = self._news, []
         return news
 
-    def _take(self, now_s: float, condition: Condition, symptom: Symptom) -> None:
+    def _take(self, now_s: float, condition: Condition, symptom: Symptom) -> bool:
+        """Take in what is there, and return whether it has been for longer than is borne."""
         row = ROWS[condition]
         patience = self._patience if row.by_wall else 1.0
         borne_s = now_s - symptom.since_s - self._grace_s[condition] * patience + _ROUNDING_S
         if borne_s < 0.0:
-            return
+            return False
         reached = min(int(borne_s / (self._escalation_s * patience)), len(row.reactions) - 1)
         alert = self._alerts.get(condition)
         if alert is None:
             self._alerts[condition] = _Alert(row, reached, symptom.detail, present=True)
             self._tell(condition)
-            return
+            return True
         alert.present, alert.detail = True, symptom.detail
         if reached > alert.reached:
             alert.reached = reached
             self._tell(condition)
+        return True
 
     def _tell(self, condition: Condition) -> None:
         alert = self._alerts[condition]

@@ -11,7 +11,6 @@ from agents.situation import Situation
 from agents.tactics import Tactic
 from agents.team import Team
 from estimation.own import OwnFilter
-from estimation.state import POSITION, Vector
 from estimation.target import TargetFilter
 
 SAME_HEIGHT_M = 1.0
@@ -37,7 +36,8 @@ class Symptoms:
         layer_m = config.choreography.layer_m
         self._same_height_m = min(SAME_HEIGHT_M, layer_m / 2.0) if layer_m else SAME_HEIGHT_M
         self._own, self._target, self._team, self._clocks = own, target, team, clocks
-        self._own_jumps, self._target_jumps = _Jumps(), _Jumps()
+        settle_s = config.failsafe.settle_s
+        self._own_jumps, self._target_jumps = _Jumps(settle_s), _Jumps(settle_s)
         self._since_s: dict[Condition, float] = {}
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self.battery: float | None = None
@@ -55,15 +55,18 @@ class Symptoms:
         """
         found: Found = {}
         now_s = situation.now_s
-        self._look_at_vehicle(found, now_s, situation.own.mean[POSITION])
+        self._look_at_vehicle(found, now_s)
         self._look_at_loop(found, now_s)
         self._look_at_target(found, situation, tactic, active)
         if gone_s := self._team.gone_s:
             self._look_for_peers(found, gone_s)
         if self._clocks.off:
             self._look_at_clocks(found, now_s, patience)
+        x, y = situation.own.mean.item(0), situation.own.mean.item(1)
+        if self._fence is not None and not self._fence.contains((x, y)):
+            self._add(found, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
         if tactic in _IN_COMPANY:
-            self._look_around(found, situation, height_m)
+            self._look_around(found, now_s, x, y, height_m)
         if self._since_s:
             for condition in [c for c in self._since_s if c not in found]:
                 del self._since_s[condition]
@@ -72,11 +75,11 @@ class Symptoms:
     def _add(self, found: Found, now_s: float, condition: Condition, detail: str) -> None:
         found[condition] = Symptom(self._since_s.setdefault(condition, now_s), detail)
 
-    def _look_at_vehicle(self, found: Found, now_s: float, here: Vector) -> None:
+    def _look_at_vehicle(self, found: Found, now_s: float) -> None:
         heard_s = self._own.heard_s
         if heard_s is not None and now_s - heard_s > self._period_s:
             found[Condition.TELEMETRY_STALE] = Symptom(heard_s, f"none for {now_s - heard_s:.1f} s")
-        jumped_s = self._own_jumps.see(self._own.resets, now_s, self._settings.settle_s)
+        jumped_s = self._own_jumps.see(self._own.resets, now_s)
         if jumped_s is not None:
             found[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position is elsewhere now")
         battery = self.battery
@@ -84,10 +87,6 @@ class Symptoms:
             self._add(found, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")
             if battery < self._settings.battery_critical:
                 self._add(found, now_s, Condition.BATTERY_CRITICAL, f"at {battery:.0%}")
-        if self._fence is not None:
-            x, y = here.tolist()
-            if not self._fence.contains((x, y)):
-                self._add(found, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
 
     def _look_at_loop(self, found: Found, now_s: float) -> None:
         if self.unsolved:
@@ -102,7 +101,7 @@ class Symptoms:
         if situation.target is None and (on_ring or Condition.TARGET_STALE in active):
             sighted_s = self._target.sighted_s
             found[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
-        jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, self._settings.settle_s, new=on_ring)
+        jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:
             found[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings put it elsewhere")
 
@@ -122,37 +121,39 @@ class Symptoms:
             detail = ", ".join(f"vehicle {sender} by {step.by_s:+.2f} s" for sender, step in sorted(stepped.items()))
             found[Condition.CLOCK_STEPPED] = Symptom(since_s, detail)
 
-    def _look_around(self, found: Found, situation: Situation, height_m: float) -> None:
-        x, y, *_ = situation.own.mean.tolist()
-        now_s, near_m = situation.now_s, self._near_m
-        nearest_m, nearest = inf, 0
+    def _look_around(self, found: Found, now_s: float, x: float, y: float, height_m: float) -> None:
+        near_m, nearest = self._near_m, 0
         for peer in self._team.members():
-            if abs(peer.altitude_m - height_m) < self._same_height_m:
-                age_s = now_s - peer.time_s
-                (peer_x, peer_y), (rate_x, rate_y) = peer.position_m, peer.velocity_m_s
-                away_m = hypot(peer_x + rate_x * age_s - x, peer_y + rate_y * age_s - y)
-                if away_m < nearest_m:
-                    nearest_m, nearest = away_m, peer.sender
-        if nearest_m < near_m:
-            self._add(found, now_s, Condition.TOO_CLOSE, f"{nearest_m:.2f} m from vehicle {nearest}")
+            age_s = now_s - peer.time_s
+            away_x = peer.position_m[0] + peer.velocity_m_s[0] * age_s - x
+            # Nearly always that says it all.
+            if -near_m < away_x < near_m and abs(peer.altitude_m - height_m) < self._same_height_m:
+                away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * age_s - y)
+                if away_m < near_m:
+                    near_m, nearest = away_m, peer.sender
+        if nearest:
+            self._add(found, now_s, Condition.TOO_CLOSE, f"{near_m:.2f} m from vehicle {nearest}")
 
 
 class _Jumps:
     """A filter's resets as something that lasts: until it has been quiet for a while."""
 
-    def __init__(self) -> None:
+    def __init__(self, settle_s: float) -> None:
+        self._settle_s = settle_s
         self._seen = 0
         self._since_s: float | None = None
         self._last_s = -inf
 
-    def see(self, resets: int, now_s: float, settle_s: float, *, new: bool = True) -> float | None:
+    def see(self, resets: int, now_s: float, *, new: bool = True) -> float | None:
         """Return since when it jumps, None if it does not; only with `new` a reset begins or prolongs it."""
+        if resets == self._seen and self._since_s is None:
+            return None
         if resets != self._seen:
             self._seen = resets
             if new:
                 self._last_s = now_s
                 self._since_s = now_s if self._since_s is None else self._since_s
-        if self._since_s is not None and now_s - self._last_s >= settle_s:
+        if self._since_s is not None and now_s - self._last_s >= self._settle_s:
             self._since_s = None
         return self._since_s
 

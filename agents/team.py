@@ -66,6 +66,8 @@ class Team:
     @property
     def gone_s(self) -> dict[int, float]:
         """When each peer was heard last that fell silent without having said that it lands or stands down."""
+        if not self._lost:
+            return {}
         return {sender: last.time_s for sender, last in self._lost.items() if last.tactic not in _LEAVING}
 
     @property

@@ -5,6 +5,7 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from agents.failsafe import TABLE, Reaction, Row
 from agents.tactics import diagram
 from estimation.settings import Settings
 from gcs.mission import SensorSection, TrueScale, VehicleSection
@@ -30,7 +31,17 @@ def tactic_diagram() -> str:
     return f"```mermaid\n{diagram()}\n```"
 
 
-GENERATED = {"missions.md": ("keys", key_tables), "design.md": ("tactics", tactic_diagram)}
+def failsafe_table() -> str:
+    """Return the failsafe table as Markdown, its grace times with their defaults."""
+    head = ["| condition | detected when | grace | reaction | on the way down | left |", "|---|---|---|---|---|---|"]
+    return "\n".join(head + [_failsafe(row) for row in TABLE])
+
+
+GENERATED = {
+    "missions.md": ("keys", key_tables),
+    "design.md": ("tactics", tactic_diagram),
+    "safety.md": ("failsafes", failsafe_table),
+}
 
 
 def renewed(name: str) -> str:
@@ -40,6 +51,33 @@ def renewed(name: str) -> str:
     before, _, rest = (DOCS / name).read_text(encoding="utf-8").partition(begin)
     _, _, after = rest.partition(end)
     return f"{before}{begin}\n{generate()}\n{end}{after}"
+
+
+def _failsafe(row: Row) -> str:
+    cells = (
+        f"**{row.condition.value}**",
+        row.detected,
+        _grace(row),
+        "; then ".join(reaction.value for reaction in row.reactions),
+        _descending(row),
+        row.left,
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _grace(row: Row) -> str:
+    if not row.grace:
+        return "none"
+    section, key = row.grace.split(".")
+    wall = ", wall" if row.by_wall else ""
+    return f"{SECTIONS[section].model_fields[key].default:g} s{wall} (`{row.grace}`)"
+
+
+def _descending(row: Row) -> str:
+    if row.descending is not None:
+        return row.descending.value
+    at_once = row.reactions[0] in (Reaction.LAND, Reaction.STAND_DOWN)
+    return row.reactions[0].value if at_once else "goes on"
 
 
 def _table(title: str, model: type[Settings]) -> str:

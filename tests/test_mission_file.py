@@ -257,6 +257,7 @@ def test_an_agent_is_told_what_the_mission_says() -> None:
     assert (config.rate_hz, config.altitude_m, config.communication_radius_m) == (10.0, 8.0, 200.0)
     assert config.plant == mission.vehicle(1).plant
     assert config.safety.separation_m == 3.0
+    assert config.failsafe == mission.failsafe
     assert mission.mission_frame().origin == Geodetic(47.397742, 8.545594, 488.0)
     assert mission.mission_frame().x_bearing_rad == pytest.approx(pi / 2.0)
 
@@ -460,6 +461,14 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
     "a target that nobody can keep up with": (
         changed((("target", "velocity_m_s"), [2.0, 2.0])),
         [("encirclement.angular_rate_rad_s", "3.33 m/s")],
+    ),
+    "a battery that is critical before it is low": (
+        changed((("failsafe",), {"battery_low": 0.2, "battery_critical": 0.25})),
+        [("failsafe.battery_critical", "0.25 must be less than battery_low = 0.2")],
+    ),
+    "all peers missed sooner than one": (
+        changed((("failsafe",), {"peer_silent_s": 5.0})),
+        [("failsafe.peers_silent_s", "peer_silent_s = 5.0 s")],
     ),
     "a leader that is not there": (changed((("formation", "leader"), 7)), [("formation.leader", "1, 2, 3")]),
     "a wrong threshold of the mission": (changed((("decision", "threat_max"), 6.0)), [("decision.threat_max", "6.0")]),

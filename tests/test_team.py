@@ -72,3 +72,21 @@ def test_who_flies_in_formation_and_who_is_near() -> None:
         team.hear_member(member(sender, 1.0, tactic, x))
     assert sorted(team.in_formation()) == [1, 4]
     assert sorted(team.within(np.zeros(2), 5.0)) == [1, 3]
+
+
+@pytest.mark.parametrize("how", ["expires", "is forgotten"])
+@pytest.mark.parametrize(("tactic", "missed"), [("formation", True), ("come down", True), ("land", False)])
+def test_who_falls_silent_is_missed_unless_it_said_that_it_leaves(how: str, tactic: str, missed: bool) -> None:
+    team = Team()
+    team.hear_member(member(1, 10.0, "formation"))
+    team.hear_member(member(1, 10.5, tactic))
+    team.hear_member(member(3, 11.6))
+    assert team.gone_s == {}
+    if how == "expires":
+        team.expire(11.6)
+    else:
+        team.forget(1)
+    assert team.gone_s == ({1: 10.5} if missed else {})
+    assert team.count_heard == 2
+    team.hear_member(member(1, 11.7))
+    assert team.gone_s == {}
