@@ -213,7 +213,9 @@ def by_name(condition: Condition) -> str:
 def make_flight(make_config: Maker, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Flight]:
     """Return a maker of flights that are healthy so far, just before the onset."""
 
-    def make(condition: Condition | None, *, patience: float = 1.0, going_home: bool = False) -> Flight:
+    def make(
+        condition: Condition | None, *, patience: float = 1.0, going_home: bool = False, heard: tuple[int, ...] = (1, 2)
+    ) -> Flight:
         on_ring = condition is not None and CASES[condition].on_ring
         config = make_config(
             vehicle_id=3,
@@ -228,6 +230,7 @@ def make_flight(make_config: Maker, monkeypatch: pytest.MonkeyPatch) -> Callable
             else {"guard": condition is Condition.TOO_CLOSE},
         )
         flight = Flight(config, on_ring=on_ring, patience=patience)
+        peers(*heard)(flight)
         failing(flight, monkeypatch)
         flight.fly(ONSET_S - 1.0)
         if going_home:
@@ -472,6 +475,21 @@ def test_the_last_peer_to_fall_silent_counts_beside_those_that_landed(make_fligh
     flight.peers = {}
     flight.fly(ONSET_S + 15.0)
     assert (flight.told.tactic, flight.told.alert) == ("aside", "all peers silent")
+
+
+def test_who_was_never_heard_does_not_count_among_the_silent(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None, heard=(2,))
+    flight.peers = {}
+    flight.fly(ONSET_S + 10.0)
+    assert (flight.told.tactic, flight.told.alert) == ("formation", "leader lost")
+
+
+def test_in_the_line_a_target_may_jump_and_vanish(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    for target_m in ((40.0, -5.0), (40.0, 15.0), None):
+        flight.target_m = target_m
+        flight.fly(flight.now_s + 5.0)
+    assert (flight.told.tactic, flight.told.alert, flight.notes()) == ("formation", "", [])
 
 
 def test_a_peer_whose_words_are_dropped_for_its_clock_is_said_to_have_stepped(
