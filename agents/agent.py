@@ -15,7 +15,8 @@ from agents.core import VehicleCore
 from agents.messages import TOPICS, Muster, decode, encode
 from agents.muster import Assembly, PeerClocks
 from agents.outputs import CoreStatus, TickOutput
-from agents.ports import FlightMode, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
+from agents.ports import FlightMode, LifeSigns, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
+from agents.stop import Stop
 from agents.tactics import Event, Tactic
 from agents.ticker import Ticker, TickerStatistics
 from estimation.state import Telemetry
@@ -52,18 +53,6 @@ class Outcome:
 _STOPPED = Outcome(Ending.STOPPED, "the operator ended the flight")
 
 
-class Stop:
-    """The operator's wish to end: at first vehicles hold and land, at the second time they land at once."""
-
-    def __init__(self) -> None:
-        self.wanted = asyncio.Event()
-        self.hurried = asyncio.Event()
-
-    def ask(self) -> None:
-        """Ask, or ask again."""
-        (self.hurried if self.wanted.is_set() else self.wanted).set()
-
-
 @dataclass(frozen=True, slots=True)
 class LoopReport:
     """How the control loop fared: ticks done and missed."""
@@ -88,6 +77,7 @@ class Agent:
         rate_hz: float,
         sensor: Callable[[float], TargetSensor],
         observe: Callable[[CoreStatus, float], None],
+        life: LifeSigns,
     ) -> None:
         """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick [us]."""
         self._core = core
@@ -104,6 +94,7 @@ class Agent:
         self._make_sensor = sensor
         self._sensor: TargetSensor | None = None
         self._observe = observe
+        self._life = life
         self._position_m = (0.0, 0.0)
         self._flying = False
         self._in_charge = False
@@ -159,6 +150,7 @@ class Agent:
             if self._returning is not None:
                 self._returning.cancel()
             outcome = self._handed_over() if self._stood_down else await self._bring_down(outcome)
+            self._life.ended()
         return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flying)
 
     def _handed_over(self) -> Outcome:
@@ -177,6 +169,7 @@ class Agent:
         """Take off, unless the operator ends it on the way."""
         if stop.wanted.is_set():
             return False
+        self._life.rising()
         rising = asyncio.create_task(self._link.take_off(self._altitude_m))
         stopped = asyncio.create_task(stop.wanted.wait())
         try:
@@ -301,6 +294,7 @@ class Agent:
             self._core.on_bus(self._bus.alive)
             if self._tick(self._clock.now_s()):
                 first_setpoint.set()
+            self._show_life()
             if self._core.tactic is Tactic.LAND:
                 break
         why = f"failsafe: {self._core.alert}" if self._core.alert else "the core decided to land"
@@ -351,6 +345,10 @@ class Agent:
         """Let the peers know that it is still in the air, and where: some wait for it to be down."""
         async for _ in Ticker(self._period_s, self._clock.now_s, speed=self._clock.speed):
             self._tell(self._core.tick(self._clock.now_s()))
+            self._show_life()
+
+    def _show_life(self) -> None:
+        self._life.tick(self._period_s / self._clock.speed)
 
     def _sense(self, telemetry: Telemetry) -> None:
         self._position_m = telemetry.position_m[:2]

@@ -140,3 +140,19 @@ class TargetSensor(Protocol):
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return a sighting when one is due and the target is within range of `position_m`."""
         ...
+
+
+class LifeSigns(Protocol):
+    """What an agent shows to whoever watches its control loop from outside; never blocks, never raises."""
+
+    def rising(self) -> None:
+        """Tell that the vehicle is about to arm and take off."""
+        ...
+
+    def tick(self, due_s: float) -> None:
+        """Tell that the control loop has ticked; its next tick is due in `due_s` of the wall clock."""
+        ...
+
+    def ended(self) -> None:
+        """Tell that the vehicle is down, or handed over: nobody needs to watch it any more."""
+        ...

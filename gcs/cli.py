@@ -1,6 +1,7 @@
 """The command line: parses, loads the mission, hands over. What is heavy is imported by the command that needs it."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -83,12 +84,18 @@ def fly(
     duration: Duration = None,
     json: Json = False,
     plot: Plot = None,
-) -> Exit:
+) -> int:
     """Fly a mission over MAVLink and Zenoh. Ctrl-C: hold, land, disarm; twice: land at once.
+
+    It flies in a process of its own, which is ended when a control loop hangs: the autopilots' failsafes take over.
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
     """
     hold_back()
+    from gcs.supervisor import is_supervised, supervise  # noqa: PLC0415
+
+    if not is_supervised():
+        return supervise(partial(print, file=sys.stderr))
     from gcs.commands import fly_mission  # noqa: PLC0415
 
     return fly_mission(mission, sitl=sitl, speed=speed, only=only, duration=duration, json=json, plot=plot)

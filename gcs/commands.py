@@ -59,14 +59,16 @@ def fly_mission(
     if sitl and only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
     from gcs.flight import FlightPlan, fly  # noqa: PLC0415
+    from gcs.lifeline import Lifeline  # noqa: PLC0415
     from gcs.live import LiveView  # noqa: PLC0415
 
     vehicles = mission.vehicles if only is None else (_chosen(mission, only, "--only"),)
     speed = speed or (1.0 if sitl else None)
     plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed)
+    orphaned = partial(_say, "this flight's supervisor is gone: the vehicles hold and land", "")
     try:
-        with LiveView(STDERR) as view:
-            flight = asyncio.run(fly(plan, view, partial(_show_alarms, mission)))
+        with Lifeline.inherited(orphaned) as lifeline, LiveView(STDERR) as view:
+            flight = asyncio.run(fly(plan, view, partial(_show_alarms, mission), lifeline))
     except VehicleRefusedError as refusal:
         _say(refusal.reason, refusal.next_step)
         return Exit.REFUSED

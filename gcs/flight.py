@@ -11,15 +11,17 @@ from time import perf_counter
 from types import TracebackType
 from typing import Self
 
-from agents.agent import Agent, Ending, Outcome, Stop
+from agents.agent import Agent, Ending, Outcome
 from agents.clock import MissionClock
 from agents.core import VehicleCore
 from agents.outputs import CoreStatus
 from agents.ports import TargetSensor, VehicleRefusedError
+from agents.stop import Stop
 from agents.zenoh_bus import ZenohBus
 from gcs.compose import target_sensor
 from gcs.findings import Finding, Grade
 from gcs.journal import Journal
+from gcs.lifeline import Supervision, Unsupervised
 from gcs.link_facts import CheckedLink
 from gcs.link_hub import MavsdkHub
 from gcs.live import LiveRow, LiveView
@@ -27,12 +29,12 @@ from gcs.mission import Mission, MissionVehicle
 from gcs.preflight import preflight
 from gcs.preflight_vehicle import clock_lag
 from gcs.record import FlightRecord
-from gcs.signals import relay
 from gcs.stubs import prepared_configs
 from sitl.process import StubProcess
 from sitl.server import StubRecord
 
 _VIEW_PERIOD_S = 0.2
+_UNSUPERVISED = Unsupervised()
 Tell = Callable[[Sequence[Finding]], None]
 
 
@@ -66,7 +68,12 @@ class _Member:
     agent: Agent
 
 
-async def fly(plan: FlightPlan, view: LiveView, tell: Tell = lambda _findings: None) -> Flight:
+async def fly(
+    plan: FlightPlan,
+    view: LiveView,
+    tell: Tell = lambda _findings: None,
+    supervision: Supervision = _UNSUPERVISED,
+) -> Flight:
     """Fly; raises VehicleRefusedError when the team cannot even take off, or should not: `tell` is told the findings.
 
     Ctrl-C makes every vehicle hold and land, a second one land at once.
@@ -76,11 +83,11 @@ async def fly(plan: FlightPlan, view: LiveView, tell: Tell = lambda _findings: N
     stop = Stop()
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
-        relay(lambda: loop.call_soon_threadsafe(stop.ask))
+        supervision.relay(lambda: loop.call_soon_threadsafe(stop.ask))
         stubs = await stack.enter_async_context(_Stubs(plan, clock.speed))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
-        team = [_member(plan.mission, vehicle, hub, clock, journal) for vehicle in plan.vehicles]
+        team = [_member(plan.mission, vehicle, hub, clock, journal, supervision) for vehicle in plan.vehicles]
         for member in team:
             stack.push_async_callback(member.agent.close)
         view.update([], 0.0, "looking for the vehicles")
@@ -119,7 +126,12 @@ class _Stubs:
 
 
 def _member(
-    mission: Mission, vehicle: MissionVehicle, hub: MavsdkHub, clock: MissionClock, journal: Journal
+    mission: Mission,
+    vehicle: MissionVehicle,
+    hub: MavsdkHub,
+    clock: MissionClock,
+    journal: Journal,
+    supervision: Supervision,
 ) -> _Member:
     config = mission.agent_config(vehicle)
     link = CheckedLink(
@@ -146,6 +158,7 @@ def _member(
         rate_hz=config.rate_hz,
         sensor=sensor,
         observe=journal.note,
+        life=supervision.signs(vehicle.id),
     )
     return _Member(vehicle, link, agent)
 

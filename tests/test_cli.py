@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from gcs.cli import app, main
+from gcs.supervision import LIFELINE
 
 # It warns that these tests run main() itself, as the console script does.
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
@@ -72,13 +73,16 @@ def refused(
 ) -> Callable[..., list[str]]:
     """Return a runner of commands that have to end as bad input before they do anything: what they complain about.
 
-    It runs them in this process, which is faster; the process gives users the same.
+    It runs them in this process, which is faster; the process gives users the same. For `fly` this process is the one
+    that would fly.
     """
 
     def complaints(*arguments: str) -> list[str]:
         monkeypatch.setattr(sys, "argv", ["cordon", *arguments])
         monkeypatch.chdir(tmp_path)
-        with pytest.raises(SystemExit) as ended:
+        supervisor, flying = socket.socketpair()
+        monkeypatch.setenv(LIFELINE, str(os.dup(flying.fileno())))
+        with supervisor, flying, pytest.raises(SystemExit) as ended:
             main()
         out, err = capsys.readouterr()
         assert (ended.value.code, out) == (2, "")
@@ -108,7 +112,7 @@ def mission(tmp_path: Path) -> Callable[..., str]:
 
 
 def test_starting_up_imports_nothing_heavy() -> None:
-    program = f"import sys, gcs.cli; print([name for name in {HEAVY} if name in sys.modules])"
+    program = f"import sys, gcs.cli, gcs.supervisor; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment(), timeout=60
     )

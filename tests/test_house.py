@@ -18,6 +18,7 @@ PRINTERS = {"gcs/cli.py", "gcs/output.py"}
 SHELL = {
     "agents/agent.py",
     "agents/clock.py",
+    "agents/stop.py",
     "agents/ticker.py",
     "agents/zenoh_bus.py",
     "sitl/process.py",
