@@ -1,7 +1,8 @@
 """The command line: parses, loads the mission, hands over. What is heavy is imported by the command that needs it."""
 
+import os
 import sys
-from functools import partial
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -95,7 +96,7 @@ def fly(
     from gcs.supervisor import is_supervised, supervise  # noqa: PLC0415
 
     if not is_supervised():
-        return supervise(partial(print, file=sys.stderr))
+        return supervise(_tell)
     from gcs.commands import fly_mission  # noqa: PLC0415
 
     return fly_mission(mission, sitl=sitl, speed=speed, only=only, duration=duration, json=json, plot=plot)
@@ -138,6 +139,12 @@ def command(
     from gcs.commands import command_team  # noqa: PLC0415
 
     return command_team(verb, vehicle, mission)
+
+
+def _tell(line: str) -> None:
+    """Write a line for people, whether anybody is left to read it or not."""
+    with suppress(OSError):
+        os.write(sys.stderr.fileno(), f"{line}\n".encode())
 
 
 def main() -> None:

@@ -96,12 +96,14 @@ class Lifeline:
             words = self._words()
             silent_polls = 0 if words else silent_polls + 1
             wishes = words.count(STOP) if words else 0
-            if words == b"" or silent_polls == SUPERVISOR_SILENCE_POLLS:
-                self._orphaned()
+            lost = words == b"" or silent_polls == SUPERVISOR_SILENCE_POLLS
+            if lost:
                 wishes = 0 if asked else 1  # a second one would mean: in a hurry
             for _ in range(wishes):
                 ask()
             asked = asked or wishes > 0
+            if lost:
+                self._orphaned()  # after asking: to tell may fail, where a terminal has gone too
             if words == b"":
                 return
 

@@ -150,19 +150,22 @@ def test_a_supervisor_that_is_dead_or_silent_makes_it_land(
     monkeypatch.setattr("gcs.lifeline.POLL_PERIOD_S", 0.001)
     ours, theirs = pair
     calls: list[str] = []
-    asked = threading.Event()
+    told = threading.Event()
 
     def ask() -> None:
         calls.append("ask")
-        asked.set()
 
-    with Lifeline(theirs, lambda: calls.append("orphaned")) as lifeline:
+    def orphaned() -> None:
+        calls.append("orphaned")
+        told.set()
+
+    with Lifeline(theirs, orphaned) as lifeline:
         lifeline.relay(ask)
         if closed:
             ours.close()
-        assert asked.wait(5.0)
+        assert told.wait(5.0)
         assert not theirs.get_inheritable()
-    assert calls == ["orphaned", "ask"]
+    assert calls == ["ask", "orphaned"]
 
 
 def test_a_flight_that_is_over_wants_nothing_more(pair: tuple[socket.socket, socket.socket]) -> None:
