@@ -6,14 +6,14 @@ It reads the world, ticks the core at absolute deadlines, and writes; it decides
 import asyncio
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import dataclass
-from enum import Enum
 from time import perf_counter
 
 from agents.clock import MissionClock
 from agents.core import VehicleCore
-from agents.messages import TOPICS, Muster, decode, encode
+from agents.kill_switch import KillSwitch
+from agents.messages import TOPICS, Muster, OperatorCommand, decode, encode
 from agents.muster import Assembly, PeerClocks
+from agents.outcome import Ending, LoopReport, Outcome, Stop
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import FlightMode, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
 from agents.tactics import Event, Tactic
@@ -29,47 +29,8 @@ CLOCKS_TIMEOUT_S = 1.2
 _MUSTER_PERIOD_S = TOPICS[Muster].period_s
 
 
-class Ending(Enum):
-    """How an agent's flight ended."""
-
-    COMPLETED = "completed"
-    STOPPED = "stopped"
-    REFUSED = "refused"
-    STOOD_DOWN = "stood down"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How it ended, why and what to do next where something went wrong, and whether the vehicle ever flew."""
-
-    ending: Ending
-    reason: str = ""
-    next_step: str = ""
-    flew: bool = False
-
-
 _STOPPED = Outcome(Ending.STOPPED, "the operator ended the flight")
-
-
-class Stop:
-    """The operator's wish to end: at first vehicles hold and land, at the second time they land at once."""
-
-    def __init__(self) -> None:
-        self.wanted = asyncio.Event()
-        self.hurried = asyncio.Event()
-
-    def ask(self) -> None:
-        """Ask, or ask again."""
-        (self.hurried if self.wanted.is_set() else self.wanted).set()
-
-
-@dataclass(frozen=True, slots=True)
-class LoopReport:
-    """How the control loop fared: ticks done and missed."""
-
-    ticks: int
-    missed: int
+_KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "find it, and see to it before it flies again")
 
 
 class Agent:
@@ -87,9 +48,12 @@ class Agent:
         altitude_m: float,
         rate_hz: float,
         sensor: Callable[[float], TargetSensor],
-        observe: Callable[[CoreStatus, float], None],
+        observe: Callable[[CoreStatus, float | None], None],
     ) -> None:
-        """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick [us]."""
+        """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick [us].
+
+        Ticks outside the control loop, on the way up and down, come without a time.
+        """
         self._core = core
         self._link = link
         self._bus = bus
@@ -112,6 +76,7 @@ class Agent:
         self._ended_s: float | None = None
         self._restarts = 0
         self._returning: asyncio.Task[None] | None = None
+        self._kill = KillSwitch(link, self._on_killed)
 
     @property
     def loop(self) -> LoopReport:
@@ -158,7 +123,8 @@ class Agent:
         finally:
             if self._returning is not None:
                 self._returning.cancel()
-            outcome = self._handed_over() if self._stood_down else await self._bring_down(outcome)
+            over = self._stood_down and not self._kill.thrown
+            outcome = self._handed_over() if over else await self._bring_down(outcome)
         return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flying)
 
     def _handed_over(self) -> Outcome:
@@ -166,6 +132,15 @@ class Agent:
         if self._link.status.restarts > self._restarts:
             reason, step = f"{reason}: its autopilot restarted", "go and see, and look at its log for the reason"
         return Outcome(Ending.STOOD_DOWN, reason, step)
+
+    def obey(self, command: OperatorCommand) -> None:
+        """Take a command of an operator at this computer."""
+        self._core.on_command(command, self._clock.now_s())
+        self._kill_if_told()
+
+    def pass_on(self, command: OperatorCommand) -> None:
+        """Say a command to everybody else on the bus."""
+        self._bus.publish(TOPICS[OperatorCommand].name, encode(command))
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
@@ -175,12 +150,13 @@ class Agent:
 
     async def _took_off(self, stop: Stop) -> bool:
         """Take off, unless the operator ends it on the way."""
-        if stop.wanted.is_set():
+        if stop.wanted.is_set() or self._kill.thrown:
             return False
         rising = asyncio.create_task(self._link.take_off(self._altitude_m))
         stopped = asyncio.create_task(stop.wanted.wait())
+        ordered = asyncio.create_task(self._tick_beside(until_landing=True))
         try:
-            await asyncio.wait((rising, stopped), return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((rising, stopped, ordered), return_when=asyncio.FIRST_COMPLETED)
             if rising.done():
                 rising.result()
                 return True
@@ -188,8 +164,8 @@ class Agent:
             await self._sleep(ARMED_HEARD_AFTER_S)
             return False
         finally:
-            rising.cancel()
-            stopped.cancel()
+            for task in (rising, stopped, ordered):
+                task.cancel()
 
     async def _control_until_end(self, duration_s: float, stop: Stop) -> Outcome:
         first_setpoint = asyncio.Event()
@@ -301,7 +277,7 @@ class Agent:
             self._core.on_bus(self._bus.alive)
             if self._tick(self._clock.now_s()):
                 first_setpoint.set()
-            if self._core.tactic is Tactic.LAND:
+            if self._core.tactic is Tactic.LAND or self._kill.thrown:
                 break
         why = f"failsafe: {self._core.alert}" if self._core.alert else "the core decided to land"
         return self._ended or Outcome(Ending.STOPPED, why)
@@ -331,26 +307,47 @@ class Agent:
             await asyncio.wait_for(stop.hurried.wait(), HOLD_BEFORE_LANDING_S / self._clock.speed)
 
     async def _bring_down(self, outcome: Outcome) -> Outcome:
-        """Leave offboard and land; what fails on the way is told beside what ended the flight."""
-        if not self._link.status.armed:
+        """Leave offboard and land, or cut the motors; what fails is told beside what ended the flight."""
+        if not (self._link.status.armed or self._kill.thrown):
             return outcome
         self._flying = True
         self._core.on_event(Event.LAND)
-        telling = asyncio.create_task(self._tell_while_landing())
+        ticking = asyncio.create_task(self._tick_beside())
         try:
-            for step in (self._link.stop_offboard, self._link.land):
-                try:
-                    await step()
-                except VehicleRefusedError as refusal:
-                    outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
+            landed = await self._kill.unless_thrown(self._land(outcome))
+            if landed is not None:
+                return landed
+            failure = await self._kill.failure()
+            if failure is not None:
+                return await self._land(Outcome(Ending.REFUSED, failure.reason, failure.next_step))
+            return _KILLED
         finally:
-            telling.cancel()
+            ticking.cancel()
+
+    async def _land(self, outcome: Outcome) -> Outcome:
+        for step in (self._link.stop_offboard, self._link.land):
+            try:
+                await step()
+            except VehicleRefusedError as refusal:
+                outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
         return outcome
 
-    async def _tell_while_landing(self) -> None:
-        """Let the peers know that it is still in the air, and where: some wait for it to be down."""
+    async def _tick_beside(self, *, until_landing: bool = False) -> None:
+        """Tick outside the control loop: peers are told where it is, operators are answered; nothing is steered."""
         async for _ in Ticker(self._period_s, self._clock.now_s, speed=self._clock.speed):
-            self._tell(self._core.tick(self._clock.now_s()))
+            self._tick_once_beside()
+            if until_landing and (self._core.tactic is Tactic.LAND or self._kill.thrown):
+                return
+
+    def _tick_once_beside(self) -> None:
+        output = self._core.tick(self._clock.now_s())
+        self._tell(output)
+        self._observe(output.status, None)
+
+    def _on_killed(self, refusal: str) -> None:
+        """Answer what came of a kill, also where nothing ticks any more."""
+        self._core.on_killed(refusal, self._clock.now_s())
+        self._tick_once_beside()
 
     def _sense(self, telemetry: Telemetry) -> None:
         self._position_m = telemetry.position_m[:2]
@@ -359,11 +356,16 @@ class Agent:
 
     def _hear(self, payload: bytes) -> None:
         self._core.on_message(payload, self._clock.now_s())
+        self._kill_if_told()
         if self._announcing is not None and self._sensor is None:  # before, this clock has not got its speed
             with suppress(ValueError):
                 message = decode(payload)
                 if isinstance(message, Muster):
                     self._hear_muster(message)
+
+    def _kill_if_told(self) -> None:
+        if self._core.kills:
+            self._kill.throw()
 
     def _hear_muster(self, message: Muster) -> None:
         lag_s = self._clock.now_s() - message.time_s

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from agents.agent import Ending
 from agents.clock import MissionClock
 from agents.messages import TOPICS, Muster, encode
+from agents.outcome import Ending
 from agents.ports import VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from gcs.findings import Finding, Grade

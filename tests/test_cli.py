@@ -28,7 +28,7 @@ HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlin
 RESULT_KEYS = {
     "": (
         "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions "
-        "guard_causes loop verdicts wall_time_s realtime_factor"
+        "guard_causes loop verdicts wall_time_s realtime_factor events"
     ),
     "vehicles": (
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "

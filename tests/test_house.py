@@ -18,6 +18,8 @@ PRINTERS = {"gcs/cli.py", "gcs/output.py"}
 SHELL = {
     "agents/agent.py",
     "agents/clock.py",
+    "agents/kill_switch.py",
+    "agents/outcome.py",
     "agents/ticker.py",
     "agents/zenoh_bus.py",
     "sitl/process.py",
