@@ -1,9 +1,14 @@
 """An operator's commands to a flying team, from another terminal and by keys: answered, obeyed, able to end it."""
 
 import asyncio
+import os
+import pty
+import sys
+import termios
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from io import StringIO
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,6 +27,7 @@ from tests.wire import StubWatch, served, until
 
 pytestmark = [pytest.mark.wire, pytest.mark.team]
 
+ROOT = Path(__file__).parents[1]
 SPEED = 5.0
 
 
@@ -166,3 +172,67 @@ async def test_a_team_holds_within_200_ms_of_the_word(fly_team: FlyTeam) -> None
     after_s = [answer.after_s for answer in answers.values() if answer is not None and answer.did == "holds"]
     assert len(after_s) == 3
     assert max(after_s) < 0.2
+
+
+async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = mission_file("case2")
+    mission = load_mission(path)
+    watch, tactics = StubWatch(monkeypatch), dict[int, str]()
+    view = LiveView(Console(file=StringIO()))
+    monkeypatch.setattr(view, "update", lambda rows, *_: tactics.update({row.vehicle_id: row.tactic for row in rows}))
+    async with served(stub_configs(mission), SPEED):
+        child, person = pty.fork()
+        if child == 0:
+            os.environ |= {"PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "120"}
+            command = [sys.executable, "-m", "gcs", "fly", path, "--only", "1", "--speed", str(SPEED)]
+            os.execv(sys.executable, command)
+        terminal, shown = Terminal(person), termios.tcgetattr(person)
+        plan = FlightPlan(mission, 120.0, mission.vehicles[1:], stubs=False, speed=SPEED)
+        flight = asyncio.create_task(fly(plan, view))
+        try:
+            await until(lambda: list(tactics.values()) == ["formation"] * 2, 30.0)
+            assert "h hold" in terminal.text
+            terminal.type("h")
+            await until(lambda: list(tactics.values()) == ["hold"] * 2, 2.0)
+            await until(lambda: "vehicle 1: hold by keys: holds" in terminal.text, 2.0)
+            await until(lambda: "vehicle 2: answers: holds" in terminal.text, 2.0)
+            terminal.type("k")
+            await until(lambda: "cut all motors?" in terminal.text, 2.0)
+            assert all(vehicle.armed for vehicle in watch.vehicles.values())
+            terminal.type("y")
+            await until(lambda: not any(vehicle.armed for vehicle in watch.vehicles.values()), 3.0)
+            outcomes = (await flight).outcomes
+            assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
+            await until(lambda: terminal.ended, 20.0, "the end of the other process")
+            assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 4
+            assert termios.tcgetattr(person) == shown
+        finally:
+            terminal.close()
+            flight.cancel()
+            await asyncio.gather(flight, return_exceptions=True)
+
+
+class Terminal:
+    """A person at a terminal: what is shown there, and what is typed."""
+
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+        self.text = ""
+        self.ended = False
+        asyncio.get_running_loop().add_reader(fd, self._read)
+
+    def type(self, keys: str) -> None:
+        os.write(self._fd, keys.encode())
+
+    def close(self) -> None:
+        asyncio.get_running_loop().remove_reader(self._fd)
+        os.close(self._fd)
+
+    def _read(self) -> None:
+        try:
+            self.text += os.read(self._fd, 65536).decode(errors="replace")
+        except OSError:
+            self.ended = True
+            asyncio.get_running_loop().remove_reader(self._fd)
