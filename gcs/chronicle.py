@@ -33,14 +33,15 @@ class Chronicle:
 
     def _watch(self, peer: MemberState) -> None:
         """Note what changed about a vehicle of another process."""
-        before = self._last.get(peer.sender, peer)
-        if peer.time_s < before.time_s:
+        before = self._last.get(peer.sender)
+        if before is not None and peer.time_s < before.time_s:
             return
         self._last[peer.sender] = peer
-        if peer.tactic != before.tactic:
+        if before is not None and peer.tactic != before.tactic:
             self._add(peer, "tactic", f"{before.tactic} -> {peer.tactic}")
-        if peer.alert != before.alert:
-            self._add(peer, "failsafe", f"alert: {peer.alert}" if peer.alert else f"no alert any more: {before.alert}")
+        alert = "" if before is None else before.alert
+        if peer.alert != alert:
+            self._add(peer, "failsafe", f"alert: {peer.alert}" if peer.alert else f"no alert any more: {alert}")
 
     def _hear(self, answer: CommandAnswer) -> None:
         key = (answer.sender, answer.number, answer.did)

@@ -79,11 +79,8 @@ def confirmed(question: str) -> bool:
     """Ask on the terminal, and return whether the answer is yes; raises InputError where there is no terminal."""
     if not (sys.stdin.isatty() and STDERR.is_terminal):
         raise InputError(["--yes: there is no terminal to ask for confirmation on; say --yes to go ahead without"])
-    try:
-        answer = STDERR.input(f"{question} [y/N] ", markup=False)
-    except EOFError:
-        return False
-    return answer.strip().lower() in ("y", "yes")
+    STDERR.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def print_result(text: str) -> None:

@@ -94,12 +94,11 @@ class TeamPicture:
         name = f"vehicle {state.sender}"
         if last is None:
             self._news.append(f"{name}: heard, its tactic is {state.tactic}")
-            return
-        if last.told_silent:
+        elif last.told_silent:
             self._news.append(f"{name}: is heard again")
-        if state.tactic != last.state.tactic:
+        if last is not None and state.tactic != last.state.tactic:
             self._news.append(f"{name}: {last.state.tactic} -> {state.tactic}")
-        if state.alert != last.state.alert:
+        if state.alert != ("" if last is None else last.state.alert):
             self._news.append(f"{name}: {f'alert: {state.alert}' if state.alert else 'no alert any more'}")
 
     def _hear_order(self, message: OperatorCommand | CommandAnswer) -> None:

@@ -214,6 +214,24 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await asyncio.gather(flight, return_exceptions=True)
 
 
+@pytest.mark.parametrize(("typed", "told"), [("n", "nothing was said"), ("y", "no vehicle heard")])
+async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mission_file: Callable[..., str]) -> None:
+    path = mission_file("case2")
+    child, person = pty.fork()
+    if child == 0:
+        os.environ |= {"PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "120"}
+        os.execv(sys.executable, [sys.executable, "-m", "gcs", "command", "kill", "--vehicle", "2", "--mission", path])
+    terminal = Terminal(person)
+    try:
+        await until(lambda: "Cut the motors of vehicle 2 of case2" in terminal.text)
+        terminal.type(f"{typed}\n")
+        await until(lambda: terminal.ended)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
+        assert told in terminal.text
+    finally:
+        terminal.close()
+
+
 class Terminal:
     """A person at a terminal: what is shown there, and what is typed."""
 
