@@ -195,14 +195,14 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await until(lambda: list(tactics.values()) == ["formation"] * 2, 30.0)
             assert "h hold" in terminal.text
             terminal.type("h")
-            await until(lambda: list(tactics.values()) == ["hold"] * 2, 2.0)
-            await until(lambda: "vehicle 1: hold by keys: holds" in terminal.text, 2.0)
-            await until(lambda: "vehicle 2: answers: holds" in terminal.text, 2.0)
+            await until(lambda: list(tactics.values()) == ["hold"] * 2)
+            await until(lambda: "vehicle 1: hold by keys: holds" in terminal.text)
+            await until(lambda: "vehicle 2: answers: holds" in terminal.text)
             terminal.type("k")
-            await until(lambda: "cut all motors?" in terminal.text, 2.0)
+            await until(lambda: "cut all motors?" in terminal.text)
             assert all(vehicle.armed for vehicle in watch.vehicles.values())
             terminal.type("y")
-            await until(lambda: not any(vehicle.armed for vehicle in watch.vehicles.values()), 3.0)
+            await until(lambda: not any(vehicle.armed for vehicle in watch.vehicles.values()))
             outcomes = (await flight).outcomes
             assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
             await until(lambda: terminal.ended, 20.0, "the end of the other process")

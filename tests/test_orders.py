@@ -79,7 +79,8 @@ def test_a_vehicle_that_was_taken_says_who_has_it_and_what_helps(verb: Verb) -> 
     did = vehicle.told(verb)
     assert not obeyed(did)
     assert "somebody else" in did
-    assert "resume" in did
+    assert "resume takes it back" in did
+    assert "lands in" not in did
     assert vehicle.tactic is Tactic.STOOD_DOWN
 
 
@@ -147,6 +148,7 @@ def test_a_pilot_who_takes_an_aborted_vehicle_has_it() -> None:
     vehicle.told("abort")
     vehicle.tactic = Tactic.STOOD_DOWN
     vehicle.tick(100.0)
+    assert [note.text.partition(":")[0] for note in vehicle.orders.notes()] == ["abort by pat@here"]
     assert vehicle.told("resume") == "resumes its mission"
     vehicle.tick(200.0)
     assert vehicle.tactic is Tactic.FORMATION, "what came before is over"

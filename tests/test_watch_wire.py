@@ -106,7 +106,7 @@ def test_with_nobody_there_it_says_so_and_waits_until_it_is_told_to_end(
 @pytest.mark.team
 def test_watches_that_come_and_are_killed_disturb_nobody(mission_file: Callable[..., str]) -> None:
     mission = mission_file("case2", *SOON)
-    with cordon("fly", mission, "--sitl", "--speed", "3", "--duration", "90", "--json") as flight:
+    with cordon("fly", mission, "--sitl", "--speed", "2", "--duration", "60", "--json") as flight:
         assert flight.stderr is not None
         for line in flight.stderr:
             if "formation -> encircle" in line:
@@ -126,7 +126,7 @@ def test_watches_that_come_and_are_killed_disturb_nobody(mission_file: Callable[
     assert flight.returncode == 0, err
     result = json.loads(out)
     assert {event["kind"] for event in result["events"]} == {"tactic"}
-    told = sorted(event["text"] for event in result["events"] if event["time_s"] < 85.0)
+    told = sorted(event["text"] for event in result["events"] if event["time_s"] < 59.0)
     assert told == ["formation -> encircle: engage"] * 3 + ["standby -> formation: start"] * 3
     assert [result["verdicts"][name] for name in ("C1", "C2", "C3")] == [True] * 3
     assert result["loop"]["missed"] <= 0.01 * result["loop"]["ticks"]
