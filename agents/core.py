@@ -35,7 +35,6 @@ from estimation.state import (
 )
 from estimation.target import TargetFilter
 
-
 GUARD_QUIET_S = 5.0
 """After this long without it the guard's next intervention is news again."""
 

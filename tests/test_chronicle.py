@@ -33,6 +33,7 @@ def status(
         peers=tuple(peers),
         messages_dropped=0,
         alert="",
+        guarded=None,
         notes=tuple(notes),
         answers=tuple(answers),
     )

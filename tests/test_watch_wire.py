@@ -125,8 +125,9 @@ def test_watches_that_come_and_are_killed_disturb_nobody(mission_file: Callable[
         out, err = flight.communicate(timeout=120.0)
     assert flight.returncode == 0, err
     result = json.loads(out)
-    assert {event["kind"] for event in result["events"]} == {"tactic"}
-    told = sorted(event["text"] for event in result["events"] if event["time_s"] < 59.0)
+    assert {event["kind"] for event in result["events"]} <= {"tactic", "guard"}, "nobody was told anything"
+    changes = [event for event in result["events"] if event["kind"] == "tactic" and event["time_s"] < 59.0]
+    told = sorted(event["text"] for event in changes)
     assert told == ["formation -> encircle: engage"] * 3 + ["standby -> formation: start"] * 3
     assert [result["verdicts"][name] for name in ("C1", "C2", "C3")] == [True] * 3
     assert result["loop"]["missed"] <= 0.01 * result["loop"]["ticks"]
