@@ -149,6 +149,15 @@ async def test_a_kill_cuts_the_motors_whatever_the_vehicle_is_doing(when: str, f
         assert not any(vehicle.armed for vehicle in team.watch.vehicles.values())
 
 
+async def test_a_vehicle_that_is_told_to_land_on_its_way_up_comes_down_from_there(fly_team: FlyTeam) -> None:
+    async with fly_team(speed=1.0, until_tactic="") as team:
+        await until(lambda: 3 in team.watch.vehicles and not team.watch.vehicles[3].landed)
+        assert await team.command("land", 3) == {3: "lands"}
+        await until(lambda: team.watch.vehicles[3].mode is NavMode.LAND, 6.0)
+        outcomes = await team.outcomes()
+    assert {outcome.ending for outcome in outcomes.values()} == {Ending.STOPPED}, "the mission needs everybody"
+
+
 async def test_a_kill_that_is_not_obeyed_is_tried_again_and_told(
     fly_team: FlyTeam, monkeypatch: pytest.MonkeyPatch
 ) -> None:
