@@ -50,9 +50,9 @@ class Agent:
         sensor: Callable[[float], TargetSensor],
         observe: Callable[[CoreStatus, float | None], None],
     ) -> None:
-        """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick [us].
+        """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick.
 
-        Ticks outside the control loop, on the way up and down, come without a time.
+        It is told its computing time [us], None outside the control loop.
         """
         self._core = core
         self._link = link
@@ -314,13 +314,11 @@ class Agent:
         self._core.on_event(Event.LAND)
         ticking = asyncio.create_task(self._tick_beside())
         try:
-            landed = await self._kill.unless_thrown(self._land(outcome))
-            if landed is not None:
+            if (landed := await self._kill.unless_thrown(self._land(outcome))) is not None:
                 return landed
-            failure = await self._kill.failure()
-            if failure is not None:
-                return await self._land(Outcome(Ending.REFUSED, failure.reason, failure.next_step))
-            return _KILLED
+            if (failure := await self._kill.failure()) is None:
+                return _KILLED
+            return await self._land(Outcome(Ending.REFUSED, failure.reason, failure.next_step))
         finally:
             ticking.cancel()
 

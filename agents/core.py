@@ -139,7 +139,7 @@ class VehicleCore:
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """Take an operator's command: it acts at once, and is answered in the next tick."""
         self._now_s = now_s
-        self._obey(self._orders.take(command, self._tactic, now_s))
+        self._obey(self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume()))
 
     def on_killed(self, refusal: str, now_s: float) -> None:
         """Take what came of cutting the motors: why it failed, or nothing when it did not."""

@@ -62,13 +62,21 @@ class Orders:
         """Whether the motors are to be cut: from the command until the shell has told what came of it."""
         return bool(self._kills)
 
-    def take(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> Event | None:
-        """Take a command in the present tactic; return the event that it makes, None for one that changes nothing."""
+    def take(
+        self, command: OperatorCommand, tactic: Tactic, now_s: float, resume_refused: str | None = None
+    ) -> Event | None:
+        """Take a command in the present tactic; return the event that it makes, None for one that changes nothing.
+
+        `resume_refused` is why the vehicle must not resume, None if it may.
+        """
         if command.vehicle not in (None, self._vehicle_id):
             return None
         event = None
         if command.number not in self._did:
-            did, event = self._carry_out(command, tactic, now_s)
+            if command.verb == "resume" and resume_refused:
+                did = f"{REFUSED}{resume_refused}"[:DID_LIMIT]
+            else:
+                did, event = self._carry_out(command, tactic, now_s)
             self._remember(command, did, now_s)
         self._unanswered[command.number] = None
         return event

@@ -201,6 +201,16 @@ def test_all_who_asked_for_a_kill_hear_why_it_failed() -> None:
     assert not any(obeyed(a.did) for a in answers)
 
 
+def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
+    vehicle = Vehicle()
+    vehicle.told("abort")
+    resume = OperatorCommand(0.0, "resume", None, "pat@here", 1000)
+    assert vehicle.orders.take(resume, vehicle.tactic, 0.0, "battery low: 20 %") is None
+    assert vehicle.orders.answers(0.0)[0].did == "refused: battery low: 20 %"
+    vehicle.tick(HOVER_S)
+    assert vehicle.tactic is Tactic.LAND
+
+
 def test_what_is_remembered_is_bounded() -> None:
     vehicle = Vehicle()
     for number in range(3 * NUMBERS_KEPT):
