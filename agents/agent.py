@@ -6,59 +6,26 @@ It reads the world, ticks the core at absolute deadlines, and writes; it decides
 import asyncio
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import dataclass
-from enum import Enum
 from time import perf_counter
 
 from agents.clock import MissionClock
 from agents.core import VehicleCore
-from agents.messages import TOPICS, Muster, decode, encode
-from agents.muster import Assembly, PeerClocks
+from agents.kill_switch import KillSwitch
+from agents.messages import TOPICS, OperatorCommand, encode
+from agents.outcome import Ending, LoopReport, Outcome, Stop
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import FlightMode, LifeSigns, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
-from agents.stop import Stop
+from agents.rally import Rally
 from agents.tactics import Event, Tactic
 from agents.ticker import Ticker, TickerStatistics
 from estimation.state import Telemetry
 
-MUSTER_TIMEOUT_S = 120.0
 ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats come once a second: after this, an arming that was under way has been heard of."""
 HOLD_BEFORE_LANDING_S = 3.0
-CLOCKS_TIMEOUT_S = 1.2
-"""How long a take-off waits to hear the clocks of the peers that are there [wall s]: one may still be connecting."""
-_MUSTER_PERIOD_S = TOPICS[Muster].period_s
-
-
-class Ending(Enum):
-    """How an agent's flight ended."""
-
-    COMPLETED = "completed"
-    STOPPED = "stopped"
-    REFUSED = "refused"
-    STOOD_DOWN = "stood down"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How it ended, why and what to do next where something went wrong, and whether the vehicle ever flew."""
-
-    ending: Ending
-    reason: str = ""
-    next_step: str = ""
-    flew: bool = False
-
 
 _STOPPED = Outcome(Ending.STOPPED, "the operator ended the flight")
-
-
-@dataclass(frozen=True, slots=True)
-class LoopReport:
-    """How the control loop fared: ticks done and missed."""
-
-    ticks: int
-    missed: int
+_KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "find it, and see to it before it flies again")
 
 
 class Agent:
@@ -76,19 +43,19 @@ class Agent:
         altitude_m: float,
         rate_hz: float,
         sensor: Callable[[float], TargetSensor],
-        observe: Callable[[CoreStatus, float], None],
+        observe: Callable[[CoreStatus, float | None], None],
         life: LifeSigns,
     ) -> None:
-        """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick [us]."""
+        """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick.
+
+        It is told its computing time [us], None outside the control loop.
+        """
         self._core = core
         self._link = link
         self._bus = bus
         self._clock = clock
         self._altitude_m = altitude_m
-        self._assembly = Assembly(vehicle_id, members)
-        self._clocks = PeerClocks()
-        self._present: set[int] = set()
-        self._announcing: asyncio.Task[None] | None = None
+        self._rally = Rally(bus, clock, vehicle_id, members)
         self._period_s = 1.0 / rate_hz
         self._ticker: Ticker | None = None
         self._make_sensor = sensor
@@ -103,6 +70,7 @@ class Agent:
         self._ended_s: float | None = None
         self._restarts = 0
         self._returning: asyncio.Task[None] | None = None
+        self._kill = KillSwitch(link, self._on_killed)
 
     @property
     def loop(self) -> LoopReport:
@@ -113,7 +81,7 @@ class Agent:
     @property
     def start_s(self) -> float | None:
         """The mission's start on the shared clock, once agreed on."""
-        return self._assembly.start_s
+        return self._rally.start_s
 
     @property
     def ended_s(self) -> float | None:
@@ -123,7 +91,7 @@ class Agent:
     @property
     def clock_lags_s(self) -> dict[int, float]:
         """How far the clocks of the peers' computers are behind this one's, as far as is known [wall s]."""
-        return self._clocks.lags_s()
+        return self._rally.clock_lags_s
 
     async def connect(self) -> None:
         """Reach the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
@@ -132,7 +100,7 @@ class Agent:
 
     def announce(self) -> None:
         """Tell the peers the time from now on, and compare with theirs: once connected, with the clock at its speed."""
-        self._announcing = self._announcing or asyncio.create_task(self._announce())
+        self._rally.announce()
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from the ground to the ground: whatever happens, it comes down or is handed over."""
@@ -140,7 +108,7 @@ class Agent:
         outcome = Outcome(Ending.COMPLETED)
         try:
             outcome = _STOPPED
-            await self._compare_clocks()
+            await self._rally.compare_clocks()
             if await self._took_off(stop):
                 self._flying = True
                 outcome = await self._control_until_end(duration_s, stop)
@@ -149,7 +117,8 @@ class Agent:
         finally:
             if self._returning is not None:
                 self._returning.cancel()
-            outcome = self._handed_over() if self._stood_down else await self._bring_down(outcome)
+            over = self._stood_down and not self._kill.thrown
+            outcome = self._handed_over() if over else await self._bring_down(outcome)
             self._life.ended()
         return Outcome(outcome.ending, outcome.reason, outcome.next_step, self._flying)
 
@@ -159,21 +128,31 @@ class Agent:
             reason, step = f"{reason}: its autopilot restarted", "go and see, and look at its log for the reason"
         return Outcome(Ending.STOOD_DOWN, reason, step)
 
+    def obey(self, command: OperatorCommand) -> None:
+        """Take a command of an operator at this computer."""
+        self._core.on_command(command, self._clock.now_s())
+        self._kill_if_told()
+
+    def pass_on(self, command: OperatorCommand) -> None:
+        """Say a command to everybody else on the bus."""
+        self._bus.publish(TOPICS[OperatorCommand].name, encode(command))
+
     async def close(self) -> None:
         """Leave the bus and release the link."""
-        self._fall_silent()
+        self._rally.fall_silent()
         await self._bus.close()
         await self._link.close()
 
     async def _took_off(self, stop: Stop) -> bool:
         """Take off, unless the operator ends it on the way."""
-        if stop.wanted.is_set():
+        if stop.wanted.is_set() or self._kill.thrown:
             return False
         self._life.rising()
         rising = asyncio.create_task(self._link.take_off(self._altitude_m))
         stopped = asyncio.create_task(stop.wanted.wait())
+        ordered = asyncio.create_task(self._tick_beside(until_landing=True))
         try:
-            await asyncio.wait((rising, stopped), return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((rising, stopped, ordered), return_when=asyncio.FIRST_COMPLETED)
             if rising.done():
                 rising.result()
                 return True
@@ -181,8 +160,8 @@ class Agent:
             await self._sleep(ARMED_HEARD_AFTER_S)
             return False
         finally:
-            rising.cancel()
-            stopped.cancel()
+            for task in (rising, stopped, ordered):
+                task.cancel()
 
     async def _control_until_end(self, duration_s: float, stop: Stop) -> Outcome:
         first_setpoint = asyncio.Event()
@@ -232,20 +211,7 @@ class Agent:
             await self._sleep(self._period_s)
 
     async def _assemble_and_fly(self, duration_s: float) -> Outcome:
-        self._fall_silent()  # from here on it says that it is ready
-        deadline_s = self._clock.now_s() + MUSTER_TIMEOUT_S
-        while self._assembly.start_s is None or self._clock.now_s() < self._assembly.start_s:
-            self._clocks.require_one_time()
-            now_s = self._clock.now_s()
-            if self._assembly.start_s is None and now_s > deadline_s:
-                missing = ", ".join(map(str, self._assembly.missing(now_s)))
-                raise VehicleRefusedError(
-                    f"vehicles not heard on the bus within {MUSTER_TIMEOUT_S:.0f} s: {missing}",
-                    "start their agents, or check the vehicles' endpoints in the mission file",
-                )
-            self._say(self._assembly.speak(now_s))
-            await self._sleep(_MUSTER_PERIOD_S)
-        start_s = self._assembly.start_s
+        start_s = await self._rally.agree()
         self._sensor = self._make_sensor(start_s)
         self._core.start(start_s)
         await self._sleep(start_s + duration_s - self._clock.now_s())
@@ -295,7 +261,7 @@ class Agent:
             if self._tick(self._clock.now_s()):
                 first_setpoint.set()
             self._show_life()
-            if self._core.tactic is Tactic.LAND:
+            if self._core.tactic is Tactic.LAND or self._kill.thrown:
                 break
         why = f"failsafe: {self._core.alert}" if self._core.alert else "the core decided to land"
         return self._ended or Outcome(Ending.STOPPED, why)
@@ -325,27 +291,47 @@ class Agent:
             await asyncio.wait_for(stop.hurried.wait(), HOLD_BEFORE_LANDING_S / self._clock.speed)
 
     async def _bring_down(self, outcome: Outcome) -> Outcome:
-        """Leave offboard and land; what fails on the way is told beside what ended the flight."""
-        if not self._link.status.armed:
+        """Leave offboard and land, or cut the motors; what fails is told beside what ended the flight."""
+        if not (self._link.status.armed or self._kill.thrown):
             return outcome
         self._flying = True
         self._core.on_event(Event.LAND)
-        telling = asyncio.create_task(self._tell_while_landing())
+        ticking = asyncio.create_task(self._tick_beside())
         try:
-            for step in (self._link.stop_offboard, self._link.land):
-                try:
-                    await step()
-                except VehicleRefusedError as refusal:
-                    outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
+            if (landed := await self._kill.unless_thrown(self._land(outcome))) is not None:
+                return landed
+            if (failure := await self._kill.failure()) is None:
+                return _KILLED
+            return await self._land(Outcome(Ending.REFUSED, failure.reason, failure.next_step))
         finally:
-            telling.cancel()
+            ticking.cancel()
+
+    async def _land(self, outcome: Outcome) -> Outcome:
+        for step in (self._link.stop_offboard, self._link.land):
+            try:
+                await step()
+            except VehicleRefusedError as refusal:
+                outcome = Outcome(Ending.REFUSED, refusal.reason, refusal.next_step)
         return outcome
 
-    async def _tell_while_landing(self) -> None:
-        """Let the peers know that it is still in the air, and where: some wait for it to be down."""
+    async def _tick_beside(self, *, until_landing: bool = False) -> None:
+        """Tick outside the control loop: peers are told where it is, operators are answered; nothing is steered."""
         async for _ in Ticker(self._period_s, self._clock.now_s, speed=self._clock.speed):
-            self._tell(self._core.tick(self._clock.now_s()))
-            self._show_life()
+            self._tick_once_beside()
+            if not until_landing:
+                self._show_life()
+            if until_landing and (self._core.tactic is Tactic.LAND or self._kill.thrown):
+                return
+
+    def _tick_once_beside(self) -> None:
+        output = self._core.tick(self._clock.now_s())
+        self._tell(output)
+        self._observe(output.status, None)
+
+    def _on_killed(self, refusal: str) -> None:
+        """Answer what came of a kill, also where nothing ticks any more."""
+        self._core.on_killed(refusal, self._clock.now_s())
+        self._tick_once_beside()
 
     def _show_life(self) -> None:
         self._life.tick(self._period_s / self._clock.speed)
@@ -357,41 +343,16 @@ class Agent:
 
     def _hear(self, payload: bytes) -> None:
         self._core.on_message(payload, self._clock.now_s())
-        if self._announcing is not None and self._sensor is None:  # before, this clock has not got its speed
-            with suppress(ValueError):
-                message = decode(payload)
-                if isinstance(message, Muster):
-                    self._hear_muster(message)
+        self._kill_if_told()
+        self._rally.hear(payload)
 
-    def _hear_muster(self, message: Muster) -> None:
-        lag_s = self._clock.now_s() - message.time_s
-        self._clocks.hear(message.sender, lag_s / self._clock.speed)
-        if abs(lag_s) < TOPICS[Muster].age_max_s:
-            self._assembly.hear(message)
+    def _kill_if_told(self) -> None:
+        if self._core.kills:
+            self._kill.throw()
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
-        (self._present.add if present else self._present.discard)(vehicle_id)
+        self._rally.note_presence(vehicle_id, present)
         self._core.on_presence(vehicle_id, present)
-
-    async def _announce(self) -> None:
-        while True:
-            self._say(self._assembly.speak(self._clock.now_s(), ready=False))
-            await self._sleep(_MUSTER_PERIOD_S)
-
-    def _fall_silent(self) -> None:
-        if self._announcing is not None:
-            self._announcing.cancel()
-
-    def _say(self, message: Muster) -> None:
-        self._bus.publish(TOPICS[Muster].name, encode(message))
-
-    async def _compare_clocks(self) -> None:
-        """Compare with every peer that is there, while all are on the ground; those that come later do so then."""
-        self.announce()
-        end_s = self._clock.now_s() + CLOCKS_TIMEOUT_S * self._clock.speed
-        while self._clocks.unjudged(self._present & self._assembly.others) and self._clock.now_s() < end_s:
-            await self._sleep(_MUSTER_PERIOD_S)
-        self._clocks.require_one_time()
 
     async def _sleep(self, mission_s: float) -> None:
         await asyncio.sleep(max(mission_s, 0.0) / self._clock.speed)

@@ -1,7 +1,7 @@
 """What a vehicle tells its peers, made from what it believes and does: ready to be sent."""
 
 from agents.linearize import Polar
-from agents.messages import TOPICS, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
+from agents.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
 from agents.outputs import Outgoing
 from agents.situation import Situation, Wish
 from agents.tactics import Tactic
@@ -50,6 +50,11 @@ def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, .
             recipients,
         )
     )
+
+
+def command_answer(answer: CommandAnswer) -> Outgoing:
+    """Tell operators what was made of a command."""
+    return _outgoing(answer)
 
 
 def _outgoing(message: PeerMessage) -> Outgoing:

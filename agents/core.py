@@ -6,7 +6,7 @@ wants done comes back from it: the same object flies over MAVLink, in the simula
 
 import numpy as np
 
-from agents.broadcast import member_state, neighbour_angle, target_package
+from agents.broadcast import command_answer, member_state, neighbour_angle, target_package
 from agents.clock_watch import ClockWatch
 from agents.failsafe import Condition, FailsafeMonitor
 from agents.guard import Guard, Guarded, GuardStatus
@@ -14,8 +14,9 @@ from agents.homing import assembled
 from agents.inbox import Inbox
 from agents.linearize import polar_from_motion
 from agents.lmpc import QpStatus
-from agents.messages import MemberState, NeighbourAngle, OperatorCommand, TargetPackage
+from agents.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.neighbours import Neighbours
+from agents.orders import Orders
 from agents.outputs import CoreStatus, Note, Outgoing, TickOutput
 from agents.planning import Planner
 from agents.ports import Setpoint, VehicleStatus
@@ -33,9 +34,6 @@ from estimation.state import (
     Telemetry,
 )
 from estimation.target import TargetFilter
-
-_EVENT_OF_VERB = {"hold": Event.HOLD, "resume": Event.RESUME, "land": Event.LAND, "rtl": Event.RETURN}
-
 
 GUARD_QUIET_S = 5.0
 """After this long without it the guard's next intervention is news again."""
@@ -64,6 +62,8 @@ class VehicleCore:
         self._sightings: list[Sighting] = []
         self._notes: list[Note] = []
         self._guarding_s = -np.inf
+        self._orders = Orders(config.vehicle_id, config.safety.abort_hover_s)
+        self._answers_heard: list[CommandAnswer] = []
         self._now_s = 0.0
         # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
         self._acts_after_s = config.plant.delay_s + 0.5 / config.rate_hz
@@ -77,6 +77,11 @@ class VehicleCore:
     def alert(self) -> str:
         """The gravest condition of the failsafe table that is being reacted to, empty if there is none."""
         return self._failsafe.alert
+
+    @property
+    def kills(self) -> bool:
+        """Whether the motors are to be cut: asked for at once, that waits for no tick."""
+        return self._orders.kills
 
     def set_patience(self, factor: float) -> None:
         """Wait `factor` times as long for what comes over a link: links take wall time, the core's may pass faster."""
@@ -124,11 +129,21 @@ class VehicleCore:
                 self._team.hear_angle(message)
             case TargetPackage():
                 self._hear_target(message)
-            case OperatorCommand(verb=verb, vehicle=vehicle):
-                if vehicle in (None, self._config.vehicle_id):
-                    self._change(_EVENT_OF_VERB[verb])
+            case OperatorCommand():
+                self.on_command(message, now_s)
+            case CommandAnswer():
+                self._answers_heard.append(message)
             case _:
-                pass  # a muster is the shell's concern before the mission starts, an answer is the operator's
+                pass  # a muster is the shell's concern before the mission starts
+
+    def on_command(self, command: OperatorCommand, now_s: float) -> None:
+        """Take an operator's command: it acts at once, and is answered in the next tick."""
+        self._now_s = now_s
+        self._obey(self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume()))
+
+    def on_killed(self, refusal: str, now_s: float) -> None:
+        """Take what came of cutting the motors: why it failed, or nothing when it did not."""
+        self._orders.on_killed(refusal, now_s)
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
         """Take the news that a peer has come or gone."""
@@ -138,10 +153,12 @@ class VehicleCore:
     def tick(self, now_s: float) -> TickOutput:
         """Estimate, decide, plan: one step of the control loop at `now_s`."""
         self._now_s = now_s
+        self._obey(self._orders.due(self._tactic, now_s))
+        answers = tuple(map(command_answer, self._orders.answers(now_s)))
         self._team.expire(now_s, self._patience)
         situation = self._assess(now_s)
         if situation is None:
-            return TickOutput(None, (), self._status(now_s, None, None, None))
+            return TickOutput(None, answers, self._status(now_s, None, None, None))
         self._fail_safe(situation)
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
@@ -156,7 +173,7 @@ class VehicleCore:
         x, y = setpoint_m.tolist()
         return TickOutput(
             None if self._tactic is Tactic.STOOD_DOWN else Setpoint((x, y, self._guard.altitude_m(self._altitude_m))),
-            self._messages(situation, wish),
+            (*answers, *self._messages(situation, wish)),
             self._status(now_s, situation, wish, guarded),
         )
 
@@ -217,6 +234,11 @@ class VehicleCore:
             if assembled(self._config, self._tactic, here, self._team.members(), flown_s):
                 self._altitude_m = self._config.altitude_m
 
+    def _obey(self, event: Event | None) -> None:
+        self._notes += self._orders.notes()
+        if event is not None:
+            self._change(event)
+
     def _change(self, event: Event) -> None:
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
             self._notes.append(Note(self._now_s, "failsafe", f"resume refused: {reason}"))
@@ -276,8 +298,9 @@ class VehicleCore:
     def _status(
         self, now_s: float, situation: Situation | None, wish: Wish | None, guarded: Guarded | None
     ) -> CoreStatus:
-        notes = tuple(self._notes)
+        notes, heard = (*self._notes, *self._orders.notes()), tuple(self._answers_heard)
         self._notes.clear()
+        self._answers_heard.clear()
         target = None if situation is None or situation.target is None else situation.target.mean
         motion = None if situation is None else situation.own.mean[MOTION]
         return CoreStatus(
@@ -296,4 +319,5 @@ class VehicleCore:
             self.alert,
             notes,
             guarded,
+            heard,
         )

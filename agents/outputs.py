@@ -8,7 +8,7 @@ from agents.encirclement import Approach
 from agents.guard import Guarded
 from agents.linearize import Polar
 from agents.lmpc import QpStatus
-from agents.messages import MemberState
+from agents.messages import CommandAnswer, MemberState
 from agents.ports import Setpoint
 from agents.ring import RingPlace
 from agents.tactics import Tactic
@@ -33,7 +33,8 @@ class Note(msgspec.Struct, frozen=True):
 class CoreStatus(msgspec.Struct, frozen=True):
     """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,).
 
-    `alert` is the failsafe that holds it, empty if none; `notes` are what has happened since the last tick.
+    `alert` is the failsafe that holds it, empty if none; `notes` are what has happened, `answers` what peers
+    have answered operators, both since the last tick.
     """
 
     vehicle_id: int
@@ -51,6 +52,7 @@ class CoreStatus(msgspec.Struct, frozen=True):
     alert: str
     notes: tuple[Note, ...]
     guarded: Guarded | None
+    answers: tuple[CommandAnswer, ...] = ()
 
 
 class TickOutput(msgspec.Struct, frozen=True):

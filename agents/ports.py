@@ -96,6 +96,10 @@ class VehicleLink(Protocol):
         """Land where the vehicle is; returns when it is disarmed."""
         ...
 
+    async def kill(self) -> None:
+        """Cut the motors now, wherever the vehicle is and whoever has it: it falls. Returns when it is disarmed."""
+        ...
+
     def hand_over(self) -> None:
         """Send nothing from now on, and leave the flight mode alone: somebody else has the vehicle."""
         ...

@@ -92,6 +92,7 @@ class SafetySettings(Settings):
     lost_avoided_s: float = Field(60.0, ge=0.0, le=3600.0)
     setpoint_lead_max_m: float = Field(6.0, gt=0.0, le=50.0)
     telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
+    abort_hover_s: float = Field(5.0, ge=0.0, le=60.0)
 
 
 class FailsafeSettings(Settings):

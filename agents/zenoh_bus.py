@@ -23,16 +23,17 @@ class ZenohBus:
 
     `listen` and `connect` are Zenoh endpoints such as `tcp/127.0.0.1:7447`. Endpoints that nobody listens on
     yet are tried again until somebody does. A peer that dies is noticed at once, one that freezes after
-    `lease_ms`. `settings` are further Zenoh settings by path, for instance
+    `lease_ms`. Without a `vehicle_id` it only listens: nobody is told of its presence, and nothing is ever published.
+    `listen` None opens no port. `settings` are further Zenoh settings by path, for instance
     `transport/link/tls/listen_certificate`. A bus is opened and closed once.
     Raises ValueError for names that would be patterns in a key.
     """
 
     def __init__(
         self,
-        vehicle_id: int,
+        vehicle_id: int | None,
         team: str,
-        listen: str = "tcp/127.0.0.1:0",
+        listen: str | None = "tcp/127.0.0.1:0",
         connect: Sequence[str] = (),
         *,
         multicast: bool = False,
@@ -83,7 +84,7 @@ class ZenohBus:
         """
         _require_name("topic", topic)
         session = self._session
-        if session is None or self._closed:
+        if session is None or self._closed or self._vehicle_id is None:
             return
         try:
             if topic not in self._publishers:
@@ -122,7 +123,8 @@ class ZenohBus:
             alive = f"{self._prefix}/alive"
             liveliness.declare_subscriber(f"{alive}/*", zenoh.handlers.Callback(self._receive_presence), history=True)
             # Last: whoever sees this peer may send to it at once.
-            self._token = liveliness.declare_token(f"{alive}/{self._vehicle_id}")
+            if self._vehicle_id is not None:
+                self._token = liveliness.declare_token(f"{alive}/{self._vehicle_id}")
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
             raise _refusal(self._listen, error) from error
@@ -178,11 +180,11 @@ class ZenohBus:
         self._on_presence(peer_id, present)
 
 
-def _settings(listen: str, connect: Sequence[str], *, multicast: bool, lease_ms: int) -> dict[str, object]:
+def _settings(listen: str | None, connect: Sequence[str], *, multicast: bool, lease_ms: int) -> dict[str, object]:
     """Return Zenoh's settings by path for a peer at explicit endpoints."""
     return {
         "mode": "peer",
-        "listen/endpoints": [listen],
+        "listen/endpoints": [] if listen is None else [listen],
         "listen/exit_on_failure": True,
         "connect/endpoints": list(connect),
         "connect/timeout_ms": -1,
@@ -204,7 +206,7 @@ def _require_name(what: str, name: str) -> None:
         raise ValueError(f"{what} = {name!r}: letters, digits, '_', '.' and '-' only")
 
 
-def _refusal(listen: str, error: Exception) -> VehicleRefusedError:
+def _refusal(listen: str | None, error: Exception) -> VehicleRefusedError:
     """Put Zenoh's long words in short ones."""
     text = str(error)
     if "in use" in text:

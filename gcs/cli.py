@@ -25,6 +25,7 @@ MissionName = Annotated[
         help="A bundled mission (case1, case2, case2-field, ardupilot-trio, px4-trio, mixed-team), or a TOML file."
     ),
 ]
+RunningMission = Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")]
 Seed = Annotated[
     int | None,
     Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
@@ -127,18 +128,34 @@ def sitl(mission: MissionName, *, speed: Speed = None) -> Exit:
 
 @app.command
 def command(
-    verb: Literal["hold", "resume", "land"],
+    verb: Literal["hold", "resume", "land", "rtl", "abort", "kill"],
     *,
     vehicle: Annotated[int | None, Parameter(help="Tell this vehicle alone; otherwise all of them.")] = None,
-    mission: Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")] = "case2",
+    mission: RunningMission = "case2",
+    yes: Annotated[bool, Parameter(negative="", help="Kill without asking for confirmation.")] = False,
 ) -> Exit:
-    """Tell a running team to hold, to resume its mission, or to land; every vehicle's answer is shown.
+    """Tell a running team to hold, resume its mission, land, return and land, abort or kill; every answer is shown.
+
+    An abort hovers at once, and lands after `safety.abort_hover_s` unless resumed, or at a second abort. A kill cuts
+    the motors: vehicles fall.
 
     Example: cordon command resume --vehicle 2 --mission case2
     """
     from gcs.commands import command_team  # noqa: PLC0415
 
-    return command_team(verb, vehicle, mission)
+    return command_team(verb, vehicle, mission, yes=yes)
+
+
+@app.command
+def watch(*, mission: RunningMission = "case2") -> Exit:
+    """Watch a running team from another terminal: it is listened to, and told nothing; Ctrl-C ends the watching.
+
+    Example: cordon watch --mission case2
+    """
+    hold_back()
+    from gcs.commands import watch_team  # noqa: PLC0415
+
+    return watch_team(mission)
 
 
 def _tell(line: str) -> None:

@@ -4,15 +4,15 @@ import asyncio
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
-from agents.agent import Ending, Outcome
+from agents.messages import Verb
+from agents.outcome import Ending, Outcome
 from agents.ports import VehicleRefusedError
 from gcs.exits import Exit, InputError
 from gcs.findings import Finding, Grade
 from gcs.mission import Mission, MissionVehicle
 from gcs.mission_file import load_mission
-from gcs.output import STDERR, SimulationProgress, check_plot, present, print_result
+from gcs.output import STDERR, SimulationProgress, check_plot, confirmed, present, print_result
 from gcs.signals import pending
 
 _SPEED_KEPT_SHARE = 0.97
@@ -119,21 +119,47 @@ def serve_stubs(name: str, speed: float) -> Exit:
     return Exit.HOLDS
 
 
-def command_team(verb: Literal["hold", "resume", "land"], vehicle: int | None, mission_name: str) -> Exit:
+def watch_team(mission_name: str) -> Exit:
+    """`cordon watch`."""
+    from gcs.watch import WatchView, watch_until_ctrl_c  # noqa: PLC0415
+
+    mission = load_mission(mission_name)
+    try:
+        with WatchView(STDERR) as view:
+            asyncio.run(watch_until_ctrl_c(mission, view))
+    except VehicleRefusedError as refusal:
+        _say(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    return Exit.HOLDS
+
+
+def command_team(verb: Verb, vehicle: int | None, mission_name: str, *, yes: bool) -> Exit:
     """`cordon command`."""
     from gcs.operator import Operator  # noqa: PLC0415
 
     mission = load_mission(mission_name)
     vehicles = mission.ids if vehicle is None else (_chosen(mission, vehicle, "--vehicle").id,)
+    if verb == "kill" and not yes and not confirmed(_kill_question(vehicles, mission)):
+        _say("nothing was said to anybody", "")
+        return Exit.REFUSED
+    operator = Operator(mission)
     try:
-        answers = asyncio.run(Operator(mission).command(verb, vehicles, vehicle))
+        answers = asyncio.run(operator.command(verb, vehicles, vehicle))
     except VehicleRefusedError as refusal:
         _say(refusal.reason, refusal.next_step)
         return Exit.REFUSED
-    for vehicle_id, after_s in answers.items():
-        told = "did not obey" if after_s is None else f"obeyed after {after_s * 1000:.0f} ms"
-        STDERR.print(f"vehicle {vehicle_id}: {verb}: {told}", highlight=False)
-    return Exit.REFUSED if None in answers.values() else Exit.HOLDS
+    for vehicle_id, answer in answers.items():
+        told = "did not answer" if answer is None else f"{answer.did} (answered after {answer.after_s * 1000:.0f} ms)"
+        STDERR.print(f"vehicle {vehicle_id}: {verb}: {told}", markup=False, highlight=False, soft_wrap=True)
+    STDERR.print(
+        f"joining the team's bus took {operator.joined_after_s * 1000:.0f} ms before it was said", highlight=False
+    )
+    return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
+
+
+def _kill_question(vehicles: Sequence[int], mission: Mission) -> str:
+    named = f"vehicle {vehicles[0]}" if len(vehicles) == 1 else f"vehicles {', '.join(map(str, vehicles))}"
+    return f"Cut the motors of {named} of {mission.mission.name}, and let them fall?"
 
 
 def _chosen(mission: Mission, vehicle_id: int, option: str) -> MissionVehicle:

@@ -11,16 +11,19 @@ from time import perf_counter
 from types import TracebackType
 from typing import Self
 
-from agents.agent import Agent, Ending, Outcome
+from agents.agent import Agent
 from agents.clock import MissionClock
 from agents.core import VehicleCore
+from agents.outcome import Ending, Outcome, Stop
 from agents.outputs import CoreStatus
 from agents.ports import TargetSensor, VehicleRefusedError
-from agents.stop import Stop
 from agents.zenoh_bus import ZenohBus
+from gcs.chronicle import event_line
 from gcs.compose import target_sensor
 from gcs.findings import Finding, Grade
+from gcs.helm import Helm
 from gcs.journal import Journal
+from gcs.keys import Keys
 from gcs.lifeline import Supervision, Unsupervised
 from gcs.link_facts import CheckedLink
 from gcs.link_hub import MavsdkHub
@@ -93,7 +96,10 @@ async def fly(
         view.update([], 0.0, "looking for the vehicles")
         await _unless_stopped(_prepare(team, plan, clock, tell), stop)
         began_s = perf_counter()
-        outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view, tell)
+        helm = Helm([member.agent for member in team], clock)
+        keys = stack.enter_context(Keys(helm.press)) if view.is_live else None
+        ask = (lambda: helm.hint) if keys is not None and keys.active else str
+        outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view, tell, ask)
         wall_time_s = perf_counter() - began_s
     record = _record(plan, team, journal, stubs.record, clock, wall_time_s)
     kept = clock.speed if stubs.record is None else stubs.record.speed_reached
@@ -241,6 +247,7 @@ async def _fly_team(
     journal: Journal,
     view: LiveView,
     tell: Tell,
+    hint: Callable[[], str],
 ) -> dict[int, Outcome]:
     async def one(member: _Member) -> Outcome:
         try:
@@ -251,29 +258,44 @@ async def _fly_team(
             return Outcome(
                 Ending.FAILED, f"{type(error).__name__}: {error}", "report this with the text above", flew=True
             )
-        if outcome.ending is Ending.REFUSED and not outcome.flew:
+        never_began = member.agent.start_s is None and not stop.wanted.is_set()
+        if never_began or (outcome.ending is Ending.REFUSED and not outcome.flew):
             stop.ask()  # the mission needs everybody: those in the air come down again
         return outcome
 
-    watching = asyncio.create_task(_watch(team, stop, clock, journal, view, tell))
+    watching = asyncio.create_task(_watch(team, stop, clock, journal, view, tell, hint))
     try:
         outcomes = await asyncio.gather(*map(one, team))
     finally:
         watching.cancel()
+        _tell_news(team, journal, view)
     return {member.vehicle.id: outcome for member, outcome in zip(team, outcomes, strict=True)}
 
 
 async def _watch(
-    team: Sequence[_Member], stop: Stop, clock: MissionClock, journal: Journal, view: LiveView, tell: Tell
+    team: Sequence[_Member],
+    stop: Stop,
+    clock: MissionClock,
+    journal: Journal,
+    view: LiveView,
+    tell: Tell,
+    hint: Callable[[], str],
 ) -> None:
     told: set[int] = set()
     while True:
         _tell_clocks(team, told, tell)
+        _tell_news(team, journal, view)
         start_s = team[0].agent.start_s
         mission_time_s = 0.0 if start_s is None else max(clock.now_s() - start_s, 0.0)
         message = "holding and landing; Ctrl-C once more: land at once" if stop.wanted.is_set() else ""
-        view.update([_row(member, journal.latest.get(member.vehicle.id)) for member in team], mission_time_s, message)
+        rows = [_row(member, journal.latest.get(member.vehicle.id)) for member in team]
+        view.update(rows, mission_time_s, message, hint())
         await asyncio.sleep(_VIEW_PERIOD_S)
+
+
+def _tell_news(team: Sequence[_Member], journal: Journal, view: LiveView) -> None:
+    for event in journal.news():
+        view.say(event_line(event, team[0].agent.start_s))
 
 
 def _tell_clocks(team: Sequence[_Member], told: set[int], tell: Tell) -> None:

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from agents.outputs import CoreStatus
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
+from gcs.chronicle import Chronicle
 from gcs.compose import target_motion
 from gcs.mission import Mission
-from gcs.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
+from gcs.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from sitl.server import TruthTrack
 
 _GAP_MAX_S = 1.0
@@ -39,10 +40,18 @@ class Journal:
         self._seen: defaultdict[int, _Sightings] = defaultdict(_Sightings)
         self._tick_us: list[float] = []
         self._guard = GuardTally()
+        self._chronicle = Chronicle()
         self.latest: dict[int, CoreStatus] = {}
 
-    def note(self, status: CoreStatus, tick_us: float) -> None:
-        """Note one tick."""
+    def news(self) -> list[FlightEvent]:
+        """Return what has happened since the last time, on the team's clock."""
+        return self._chronicle.news()
+
+    def note(self, status: CoreStatus, tick_us: float | None) -> None:
+        """Note one tick; outside the control loop, where it has no time, only what happened."""
+        self._chronicle.note(status)
+        if tick_us is None:
+            return
         self._tick_us.append(tick_us)
         self._guard.note(status.guarded)
         self.latest[status.vehicle_id] = status
@@ -87,6 +96,7 @@ class Journal:
             loop=LoopStatistics(mission.mission.rate_hz, ticks, missed, np.array(self._tick_us)),
             wall_time_s=wall_time_s,
             guard=self._guard,
+            events=in_order(self._chronicle.events, start_s),
         )
 
     def _track(self, vehicle_id: int, seen: _Sightings, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:

@@ -32,6 +32,8 @@ MANOEUVRE_EXTRA_S = 60.0
 """PX4 has taken 45 s to notice that it had landed from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
 LAND_ATTEMPTS = 3
+KILL_ATTEMPTS, KILL_HEARD_S = 5, 2.0
+"""Heartbeats, which tell that it is disarmed, come once a second."""
 WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
 """Motion that stays away for longer on a link that lives was forgotten by the autopilot, and is asked for again."""
@@ -188,6 +190,24 @@ class MavsdkLink:
             lambda: "did not land and disarm",
             "take over by remote control",
         )
+
+    async def kill(self) -> None:
+        """Cut the motors now, wherever the vehicle is and whoever has it: it falls. Returns when it is disarmed.
+
+        It is never armed by force afterwards; setpoints are ignored until the next take-off.
+        """
+        _, feed, calls, action, _ = self._connected()
+        self._silent = True
+        try:
+            await calls.insist(
+                "cut its motors",
+                action.kill,
+                lambda: not feed.status.armed,
+                attempts=KILL_ATTEMPTS,
+                each_s=KILL_HEARD_S,
+            )
+        finally:
+            self._mute()
 
     def hand_over(self) -> None:
         """Send nothing from now on, and leave the flight mode alone: somebody else has the vehicle."""

@@ -46,10 +46,31 @@ class VehicleCalls:
         self._system_id = system_id
         self._feed = feed
         self._executor = ThreadPoolExecutor(2, thread_name_prefix=f"vehicle-{system_id}")
+        self._urgent = ThreadPoolExecutor(1, thread_name_prefix=f"vehicle-{system_id}-urgent")
 
     async def run(self, function: Callable[..., Result], *arguments: object) -> Result:
         """Return what a blocking call returns."""
         return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
+
+    async def insist(
+        self, verb: str, function: Callable[..., object], condition: Callable[[], bool], *, attempts: int, each_s: float
+    ) -> None:
+        """Make a call again and again, waiting for nobody, until it is taken and what it should bring about is heard.
+
+        Each attempt waits `each_s` [wall s] for that. Raises VehicleRefusedError when none of them brought it about.
+        """
+        taken = False
+        for _ in range(attempts):
+            with suppress(MavsdkError, RuntimeError):
+                await asyncio.get_running_loop().run_in_executor(self._urgent, function)
+                taken = True
+            end_s = time.monotonic() + each_s
+            while time.monotonic() < end_s:
+                if taken and condition():
+                    return
+                await asyncio.sleep(POLL_PERIOD_S)
+        failure = "did nothing of the kind" if taken else "did not even acknowledge it"
+        raise self.refusal(f"was told {attempts} times to {verb}, and {failure}", "take over by remote control")
 
     async def command(self, verb: str, function: Callable[..., object], *arguments: object, attempts: int = 1) -> None:
         """Make a call that the autopilot may refuse; raises VehicleRefusedError when it does so every time."""
@@ -87,7 +108,8 @@ class VehicleCalls:
 
     async def close(self) -> None:
         """Wait for the calls in flight: destroying MAVSDK's objects under them would lose their threads for good."""
-        await asyncio.to_thread(self._executor.shutdown, cancel_futures=True)
+        for executor in (self._executor, self._urgent):
+            await asyncio.to_thread(executor.shutdown, cancel_futures=True)
 
 
 async def request_rates(calls: VehicleCalls, telemetry: Any, rates: LinkSection) -> None:

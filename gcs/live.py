@@ -1,9 +1,9 @@
 """What people see in the terminal: a table while a team flies, and a summary of what it achieved."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.live import Live
@@ -11,6 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.result import FlightResult, VehicleResult
+
+RowT = TypeVar("RowT")
 
 PLAIN_INTERVAL_S = 30.0
 REFRESH_HZ = 4.0
@@ -60,16 +62,25 @@ class LiveRow:
     note: str = ""
 
 
-class LiveView:
-    """A table that follows the flight on a terminal; elsewhere one line every 30 s of mission time at most.
+class TableView(Generic[RowT]):
+    """A table that follows the team on a terminal; elsewhere a line now and then, every `interval_s` at most.
 
     Use it as a context manager. `update` only stores what it is given: drawing happens four times a second.
     """
 
-    def __init__(self, console: Console) -> None:
-        """Prepare to draw on `console`, normally standard error's."""
+    def __init__(
+        self,
+        console: Console,
+        table: Callable[[Sequence[RowT], float, str], RenderableType],
+        line: Callable[[Sequence[RowT], float, str], str],
+        interval_s: float = PLAIN_INTERVAL_S,
+    ) -> None:
+        """Prepare to draw on `console`, normally standard error's, tables or lines made of rows, time and message."""
         self._console = console
-        self._shown: tuple[Sequence[LiveRow], float, str] = ((), 0.0, "")
+        self._table = table
+        self._line = line
+        self._interval_s = interval_s
+        self._shown: tuple[Sequence[RowT], float, str, str] = ((), 0.0, "", "")
         self._printed_s: float | None = None
         self._live: Live | None = None
         if console.is_terminal and not console.is_dumb_terminal:
@@ -93,18 +104,37 @@ class LiveView:
         if self._live is not None:
             self._live.stop()
 
-    def update(self, rows: Sequence[LiveRow], mission_time_s: float, message: str = "") -> None:
-        """Show the team at a moment of the mission."""
-        self._shown = (tuple(rows), mission_time_s, message)
+    @property
+    def is_live(self) -> bool:
+        """Whether it is drawn on a terminal."""
+        return self._live is not None
+
+    def update(self, rows: Sequence[RowT], mission_time_s: float, message: str = "", hint: str = "") -> None:
+        """Show the team at a moment of the mission; a terminal shows the hint below."""
+        self._shown = (tuple(rows), mission_time_s, message, hint)
         if self._live is None and self._line_is_due(mission_time_s):
             self._printed_s = mission_time_s
-            self._console.print(plain_line(*self._shown), markup=False, highlight=False, soft_wrap=True)
+            self.say(self._line(rows, mission_time_s, message))
+
+    def say(self, text: str) -> None:
+        """Print a line that stays, above the table."""
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def _line_is_due(self, now_s: float) -> bool:
-        return self._printed_s is None or not 0.0 <= now_s - self._printed_s < PLAIN_INTERVAL_S
+        return self._printed_s is None or not 0.0 <= now_s - self._printed_s < self._interval_s
 
     def _render(self) -> RenderableType:
-        return live_table(*self._shown)
+        rows, time_s, message, hint = self._shown
+        table = self._table(rows, time_s, message)
+        return Group(table, Text(hint, style="dim")) if hint else table
+
+
+class LiveView(TableView[LiveRow]):
+    """The view of a flight."""
+
+    def __init__(self, console: Console) -> None:
+        """Prepare to draw on `console`, normally standard error's."""
+        super().__init__(console, live_table, plain_line)
 
 
 def live_table(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> RenderableType:
@@ -137,11 +167,11 @@ def _cells(row: LiveRow) -> tuple[Text, ...]:
         Text(str(row.vehicle_id), style="bold"),
         Text(row.tactic, style=TACTIC_STYLES.get(row.tactic, "")),
         mode,
-        Text(_number(row.radius_m, ".2f")),
-        Text(_number(row.angular_rate_rad_s, "+.3f")),
-        Text(_number(row.spacing_lead_deg, ".1f")),
-        Text(_number(row.spacing_lag_deg, ".1f")),
-        Text(_number(row.battery, ".0%"), style=_battery_style(row.battery)),
+        Text(number(row.radius_m, ".2f")),
+        Text(number(row.angular_rate_rad_s, "+.3f")),
+        Text(number(row.spacing_lead_deg, ".1f")),
+        Text(number(row.spacing_lag_deg, ".1f")),
+        Text(number(row.battery, ".0%"), style=_battery_style(row.battery)),
         Text(row.note, style="yellow"),
     )
 
@@ -232,13 +262,13 @@ def _vehicle_cells(vehicle: VehicleResult) -> tuple[Text, ...]:
     return (
         Text(str(vehicle.id), style="bold"),
         Text(vehicle.tactic, style=TACTIC_STYLES.get(vehicle.tactic, "")),
-        Text(_number(vehicle.engaged_at_s, ".1f")),
-        Text(_number(vehicle.radius_error_rms_m, ".3f")),
-        Text(_number(vehicle.radius_error_max_m, ".3f")),
-        Text(_number(vehicle.angular_rate_mean_rad_s, "+.4f")),
-        Text(_number(vehicle.angular_rate_error_rms_rad_s, ".4f")),
-        Text(_number(vehicle.formation_speed_error_rms_m_s, ".3f")),
-        Text(_number(vehicle.formation_spacing_error_rms_m, ".3f")),
+        Text(number(vehicle.engaged_at_s, ".1f")),
+        Text(number(vehicle.radius_error_rms_m, ".3f")),
+        Text(number(vehicle.radius_error_max_m, ".3f")),
+        Text(number(vehicle.angular_rate_mean_rad_s, "+.4f")),
+        Text(number(vehicle.angular_rate_error_rms_rad_s, ".4f")),
+        Text(number(vehicle.formation_speed_error_rms_m_s, ".3f")),
+        Text(number(vehicle.formation_spacing_error_rms_m, ".3f")),
     )
 
 
@@ -253,5 +283,6 @@ def _loop_line(result: FlightResult) -> Text:
     return Text("; ".join(parts), style="dim")
 
 
-def _number(value: float | None, form: str) -> str:
+def number(value: float | None, form: str) -> str:
+    """Return a number in a format, a dash for what is not known."""
     return "–" if value is None else format(value, form)

@@ -94,6 +94,7 @@ def evaluate(
         verdicts=judge(vehicles, ring_result, closest_m, ring, tolerances),
         wall_time_s=record.wall_time_s,
         realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
+        events=record.events,
     )
 
 

@@ -75,6 +75,14 @@ def check_plot(path: Path | None) -> None:
         raise InputError([f"--plot: no folder {str(path.parent)!r} to write into"])
 
 
+def confirmed(question: str) -> bool:
+    """Ask on the terminal, and return whether the answer is yes; raises InputError where there is no terminal."""
+    if not (sys.stdin.isatty() and STDERR.is_terminal):
+        raise InputError(["--yes: there is no terminal to ask for confirmation on; say --yes to go ahead without"])
+    STDERR.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
 def print_result(text: str) -> None:
     """Print to standard output; a reader that has read enough (`| head`) and is gone changes nothing."""
     try:

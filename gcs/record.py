@@ -1,7 +1,8 @@
 """The record of a flight: what metrics, figures and reports are computed from."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,11 +49,21 @@ class GuardTally:
 
 
 @dataclass(frozen=True, slots=True)
+class FlightEvent:
+    """Something that happened to a vehicle, of one of the kinds of `agents.outputs.Note`, in people's words."""
+
+    time_s: float
+    vehicle: int
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class FlightRecord:
     """A whole flight on an even grid `time_s` (T,) since the mission's start; the target's motion has shape (T, 2).
 
     `source` is simulation, sitl or flight; `reference` is truth or estimate: what the positions are; `guard` is what
-    the guard did, None if unknown.
+    the guard did, None if unknown. `events` are in order, their times since the mission's start as well.
     """
 
     mission: str
@@ -66,3 +77,10 @@ class FlightRecord:
     loop: LoopStatistics
     wall_time_s: float
     guard: GuardTally | None = None
+    events: tuple[FlightEvent, ...] = ()
+
+
+def in_order(events: Iterable[FlightEvent], start_s: float = 0.0) -> tuple[FlightEvent, ...]:
+    """Return events by time since the mission's start at `start_s` [ms], then by vehicle, otherwise as they came."""
+    since = (replace(event, time_s=round(event.time_s - start_s, 3)) for event in events)
+    return tuple(sorted(since, key=lambda event: (event.time_s, event.vehicle)))

@@ -11,7 +11,7 @@ from math import isfinite
 
 import numpy as np
 
-from gcs.record import LoopStatistics
+from gcs.record import FlightEvent, LoopStatistics
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +158,7 @@ class FlightResult:
     verdicts: Verdicts
     wall_time_s: float | None
     realtime_factor: float | None
+    events: tuple[FlightEvent, ...] = ()
 
     @property
     def all_hold(self) -> bool:
@@ -172,7 +173,7 @@ class FlightResult:
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
         plain = asdict(self)
-        plain["vehicles"] = list(plain["vehicles"])
+        plain["vehicles"], plain["events"] = list(plain["vehicles"]), list(plain["events"])
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
         return plain

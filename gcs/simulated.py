@@ -1,6 +1,7 @@
 """Fly a mission in one process with simulated time: `cordon sim`."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -10,7 +11,7 @@ from agents.outputs import TickOutput
 from estimation.state import POSITION, VELOCITY
 from gcs.compose import target_motion, target_sensor
 from gcs.mission import Mission
-from gcs.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
+from gcs.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from sitl.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 
 
@@ -18,12 +19,15 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
     """Fly the mission for `duration_s` of simulated time, telling `progress`; the same seed gives the same flight."""
     rate_hz = mission.mission.rate_hz
     tactics = np.full((round(duration_s * rate_hz) + 1, len(mission.vehicles)), "unknown", dtype="<U16")
+    events: list[FlightEvent] = []
 
     guard = GuardTally()
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
-        tactics[tick, vehicle] = output.status.tactic.value
-        guard.note(output.status.guarded)
+        status = output.status
+        tactics[tick, vehicle] = status.tactic.value
+        guard.note(status.guarded)
+        events.extend(FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes)
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     began_s = perf_counter()
@@ -36,7 +40,8 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
         observe=observe,
         progress=progress,
     )
-    return _record(mission, seed, flight, tactics, guard, perf_counter() - began_s)
+    wall_time_s = perf_counter() - began_s
+    return replace(_record(mission, seed, flight, tactics, guard, wall_time_s), events=in_order(events))
 
 
 def _vehicles(mission: Mission, seed: int) -> list[SimulatedVehicle[TickOutput]]:

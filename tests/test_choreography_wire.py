@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from agents.agent import Ending
 from agents.clock import MissionClock
 from agents.messages import TOPICS, Muster, encode
+from agents.outcome import Ending
 from agents.ports import VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from gcs.findings import Finding, Grade
@@ -163,7 +163,7 @@ async def test_vehicles_return_on_layers_of_their_own_and_land_in_order(
 async def test_a_peer_whose_computer_has_another_time(
     ahead_s: float, refused: bool, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("agents.agent.MUSTER_TIMEOUT_S", 5.0)
+    monkeypatch.setattr("agents.rally.MUSTER_TIMEOUT_S", 5.0)
     mission = load_mission(mission_file("case2"))
     one, _, three = mission.vehicles
     watched, told = Watched(monkeypatch), list[Finding]()

@@ -29,7 +29,7 @@ HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlin
 RESULT_KEYS = {
     "": (
         "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions "
-        "guard_causes loop verdicts wall_time_s realtime_factor"
+        "guard_causes loop verdicts wall_time_s realtime_factor events"
     ),
     "vehicles": (
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
@@ -192,6 +192,14 @@ def test_one_seed_gives_the_same_bytes_twice_and_another_others(tmp_path: Path) 
     assert timeless != {**json.loads(other.out), "seed": None}
 
 
+def test_the_events_of_a_simulation_are_told_with_their_time_in_the_mission() -> None:
+    ran = cordon("sim", "case1", "--duration", "3", "--seed", "1", "--json")
+    assert json.loads(ran.out)["events"] == [
+        {"time_s": 0.0, "vehicle": vehicle, "kind": "tactic", "text": "standby -> formation: start"}
+        for vehicle in (1, 2, 3)
+    ]
+
+
 @pytest.mark.parametrize(("option", "timed"), [("--timing", True), ("--no-timing", False)])
 def test_wall_times_are_told_or_left_out_as_asked(option: str, timed: bool) -> None:
     result = json.loads(cordon("sim", "case1", "--duration", "1", "--seed", "1", option, "--json").out)
@@ -302,6 +310,10 @@ def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callabl
         (("sim", "case1", "--duration", "1e9"), "--duration"),
         (("fly", "case1", "--speed", "0"), "--speed"),
         (("sitl", "case1", "--speed", "1000"), "--speed"),
+        (("command", "stop"), "stop"),
+        (("command", "kill"), "--yes"),
+        (("command", "hold", "--vehicle", "9"), "--vehicle"),
+        (("watch", "--mission", "no-such-mission"), "no-such-mission"),
         (("flyy", "case1"), "fly"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",

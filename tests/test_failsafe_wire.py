@@ -7,7 +7,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from agents.agent import Ending
+from agents.outcome import Ending
 from agents.outputs import CoreStatus
 from agents.zenoh_bus import ZenohBus
 from gcs.flight import Flight, FlightPlan, fly

@@ -18,7 +18,9 @@ PRINTERS = {"gcs/cli.py", "gcs/output.py"}
 SHELL = {
     "agents/agent.py",
     "agents/clock.py",
-    "agents/stop.py",
+    "agents/kill_switch.py",
+    "agents/outcome.py",
+    "agents/rally.py",
     "agents/ticker.py",
     "agents/zenoh_bus.py",
     "sitl/process.py",

@@ -13,7 +13,7 @@ from typing import Self, cast
 import pytest
 from rich.console import Console
 
-from agents.agent import Ending
+from agents.outcome import Ending
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
 from agents.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame

@@ -96,6 +96,25 @@ def test_a_terminal_gets_a_table_drawn_over_and_left_standing() -> None:
     assert told.rstrip().endswith("\x1b[?25h")  # the cursor is back
 
 
+def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
+    console, output = terminal()
+    with LiveView(console) as view:
+        view.update(ROWS, 1.0, "flying", "h hold")
+        view.say("0.5 s: vehicle 1: [holds]")
+        view.update(ROWS, 1.1, "flying", "h hold")
+    told = output.getvalue()
+    assert told.index("[holds]") < told.index("1.1 s") < told.rindex("h hold")
+    assert told.rindex("flying") < told.rindex("h hold")
+
+
+def test_elsewhere_there_are_news_but_no_hints() -> None:
+    console, output = plain()
+    with LiveView(console) as view:
+        view.update((), 1.0, "", "h hold")
+        view.say("0.5 s: vehicle 1: [holds]")
+    assert output.getvalue() == "t=1.0s\n0.5 s: vehicle 1: [holds]\n"
+
+
 def test_the_terminal_is_restored_when_the_flight_fails() -> None:
     console, output = terminal()
     with contextlib.suppress(RuntimeError), LiveView(console):

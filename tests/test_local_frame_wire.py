@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from agents.agent import Ending
+from agents.outcome import Ending
 from gcs.findings import Grade
 from gcs.flight import FlightPlan, fly
 from gcs.link_facts import gather_facts

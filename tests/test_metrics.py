@@ -42,6 +42,7 @@ KEYS = [
     "verdicts",
     "wall_time_s",
     "realtime_factor",
+    "events",
 ]
 VEHICLE_KEYS = [
     "id",

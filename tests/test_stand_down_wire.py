@@ -7,7 +7,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from agents.agent import Ending
+from agents.outcome import Ending
 from gcs.flight import Flight, FlightPlan, fly
 from gcs.live import LiveView
 from gcs.mission import Mission

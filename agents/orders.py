@@ -1,0 +1,165 @@
+"""The one place that takes operators' commands for a vehicle: what each makes it do, and what is answered.
+
+A command is said again and again until it is answered: repeats (the same number) act once and are answered again.
+"""
+
+from collections import OrderedDict
+from typing import Literal
+
+from agents.messages import CommandAnswer, OperatorCommand, Verb
+from agents.outputs import Note
+from agents.tactics import Event, Tactic, next_tactic
+
+CUTTING, CUT = "cuts the motors", "motors cut"
+REFUSED = "refused: "
+NUMBERS_KEPT = 64
+"""How many commands a vehicle remembers, to know them again: they are said for two seconds at most."""
+DID_LIMIT = 120
+
+_Steering = Literal["hold", "resume", "land", "rtl"]
+_EVENTS: dict[_Steering, Event] = {
+    "hold": Event.HOLD,
+    "resume": Event.RESUME,
+    "land": Event.LAND,
+    "rtl": Event.RETURN,
+}
+_DOES: dict[_Steering, str] = {
+    "hold": "holds",
+    "resume": "resumes its mission",
+    "land": "lands",
+    "rtl": "returns and lands",
+}
+_NOTHING_NEW: dict[tuple[_Steering, Tactic], str] = {
+    ("hold", Tactic.HOLD): "was holding already",
+    ("resume", Tactic.STANDBY): "was waiting for the start already",
+    ("resume", Tactic.FORMATION): "was on its mission already",
+    ("resume", Tactic.ENCIRCLE): "was on its mission already",
+    ("land", Tactic.LAND): "was landing already",
+    ("rtl", Tactic.COME_DOWN): "was coming down already",
+}
+_WHY_NOT = {
+    Tactic.COME_DOWN: "it is coming down",
+    Tactic.LAND: "it is landing",
+    Tactic.STOOD_DOWN: "somebody else has the vehicle: resume takes it back, kill cuts its motors",
+}
+
+
+class Orders:
+    """The commands one vehicle has had, the abort that hovers before it lands, and the answers still to be given."""
+
+    def __init__(self, vehicle_id: int, abort_hover_s: float) -> None:
+        """Take the vehicle, and for how long an aborted one hovers before it lands by itself."""
+        self._vehicle_id = vehicle_id
+        self._hover_s = abort_hover_s
+        self._did: OrderedDict[int, str] = OrderedDict()
+        self._unanswered: dict[int, None] = {}
+        self._abort: tuple[float, str] | None = None
+        self._kills: list[OperatorCommand] = []
+        self._notes: list[Note] = []
+
+    @property
+    def kills(self) -> bool:
+        """Whether the motors are to be cut: from the command until the shell has told what came of it."""
+        return bool(self._kills)
+
+    def take(
+        self, command: OperatorCommand, tactic: Tactic, now_s: float, resume_refused: str | None = None
+    ) -> Event | None:
+        """Take a command in the present tactic; return the event that it makes, None for one that changes nothing.
+
+        `resume_refused` is why the vehicle must not resume, None if it may.
+        """
+        if command.vehicle not in (None, self._vehicle_id):
+            return None
+        event = None
+        if command.number not in self._did:
+            if command.verb == "resume" and resume_refused:
+                did = f"{REFUSED}{resume_refused}"[:DID_LIMIT]
+            else:
+                did, event = self._carry_out(command, tactic, now_s)
+            self._remember(command, did, now_s)
+        self._unanswered[command.number] = None
+        return event
+
+    def due(self, tactic: Tactic, now_s: float) -> Event | None:
+        """Return the event of an abort that has hovered for long enough; one whose vehicle was taken is over."""
+        if self._abort is None:
+            return None
+        lands_s, origin = self._abort
+        if tactic in (Tactic.LAND, Tactic.STOOD_DOWN):
+            self._abort = None
+        elif now_s >= lands_s:
+            self._abort = None
+            self._notes.append(Note(now_s, "command", f"abort by {origin}: lands, nobody resumed it"))
+            return Event.LAND
+        return None
+
+    def on_killed(self, refusal: str, now_s: float) -> None:
+        """Take what came of a kill, by the evidence of the vehicle: why it failed, or nothing when it did not."""
+        did = f"{REFUSED}{refusal}"[:DID_LIMIT] if refusal else CUT
+        for command in self._kills:
+            self._remember(command, did, now_s)
+            self._unanswered[command.number] = None
+        self._kills.clear()
+
+    def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
+        """Take out the answers to what was said since the last time."""
+        answers = tuple(CommandAnswer(self._vehicle_id, now_s, n, self._did[n]) for n in self._unanswered)
+        self._unanswered.clear()
+        return answers
+
+    def notes(self) -> tuple[Note, ...]:
+        """Take out what is worth noting since the last time."""
+        notes = tuple(self._notes)
+        self._notes.clear()
+        return notes
+
+    def _carry_out(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
+        match command.verb:
+            case "kill":
+                self._kills.append(command)
+                self._abort = None
+                return CUTTING, Event.LAND
+            case "abort":
+                return self._abort_or_land(command.origin, tactic, now_s)
+            case verb:
+                return self._steer(verb, tactic)
+
+    def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
+        """Hover at once and land later; told again while it hovers, land at once."""
+        if self._abort is not None or tactic is Tactic.LAND:
+            return self._steer("land", tactic)
+        if tactic is Tactic.STOOD_DOWN:
+            return f"{REFUSED}{_WHY_NOT[tactic]}", None
+        self._abort = (now_s + self._hover_s, origin)
+        did, event = self._steer("hold", tactic)
+        return f"{did}, lands in {self._hover_s:g} s unless resumed", event
+
+    def _steer(self, verb: _Steering, tactic: Tactic) -> tuple[str, Event | None]:
+        event = _EVENTS[verb]
+        if next_tactic(tactic, event) is tactic:
+            return _NOTHING_NEW.get((verb, tactic)) or f"{REFUSED}{_why_not(tactic)}", None
+        if verb != "hold":
+            self._abort = None  # whoever says where to go on has thought about it
+        return _DOES[verb], event
+
+    def _remember(self, command: OperatorCommand, did: str, now_s: float) -> None:
+        self._did[command.number] = did
+        while len(self._did) > NUMBERS_KEPT:
+            forgotten, _ = self._did.popitem(last=False)
+            self._unanswered.pop(forgotten, None)
+        self._notes.append(Note(now_s, "command", f"{command.verb} by {command.origin}: {did}"))
+
+
+def obeyed(did: str) -> bool:
+    """Return whether an answer says that the vehicle does, or did, as it was told."""
+    return not did.startswith(REFUSED)
+
+
+def final(verb: Verb, did: str) -> bool:
+    """Return whether nothing more is to be said about a command: a kill is told of twice, meant and done."""
+    return verb != "kill" or did != CUTTING
+
+
+def _why_not(tactic: Tactic) -> str:
+    return _WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")

@@ -1,0 +1,60 @@
+"""What happens to a team, for people: the notes of the vehicles here, and what those elsewhere show of themselves."""
+
+from agents.messages import CommandAnswer, MemberState
+from agents.outputs import CoreStatus
+from gcs.record import FlightEvent
+
+
+class Chronicle:
+    """Collects events on the team's clock, each once, whoever tells of it."""
+
+    def __init__(self) -> None:
+        self.events: list[FlightEvent] = []
+        self._here: set[int] = set()
+        self._last: dict[int, MemberState] = {}
+        self._answered: set[tuple[int, int, str]] = set()
+        self._told = 0
+
+    def note(self, status: CoreStatus) -> None:
+        """Take what a vehicle of this process has noted, and what it heard of the others."""
+        self._here.add(status.vehicle_id)
+        self.events += [FlightEvent(n.time_s, status.vehicle_id, n.kind, n.text) for n in status.notes]
+        for peer in status.peers:
+            if peer.sender not in self._here:
+                self._watch(peer)
+        for answer in status.answers:
+            if answer.sender not in self._here:
+                self._hear(answer)
+
+    def news(self) -> list[FlightEvent]:
+        """Return the events since the last time."""
+        news, self._told = self.events[self._told :], len(self.events)
+        return news
+
+    def _watch(self, peer: MemberState) -> None:
+        """Note what changed about a vehicle of another process."""
+        before = self._last.get(peer.sender)
+        if before is not None and peer.time_s < before.time_s:
+            return
+        self._last[peer.sender] = peer
+        if before is not None and peer.tactic != before.tactic:
+            self._add(peer, "tactic", f"{before.tactic} -> {peer.tactic}")
+        alert = "" if before is None else before.alert
+        if peer.alert != alert:
+            self._add(peer, "failsafe", f"alert: {peer.alert}" if peer.alert else f"no alert any more: {alert}")
+
+    def _hear(self, answer: CommandAnswer) -> None:
+        key = (answer.sender, answer.number, answer.did)
+        if key not in self._answered:
+            self._answered.add(key)
+            self._add(answer, "command", f"answers: {answer.did}")
+
+    def _add(self, message: MemberState | CommandAnswer, kind: str, text: str) -> None:
+        self.events.append(FlightEvent(message.time_s, message.sender, kind, text))
+
+
+def event_line(event: FlightEvent, start_s: float | None) -> str:
+    """Return an event for people; `start_s` is the mission's start on the team's clock, None while it is not known."""
+    since_s = -1.0 if start_s is None else event.time_s - start_s
+    when = f"{since_s:.1f} s" if since_s >= 0.0 else "before the start"
+    return f"{when}: vehicle {event.vehicle}: {event.text}"
