@@ -87,9 +87,9 @@ class Flight:
         assert isinstance(message, MemberState)
         return message
 
-    def notes(self, since_s: float = 0.0) -> list[str]:
+    def notes(self, since_s: float = 0.0, kind: str = "failsafe") -> list[str]:
         notes = (note for output in self.outputs for note in output.status.notes)
-        return [note.text for note in notes if note.kind == "failsafe" and note.time_s >= since_s - 1e-9]
+        return [note.text for note in notes if note.kind == kind and note.time_s >= since_s - 1e-9]
 
     def fly(self, until_s: float) -> list[TickOutput]:
         before = len(self.outputs)
@@ -337,8 +337,8 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
         flight.core.on_message(encode(OperatorCommand(flight.now_s, "resume", None, "pat", 1)), flight.now_s)
         flight.fly(flight.now_s + 0.2)
         assert flight.status.tactic is reaction
-        (refusal,) = [note for note in flight.notes(said_s - PERIOD_S) if note.startswith("resume refused: ")]
-        assert condition.value in refusal
+        (refusal,) = flight.notes(said_s - PERIOD_S, kind="command")
+        assert refusal.startswith(f"resume by pat: refused: {condition.value}")
     case.end(flight)
     after = flight.fly(flight.now_s + 4.0)
     assert {output.status.tactic for output in after} == {reaction}, "it stays"
