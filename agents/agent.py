@@ -263,7 +263,7 @@ class Agent:
             self._show_life()
             if self._core.tactic is Tactic.LAND or self._kill.thrown:
                 break
-        why = f"failsafe: {self._core.alert}" if self._core.alert else "the core decided to land"
+        why = f"failsafe: {self._core.alert}" if self._core.alert else "it was told to land"
         return self._ended or Outcome(Ending.STOPPED, why)
 
     def _tick(self, now_s: float) -> bool:

@@ -323,8 +323,13 @@ def _row(member: _Member, status: CoreStatus | None) -> LiveRow:
         spacing_lead_deg=None if place is None or place.lead_rad is None else degrees(place.lead_rad),
         spacing_lag_deg=None if place is None or place.lag_rad is None else degrees(place.lag_rad),
         battery=vehicle.battery,
-        note="" if status is None or not status.messages_dropped else f"{status.messages_dropped} messages dropped",
+        note="" if status is None else _remark(status),
     )
+
+
+def _remark(status: CoreStatus) -> str:
+    dropped = f"{status.messages_dropped} messages dropped" if status.messages_dropped else ""
+    return ", ".join(filter(None, [status.alert, dropped]))
 
 
 def _record(
