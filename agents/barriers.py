@@ -4,13 +4,13 @@ Each comes from a barrier h that is to stay positive (mathematics.md, section 8)
 so when the plant answers with second order. Everything is at the moment when the setpoint acts.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from math import hypot, sqrt
 
 import msgspec
 
-from agents.fence import Fence
+from agents.fence import NearestPoint
 
 Pair = tuple[float, float]
 _NEAR_M = 1e-6
@@ -73,11 +73,9 @@ def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, c
     return Demand(cause, normal, its - rest, evades=True)
 
 
-def inside(
-    fence: Fence, position_m: Pair, velocity_m_s: Pair, margin_m: float, rate_per_s: float, within_m: float
-) -> Iterator[Demand]:
-    """Demand to stay inside the fence: h = distance - margin for each edge within reach."""
-    for point in fence.nearest_points(position_m, within_m):
+def inside(points: Iterable[NearestPoint], velocity_m_s: Pair, margin_m: float, rate_per_s: float) -> Iterator[Demand]:
+    """Demand to stay inside the fence: h = distance - margin for each of its edges, by its nearest point."""
+    for point in points:
         closing_m_s = point.inward[0] * velocity_m_s[0] + point.inward[1] * velocity_m_s[1]
         rest = 2.0 * rate_per_s * closing_m_s + rate_per_s**2 * (point.distance_m - margin_m)
         yield Demand(Cause.FENCE, point.inward, -rest)

@@ -32,21 +32,21 @@ class Neighbours:
         """
         members = [(member, member.tactic not in _DOES_NOT_EVADE) for member in heard]
         members += [(member, False) for member in lost]
-        apart_m = self._safety.vertical_separation_m
+        apart_m, own_sigma_m = self._safety.vertical_separation_m, situation.position_sigma_m
         return [
-            self._body(member, situation, shares=shares)
+            self._body(member, situation, own_sigma_m, shares=shares)
             for member, shares in members
             if abs(member.altitude_m - height_m) < apart_m
         ]
 
-    def _body(self, member: MemberState, situation: Situation, *, shares: bool) -> Body:
+    def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:
         ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
         (x, x_rate, x_acceleration), (y, y_rate, y_acceleration) = (
             self._ahead(axis, member, ahead_s) for axis in (0, 1)
         )
         age_s = situation.now_s - member.time_s
         moved_m = min(UNTOLD_ACCELERATION_M_S2 / 2.0 * age_s**2, self._safety.separation_m)
-        unsure = unsure_m(self._safety.uncertainty_sigmas, situation.position_sigma_m, member.position_sigma_m)
+        unsure = unsure_m(self._safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
         distance_m = self._safety.separation_m + min(unsure, self._safety.separation_m) + moved_m
         return Body((x, y), (x_rate, y_rate), (x_acceleration, y_acceleration), distance_m, shares)
 

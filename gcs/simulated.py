@@ -32,7 +32,7 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     began_s = perf_counter()
     flight = simulate(
-        _vehicles(mission, seed),
+        simulated_vehicles(mission, seed),
         network,
         rate_hz=rate_hz,
         duration_s=duration_s,
@@ -44,7 +44,8 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
     return replace(_record(mission, seed, flight, tactics, guard, wall_time_s), events=in_order(events))
 
 
-def _vehicles(mission: Mission, seed: int) -> list[SimulatedVehicle[TickOutput]]:
+def simulated_vehicles(mission: Mission, seed: int) -> list[SimulatedVehicle[TickOutput]]:
+    """Return the mission's vehicles with their cores, at rest where they start, and at work from time 0."""
     simulation = mission.simulation
     noise = TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
     vehicles = []

@@ -1,12 +1,9 @@
 """Mission files: what is right is read as written, and what is wrong is told, all of it, with its place in the file."""
 
-import copy
-import json
 import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 from math import inf, isfinite, nan, pi
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
@@ -21,90 +18,11 @@ from estimation.frames import Geodetic
 from estimation.plant import PlantAxis
 from gcs.mission import Mission, VehicleSection
 from gcs.mission_file import MissionError, bundled_missions, load_mission, parse_mission
+from tests.conftest import MISSIONS
+from tests.mission_text import CASE2, Content, Place, content, drop, faults, parsed, places, put, shown, text_of
 
-Content = dict[str, Any]
-Place = tuple[str | int, ...]
-
-MISSIONS = Path(__file__).parents[1] / "gcs" / "missions"
 BUNDLED = ["ardupilot-trio", "case1", "case2", "case2-field", "crossing", "mixed-team", "px4-trio"]
-CASE2 = (MISSIONS / "case2.toml").read_text(encoding="utf-8")
 VEHICLES = ("vehicles[0]", "vehicles[1]", "vehicles[2]")
-
-
-# Missions as dictionaries, and back to text
-
-
-def content(text: str = CASE2) -> Content:
-    return tomllib.loads(text)
-
-
-def toml(value: object) -> str:
-    """Write a value as TOML, tables in line."""
-    match value:
-        case bool():
-            return "true" if value else "false"
-        case int() | float():
-            return repr(value)
-        case list():
-            return f"[{', '.join(map(toml, value))}]"
-        case dict():
-            return (
-                "{" + ", ".join(f"{json.dumps(key, ensure_ascii=False)} = {toml(v)}" for key, v in value.items()) + "}"
-            )
-        case _:
-            return json.dumps(value, ensure_ascii=False)
-
-
-def text_of(mission: Content) -> str:
-    return "\n".join(f"{json.dumps(key, ensure_ascii=False)} = {toml(value)}" for key, value in mission.items())
-
-
-def put(mission: Content, path: Place, value: object) -> Content:
-    """Return the mission with one value put in, and the tables and lists on the way to it."""
-    mission = copy.deepcopy(mission)
-    node: Any = mission
-    for key, following in pairwise(path):
-        if isinstance(key, str):
-            node = node.setdefault(key, [0.0, 0.0] if isinstance(following, int) else {})
-        else:
-            node = node[key]
-    node[path[-1]] = value
-    return mission
-
-
-def drop(mission: Content, path: Place) -> Content:
-    mission = copy.deepcopy(mission)
-    node: Any = mission
-    for key in path[:-1]:
-        node = node[key]
-    del node[path[-1]]
-    return mission
-
-
-def shown(path: Place) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
-
-
-def parsed(mission: Content, folder: Path = MISSIONS) -> Mission:
-    return parse_mission(text_of(mission), folder)
-
-
-def faults(mission: Content | str, folder: Path = MISSIONS) -> list[str]:
-    """Return the faults, each one line `path: what is wrong` in a user's words."""
-    text = mission if isinstance(mission, str) else text_of(mission)
-    with pytest.raises(MissionError) as caught:
-        parse_mission(text, folder)
-    assert caught.value.faults
-    for fault in caught.value.faults:
-        assert re.fullmatch(r"(not TOML|[\w.\[\]-]+): \S.*", fault), fault
-        assert not re.search(r"Section|Settings|dictionary|tuple|pydantic|Error", fault), (
-            f"a programmer's words: {fault}"
-        )
-    return list(caught.value.faults)
-
-
-def places(mission: Content | str, folder: Path = MISSIONS) -> list[str]:
-    return sorted(fault.partition(": ")[0] for fault in faults(mission, folder))
 
 
 # Every key of every section, found in the models

@@ -1,0 +1,63 @@
+"""The point nearest to another in a disc and in half-planes: a quadratic programme of two unknowns, solved exactly."""
+
+from collections.abc import Iterable, Sequence
+from math import hypot, inf, sqrt
+
+import msgspec
+
+Point = tuple[float, float]
+
+_MET = 1e-9
+_PARALLEL = 1e-12
+
+
+class HalfPlane(msgspec.Struct, frozen=True):
+    """All points u with `normal . u >= least`; the normal has length one."""
+
+    normal: Point
+    least: float
+
+    def missing(self, point: Point) -> float:
+        """Return how far outside a point is: negative inside."""
+        return self.least - self.normal[0] * point[0] - self.normal[1] * point[1]
+
+
+def nearest(wanted: Point, radius: float, planes: Sequence[HalfPlane]) -> Point | None:
+    """Return the point of all half-planes and of the disc about the origin that is nearest to `wanted`.
+
+    None if they have no point in common. Plane by plane: where the point so far misses the next one, the new one lies
+    on that plane's edge. With m half-planes this takes m (m + 1) / 2 steps at most.
+    """
+    length = hypot(*wanted)
+    point = wanted if length <= radius else (wanted[0] * radius / length, wanted[1] * radius / length)
+    for index, plane in enumerate(planes):
+        if plane.missing(point) > _MET:
+            on_edge = _nearest_on_edge(wanted, radius, plane, planes[:index])
+            if on_edge is None:
+                return None
+            point = on_edge
+    return point
+
+
+def _nearest_on_edge(wanted: Point, radius: float, plane: HalfPlane, others: Iterable[HalfPlane]) -> Point | None:
+    """Return the point nearest to `wanted` on the edge of one half-plane, inside the disc and the other ones."""
+    normal_x, normal_y = plane.normal
+    half_chord2 = radius**2 - plane.least**2
+    if half_chord2 < 0.0:
+        return None
+    high = sqrt(half_chord2)
+    low = -high
+    # Along the edge: from the point nearest to the origin, to the left of the normal.
+    for other in others:
+        across = normal_x * other.normal[1] - normal_y * other.normal[0]
+        missing = other.least - plane.least * (normal_x * other.normal[0] + normal_y * other.normal[1])
+        if abs(across) < _PARALLEL:
+            low = inf if missing > _MET else low
+        elif across > 0.0:
+            low = max(low, missing / across)
+        else:
+            high = min(high, missing / across)
+    if low > high:
+        return None
+    along = min(max(normal_x * wanted[1] - normal_y * wanted[0], low), high)
+    return plane.least * normal_x - along * normal_y, plane.least * normal_y + along * normal_x
