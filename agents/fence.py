@@ -6,6 +6,7 @@ from math import hypot, inf
 import msgspec
 
 Corner = tuple[float, float]
+_ON_EDGE_M = 1e-9
 
 
 class NearestPoint(msgspec.Struct, frozen=True):
@@ -20,6 +21,8 @@ class Fence:
 
     def __init__(self, corners_m: Sequence[Corner]) -> None:
         self._edges = tuple(zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True))
+        doubled_area_m2 = sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in self._edges)
+        self._left_is_inward = 1.0 if doubled_area_m2 > 0.0 else -1.0
 
     def contains(self, place_m: Corner) -> bool:
         """Return whether a place is inside: a ray from it to the right crosses an odd number of edges."""
@@ -46,7 +49,7 @@ class Fence:
         return [NearestPoint(-nearest.distance_m, nearest.inward)]
 
     def _points(self, place_m: Corner, sense: float) -> list[NearestPoint]:
-        return [_nearest(place_m, start, end, sense) for start, end in self._edges]
+        return [_nearest(place_m, start, end, sense, self._left_is_inward) for start, end in self._edges]
 
     def crossed_edges(self) -> tuple[int, int] | None:
         """Return two edges that cross each other or touch without being neighbours, None for a simple polygon."""
@@ -58,7 +61,7 @@ class Fence:
         return None
 
 
-def _nearest(place_m: Corner, start: Corner, end: Corner, sense: float) -> NearestPoint:
+def _nearest(place_m: Corner, start: Corner, end: Corner, sense: float, left_is_inward: float) -> NearestPoint:
     (x, y), (x1, y1), (x2, y2) = place_m, start, end
     along_x, along_y = x2 - x1, y2 - y1
     length_m = hypot(along_x, along_y)
@@ -66,8 +69,8 @@ def _nearest(place_m: Corner, start: Corner, end: Corner, sense: float) -> Neare
     share = min(max(share, 0.0), 1.0)
     away_x, away_y = x - x1 - share * along_x, y - y1 - share * along_y
     distance_m = hypot(away_x, away_y)
-    if distance_m < 1e-9:  # on the edge itself: either side will do, the other edges say which it is
-        return NearestPoint(0.0, (-along_y / length_m, along_x / length_m))
+    if distance_m < _ON_EDGE_M:
+        return NearestPoint(0.0, (-left_is_inward * along_y / length_m, left_is_inward * along_x / length_m))
     return NearestPoint(distance_m, (sense * away_x / distance_m, sense * away_y / distance_m))
 
 
