@@ -1,0 +1,173 @@
+"""Bodies made of messages: where they are, how far to keep away, who counts, and for how long."""
+
+from collections.abc import Callable
+from math import hypot
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.core import VehicleCore
+from agents.messages import MemberState, encode
+from agents.neighbours import GOING_ON_S, UNTOLD_ACCELERATION_M_S2, Neighbours
+from agents.settings import AgentConfig
+from agents.situation import Situation
+from agents.team import Team
+from estimation.plant import exact_step
+from estimation.state import OwnEstimate, Telemetry
+from tests.conftest import CONFIG, STUB
+
+Maker = Callable[..., AgentConfig]
+HEIGHT_M = 8.0
+STILL = (0.0, 0.0)
+
+
+def situation(now_s: float, acts_after_s: float = 0.05, sigma_m: float = 0.0) -> Situation:
+    mean = np.zeros(6)
+    own = OwnEstimate(now_s, mean, np.diag([sigma_m**2, (sigma_m / 2.0) ** 2, 0.0, 0.0, 0.0, 0.0]))
+    return Situation(now_s, now_s + acts_after_s, own, mean[:4], mean[4:], None, None, None)
+
+
+def member(
+    time_s: float = 10.0,
+    tactic: str = "formation",
+    position: tuple[float, float] = (3.0, -4.0),
+    velocity: tuple[float, float] = STILL,
+    setpoint: tuple[float, float] | None = None,
+    altitude_m: float = HEIGHT_M,
+    sigma_m: float = 0.0,
+) -> MemberState:
+    return MemberState(
+        1, time_s, tactic, position, velocity, setpoint or position, STILL, altitude_m, position_sigma_m=sigma_m
+    )
+
+
+speeds = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+
+
+@given(velocity=speeds, lead=speeds, ahead_s=st.floats(0.01, 0.3))
+def test_a_neighbour_goes_on_as_the_plant_answers_the_setpoint_it_published(
+    velocity: tuple[float, float], lead: tuple[float, float], ahead_s: float
+) -> None:
+    position = 3.0, -4.0
+    setpoint = position[0] + lead[0], position[1] + lead[1]
+    spoken = member(position=position, velocity=velocity, setpoint=setpoint)
+    (body,) = Neighbours(CONFIG).bodies(situation(10.0, ahead_s), HEIGHT_M, [spoken], [])
+    start = np.array([*position, *velocity])
+    later = exact_step(STUB, ahead_s).advance(start, np.array(setpoint), np.zeros(2))
+    # The acceleration is taken for constant: what it changes by is of third order in the position.
+    assert hypot(*(later[:2] - body.position_m)) <= 4.0 * ahead_s**3
+    assert hypot(*(later[2:] - body.velocity_m_s)) <= 6.0 * ahead_s**2
+    soon = exact_step(STUB, 1e-5).advance(start, np.array(setpoint), np.zeros(2))
+    assert (soon[2:] - start[2:]) / 1e-5 == pytest.approx(body.acceleration_m_s2, abs=1e-3)
+
+
+def test_no_neighbour_is_taken_to_accelerate_by_more_than_the_limit() -> None:
+    (body,) = Neighbours(CONFIG).bodies(situation(10.0, 0.1), HEIGHT_M, [member(setpoint=(1003.0, -996.0))], [])
+    limit = CONFIG.safety.acceleration_max_m_s2
+    assert body.acceleration_m_s2 == (limit, -limit)
+    assert body.velocity_m_s == pytest.approx((limit * 0.1, -limit * 0.1))
+
+
+def test_the_distance_grows_with_both_uncertainties_and_with_the_age_of_the_message(make_config: Maker) -> None:
+    neighbours = Neighbours(make_config(safety={"separation_m": 3.0, "uncertainty_sigmas": 2.0}))
+
+    def distance_m(age_s: float, own_sigma_m: float = 0.0, its_sigma_m: float = 0.0) -> float:
+        heard = [member(10.0, sigma_m=its_sigma_m)]
+        (body,) = neighbours.bodies(situation(10.0 + age_s, sigma_m=own_sigma_m), HEIGHT_M, heard, [])
+        return body.distance_m
+
+    assert distance_m(0.0) == 3.0
+    assert distance_m(0.0, own_sigma_m=0.3, its_sigma_m=0.4) == pytest.approx(3.0 + 2.0 * 0.5)
+    assert distance_m(0.4) == pytest.approx(3.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
+    assert distance_m(0.4, 0.3, 0.4) == pytest.approx(4.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
+    # Neither makes more of it than one separation: who is lost for a minute does not close the sky.
+    assert distance_m(30.0, 50.0, 50.0) == pytest.approx(9.0)
+
+
+def test_who_is_silent_goes_on_for_a_while_only() -> None:
+    spoken = member(velocity=(1.0, 0.0), setpoint=(3.0 + 0.87 / 0.8, -4.0))
+    for now_s in (10.0 + GOING_ON_S, 40.0):
+        (body,) = Neighbours(CONFIG).bodies(situation(now_s), HEIGHT_M, [], [spoken])
+        assert body.position_m == pytest.approx((3.0 + GOING_ON_S, -4.0))
+
+
+@pytest.mark.parametrize(
+    ("tactic", "shares"),
+    [
+        ("standby", True),
+        ("formation", True),
+        ("encircle", True),
+        ("aside", True),
+        ("hold", True),
+        ("come down", True),
+        ("land", False),
+        ("stood down", False),
+    ],
+)
+def test_who_lands_or_is_flown_by_somebody_else_bears_no_half(tactic: str, shares: bool) -> None:
+    (heard,) = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [member(tactic=tactic)], [])
+    (lost,) = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [], [member(tactic=tactic)])
+    assert (heard.shares, lost.shares) == (shares, False)
+
+
+@pytest.mark.parametrize(("above_m", "counts"), [(0.0, 1), (1.9, 1), (-1.9, 1), (2.0, 0), (-2.5, 0)])
+def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts: int) -> None:
+    bodies = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [member(altitude_m=HEIGHT_M + above_m)], [])
+    assert len(bodies) == counts
+
+
+# Who is lost
+
+
+def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -> None:
+    team = Team()
+    team.hear_member(member(10.0))
+    team.expire(11.0)
+    assert team.lost(11.0, 60.0) == ()
+    team.expire(11.1)
+    assert (team.members(), team.lost(11.1, 60.0)) == ((), (member(10.0),))
+    assert len(team.lost(69.9, 60.0)) == 1
+    assert team.lost(70.0, 60.0) == ()
+
+
+def test_who_is_heard_again_is_lost_no_more() -> None:
+    team = Team()
+    team.hear_member(member(10.0))
+    team.expire(12.0)
+    team.hear_member(member(12.1))
+    assert (team.lost(12.1, 60.0), team.members()) == ((), (member(12.1),))
+
+
+@pytest.mark.parametrize(("tactic", "lost"), [("formation", 1), ("come down", 1), ("land", 0)])
+def test_who_says_good_bye_is_lost_unless_it_was_landing(tactic: str, lost: int) -> None:
+    team = Team()
+    team.hear_member(member(10.0, tactic))
+    team.forget(1)
+    assert team.members() == ()
+    assert len(team.lost(10.1, 60.0)) == lost
+
+
+def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_told_of_it() -> None:
+    team = Team()
+    team.hear_member(member(10.0, "land"))
+    team.expire(11.5)
+    team.forget(1)
+    assert len(team.lost(11.5, 60.0)) == 1
+
+
+@pytest.mark.parametrize(("tactic", "avoided"), [("formation", True), ("land", False)])
+def test_the_core_keeps_away_from_where_somebody_was_lost(tactic: str, avoided: bool, make_config: Maker) -> None:
+    core = VehicleCore(make_config(safety={"lost_avoided_s": 5.0}))
+    for tick in range(100):
+        now_s = 10.0 + 0.1 * tick
+        core.on_telemetry(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
+        if tick == 0:
+            core.on_message(encode(member(now_s, tactic, position=(0.5, 0.0))), now_s)
+        if tick == 5:
+            core.on_presence(1, present=False)
+        guarded = core.tick(now_s).status.guarded
+        assert guarded is not None
+        if tick > 0:
+            assert bool(guarded.causes) is (now_s < 15.0 and (avoided or tick < 5)), now_s
