@@ -99,7 +99,7 @@ class Guard:
         kept, yielded = self._qp.nearest(wanted, worst)
         if kept is None:  # an unsolved problem must not fly: stop
             return self._guarded(position, lead, (0.0, 0.0), missed, yielded, GuardStatus.BRAKED)
-        return self._guarded(position, lead, kept, missed, yielded)
+        return self._guarded(position, lead, self._reached(kept), missed, yielded)
 
     def _guarded(
         self,
