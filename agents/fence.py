@@ -10,10 +10,14 @@ _ON_EDGE_M = 1e-9
 
 
 class NearestPoint(msgspec.Struct, frozen=True):
-    """The point of one edge that is nearest to a place: how far, and the unit vector from it into the fence."""
+    """The point of one edge that is nearest to a place: how far, and the unit vector from it into the fence.
+
+    `end` is -1 or 1 where it is the corner in which the edge begins or ends.
+    """
 
     distance_m: float
     inward: Corner
+    end: int = 0
 
 
 class Fence:
@@ -23,6 +27,11 @@ class Fence:
         self._edges = tuple(zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True))
         doubled_area_m2 = sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in self._edges)
         self._left_is_inward = 1.0 if doubled_area_m2 > 0.0 else -1.0
+        # Whether the corner where each edge begins sticks into the fence.
+        self._sticks_in = tuple(
+            self._left_is_inward * _side(*before, end) < 0.0
+            for before, (_, end) in zip((self._edges[-1], *self._edges[:-1]), self._edges, strict=True)
+        )
 
     def contains(self, place_m: Corner) -> bool:
         """Return whether a place is inside: a ray from it to the right crosses an odd number of edges."""
@@ -41,15 +50,30 @@ class Fence:
     def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
         """Return the nearest point of every edge within reach; from outside that of the nearest edge alone.
 
-        From outside the distance is negative: only the way back in counts then.
+        From outside the distance is negative: only the way back in counts then. Who flies along an edge towards a
+        corner that sticks in will pass it: the edge behind that corner is not told until then.
         """
         if self.contains(place_m):
-            return [point for point in self._points(place_m, 1.0) if point.distance_m <= within_m]
+            points = self._points(place_m, 1.0)
+            return [
+                point for i, point in enumerate(points) if point.distance_m <= within_m and not self._hidden(points, i)
+            ]
         nearest = min(self._points(place_m, -1.0), key=lambda point: point.distance_m)
         return [NearestPoint(-nearest.distance_m, nearest.inward)]
 
     def _points(self, place_m: Corner, sense: float) -> list[NearestPoint]:
         return [_nearest(place_m, start, end, sense, self._left_is_inward) for start, end in self._edges]
+
+    def _hidden(self, points: list[NearestPoint], index: int) -> bool:
+        """Return whether the nearest point of an edge is a corner that sticks in, seen along the edge before it."""
+        following = (index + 1) % len(points)
+        match points[index].end:
+            case -1:
+                return self._sticks_in[index] and points[index - 1].end == 0
+            case 1:
+                return self._sticks_in[following] and points[following].end == 0
+            case _:
+                return False
 
     def crossed_edges(self) -> tuple[int, int] | None:
         """Return two edges that cross each other or touch without being neighbours, None for a simple polygon."""
@@ -61,17 +85,18 @@ class Fence:
         return None
 
 
-def _nearest(place_m: Corner, start: Corner, end: Corner, sense: float, left_is_inward: float) -> NearestPoint:
-    (x, y), (x1, y1), (x2, y2) = place_m, start, end
+def _nearest(place_m: Corner, start: Corner, stop: Corner, sense: float, left_is_inward: float) -> NearestPoint:
+    (x, y), (x1, y1), (x2, y2) = place_m, start, stop
     along_x, along_y = x2 - x1, y2 - y1
     length_m = hypot(along_x, along_y)
     share = ((x - x1) * along_x + (y - y1) * along_y) / length_m**2
+    end = -1 if share <= 0.0 else 1 if share >= 1.0 else 0
     share = min(max(share, 0.0), 1.0)
     away_x, away_y = x - x1 - share * along_x, y - y1 - share * along_y
     distance_m = hypot(away_x, away_y)
     if distance_m < _ON_EDGE_M:
-        return NearestPoint(0.0, (-left_is_inward * along_y / length_m, left_is_inward * along_x / length_m))
-    return NearestPoint(distance_m, (sense * away_x / distance_m, sense * away_y / distance_m))
+        return NearestPoint(0.0, (-left_is_inward * along_y / length_m, left_is_inward * along_x / length_m), end)
+    return NearestPoint(distance_m, (sense * away_x / distance_m, sense * away_y / distance_m), end)
 
 
 def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:

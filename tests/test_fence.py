@@ -80,17 +80,36 @@ def test_inside_is_inside_and_the_clearance_is_how_far(corners: Corners, offset:
     assert nearest_m - step_m(corners) <= abs(clearance_m) <= nearest_m + 1e-9
 
 
+def sample_of(corners: Corners, place: Corner, edge: int) -> int:
+    """The number of the sample of an edge that is nearest to a place."""
+    return int(np.linalg.norm(edges(corners)[edge] - place, axis=1).argmin())
+
+
+def behind_corner(corners: Corners, place: Corner, edge: int) -> bool:
+    """Whether the nearest sample of an edge is a corner that sticks in, and that of the edge beside it is none."""
+    count, sample = len(corners), sample_of(corners, place, edge)
+    if 0 < sample < STEPS:
+        return False
+    corner, beside = (edge, (edge - 1) % count) if sample == 0 else ((edge + 1) % count, (edge + 1) % count)
+    around_it = Path([*corners, corners[0]], closed=True)
+    before, after = np.array(corners[corner - 1]), np.array(corners[(corner + 1) % count])
+    ear_x, ear_y = np.array(corners[corner]) + 1e-3 * ((before - corners[corner]) + (after - corners[corner]))
+    sticks_in = not around_it.contains_point((ear_x, ear_y))
+    return sticks_in and 0 < sample_of(corners, place, beside) < STEPS
+
+
 @given(corners=polygons(), offset=offsets, within_m=st.floats(0.5, 30.0) | st.just(inf))
 def test_from_inside_the_nearest_point_of_every_edge_within_reach_is_found(
     corners: Corners, offset: Corner, within_m: float
 ) -> None:
+    """But of those that begin or end in a corner that sticks in, while the place is beside the corner's other edge."""
     place = near(corners, offset)
     sampled_m = distances_m(corners, place)
     assume(sampled_m.min() > 0.01 and np.abs(sampled_m - within_m).min() > step_m(corners))
     fence = Fence(corners)
     assume(fence.contains(place))
     points = fence.nearest_points(place, within_m)
-    expected_m = sampled_m[sampled_m < within_m]
+    expected_m = [m for i, m in enumerate(sampled_m.tolist()) if m < within_m and not behind_corner(corners, place, i)]
     assert [point.distance_m for point in points] == pytest.approx(expected_m, abs=step_m(corners))
     for point in points:
         assert hypot(*point.inward) == pytest.approx(1.0)
@@ -128,6 +147,13 @@ def test_a_vehicle_exactly_on_a_straight_edge_is_sent_inwards(clockwise: bool) -
         point = min(fence.nearest_points(place), key=lambda point: abs(point.distance_m))
         assert point.distance_m == 0.0
         assert point.inward == pytest.approx(inward)
+
+
+def test_a_corner_that_sticks_in_is_no_wall_to_who_flies_along_the_edge_before_it() -> None:
+    along, beyond = Fence(NOTCHED), (5.0 - 2.5, 4.0 - 0.1)  # just inside the edge from the notch to (0, 6)
+    assert [point.end for point in along.nearest_points(beyond, 1.0)] == [0]
+    # Under the notch itself both edges are told, from the corner that they share.
+    assert [point.end for point in along.nearest_points((5.0, 1.5), 1.0)] == [1, -1]
 
 
 def test_behind_a_notch_the_corner_that_sticks_in_is_nearest() -> None:
