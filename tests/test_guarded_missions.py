@@ -14,9 +14,9 @@ from gcs.record import FlightRecord
 from gcs.simulated import fly_simulated
 from tests.random_missions import random_flight
 
-CROSSING_S = 70.0
+CROSSING_S = 64.0
 ARRIVED_S = 60.0
-CASE1_S = 300.0
+CASE1_S, CASE2_S = 300.0, 380.0
 
 
 def fly(mission: Mission, seed: int = 0, duration_s: float | None = None, **safety: Any) -> FlightRecord:
@@ -36,7 +36,7 @@ def apart_m(record: FlightRecord) -> Vector:
     return np.asarray(np.linalg.norm(pairs, axis=-1).min(axis=0))
 
 
-@pytest.mark.parametrize("seed", [2, 7, 12, 18, 26])
+@pytest.mark.parametrize("seed", [93, 111, 12])
 def test_a_random_mission_keeps_separation_fence_and_reach(seed: int) -> None:
     flight = random_flight(seed)
     assert flight.holds, flight
@@ -84,7 +84,7 @@ def test_on_heights_of_their_own_they_cross_without_minding_each_other() -> None
 
 @pytest.fixture(scope="module")
 def case1() -> FlightRecord:
-    return fly(load_mission("case1"))
+    return fly(load_mission("case1"), duration_s=CASE1_S)
 
 
 def test_case1_keeps_three_metres_and_without_the_guard_not_two(case1: FlightRecord) -> None:
@@ -93,26 +93,26 @@ def test_case1_keeps_three_metres_and_without_the_guard_not_two(case1: FlightRec
 
 
 def test_case1_recovers_from_its_encounters(case1: FlightRecord) -> None:
-    """As exact as ever once everybody has been out of everybody's way for 20 s, and encounters are what there was."""
-    met = apart_m(case1) < 4.0
-    engaged = case1.vehicles[0].tactic == "encircle"
-    assert (met & engaged).sum() > 50
-    since_s = case1.time_s - np.maximum.accumulate(np.where(met, case1.time_s, -np.inf))
-    began_s = float(case1.time_s[engaged][0])
-    calm = engaged & (since_s > 20.0) & (case1.time_s > began_s + 30.0)
+    """As exact as ever from 10 s after an encounter until 6 s before the next: the guard looks ahead."""
+    time_s, (first, second, third) = case1.time_s, case1.vehicles
+    engaged = first.tactic == "encircle"
+    met = engaged & (apart_m(case1) < 4.0)
+    assert 50 < met.sum() < 300
+    since_s = time_s - np.maximum.accumulate(np.where(met, time_s, -np.inf))
+    until_s = np.minimum.accumulate(np.where(met, time_s, np.inf)[::-1])[::-1] - time_s
+    calm = engaged & (since_s > 10.0) & (until_s > 6.0) & (time_s > time_s[engaged][0] + 10.0)
     assert calm.sum() > 1000
-    first, second, third = case1.vehicles
     off_m = np.linalg.norm(first.position_m - case1.target_position_m, axis=1) - 10.0
     assert np.sqrt(np.mean(off_m[calm] ** 2)) <= 0.03
     np.testing.assert_allclose(second.velocity_m_s[calm], np.tile((0.2, 0.0), (calm.sum(), 1)), atol=0.02)
     np.testing.assert_allclose(
-        (second.position_m - third.position_m)[calm], np.tile((0.0, 5.0), (calm.sum(), 1)), atol=0.05
+        (second.position_m - third.position_m)[calm], np.tile((0.0, 5.0), (calm.sum(), 1)), atol=0.02
     )
 
 
 def test_case2_is_flown_as_if_there_were_no_guard() -> None:
     mission = load_mission("case2")
-    guarded, unguarded = fly(mission), fly(mission, guard=False)
+    guarded, unguarded = (fly(mission, duration_s=CASE2_S, guard=guard) for guard in (True, False))
     late = guarded.time_s >= 320.0
     for track, twin in zip(guarded.vehicles, unguarded.vehicles, strict=True):
         assert (track.tactic == twin.tactic).all()  # the engagements, to the tick
