@@ -4,16 +4,27 @@ The reference is one predict and update of filterpy's own `KalmanFilter` with si
 Python and numpy like the loop itself, so that the ratio says more than microseconds on an unknown machine.
 """
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import cos, pi, sin
 from statistics import median
 from time import perf_counter
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from agents.guard import Guard
+from agents.neighbours import Neighbours
+from gcs.mission import Mission
 from gcs.mission_file import load_mission
 from gcs.simulated import fly_simulated
+from tests.conftest import MISSIONS
+from tests.mission_text import content, parsed
 
 REFERENCE_RUNS = 5000
+MEETING_S = 40.0
 
 
 def reference_us() -> float:
@@ -30,6 +41,65 @@ def reference_us() -> float:
     return median(times)
 
 
+def meeting(count: int) -> Mission:
+    """Return a mission like crossing in which vehicles on a circle change places with those opposite."""
+    mission = content((MISSIONS / "crossing.toml").read_text(encoding="utf-8"))
+    radius_m = max(12.0, count * 5.0 / (2.0 * pi))
+    turns = [2.0 * pi * number / count for number in range(count)]
+    pattern = mission["vehicles"][0]
+    mission["vehicles"] = [
+        pattern
+        | {
+            "id": number + 1,
+            "url": f"udpin://127.0.0.1:{14540 + number}",
+            "endpoint": f"tcp/127.0.0.1:{7461 + number}",
+            "start_m": [radius_m * cos(turn), radius_m * sin(turn)],
+            "slot_m": [-radius_m * cos(turn), -radius_m * sin(turn)],
+        }
+        for number, turn in enumerate(turns)
+    ]
+    mission["formation"]["start_m"] = mission["vehicles"][0]["slot_m"]
+    return parsed(mission)
+
+
+@contextmanager
+def guard_watched(told: Callable[[float, bool], None]) -> Iterator[None]:
+    """Tell of every tick how long bodies and guard took [us], and whether the guard intervened."""
+    check, bodies, took_us = Guard.check, Neighbours.bodies, 0.0
+
+    def timed_bodies(*arguments: Any) -> Any:
+        nonlocal took_us
+        began = perf_counter()
+        made = bodies(*arguments)
+        took_us = (perf_counter() - began) * 1e6
+        return made
+
+    def timed_check(*arguments: Any) -> Any:
+        began = perf_counter()
+        guarded = check(*arguments)
+        told(took_us + (perf_counter() - began) * 1e6, bool(guarded.causes))
+        return guarded
+
+    with patch.object(Guard, "check", timed_check), patch.object(Neighbours, "bodies", timed_bodies):
+        yield
+
+
+def print_guard(count: int, reference: float) -> None:
+    """Let vehicles meet, and print what the guard costs each of them in a tick."""
+    ticks: list[tuple[float, bool]] = []
+    with guard_watched(lambda us, intervened: ticks.append((us, intervened))):
+        fly_simulated(meeting(count), 0, MEETING_S, lambda _: None)
+    for what, times in (
+        ("all ticks", [us for us, _ in ticks]),
+        ("intervening", [us for us, intervened in ticks if intervened]),
+    ):
+        middle, most = np.percentile(times, [50.0, 99.0]).tolist()
+        print(
+            f"guard, {count} vehicles, {what} ({len(times)}): median {middle:.0f} us = {middle / reference:.2f} "
+            f"references, 99 % {most:.0f} us"
+        )
+
+
 def main() -> None:
     """Fly each bundled mission in simulation, and print what a tick costs: telemetry, estimates, decision, plan."""
     reference = reference_us()
@@ -40,6 +110,8 @@ def main() -> None:
         tick = float(np.median(record.loop.tick_us))
         speed = record.time_s[-1] / record.wall_time_s
         print(f"{name}: tick {tick:.0f} us = {tick / reference:.2f} references; {speed:.0f} times real time")
+    for count in (3, 16):
+        print_guard(count, reference)
 
 
 if __name__ == "__main__":
