@@ -113,7 +113,7 @@ def test_meeting_a_demand_of_the_fence_meets_its_condition(
 ) -> None:
     points = Fence(CORNERS).nearest_points(place)
     demands = list(inside(points, speed, margin_m, RATE_PER_S))
-    assert len(demands) == len(CORNERS)
+    assert len(demands) == len(points) >= 3
     for demand, point in zip(demands, points, strict=True):
         assert (demand.cause, demand.normal, demand.evades) == (Cause.FENCE, point.inward, False)
         flown = path(place, speed, just_meeting(demand, aside))

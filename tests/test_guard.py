@@ -283,7 +283,7 @@ def test_the_solver_is_bounded_and_asked_once_for_the_level_that_yields(
     monkeypatch.setattr(osqp.OSQP, "setup", noted_setup)
     monkeypatch.setattr(osqp.OSQP, "solve", counted_solve)
     config = make_config(safety={"fence_m": BOX})
-    crowd = [body((x, 0.1 * number), shares=False) for number in range(30) for x in (1.0, -1.0)]
+    crowd = [body((x, 0.1 * number), shares=False) for number in range(10) for x in (1.0, -1.0)]
     guarded, _ = checked(config, situation(), (5.0, 0.0), crowd)
     assert guarded.status is GuardStatus.YIELDED
     assert settings["max_iter"] <= 1000
