@@ -3,22 +3,21 @@ vehicles in closed loop on plants that are not the model."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import hypot, inf, pi
+from math import hypot, pi
 
 import numpy as np
 import osqp
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
 from agents.barriers import Body, Cause
 from agents.guard import Guard, Guarded, GuardStatus
-from agents.half_planes import HalfPlane, nearest
 from agents.settings import AgentConfig
 from agents.situation import Situation
 from estimation.plant import Plant, PlantAxis, exact_step
 from estimation.state import OwnEstimate, TargetEstimate, Vector
+from tests.solver import slsqp
 
 Maker = Callable[..., AgentConfig]
 Pair = tuple[float, float]
@@ -50,62 +49,6 @@ def checked(
 ) -> tuple[Guarded, Vector]:
     guarded = Guard(config).check(seen, np.array(wish, dtype=np.float64), bodies)
     return guarded, guarded.setpoint_m
-
-
-# The point in half-planes
-
-
-def slsqp(wanted: Vector, radius: float, normals: Vector, least: Vector) -> Vector | None:
-    """The nearest point as a general solver finds it, from several starts."""
-    constraints = [
-        {"type": "ineq", "fun": lambda u: normals @ u - least, "jac": lambda u: normals},
-        {"type": "ineq", "fun": lambda u: radius**2 - u @ u, "jac": lambda u: -2.0 * u},
-    ]
-    found: list[Vector] = []
-    for start in (np.zeros(2), wanted, -wanted):
-        result = minimize(
-            lambda u: np.sum((u - wanted) ** 2),
-            start,
-            jac=lambda u: 2.0 * (u - wanted),
-            constraints=constraints,
-            method="SLSQP",
-            options={"ftol": 1e-14, "maxiter": 200},
-        )
-        missing = max((least - normals @ result.x).max(initial=-inf), np.linalg.norm(result.x) - radius)
-        if missing < 1e-6:
-            found.append(np.asarray(result.x))
-    return min(found, key=lambda u: float(np.sum((u - wanted) ** 2))) if found else None
-
-
-@pytest.mark.parametrize("seed", range(60))
-def test_the_nearest_point_in_half_planes_is_what_slsqp_finds(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    count = int(random.integers(0, 12))
-    turns = random.uniform(-pi, pi, count)
-    normals = np.column_stack([np.cos(turns), np.sin(turns)])
-    least, wanted = random.uniform(-5.0, 1.0, count), random.normal(0.0, 5.0, 2)
-    planes = [HalfPlane((x, y), bound) for (x, y), bound in zip(normals.tolist(), least.tolist(), strict=True)]
-    point = nearest((float(wanted[0]), float(wanted[1])), 6.0, planes)
-    expected = slsqp(wanted, 6.0, normals, least)
-    if expected is None:
-        assert point is None
-    else:
-        assert point == pytest.approx(expected, abs=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("planes", "point"),
-    [
-        ([], (4.0, 3.0)),
-        ([((1.0, 0.0), 6.0)], None),
-        ([((1.0, 0.0), 1.0), ((-1.0, 0.0), -0.5)], None),
-        ([((1.0, 0.0), 4.5), ((1.0, 0.0), 4.2)], (4.5, (25.0 - 4.5**2) ** 0.5)),
-        ([((-1.0, 0.0), -1.0), ((0.0, -1.0), -2.0)], (1.0, 2.0)),
-    ],
-)
-def test_points_in_half_planes_by_name(planes: list[tuple[Pair, float]], point: Pair | None) -> None:
-    found = nearest((8.0, 6.0), 5.0, [HalfPlane(normal, least) for normal, least in planes])
-    assert found is None if point is None else found == pytest.approx(point)
 
 
 # The whole guard against a solver, from the accelerations that follow
