@@ -37,10 +37,10 @@ class Team:
             self._angles[message.sender] = message
 
     def forget(self, vehicle_id: int) -> None:
-        """Drop a peer whose presence has ended; unless it was landing, it is lost: in the air, where nobody knows."""
+        """Drop a peer whose presence has ended: it is lost, at the height that it told last, be that the ground."""
         member = self._members.pop(vehicle_id, None)
         self._angles.pop(vehicle_id, None)
-        if member is not None and member.tactic != Tactic.LAND.value:
+        if member is not None:
             self._lost[vehicle_id] = member
 
     def expire(self, now_s: float, patience: float = 1.0) -> None:
@@ -60,7 +60,7 @@ class Team:
         return tuple(self._members.values())
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
-        """Return the last word of every peer that fell silent in the air less than `for_s` ago."""
+        """Return the last word of every peer that fell silent less than `for_s` ago, in the air or landed."""
         return tuple(member for member in self._lost.values() if now_s - member.time_s < for_s)
 
     @property

@@ -141,13 +141,13 @@ def test_who_is_heard_again_is_lost_no_more() -> None:
     assert (team.lost(12.1, 60.0), team.members()) == ((), (member(12.1),))
 
 
-@pytest.mark.parametrize(("tactic", "lost"), [("formation", 1), ("come down", 1), ("land", 0)])
-def test_who_says_good_bye_is_lost_unless_it_was_landing(tactic: str, lost: int) -> None:
+@pytest.mark.parametrize("tactic", ["formation", "come down", "land"])
+def test_who_says_good_bye_is_lost(tactic: str) -> None:
     team = Team()
     team.hear_member(member(10.0, tactic))
     team.forget(1)
     assert team.members() == ()
-    assert len(team.lost(10.1, 60.0)) == lost
+    assert len(team.lost(10.1, 60.0)) == 1
 
 
 def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_told_of_it() -> None:
@@ -158,17 +158,21 @@ def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_to
     assert len(team.lost(11.5, 60.0)) == 1
 
 
-@pytest.mark.parametrize(("tactic", "avoided"), [("formation", True), ("land", False)])
-def test_the_core_keeps_away_from_where_somebody_was_lost(tactic: str, avoided: bool, make_config: Maker) -> None:
+@pytest.mark.parametrize(
+    ("tactic", "height_m", "avoided"), [("formation", HEIGHT_M, True), ("land", HEIGHT_M, True), ("land", 0.2, False)]
+)
+def test_the_core_keeps_away_from_where_somebody_was_lost(
+    tactic: str, height_m: float, avoided: bool, make_config: Maker
+) -> None:
     core = VehicleCore(make_config(safety={"lost_avoided_s": 5.0}))
     for tick in range(100):
         now_s = 10.0 + 0.1 * tick
         core.on_telemetry(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
         if tick == 0:
-            core.on_message(encode(member(now_s, tactic, position=(0.5, 0.0))), now_s)
+            core.on_message(encode(member(now_s, tactic, position=(0.5, 0.0), altitude_m=height_m)), now_s)
         if tick == 5:
             core.on_presence(1, present=False)
         guarded = core.tick(now_s).status.guarded
         assert guarded is not None
         if tick > 0:
-            assert bool(guarded.causes) is (now_s < 15.0 and (avoided or tick < 5)), now_s
+            assert bool(guarded.causes) is (now_s < 15.0 and avoided), now_s
