@@ -16,7 +16,7 @@ CHECKS = (
     ("lint-imports", "--no-logo"),
 )
 
-PARTS = ("not wire", "wire and not team", "wire and team")
+PARTS = ("not wire", "wire and not team", "team and not operator and not processes", "operator", "processes")
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ from sitl.autopilot import Autopilot
 from sitl.modes import NavMode
 from tests.wire import StubWatch, served, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.operator]
 
 ROOT = Path(__file__).parents[1]
 SPEED = 5.0
