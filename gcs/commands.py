@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from agents.messages import Verb
 from agents.outcome import Ending, Outcome
@@ -14,6 +15,9 @@ from gcs.mission import Mission, MissionVehicle
 from gcs.mission_file import load_mission
 from gcs.output import STDERR, SimulationProgress, check_plot, confirmed, present, print_result
 from gcs.signals import pending
+
+if TYPE_CHECKING:
+    from gcs.equipment import Equipment
 
 _SPEED_KEPT_SHARE = 0.97
 _MISSED_SHARE = 0.01
@@ -52,8 +56,9 @@ def fly_mission(
     duration: float | None,
     json: bool,
     plot: Path | None,
+    equipment: "Equipment | None" = None,
 ) -> Exit:
-    """`cordon fly`."""
+    """`cordon fly`; a drill brings equipment that can fail."""
     check_plot(plot)
     mission = load_mission(name)
     if sitl and only is not None:
@@ -64,7 +69,7 @@ def fly_mission(
 
     vehicles = mission.vehicles if only is None else (_chosen(mission, only, "--only"),)
     speed = speed or (1.0 if sitl else None)
-    plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed)
+    plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed, equipment)
     orphaned = partial(_say, "this flight's supervisor is gone: the vehicles hold and land", "")
     try:
         with Lifeline.inherited(orphaned) as lifeline, LiveView(STDERR) as view:

@@ -16,10 +16,9 @@ from agents.clock import MissionClock
 from agents.core import VehicleCore
 from agents.outcome import Ending, Outcome, Stop
 from agents.outputs import CoreStatus
-from agents.ports import TargetSensor, VehicleRefusedError
-from agents.zenoh_bus import ZenohBus
+from agents.ports import VehicleRefusedError
 from gcs.chronicle import event_line
-from gcs.compose import target_sensor
+from gcs.equipment import Equipment
 from gcs.findings import Finding, Grade
 from gcs.helm import Helm
 from gcs.journal import Journal
@@ -43,13 +42,14 @@ Tell = Callable[[Sequence[Finding]], None]
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """What to fly: the mission, for how long, which of its vehicles, and how fast time passes (None: find out)."""
+    """What to fly: the mission, for how long, which of its vehicles, how fast time passes (None: find out), with what."""
 
     mission: Mission
     duration_s: float
     vehicles: tuple[MissionVehicle, ...]
     stubs: bool
     speed: float | None
+    equipment: Equipment | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ async def fly(
         stubs = await stack.enter_async_context(_Stubs(plan, clock.speed))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
-        team = [_member(plan.mission, vehicle, hub, clock, journal, supervision) for vehicle in plan.vehicles]
+        team = [_member(plan, vehicle, hub, clock, journal, supervision) for vehicle in plan.vehicles]
         for member in team:
             stack.push_async_callback(member.agent.close)
         view.update([], 0.0, "looking for the vehicles")
@@ -132,13 +132,14 @@ class _Stubs:
 
 
 def _member(
-    mission: Mission,
+    plan: FlightPlan,
     vehicle: MissionVehicle,
     hub: MavsdkHub,
     clock: MissionClock,
     journal: Journal,
     supervision: Supervision,
 ) -> _Member:
+    mission, equipment = plan.mission, plan.equipment or Equipment()
     config = mission.agent_config(vehicle)
     link = CheckedLink(
         hub,
@@ -150,27 +151,20 @@ def _member(
         settings=mission.link,
         origin_m=vehicle.origin_m,
     )
-    others = [other.section.endpoint for other in mission.vehicles if other.id != vehicle.id]
-    bus = ZenohBus(vehicle.id, mission.network.team, vehicle.section.endpoint, others)
-    sensor: partial[TargetSensor] = partial(_sensor, mission, vehicle.id)
     agent = Agent(
         VehicleCore(config),
         link,
-        bus,
+        equipment.bus(mission, vehicle),
         clock,
         vehicle_id=vehicle.id,
         members=mission.ids,
         altitude_m=config.take_off_altitude_m,
         rate_hz=config.rate_hz,
-        sensor=sensor,
+        sensor=partial(equipment.sensor, mission, vehicle.id),
         observe=journal.note,
         life=supervision.signs(vehicle.id),
     )
     return _Member(vehicle, link, agent)
-
-
-def _sensor(mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
-    return target_sensor(mission, vehicle_id, start_s, mission.mission.seed)
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:

@@ -96,6 +96,7 @@ class Autopilot:
         self._steps = 0
         self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
         self._applied: PositionTarget | None = None
+        self.setpoints_received = 0
         self._heard_s = -inf
         self._armed_s = self._airborne_s = self._landed_s = -inf
         self._texts: list[tuple[Severity, str]] = []
@@ -201,6 +202,7 @@ class Autopilot:
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""
         self._heard_s = time_s
+        self.setpoints_received += 1
         self._pending.append((time_s + self._delay_s, target))
 
     def step(self, to_time_s: float, disturbance_m_s2: tuple[float, float] = (0.0, 0.0)) -> None:

@@ -61,7 +61,7 @@ async def _serve_until_told(configs: Sequence[StubConfig], speed: float, connect
     threading.Thread(target=listen, daemon=True).start()
     ready = StubReady()
     return await serve(
-        configs, speed=speed, now_s=unix_clock(speed), stop=stop, on_ready=lambda: connection.send(ready)
+        configs, speed=speed, now_s=unix_clock(speed), stop=stop, on_ready=lambda _: connection.send(ready)
     )
 
 

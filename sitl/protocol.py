@@ -18,6 +18,7 @@ from estimation.frames import MissionFrame, Triple
 from sitl.autopilot import Autopilot
 from sitl.commands import Commander
 from sitl.dialects import PX4, Dialect
+from sitl.faults import VehicleFaults
 from sitl.fence import zones_of
 from sitl.guidance import PositionTarget
 from sitl.parameters import Value
@@ -80,8 +81,10 @@ class MavlinkVehicle:
         origin_m: Triple,
         noise: EstimatorNoise | None = None,
         rng: np.random.Generator | None = None,
+        faults: VehicleFaults | None = None,
     ) -> None:
         """Speak for `autopilot`, in its dialect; `origin_m` is its estimator's origin in the mission frame."""
+        self._faults = faults or VehicleFaults()
         self.autopilot = autopilot
         self.autopilot.parameters.set(dialect.system_id_parameter, system_id)
         self.dropped: Counter[Drop] = Counter()
@@ -98,6 +101,7 @@ class MavlinkVehicle:
             origin_m=origin_m,
             noise=noise or EstimatorNoise(),
             rng=rng or np.random.default_rng(0),
+            faults=self._faults,
         )
         self._reporter = reporter
         self._schedule = Schedule(dialect.rates_hz, reporter.known)
@@ -226,7 +230,9 @@ class MavlinkVehicle:
             return self._drop(Drop.OUT_OF_REACH)
         x, y, z = self._frame.mission_from_ned((m.x, m.y, m.z))
         x0, y0, z0 = self._origin_m
-        self.autopilot.receive_setpoint(time_s, PositionTarget((x0 + x, y0 + y, z0 + z), heading))
+        # It flies to where it believes the setpoint to be.
+        dx, dy, dz = self._faults.estimate_offset_m
+        self.autopilot.receive_setpoint(time_s, PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading))
         return []
 
     def _on_request_data_stream(self, m: Any, time_s: float) -> list[Outgoing]:

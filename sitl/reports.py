@@ -13,6 +13,7 @@ from estimation.frames import Geodetic, MissionFrame, Triple
 from sitl.airframe import GRAVITY_M_S2
 from sitl.autopilot import Autopilot
 from sitl.dialects import Dialect
+from sitl.faults import VehicleFaults, shifted
 from sitl.vocabulary import (
     ACTIVE,
     CELL_EMPTY_V,
@@ -35,6 +36,10 @@ from sitl.vocabulary import (
 
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
 """What the estimators' tests let through: five standard deviations of a GPS that is good to 0.5 m and 0.3 m/s."""
+
+
+MOTION_MESSAGES = frozenset({MessageId.ATTITUDE, MessageId.LOCAL_POSITION_NED, MessageId.GLOBAL_POSITION_INT})
+"""What tells a client where the vehicle is and how it moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +77,7 @@ class Reporter:
         origin_m: Triple,
         noise: EstimatorNoise,
         rng: np.random.Generator,
+        faults: VehicleFaults,
     ) -> None:
         """Report about `autopilot`, whose local NED origin lies at `origin_m` in the mission frame."""
         self._autopilot = autopilot
@@ -81,6 +87,7 @@ class Reporter:
         self._origin_m = origin_m
         self._noise = noise
         self._rng = rng
+        self._faults = faults
         self._estimated = Estimate(-1.0, autopilot.airframe.position_m, autopilot.airframe.velocity_m_s)
         self._builders: dict[int, Callable[[], Fields | None]] = {
             MessageId.HEARTBEAT: self._heartbeat,
@@ -108,6 +115,8 @@ class Reporter:
 
     def report(self, message: int) -> list[Outgoing]:
         """Return a message, or nothing while the estimator has nothing to say; KeyError if it is not known."""
+        if self._faults.motion_silent and message in MOTION_MESSAGES:
+            return []
         fields = self._builders[message]()
         return [] if fields is None else [(MessageId(message), fields)]
 
@@ -124,11 +133,11 @@ class Reporter:
         return self._autopilot.global_position_known
 
     def _estimate(self) -> Estimate:
-        """Return the estimate of now: the truth, and noise drawn once per time."""
+        """Return the estimate of now: the truth, what it is off, and noise drawn once per time."""
         now_s = self._autopilot.time_s
         if self._estimated.time_s != now_s:
             airframe = self._autopilot.airframe
-            position, velocity = airframe.position_m, airframe.velocity_m_s
+            position, velocity = shifted(airframe.position_m, self._faults.estimate_offset_m), airframe.velocity_m_s
             if self._noise.position_m > 0.0 or self._noise.velocity_m_s > 0.0:
                 error = self._rng.standard_normal(6).tolist()
                 position = _disturbed(position, error[:3], self._noise.position_m)

@@ -16,6 +16,7 @@ from sitl.airframe import STEP_S
 from sitl.arducopter import ArduCopter
 from sitl.autopilot import Autopilot
 from sitl.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
+from sitl.faults import VehicleFaults
 from sitl.parameters import Value
 from sitl.protocol import MavlinkVehicle
 from sitl.reports import EstimatorNoise
@@ -102,9 +103,10 @@ class StubRecord:
 class _Endpoint(asyncio.DatagramProtocol):
     """One vehicle's socket: sends to its client, and to whoever else has spoken to it."""
 
-    def __init__(self, receive: Callable[[bytes], list[bytes]], client: Address) -> None:
+    def __init__(self, receive: Callable[[bytes], list[bytes]], client: Address, faults: VehicleFaults) -> None:
         self._receive = receive
         self._peers = [client]
+        self._faults = faults
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -113,9 +115,22 @@ class _Endpoint(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: Address) -> None:
         if addr not in self._peers and len(self._peers) < PEERS_MAX:
             self._peers.append(addr)
-        self.send(self._receive(data))
+        self._carry(lambda: self.send(self._receive(data)))
 
     def send(self, packets: list[bytes]) -> None:
+        if packets:
+            self._carry(lambda: self._send(packets))
+
+    def _carry(self, deliver: Callable[[], None]) -> None:
+        """Deliver what the link carries: at once, late, or not at all."""
+        if self._faults.link_cut:
+            return
+        if self._faults.link_delay_s > 0.0:
+            asyncio.get_running_loop().call_later(self._faults.link_delay_s, deliver)
+        else:
+            deliver()
+
+    def _send(self, packets: list[bytes]) -> None:
         if self._transport is None or self._transport.is_closing():
             return
         for datagram in _bundled(packets):
@@ -158,15 +173,16 @@ _MANNERS: Mapping[AutopilotKind, tuple[type[Autopilot], Dialect]] = {
 }
 
 
-class _Stub:
-    """One vehicle being served: its protocol, its socket, its track."""
+class Stub:
+    """One vehicle being served: its protocol, its socket, its track, and what is wrong with it."""
 
     def __init__(self, config: StubConfig, pace: _Pace) -> None:
         x, y = config.start_position_m
         dx, dy, dz = config.origin_offset_m
         self.config = config
         autopilot, dialect = _MANNERS[config.autopilot]
-        self._autopilot = autopilot(
+        self.faults = VehicleFaults()
+        self.autopilot = autopilot(
             config.plant,
             (x, y, 0.0),
             battery_fraction=config.battery_fraction,
@@ -174,20 +190,22 @@ class _Stub:
             localised=config.localised,
         )
         for name, value in config.parameters.items():
-            if not self._autopilot.parameters.set(name, value):
+            if not self.autopilot.parameters.set(name, value):
                 raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
         self._vehicle = MavlinkVehicle(
-            self._autopilot,
+            self.autopilot,
             dialect,
             system_id=config.vehicle_id,
             frame=config.frame,
             origin_m=(x + dx, y + dy, dz),
             noise=config.noise,
             rng=np.random.default_rng((config.seed, config.vehicle_id)),
+            faults=self.faults,
         )
         self.endpoint = _Endpoint(
             lambda data: self._vehicle.receive(data, pace.uptime_s()),
             (config.client_host, config.client_port),
+            self.faults,
         )
         self._pace = pace
         self._truth: list[tuple[float, ...]] = []
@@ -196,19 +214,21 @@ class _Stub:
         """Take the steps one by one, note the truth, and send what fell due."""
         packets: list[bytes] = []
         for step in steps:
-            self._autopilot.step(step * STEP_S, self.config.wind_m_s2)
-            packets += self._vehicle.emit(self._autopilot.time_s)
+            self.autopilot.step(step * STEP_S, self.config.wind_m_s2)
+            packets += self._vehicle.emit(self.autopilot.time_s)
             if step % TRUTH_STEPS == 0:
-                airframe = self._autopilot.airframe
-                clock_s = self._autopilot.time_s + self._pace.clock_offset_s
+                airframe = self.autopilot.airframe
+                clock_s = self.autopilot.time_s + self._pace.clock_offset_s
                 self._truth.append((clock_s, *airframe.position_m, *airframe.velocity_m_s))
         self.endpoint.send(packets)
 
     def track(self) -> TruthTrack:
+        """Return where it truly was so far."""
         rows = np.array(self._truth).reshape(-1, 7)
         return TruthTrack(self.config.vehicle_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
 
     def dropped(self) -> dict[str, int]:
+        """Return how many messages it dropped so far, by reason."""
         return {drop.value: count for drop, count in self._vehicle.dropped.items()}
 
 
@@ -218,9 +238,9 @@ async def serve(
     speed: float,
     now_s: Callable[[], float],
     stop: asyncio.Event,
-    on_ready: Callable[[], None] | None = None,
+    on_ready: Callable[[Sequence[Stub]], None] | None = None,
 ) -> StubRecord:
-    """Fly the stubs until `stop` is set, then return their record; `on_ready` is called when all can be reached.
+    """Fly the stubs until `stop` is set, then return their record; `on_ready` is given them when all can be reached.
 
     `now_s` is the clock that all processes share: monotonic simulated seconds, `speed` times as fast as the wall's.
     Raises OSError when a socket cannot be had, ValueError for a speed that is not positive.
@@ -231,12 +251,12 @@ async def serve(
         if not config.frame.is_local:
             config.frame.geodetic_from_mission((0.0, 0.0, 0.0))  # its first use loads a library: not in flight
     pace = _Pace(now_s)
-    stubs = [_Stub(config, pace) for config in configs]
+    stubs = [Stub(config, pace) for config in configs]
     async with AsyncExitStack() as stack:
         for stub in stubs:
             await stack.enter_async_context(_bound(stub.endpoint, stub.config.port))
         if on_ready is not None:
-            on_ready()
+            on_ready(stubs)
         while not stop.is_set():
             steps = pace.steps_due()
             for stub in stubs:

@@ -1,0 +1,26 @@
+"""What may be wrong with one vehicle and its link: set, and taken back, while the vehicle is served."""
+
+from dataclasses import dataclass
+
+from estimation.frames import Triple
+
+
+@dataclass(slots=True)
+class VehicleFaults:
+    """Nothing, until somebody sets it.
+
+    With its link cut nothing passes in either direction; a delay [wall s] is that of each direction. A vehicle whose
+    motion is silent tells everything but where it is. An estimate that is off by an offset in the mission frame is off
+    for the autopilot as well: it flies to where it believes a setpoint to be.
+    """
+
+    link_cut: bool = False
+    link_delay_s: float = 0.0
+    motion_silent: bool = False
+    estimate_offset_m: Triple = (0.0, 0.0, 0.0)
+
+
+def shifted(place_m: Triple, by_m: Triple) -> Triple:
+    """Return a place moved by an offset."""
+    x, y, z = (place + by for place, by in zip(place_m, by_m, strict=True))
+    return x, y, z
