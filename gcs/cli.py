@@ -127,6 +127,25 @@ def sitl(mission: MissionName, *, speed: Speed = None) -> Exit:
 
 
 @app.command
+def drill(
+    mission: MissionName,
+    *,
+    fault: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="Only this fault, as killed-agent or foreign-mode; may be given again."),
+    ] = None,
+    json: Json = False,
+) -> Exit:
+    """Bring one fault after another upon a team of stub vehicles, and measure how it reacts: nothing real flies.
+
+    Example: cordon drill case2 --fault killed-agent
+    """
+    from gcs.commands import drill_team  # noqa: PLC0415
+
+    return drill_team(mission, fault or [], json=json)
+
+
+@app.command
 def command(
     verb: Literal["hold", "resume", "land", "rtl", "abort", "kill"],
     *,

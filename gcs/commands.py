@@ -138,6 +138,24 @@ def watch_team(mission_name: str) -> Exit:
     return Exit.HOLDS
 
 
+def drill_team(name: str, faults: Sequence[str], *, json: bool) -> Exit:
+    """`cordon drill`."""
+    from gcs.drill import DrillRun  # noqa: PLC0415
+    from gcs.drill_view import DrillProgress, drill_table, drills_json  # noqa: PLC0415
+    from gcs.drills import chosen  # noqa: PLC0415
+
+    drills, mission = chosen(faults), load_mission(name)
+    try:
+        rows = asyncio.run(DrillRun(name, drills, DrillProgress(STDERR, len(drills))).run())
+    except VehicleRefusedError as refusal:
+        _say(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    STDERR.print(drill_table(mission.mission.name, rows))
+    if json:
+        print_result(drills_json(mission.mission.name, rows))
+    return Exit.VERDICT_FAILED if any(row.holds is False for row in rows) else Exit.HOLDS
+
+
 def command_team(verb: Verb, vehicle: int | None, mission_name: str, *, yes: bool) -> Exit:
     """`cordon command`."""
     from gcs.operator import Operator  # noqa: PLC0415

@@ -42,7 +42,7 @@ Tell = Callable[[Sequence[Finding]], None]
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """What to fly: the mission, for how long, which of its vehicles, how fast time passes (None: find out), with what."""
+    """What to fly: mission, duration, which vehicles, how fast time passes (None: find out), equipped with what."""
 
     mission: Mission
     duration_s: float

@@ -80,9 +80,14 @@ def bundled_missions() -> list[str]:
     return sorted(path.stem for path in _BUNDLED.glob("*.toml"))
 
 
+def mission_path(name: str) -> Path:
+    """Return where a mission is written."""
+    return _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
+
+
 def load_mission(name: str) -> Mission:
     """Load a bundled mission by its bare name, or a file by its path; raises MissionError with every fault."""
-    path = _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
+    path = mission_path(name)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:

@@ -1,0 +1,239 @@
+"""A team in flight for a drill: stub vehicles in this process, the flying process beside it; both can fail."""
+
+import asyncio
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from agents.messages import MemberState, NeighbourAngle, decode
+from agents.ports import VehicleRefusedError
+from agents.zenoh_bus import ZenohBus
+from gcs.drill_judge import TeamLog
+from gcs.drill_victim import SOCKET, Ailments
+from gcs.mission import Mission
+from gcs.mission_file import parse_mission
+from gcs.operator import Operator
+from gcs.stubs import prepared_configs
+from sitl.server import Stub, StubConfig, serve
+
+_POLL_S = 0.004
+_AIRBORNE_M = 0.5
+_ALOFT_TIMEOUT_S = 90.0
+_END_TIMEOUT_S = 10.0
+_RESUME_TIMEOUT_S = 6.0
+_FLIGHT_S = 3600.0
+
+
+class Pace:
+    """The clock that stubs and agents share: it runs fast until it is told to keep the wall's pace."""
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self._since_s = (time.monotonic(), time.time() * speed)
+
+    def now_s(self) -> float:
+        """Return its time, while it is fast that of `sitl.process.unix_clock`."""
+        wall_s, since_s = self._since_s
+        return since_s + (time.monotonic() - wall_s) * self.speed
+
+    def keep_the_walls(self) -> None:
+        """Run as fast as the wall's from now on: for vehicles that nobody flies any more."""
+        self._since_s = (time.monotonic(), self.now_s())
+        self.speed = 1.0
+
+
+class DrillFlight:
+    """One flight, to be used as a context manager: everything of it ends with it."""
+
+    def __init__(
+        self, text: str, speed: float, configs: Callable[[Mission], Sequence[StubConfig]] = prepared_configs
+    ) -> None:
+        self.mission = parse_mission(text, Path())
+        self.log = TeamLog()
+        self.pace = Pace(speed)
+        self.speed = speed
+        self.stubs: dict[int, Stub] = {}
+        self.flying_pid = 0
+        self._text = text
+        self._configs = configs(self.mission)
+        self._stack = AsyncExitStack()
+        self._process: asyncio.subprocess.Process | None = None
+        self._teller: asyncio.StreamWriter | None = None
+        self._told = ""
+
+    async def __aenter__(self) -> Self:
+        """Start it; raises VehicleRefusedError."""
+        try:
+            await self._start()
+        except BaseException:
+            await self._stack.aclose()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the processes first, then the vehicles."""
+        await self._stack.aclose()
+
+    @staticmethod
+    def now_s() -> float:
+        """Return the time of the log [wall s]."""
+        return time.monotonic()
+
+    def ail(self, ailments: Ailments) -> None:
+        """Tell the flying process what is wrong with it from now on."""
+        assert self._teller is not None
+        self._teller.write(msgspec.json.encode(ailments) + b"\n")
+
+    def signal(self, number: int) -> None:
+        """Send the flying process a signal."""
+        os.kill(self.flying_pid, number)
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for a condition [wall s]; return whether it came true."""
+        end_s = self.now_s() + timeout_s
+        while not condition():
+            if self.now_s() > end_s:
+                return False
+            await asyncio.sleep(_POLL_S)
+        return True
+
+    async def aloft(self, vehicles: Sequence[int], tactics: Callable[[int], str]) -> None:
+        """Wait until everybody does what it is to do, and well; raises VehicleRefusedError when that does not come."""
+        radius_m = self.mission.encirclement.radius_m
+
+        def settled(vehicle: int) -> bool:
+            if self.log.tactic(vehicle) != tactics(vehicle) or self.log.alert(vehicle):
+                return False
+            radii = self.log.radii_m[vehicle]
+            return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)
+
+        # What comes over links takes wall time, what is flown the mission's.
+        timeout_s = 20.0 + _ALOFT_TIMEOUT_S / self.speed
+        if not await self.until(lambda: self._has_ended or all(map(settled, vehicles)), timeout_s) or self._has_ended:
+            states = ", ".join(f"{i}: {self.log.mode(i) or '-'} {self.log.tactic(i) or '-'}" for i in vehicles)
+            raise VehicleRefusedError(
+                f"the team of the drill did not get to fly its mission ({states})",
+                self._last_words() or "see whether `cordon fly --sitl` flies it, and how busy this computer is",
+            )
+
+    async def resume(self, vehicle: int) -> None:
+        """Say once that a vehicle may go back to its mission."""
+        with suppress(VehicleRefusedError, TimeoutError):
+            await asyncio.wait_for(Operator(self.mission).command("resume", (vehicle,), vehicle), _RESUME_TIMEOUT_S)
+
+    async def _start(self) -> None:
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="cordon-drill-")))
+        mission_file, path = folder / "mission.toml", folder / "socket"
+        mission_file.write_text(self._text, encoding="utf-8")
+        await self._serve_stubs()
+        server = await asyncio.start_unix_server(self._meet, path)
+        self._stack.callback(server.close)
+        await self._fly(mission_file, path)
+        await self._listen()
+        watching = asyncio.create_task(self._watch())
+        self._stack.push_async_callback(_cancelled, watching)
+
+    async def _serve_stubs(self) -> None:
+        stop, ready = asyncio.Event(), asyncio.Event()
+        by_system = {vehicle.system_id: vehicle.id for vehicle in self.mission.vehicles}
+
+        def meet(stubs: Sequence[Stub]) -> None:
+            self.stubs = {by_system[stub.config.vehicle_id]: stub for stub in stubs}
+            ready.set()
+
+        serving = asyncio.create_task(
+            serve(self._configs, speed=self.speed, now_s=self.pace.now_s, stop=stop, on_ready=meet)
+        )
+        self._stack.push_async_callback(_stopped, stop, serving)
+        await asyncio.wait((serving, asyncio.create_task(ready.wait())), return_when=asyncio.FIRST_COMPLETED)
+        if serving.done():
+            raise VehicleRefusedError(f"the stub vehicles did not start: {serving.exception()}", "try again")
+
+    async def _fly(self, mission_file: Path, path: Path) -> None:
+        self._process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "gcs.drill_victim", str(mission_file), f"{self.speed:g}", f"{_FLIGHT_S:g}"),
+            env={**os.environ, SOCKET: str(path), "TERM": "dumb", "COLUMNS": "200"},
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the drill, which ends its flight itself
+        )
+        reading = asyncio.create_task(self._read(self._process))
+        self._stack.push_async_callback(_cancelled, reading)
+        self._stack.push_async_callback(self._end, self._process)
+
+    async def _read(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stderr is not None
+        async for line in process.stderr:
+            self._told = (self._told + line.decode(errors="replace"))[-4000:]
+
+    async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.flying_pid = int(await reader.readline())
+        self._teller = writer
+
+    async def _end(self, process: asyncio.subprocess.Process) -> None:
+        """Kill what flies, which may have been stopped; its supervisor then ends by itself."""
+        if self.flying_pid and process.returncode is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.flying_pid, 9)
+        try:
+            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self.flying_pid else 0.0)
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+
+    async def _listen(self) -> None:
+        endpoints = [vehicle.section.endpoint for vehicle in self.mission.vehicles]
+        bus = ZenohBus(None, self.mission.network.team, None, endpoints)  # it only listens
+        await bus.open(self._hear, lambda *_: None)
+        self._stack.push_async_callback(bus.close)
+
+    def _hear(self, payload: bytes) -> None:
+        with suppress(ValueError):
+            message, now_s = decode(payload), self.now_s()
+            if isinstance(message, MemberState):
+                self.log.note_said(now_s, message.sender, message.tactic, message.alert)
+            elif isinstance(message, NeighbourAngle):
+                self.log.radii_m[message.sender].append((now_s, message.radius_m))
+                self.log.bearings_rad[message.sender] = (now_s, message.bearing_rad)
+
+    async def _watch(self) -> None:
+        """Look at the vehicles themselves."""
+        received = dict.fromkeys(self.stubs, 0)
+        while True:
+            now_s = self.now_s()
+            for i, stub in self.stubs.items():
+                autopilot = stub.autopilot
+                self.log.note_mode(now_s, i, autopilot.mode.name.lower() if autopilot.armed else "disarmed")
+                if autopilot.setpoints_received != received[i]:
+                    received[i], self.log.setpoint_s[i] = autopilot.setpoints_received, now_s
+            bodies = {i: stub.autopilot.airframe for i, stub in self.stubs.items()}
+            self.log.note_places(now_s, {i: b.position_m for i, b in bodies.items() if b.height_m > _AIRBORNE_M})
+            await asyncio.sleep(_POLL_S)
+
+    @property
+    def _has_ended(self) -> bool:
+        return self._process is not None and self._process.returncode is not None
+
+    def _last_words(self) -> str:
+        return self._told.strip()[-600:]
+
+
+async def _cancelled(task: "asyncio.Task[None]") -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def _stopped(stop: asyncio.Event, serving: "asyncio.Task[object]") -> None:
+    stop.set()
+    await asyncio.gather(serving, return_exceptions=True)

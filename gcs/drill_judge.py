@@ -1,0 +1,237 @@
+"""What was seen of a team in a drill, and what it amounts to: did everybody react as expected, and nobody else.
+
+Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and places are those of the vehicles
+themselves; tactics, alerts, radii and bearings are what they say of themselves on the bus.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from itertools import combinations
+from math import degrees, hypot, tau
+from typing import NamedTuple
+
+from estimation.frames import Triple
+
+OFFBOARD = "offboard"
+ON_MISSION = ("formation", "encircle")
+NEAR_TOLERANCE_M = 0.3
+SAME_HEIGHT_M = 1.0
+PLACE_PERIOD_S = 0.02
+IN_FLIGHT_S = 0.3
+"""What was sent before somebody stood down may arrive for so long."""
+ABANDONED_AFTER_S = 1.5
+"""A vehicle in offboard that says nothing for so long has nobody behind it."""
+UNEVEN_MAX_DEG = 25.0
+RADIUS_SHARE = 0.2
+
+
+class Said(NamedTuple):
+    """What a vehicle says of itself from a time on."""
+
+    time_s: float
+    tactic: str
+    alert: str
+
+
+class Place(NamedTuple):
+    """Where the airborne vehicles are at a time."""
+
+    time_s: float
+    position_m: dict[int, Triple]
+
+
+@dataclass(slots=True)
+class TeamLog:
+    """Everything seen so far, by vehicle: changes only of modes and words, everything of the rest."""
+
+    modes: defaultdict[int, list[tuple[float, str]]] = field(default_factory=lambda: defaultdict(list))
+    said: defaultdict[int, list[Said]] = field(default_factory=lambda: defaultdict(list))
+    heard_s: dict[int, float] = field(default_factory=dict)
+    setpoint_s: dict[int, float] = field(default_factory=dict)
+    places: list[Place] = field(default_factory=list)
+    radii_m: defaultdict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
+    bearings_rad: dict[int, tuple[float, float]] = field(default_factory=dict)
+
+    def note_mode(self, time_s: float, vehicle: int, mode: str) -> None:
+        """Note a flight mode."""
+        if self.mode(vehicle) != mode:
+            self.modes[vehicle].append((time_s, mode))
+
+    def note_said(self, time_s: float, vehicle: int, tactic: str, alert: str) -> None:
+        """Note what a vehicle says."""
+        self.heard_s[vehicle] = time_s
+        if (self.tactic(vehicle), self.alert(vehicle)) != (tactic, alert):
+            self.said[vehicle].append(Said(time_s, tactic, alert))
+
+    def note_places(self, time_s: float, position_m: dict[int, Triple]) -> None:
+        """Note where the airborne vehicles are."""
+        if not self.places or time_s - self.places[-1].time_s >= PLACE_PERIOD_S:
+            self.places.append(Place(time_s, position_m))
+
+    def mode(self, vehicle: int) -> str:
+        """Return the present flight mode, empty if unknown."""
+        return self.modes[vehicle][-1][1] if self.modes[vehicle] else ""
+
+    def tactic(self, vehicle: int) -> str:
+        """Return the tactic last heard."""
+        return self.said[vehicle][-1].tactic if self.said[vehicle] else ""
+
+    def alert(self, vehicle: int) -> str:
+        """Return the alert last heard."""
+        return self.said[vehicle][-1].alert if self.said[vehicle] else ""
+
+    def state(self, vehicle: int) -> str:
+        """Return all that in words."""
+        alert = f", {self.alert(vehicle)}" if self.alert(vehicle) else ""
+        return f"{self.mode(vehicle) or 'mode unknown'}, {self.tactic(vehicle) or 'never heard'}{alert}"
+
+    def nearest_m(self, from_s: float, to_s: float) -> tuple[float, tuple[int, int]] | None:
+        """Return how near two vehicles at one height came to each other, and who; None if nobody was beside another."""
+        near = (
+            (hypot(here[0] - there[0], here[1] - there[1]), (one, other))
+            for place in self.places
+            if from_s <= place.time_s <= to_s
+            for (one, here), (other, there) in combinations(sorted(place.position_m.items()), 2)
+            if abs(here[2] - there[2]) < SAME_HEIGHT_M
+        )
+        return min(near, default=None)
+
+    def uneven_deg(self, vehicles: tuple[int, ...]) -> float | None:
+        """Return how far the widest gap between vehicles on the ring is off an even one; None if one is not there."""
+        if any(each not in self.bearings_rad or self.tactic(each) != "encircle" for each in vehicles):
+            return None
+        bearings = sorted(self.bearings_rad[each][1] % tau for each in vehicles)
+        gaps = [after - before for before, after in zip(bearings, [*bearings[1:], bearings[0] + tau], strict=True)]
+        return degrees(max(gaps) - tau / len(bearings))
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What should come of a fault: who reacts, how, and within what time [wall s]; the others go on as before.
+
+    A reaction is a tactic, an alert, or to have left offboard; with none of them all go on: the drill then is to see
+    that for as long as it lasts. Who `stands_back` is sent no setpoint any more; `at_last` is
+    the tactic in which all end. The gaps on the ring between those that are `respacing` become even again.
+    """
+
+    reacting: tuple[int, ...]
+    limit_s: float | None
+    tactic: str | None = None
+    alert: str | None = None
+    leaves_offboard: bool = False
+    stands_back: bool = False
+    at_last: str | None = None
+    respacing: tuple[int, ...] = ()
+    separation_m: float = 0.0
+    radius_m: float | None = None
+
+    @property
+    def is_reaction(self) -> bool:
+        """Whether anything is to happen at all."""
+        return self.leaves_offboard or self.tactic is not None or self.alert is not None
+
+
+def reacted_s(expected: Expectation, log: TeamLog, began_s: float) -> float | None:
+    """Return when the last of those who should has reacted, None if one has not."""
+    times = [_one_reacted_s(expected, log, each, began_s) for each in expected.reacting]
+    known = [time_s for time_s in times if time_s is not None]
+    return max(known, default=began_s) if len(known) == len(times) else None
+
+
+def faults(expected: Expectation, log: TeamLog, began_s: float, until_s: float) -> list[str]:
+    """Return everything that was not as it should be between the fault and now, in people's words."""
+    found: list[str] = []
+    done_s = reacted_s(expected, log, began_s)
+    if expected.is_reaction and done_s is None:
+        late = [i for i in expected.reacting if _one_reacted_s(expected, log, i, began_s) is None]
+        found += [f"vehicle {i} did not react: {log.state(i)}" for i in late]
+    if done_s is not None:
+        found += _relapses(expected, log, done_s)
+    found += _others(expected, log, began_s)
+    found += [] if respaced(expected, log) else ["the others did not close the gap on the ring"]
+    found += _too_near(expected, log, began_s, until_s)
+    found += _off_the_ring(expected, log, began_s)
+    found += [
+        f"vehicle {i} is in offboard with nobody behind it"
+        for i in sorted(log.modes)
+        if log.mode(i) == OFFBOARD and until_s - log.heard_s.get(i, 0.0) > ABANDONED_AFTER_S
+    ]
+    return found
+
+
+def _one_reacted_s(expected: Expectation, log: TeamLog, vehicle: int, began_s: float) -> float | None:
+    times = [began_s]
+    if expected.leaves_offboard:
+        times.append(_since_s([(at_s, mode != OFFBOARD) for at_s, mode in log.modes[vehicle]], began_s))
+    if expected.tactic is not None:
+        times.append(_since_s([(each.time_s, each.tactic == expected.tactic) for each in log.said[vehicle]], began_s))
+    if expected.alert is not None:
+        times.append(_since_s([(each.time_s, each.alert == expected.alert) for each in log.said[vehicle]], began_s))
+    return max(times) if max(times) < float("inf") else None
+
+
+def _since_s(changes: list[tuple[float, bool]], began_s: float) -> float:
+    """Return when something was first so after the fault; infinity if it never was. One that was so before has not
+    come of the fault.
+    """
+    return next((at_s for at_s, is_so in changes if is_so and at_s >= began_s), float("inf"))
+
+
+def _relapses(expected: Expectation, log: TeamLog, done_s: float) -> list[str]:
+    found = []
+    for i in expected.reacting:
+        if expected.leaves_offboard and any(mode == OFFBOARD and at_s > done_s for at_s, mode in log.modes[i]):
+            found.append(f"vehicle {i} went back into offboard by itself")
+        back = [each.tactic for each in log.said[i] if each.time_s > done_s and each.tactic in ON_MISSION]
+        if back and expected.tactic is not None:
+            found.append(f"vehicle {i} went back to '{back[0]}' by itself")
+        late_s = log.setpoint_s.get(i, 0.0) - done_s
+        if expected.stands_back and late_s > IN_FLIGHT_S:
+            found.append(f"vehicle {i} was sent a setpoint {late_s:.1f} s after it stood down")
+        if expected.at_last is not None and log.tactic(i) != expected.at_last:
+            found.append(f"vehicle {i} ended at '{log.tactic(i)}', not at '{expected.at_last}'")
+    return found
+
+
+def respaced(expected: Expectation, log: TeamLog) -> bool:
+    """Return whether the gaps are even, among those who should see to that."""
+    if len(expected.respacing) < 2:
+        return True
+    uneven_deg = log.uneven_deg(expected.respacing)
+    return uneven_deg is not None and uneven_deg <= UNEVEN_MAX_DEG
+
+
+def _others(expected: Expectation, log: TeamLog, began_s: float) -> list[str]:
+    """Return who does something else although nothing is wrong with it, or although its alert is to fly on."""
+    flies_on = expected.tactic is None and not expected.leaves_offboard
+    others = [i for i in sorted(log.said) if flies_on or i not in expected.reacting]
+    found = []
+    for i in others:
+        before = [each for each in log.said[i] if each.time_s < began_s]
+        after = [each for each in log.said[i] if each.time_s >= began_s]
+        changed = [each for each in after if before and each.tactic != before[-1].tactic]
+        if changed:
+            found.append(f"vehicle {i} went from '{before[-1].tactic}' to '{changed[0].tactic}' ({changed[0].alert})")
+        left = [mode for at_s, mode in log.modes[i] if at_s >= began_s and mode != OFFBOARD]
+        if left:
+            found.append(f"vehicle {i} left offboard for {left[0]}")
+    return found
+
+
+def _too_near(expected: Expectation, log: TeamLog, began_s: float, until_s: float) -> list[str]:
+    nearest = log.nearest_m(began_s, until_s)
+    if nearest is None or nearest[0] >= expected.separation_m - NEAR_TOLERANCE_M:
+        return []
+    (one, other) = nearest[1]
+    return [f"vehicles {one} and {other} came within {nearest[0]:.2f} m of each other"]
+
+
+def _off_the_ring(expected: Expectation, log: TeamLog, began_s: float) -> list[str]:
+    if expected.radius_m is None:
+        return []
+    found = []
+    for i, radii in sorted(log.radii_m.items()):
+        off_m = max((abs(radius_m - expected.radius_m) for at_s, radius_m in radii if at_s >= began_s), default=0.0)
+        if off_m > RADIUS_SHARE * expected.radius_m:
+            found.append(f"vehicle {i} was {off_m:.1f} m off the ring")
+    return found
