@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Protocol
 
 from agents.ports import VehicleRefusedError
-from gcs.drill_flight import DrillFlight
+from gcs.drill_flight import Configs, DrillFlight
 from gcs.drill_judge import ON_MISSION, Expectation, faults, reacted_s, respaced
 from gcs.drill_mission import drill_mission
 from gcs.drills import RESPACED_S, Crew, Drill, heal
 from gcs.mission import Mission
 from gcs.mission_file import parse_mission
+from gcs.stubs import prepared_configs
 
 SPEED = 5.0
 LINGER_S = 1.0
@@ -67,12 +68,14 @@ class DrillRun:
         *,
         speed: float = SPEED,
         changes: Sequence[Change] = (),
+        configs: Configs = prepared_configs,
     ) -> None:
         self._mission = mission
         self._drills = drills
         self._progress = progress
         self._speed = speed
         self._changes = changes
+        self._configs = configs
         self.rows: list[DrillRow] = []
 
     async def run(self) -> list[DrillRow]:
@@ -97,7 +100,7 @@ class DrillRun:
     async def _fly(self, judged_by: Mission, left: list[Drill]) -> None:
         """Have one flight, and as many of the drills that are left as it can have."""
         self._progress.tell("the team takes off")
-        async with DrillFlight(drill_mission(self._mission, self._changes), self._speed) as flight:
+        async with DrillFlight(drill_mission(self._mission, self._changes), self._speed, self._configs) as flight:
             crew = Crew(judged_by)
             await flight.aloft(crew.everybody, crew.tactic)
             while left and left[0].least <= len(crew.everybody):
@@ -116,6 +119,7 @@ class DrillRun:
             self._add(row)
             return True
         self._progress.tell(drill.fault)
+        stuck = ""
         began_s = flight.now_s()
         drill.inject(flight, crew)
         await self._watch(drill, expected, flight, began_s)
@@ -123,12 +127,15 @@ class DrillRun:
         done_s = reacted_s(expected, flight.log, began_s)
         if not drill.ends:
             heal(flight)
+            if drill.settles:
+                quiet_s = crew.mission.own_filter.gate_timeout_s + crew.mission.failsafe.settle_s
+                await asyncio.sleep(quiet_s / self._speed + LINGER_S)
             if drill.spends:
                 crew.spent.add(crew.one)
-            elif stuck := await self._stuck(flight, crew):
+            if stuck := await self._stuck(flight, crew):
                 wrong.append(f"did not get back to the mission: {stuck}")
         self._add(self._row(drill, expected, None if done_s is None else done_s - began_s, wrong))
-        return not (drill.ends or wrong)
+        return not (drill.ends or stuck)
 
     async def _watch(self, drill: Drill, expected: Expectation, flight: DrillFlight, began_s: float) -> None:
         """Look on until the reaction has come, or too late to be one, and a while longer."""

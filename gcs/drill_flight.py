@@ -21,7 +21,6 @@ from gcs.drill_victim import SOCKET, Ailments
 from gcs.mission import Mission
 from gcs.mission_file import parse_mission
 from gcs.operator import Operator
-from gcs.stubs import prepared_configs
 from sitl.server import Stub, StubConfig, serve
 
 _POLL_S = 0.004
@@ -30,6 +29,8 @@ _ALOFT_TIMEOUT_S = 90.0
 _END_TIMEOUT_S = 10.0
 _RESUME_TIMEOUT_S = 6.0
 _FLIGHT_S = 3600.0
+
+Configs = Callable[[Mission], Sequence[StubConfig]]
 
 
 class Pace:
@@ -53,9 +54,7 @@ class Pace:
 class DrillFlight:
     """One flight, to be used as a context manager: everything of it ends with it."""
 
-    def __init__(
-        self, text: str, speed: float, configs: Callable[[Mission], Sequence[StubConfig]] = prepared_configs
-    ) -> None:
+    def __init__(self, text: str, speed: float, configs: Configs) -> None:
         self.mission = parse_mission(text, Path())
         self.log = TeamLog()
         self.pace = Pace(speed)

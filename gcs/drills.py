@@ -89,6 +89,7 @@ class Drill:
     It takes `least` vehicles in the air. After one that `ends` the flight nobody flies on; one that `spends` a vehicle
     has it land. `by_wall` says on which clock its times are told, the wall's or the mission's. It is taken back after
     `undo_after_s` [wall s], or once it has been seen; what is no reaction is watched for `watched_s` [mission s].
+    Where the estimate `settles`, nobody is sent back to the mission before it has.
     """
 
     fault: str
@@ -101,6 +102,7 @@ class Drill:
     spends: bool = False
     watched_s: float = 0.0
     least: int = 1
+    settles: bool = False
 
 
 def _by_table(
@@ -264,7 +266,7 @@ DRILLS = (
         _by_table(Condition.TELEMETRY_STALE, _one),
         by_wall=True,
     ),
-    Drill("GPS jump", _told(Condition.ESTIMATOR_JUMPED), _jump_inwards, _jump),
+    Drill("GPS jump", _told(Condition.ESTIMATOR_JUMPED), _jump_inwards, _jump, settles=True),
     Drill(
         "foreign mode",
         _told(Condition.FOREIGN_MODE),
