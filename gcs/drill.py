@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Protocol
 
 from agents.ports import VehicleRefusedError
-from gcs.drill_flight import Configs, DrillFlight
+from gcs.drill_flight import DrillFlight
 from gcs.drill_judge import ON_MISSION, Expectation, faults, reacted_s, respaced
 from gcs.drill_mission import drill_mission
 from gcs.drills import RESPACED_S, Crew, Drill, heal
 from gcs.mission import Mission
 from gcs.mission_file import parse_mission
-from gcs.stubs import prepared_configs
 
 SPEED = 5.0
 LINGER_S = 1.0
@@ -68,14 +67,12 @@ class DrillRun:
         *,
         speed: float = SPEED,
         changes: Sequence[Change] = (),
-        configs: Configs = prepared_configs,
     ) -> None:
         self._mission = mission
         self._drills = drills
         self._progress = progress
         self._speed = speed
         self._changes = changes
-        self._configs = configs
         self.rows: list[DrillRow] = []
 
     async def run(self) -> list[DrillRow]:
@@ -100,7 +97,7 @@ class DrillRun:
     async def _fly(self, judged_by: Mission, left: list[Drill]) -> None:
         """Have one flight, and as many of the drills that are left as it can have."""
         self._progress.tell("the team takes off")
-        async with DrillFlight(drill_mission(self._mission, self._changes), self._speed, self._configs) as flight:
+        async with DrillFlight(drill_mission(self._mission, self._changes), self._speed) as flight:
             crew = Crew(judged_by)
             await flight.aloft(crew.everybody, crew.tactic)
             while left and left[0].least <= len(crew.everybody):

@@ -18,10 +18,10 @@ from agents.ports import VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from gcs.drill_judge import TeamLog
 from gcs.drill_victim import SOCKET, Ailments
-from gcs.mission import Mission
 from gcs.mission_file import parse_mission
 from gcs.operator import Operator
-from sitl.server import Stub, StubConfig, serve
+from gcs.stubs import prepared_configs
+from sitl.server import Stub, serve
 
 _POLL_S = 0.004
 _AIRBORNE_M = 0.5
@@ -29,8 +29,6 @@ _ALOFT_TIMEOUT_S = 90.0
 _END_TIMEOUT_S = 10.0
 _RESUME_TIMEOUT_S = 6.0
 _FLIGHT_S = 3600.0
-
-Configs = Callable[[Mission], Sequence[StubConfig]]
 
 
 class Pace:
@@ -54,7 +52,7 @@ class Pace:
 class DrillFlight:
     """One flight, to be used as a context manager: everything of it ends with it."""
 
-    def __init__(self, text: str, speed: float, configs: Configs) -> None:
+    def __init__(self, text: str, speed: float) -> None:
         self.mission = parse_mission(text, Path())
         self.log = TeamLog()
         self.pace = Pace(speed)
@@ -62,7 +60,7 @@ class DrillFlight:
         self.stubs: dict[int, Stub] = {}
         self.flying_pid = 0
         self._text = text
-        self._configs = configs(self.mission)
+        self._configs = prepared_configs(self.mission)
         self._stack = AsyncExitStack()
         self._process: asyncio.subprocess.Process | None = None
         self._teller: asyncio.StreamWriter | None = None
