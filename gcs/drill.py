@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Protocol
 
 from agents.ports import VehicleRefusedError
-from gcs.drill_flight import DrillFlight
 from gcs.drill_judge import ON_MISSION, Expectation, faults, reacted_s, respaced
 from gcs.drill_mission import drill_mission
-from gcs.drills import RESPACED_S, Crew, Drill, heal
+from gcs.drill_stubs import StubFlight
+from gcs.drills import RESPACED_S, Crew, Drill
 from gcs.mission import Mission
 from gcs.mission_file import parse_mission
 
@@ -97,7 +97,7 @@ class DrillRun:
     async def _fly(self, judged_by: Mission, left: list[Drill]) -> None:
         """Have one flight, and as many of the drills that are left as it can have."""
         self._progress.tell("the team takes off")
-        async with DrillFlight(drill_mission(self._mission, self._changes), self._speed) as flight:
+        async with StubFlight(drill_mission(self._mission, self._changes), self._speed) as flight:
             crew = Crew(judged_by)
             await flight.aloft(crew.everybody, crew.tactic)
             while left and left[0].least <= len(crew.everybody):
@@ -108,7 +108,7 @@ class DrillRun:
         self.rows.append(row)
         self._progress.add(row)
 
-    async def _drilled(self, drill: Drill, flight: DrillFlight, crew: Crew) -> bool:
+    async def _drilled(self, drill: Drill, flight: StubFlight, crew: Crew) -> bool:
         """Add a drill's row, and return whether the flight can go on."""
         expected = drill.expect(crew, self._speed)
         if expected.is_reaction and not expected.reacting:
@@ -123,7 +123,7 @@ class DrillRun:
         wrong = faults(expected, flight.log, began_s, flight.now_s())
         done_s = reacted_s(expected, flight.log, began_s)
         if not drill.ends:
-            heal(flight)
+            flight.heal()
             if drill.settles:
                 quiet_s = crew.mission.own_filter.gate_timeout_s + crew.mission.failsafe.settle_s
                 await asyncio.sleep(quiet_s / self._speed + LINGER_S)
@@ -134,7 +134,7 @@ class DrillRun:
         self._add(self._row(drill, expected, None if done_s is None else done_s - began_s, wrong))
         return not (drill.ends or stuck)
 
-    async def _watch(self, drill: Drill, expected: Expectation, flight: DrillFlight, began_s: float) -> None:
+    async def _watch(self, drill: Drill, expected: Expectation, flight: StubFlight, began_s: float) -> None:
         """Look on until the reaction has come, or too late to be one, and a while longer."""
         if expected.limit_s is None:
             await asyncio.sleep(drill.watched_s / self._speed)
@@ -142,7 +142,7 @@ class DrillRun:
         await flight.until(lambda: reacted_s(expected, flight.log, began_s) is not None, expected.limit_s + LINGER_S)
         if drill.undo_after_s is not None:
             await asyncio.sleep(began_s + drill.undo_after_s - flight.now_s())
-            heal(flight)
+            flight.heal()
             at_last = expected.at_last
             if at_last is not None:
                 await flight.until(lambda: all(flight.log.tactic(i) == at_last for i in expected.reacting), BACK_S)
@@ -150,7 +150,7 @@ class DrillRun:
             await flight.until(lambda: respaced(expected, flight.log), RESPACED_S / self._speed)
         await asyncio.sleep(LINGER_S)
 
-    async def _stuck(self, flight: DrillFlight, crew: Crew) -> str:
+    async def _stuck(self, flight: StubFlight, crew: Crew) -> str:
         """Send back who has stopped, and return who is not on its mission even then."""
         log = flight.log
         end_s = flight.now_s() + BACK_S + RETURNED_S / self._speed

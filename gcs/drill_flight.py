@@ -1,4 +1,4 @@
-"""A team in flight for a drill: stub vehicles in this process, the flying process beside it; both can fail."""
+"""A team in flight for a drill: its flying process, what is heard of it, and what is seen of its vehicles."""
 
 import asyncio
 import os
@@ -16,51 +16,32 @@ import msgspec
 from agents.messages import MemberState, NeighbourAngle, decode
 from agents.ports import VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
+from estimation.frames import Triple
 from gcs.drill_judge import TeamLog
 from gcs.drill_victim import SOCKET, Ailments
 from gcs.mission_file import parse_mission
 from gcs.operator import Operator
-from gcs.stubs import prepared_configs
-from sitl.server import Stub, serve
 
 _POLL_S = 0.004
-_AIRBORNE_M = 0.5
 _ALOFT_TIMEOUT_S = 90.0
 _END_TIMEOUT_S = 10.0
 _RESUME_TIMEOUT_S = 6.0
 _FLIGHT_S = 3600.0
 
 
-class Pace:
-    """The clock that stubs and agents share: it runs fast until it is told to keep the wall's pace."""
-
-    def __init__(self, speed: float) -> None:
-        self.speed = speed
-        self._since_s = (time.monotonic(), time.time() * speed)
-
-    def now_s(self) -> float:
-        """Return its time, while it is fast that of `sitl.process.unix_clock`."""
-        wall_s, since_s = self._since_s
-        return since_s + (time.monotonic() - wall_s) * self.speed
-
-    def keep_the_walls(self) -> None:
-        """Run as fast as the wall's from now on: for vehicles that nobody flies any more."""
-        self._since_s = (time.monotonic(), self.now_s())
-        self.speed = 1.0
-
-
 class DrillFlight:
-    """One flight, to be used as a context manager: everything of it ends with it."""
+    """One flight, to be used as a context manager: everything of it ends with it.
+
+    What its vehicles are, a subclass says: it serves them, looks at them, and takes back what was done to them.
+    """
 
     def __init__(self, text: str, speed: float) -> None:
         self.mission = parse_mission(text, Path())
         self.log = TeamLog()
-        self.pace = Pace(speed)
         self.speed = speed
-        self.stubs: dict[int, Stub] = {}
-        self.flying_pid = 0
+        self.positions_m: dict[int, Triple] = {}
         self._text = text
-        self._configs = prepared_configs(self.mission)
+        self._flying_pid = 0
         self._stack = AsyncExitStack()
         self._process: asyncio.subprocess.Process | None = None
         self._teller: asyncio.StreamWriter | None = None
@@ -91,9 +72,24 @@ class DrillFlight:
         assert self._teller is not None
         self._teller.write(msgspec.json.encode(ailments) + b"\n")
 
+    async def serve(self, stack: AsyncExitStack) -> None:
+        """Start the vehicles, to be ended with the stack; raises VehicleRefusedError."""
+        raise NotImplementedError
+
+    def look(self, now_s: float) -> None:
+        """Note what the vehicles do now."""
+        raise NotImplementedError
+
+    def leave(self) -> None:
+        """Do what there is to do when nobody flies them any more."""
+
+    def heal(self) -> None:
+        """Take back everything that can be."""
+        self.ail(Ailments())
+
     def signal(self, number: int) -> None:
         """Send the flying process a signal."""
-        os.kill(self.flying_pid, number)
+        os.kill(self._flying_pid, number)
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for a condition [wall s]; return whether it came true."""
@@ -132,29 +128,13 @@ class DrillFlight:
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="cordon-drill-")))
         mission_file, path = folder / "mission.toml", folder / "socket"
         mission_file.write_text(self._text, encoding="utf-8")
-        await self._serve_stubs()
+        await self.serve(self._stack)
         server = await asyncio.start_unix_server(self._meet, path)
         self._stack.callback(server.close)
         await self._fly(mission_file, path)
         await self._listen()
         watching = asyncio.create_task(self._watch())
         self._stack.push_async_callback(_cancelled, watching)
-
-    async def _serve_stubs(self) -> None:
-        stop, ready = asyncio.Event(), asyncio.Event()
-        by_system = {vehicle.system_id: vehicle.id for vehicle in self.mission.vehicles}
-
-        def meet(stubs: Sequence[Stub]) -> None:
-            self.stubs = {by_system[stub.config.vehicle_id]: stub for stub in stubs}
-            ready.set()
-
-        serving = asyncio.create_task(
-            serve(self._configs, speed=self.speed, now_s=self.pace.now_s, stop=stop, on_ready=meet)
-        )
-        self._stack.push_async_callback(_stopped, stop, serving)
-        await asyncio.wait((serving, asyncio.create_task(ready.wait())), return_when=asyncio.FIRST_COMPLETED)
-        if serving.done():
-            raise VehicleRefusedError(f"the stub vehicles did not start: {serving.exception()}", "try again")
 
     async def _fly(self, mission_file: Path, path: Path) -> None:
         self._process = await asyncio.create_subprocess_exec(
@@ -175,16 +155,16 @@ class DrillFlight:
             self._told = (self._told + line.decode(errors="replace"))[-4000:]
 
     async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.flying_pid = int(await reader.readline())
+        self._flying_pid = int(await reader.readline())
         self._teller = writer
 
     async def _end(self, process: asyncio.subprocess.Process) -> None:
         """Kill what flies, which may have been stopped; its supervisor then ends by itself."""
-        if self.flying_pid and process.returncode is None:
+        if self._flying_pid and process.returncode is None:
             with suppress(ProcessLookupError):
-                os.kill(self.flying_pid, 9)
+                os.kill(self._flying_pid, 9)
         try:
-            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self.flying_pid else 0.0)
+            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self._flying_pid else 0.0)
         except TimeoutError:
             process.kill()
             await process.wait()
@@ -200,22 +180,14 @@ class DrillFlight:
             message, now_s = decode(payload), self.now_s()
             if isinstance(message, MemberState):
                 self.log.note_said(now_s, message.sender, message.tactic, message.alert)
+                self.positions_m[message.sender] = (*message.position_m, message.altitude_m)
             elif isinstance(message, NeighbourAngle):
                 self.log.radii_m[message.sender].append((now_s, message.radius_m))
                 self.log.bearings_rad[message.sender] = (now_s, message.bearing_rad)
 
     async def _watch(self) -> None:
-        """Look at the vehicles themselves."""
-        received = dict.fromkeys(self.stubs, 0)
         while True:
-            now_s = self.now_s()
-            for i, stub in self.stubs.items():
-                autopilot = stub.autopilot
-                self.log.note_mode(now_s, i, autopilot.mode.name.lower() if autopilot.armed else "disarmed")
-                if autopilot.setpoints_received != received[i]:
-                    received[i], self.log.setpoint_s[i] = autopilot.setpoints_received, now_s
-            bodies = {i: stub.autopilot.airframe for i, stub in self.stubs.items()}
-            self.log.note_places(now_s, {i: b.position_m for i, b in bodies.items() if b.height_m > _AIRBORNE_M})
+            self.look(self.now_s())
             await asyncio.sleep(_POLL_S)
 
     @property
@@ -229,8 +201,3 @@ class DrillFlight:
 async def _cancelled(task: "asyncio.Task[None]") -> None:
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
-
-
-async def _stopped(stop: asyncio.Event, serving: "asyncio.Task[object]") -> None:
-    stop.set()
-    await asyncio.gather(serving, return_exceptions=True)

@@ -10,8 +10,8 @@ from signal import SIGKILL, SIGSTOP
 
 from agents.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
-from gcs.drill_flight import DrillFlight
 from gcs.drill_judge import Expectation
+from gcs.drill_stubs import StubFlight
 from gcs.drill_victim import Ailments
 from gcs.exits import InputError
 from gcs.mission import Mission
@@ -94,7 +94,7 @@ class Drill:
 
     fault: str
     expected: str
-    inject: Callable[[DrillFlight, Crew], None]
+    inject: Callable[[StubFlight, Crew], None]
     expect: Callable[[Crew, float], Expectation]
     undo_after_s: float | None = None
     by_wall: bool = False
@@ -167,48 +167,40 @@ def _peer_missed(crew: Crew, speed: float) -> Expectation:
     return _by_table(Condition.PEER_SILENT, lambda crew: crew.others)(crew, speed)
 
 
-def _kill(flight: DrillFlight, _crew: Crew) -> None:
-    flight.pace.keep_the_walls()
+def _kill(flight: StubFlight, _crew: Crew) -> None:
+    flight.leave()
     flight.signal(SIGKILL)
 
 
-def _stop(flight: DrillFlight, _crew: Crew) -> None:
-    flight.pace.keep_the_walls()
+def _stop(flight: StubFlight, _crew: Crew) -> None:
+    flight.leave()
     flight.signal(SIGSTOP)
 
 
-def _hang(flight: DrillFlight, _crew: Crew) -> None:
-    flight.pace.keep_the_walls()
+def _hang(flight: StubFlight, _crew: Crew) -> None:
+    flight.leave()
     flight.ail(Ailments(hang="interpreter"))
 
 
-def _ail(ailments: Callable[[Crew, float], Ailments]) -> Callable[[DrillFlight, Crew], None]:
+def _ail(ailments: Callable[[Crew, float], Ailments]) -> Callable[[StubFlight, Crew], None]:
     return lambda flight, crew: flight.ail(ailments(crew, flight.speed))
 
 
-def heal(flight: DrillFlight) -> None:
-    """Take back everything that can be."""
-    flight.ail(Ailments())
-    for stub in flight.stubs.values():
-        stub.faults.link_cut, stub.faults.link_delay_s = False, 0.0
-        stub.faults.motion_silent, stub.faults.estimate_offset_m = False, (0.0, 0.0, 0.0)
-
-
-def _delay(flight: DrillFlight, _crew: Crew) -> None:
+def _delay(flight: StubFlight, _crew: Crew) -> None:
     flight.ail(Ailments(delay_s=BUS_DELAY_S / flight.speed))
     for stub in flight.stubs.values():
         stub.faults.link_delay_s = LINK_DELAY_S / flight.speed
 
 
-def _silence_motion(flight: DrillFlight, crew: Crew) -> None:
+def _silence_motion(flight: StubFlight, crew: Crew) -> None:
     flight.stubs[crew.one].faults.motion_silent = True
 
 
-def _cut_link(flight: DrillFlight, crew: Crew) -> None:
+def _cut_link(flight: StubFlight, crew: Crew) -> None:
     flight.stubs[crew.one].faults.link_cut = True
 
 
-def _jump_inwards(flight: DrillFlight, crew: Crew) -> None:
+def _jump_inwards(flight: StubFlight, crew: Crew) -> None:
     """Let it believe itself among the others: what it does about that leads away from them."""
     places = {i: stub.autopilot.airframe.position_m for i, stub in flight.stubs.items()}
     x, y, _ = places[crew.one]
@@ -217,12 +209,12 @@ def _jump_inwards(flight: DrillFlight, crew: Crew) -> None:
     flight.stubs[crew.one].faults.estimate_offset_m = (JUMP_M * away_x / away_m, JUMP_M * away_y / away_m, 0.0)
 
 
-def _take(flight: DrillFlight, crew: Crew) -> None:
+def _take(flight: StubFlight, crew: Crew) -> None:
     flight.stubs[crew.one].autopilot.select(NavMode.HOLD)
 
 
-def _drain(fraction: Callable[[Mission], float]) -> Callable[[DrillFlight, Crew], None]:
-    def drain(flight: DrillFlight, crew: Crew) -> None:
+def _drain(fraction: Callable[[Mission], float]) -> Callable[[StubFlight, Crew], None]:
+    def drain(flight: StubFlight, crew: Crew) -> None:
         flight.stubs[crew.one].autopilot.battery_fraction = fraction(crew.mission)
 
     return drain

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from gcs.drill import DrillRow, DrillRun
-from gcs.drill_flight import DrillFlight
 from gcs.drill_judge import faults, reacted_s
 from gcs.drill_mission import drill_mission
+from gcs.drill_stubs import StubFlight
 from gcs.drills import DRILLS, Crew, Drill
 from gcs.mission_file import parse_mission
 
@@ -53,7 +53,7 @@ class Silent:
 def without_failsafe(drill: Drill) -> Drill:
     """Return the drill on vehicles that stay in offboard however long nobody speaks to them."""
 
-    def inject(flight: DrillFlight, crew: Crew) -> None:
+    def inject(flight: StubFlight, crew: Crew) -> None:
         for stub in flight.stubs.values():
             assert stub.autopilot.parameters.set("COM_OF_LOSS_T", 60.0)
         drill.inject(flight, crew)
@@ -84,7 +84,7 @@ async def test_control_with_the_reactions_switched_off_every_drill_fails() -> No
 async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen() -> None:
     text = drill_mission("case2")
     crew = Crew(parse_mission(text, Path()))
-    async with DrillFlight(text, CONTROL_SPEED) as flight:
+    async with StubFlight(text, CONTROL_SPEED) as flight:
         await flight.aloft(crew.everybody, crew.tactic)
         began_s = flight.now_s()
         await asyncio.sleep(UNDISTURBED_S)
