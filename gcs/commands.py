@@ -141,12 +141,13 @@ def watch_team(mission_name: str) -> Exit:
 def drill_team(name: str, faults: Sequence[str], *, json: bool) -> Exit:
     """`cordon drill`."""
     from gcs.drill import DrillRun  # noqa: PLC0415
+    from gcs.drill_stubs import StubFlight  # noqa: PLC0415
     from gcs.drill_view import DrillProgress, drill_table, drills_json  # noqa: PLC0415
     from gcs.drills import chosen  # noqa: PLC0415
 
     drills, mission = chosen(faults), load_mission(name)
     try:
-        rows = asyncio.run(DrillRun(name, drills, DrillProgress(STDERR, len(drills))).run())
+        rows = asyncio.run(DrillRun(name, StubFlight, drills, DrillProgress(STDERR, len(drills))).run())
     except VehicleRefusedError as refusal:
         _say(refusal.reason, refusal.next_step)
         return Exit.REFUSED

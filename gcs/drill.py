@@ -1,16 +1,15 @@
 """`cordon drill`: one fault after another is brought upon a flying team of stubs, and what comes of it is judged."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Generic, Protocol
 
 from agents.ports import VehicleRefusedError
-from gcs.drill_judge import ON_MISSION, Expectation, faults, reacted_s, respaced
+from gcs.drill_judge import OFFBOARD, ON_MISSION, Expectation, faults, reacted_s, respaced
 from gcs.drill_mission import drill_mission
-from gcs.drill_stubs import StubFlight
-from gcs.drills import RESPACED_S, Crew, Drill
+from gcs.drills import RESPACED_S, Crew, Drill, Flight
 from gcs.mission import Mission
 from gcs.mission_file import parse_mission
 
@@ -54,21 +53,25 @@ class DrillRow:
         return asdict(self)
 
 
-class DrillRun:
-    """Flies a mission and drills it. `changes` are made to the mission that is flown, and not to what it is judged by:
-    a control flies with a reaction switched off.
+class DrillRun(Generic[Flight]):
+    """Flies a mission and drills it; `fly` makes a flight of a mission's text and a speed.
+
+    `changes` are made to the mission that is flown, and not to what it is judged by: a control flies with a reaction
+    switched off.
     """
 
     def __init__(
         self,
         mission: str,
-        drills: Sequence[Drill],
+        fly: Callable[[str, float], Flight],
+        drills: Sequence[Drill[Flight]],
         progress: Progress,
         *,
         speed: float = SPEED,
         changes: Sequence[Change] = (),
     ) -> None:
         self._mission = mission
+        self._start = fly
         self._drills = drills
         self._progress = progress
         self._speed = speed
@@ -94,10 +97,10 @@ class DrillRun:
                 left.clear()
         return self.rows
 
-    async def _fly(self, judged_by: Mission, left: list[Drill]) -> None:
+    async def _fly(self, judged_by: Mission, left: list[Drill[Flight]]) -> None:
         """Have one flight, and as many of the drills that are left as it can have."""
         self._progress.tell("the team takes off")
-        async with StubFlight(drill_mission(self._mission, self._changes), self._speed) as flight:
+        async with self._start(drill_mission(self._mission, self._changes), self._speed) as flight:
             crew = Crew(judged_by)
             await flight.aloft(crew.everybody, crew.tactic)
             while left and left[0].least <= len(crew.everybody):
@@ -108,7 +111,7 @@ class DrillRun:
         self.rows.append(row)
         self._progress.add(row)
 
-    async def _drilled(self, drill: Drill, flight: StubFlight, crew: Crew) -> bool:
+    async def _drilled(self, drill: Drill[Flight], flight: Flight, crew: Crew) -> bool:
         """Add a drill's row, and return whether the flight can go on."""
         expected = drill.expect(crew, self._speed)
         if expected.is_reaction and not expected.reacting:
@@ -134,7 +137,7 @@ class DrillRun:
         self._add(self._row(drill, expected, None if done_s is None else done_s - began_s, wrong))
         return not (drill.ends or stuck)
 
-    async def _watch(self, drill: Drill, expected: Expectation, flight: StubFlight, began_s: float) -> None:
+    async def _watch(self, drill: Drill[Flight], expected: Expectation, flight: Flight, began_s: float) -> None:
         """Look on until the reaction has come, or too late to be one, and a while longer."""
         if expected.limit_s is None:
             await asyncio.sleep(drill.watched_s / self._speed)
@@ -150,13 +153,15 @@ class DrillRun:
             await flight.until(lambda: respaced(expected, flight.log), RESPACED_S / self._speed)
         await asyncio.sleep(LINGER_S)
 
-    async def _stuck(self, flight: StubFlight, crew: Crew) -> str:
+    async def _stuck(self, flight: Flight, crew: Crew) -> str:
         """Send back who has stopped, and return who is not on its mission even then."""
         log = flight.log
         end_s = flight.now_s() + BACK_S + RETURNED_S / self._speed
 
         def away() -> list[int]:
-            return [i for i in crew.everybody if log.tactic(i) != crew.tactic(i) or log.alert(i)]
+            return [
+                i for i in crew.everybody if log.mode(i) != OFFBOARD or log.tactic(i) != crew.tactic(i) or log.alert(i)
+            ]
 
         while away() and flight.now_s() < end_s:
             for each in [i for i in away() if log.tactic(i) not in ON_MISSION]:
@@ -164,7 +169,7 @@ class DrillRun:
             await flight.until(lambda: not away(), LINGER_S)
         return "; ".join(f"vehicle {i}: {log.state(i)}" for i in away())
 
-    def _row(self, drill: Drill, expected: Expectation, took_s: float | None, wrong: list[str]) -> DrillRow:
+    def _row(self, drill: Drill[Flight], expected: Expectation, took_s: float | None, wrong: list[str]) -> DrillRow:
         scale = 1.0 if drill.by_wall else self._speed
         limit_s = expected.limit_s
         measured_s = took_s if expected.is_reaction else None

@@ -17,7 +17,7 @@ from agents.messages import MemberState, NeighbourAngle, decode
 from agents.ports import VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from estimation.frames import Triple
-from gcs.drill_judge import TeamLog
+from gcs.drill_judge import OFFBOARD, TeamLog
 from gcs.drill_victim import SOCKET, Ailments
 from gcs.mission_file import parse_mission
 from gcs.operator import Operator
@@ -105,7 +105,11 @@ class DrillFlight:
         radius_m = self.mission.encirclement.radius_m
 
         def settled(vehicle: int) -> bool:
-            if self.log.tactic(vehicle) != tactics(vehicle) or self.log.alert(vehicle):
+            if (
+                self.log.mode(vehicle) != OFFBOARD
+                or self.log.tactic(vehicle) != tactics(vehicle)
+                or self.log.alert(vehicle)
+            ):
                 return False
             radii = self.log.radii_m[vehicle]
             return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)

@@ -7,9 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import hypot
 from signal import SIGKILL, SIGSTOP
+from typing import Generic, TypeVar
 
 from agents.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
+from gcs.drill_flight import DrillFlight
 from gcs.drill_judge import Expectation
 from gcs.drill_stubs import StubFlight
 from gcs.drill_victim import Ailments
@@ -31,6 +33,7 @@ BORNE_S = 20.0
 RESPACED_S = 60.0
 """How long the others may take to close a gap [mission s]."""
 
+Flight = TypeVar("Flight", bound=DrillFlight)
 REACH_SHARE = 1.2
 """A target that is farther away is reached late, or never."""
 
@@ -83,7 +86,7 @@ class Crew:
 
 
 @dataclass(frozen=True, slots=True)
-class Drill:
+class Drill(Generic[Flight]):
     """One fault: `expect` says what should come of it, given the crew and the flight's speed.
 
     It takes `least` vehicles in the air. After one that `ends` the flight nobody flies on; one that `spends` a vehicle
@@ -94,7 +97,7 @@ class Drill:
 
     fault: str
     expected: str
-    inject: Callable[[StubFlight, Crew], None]
+    inject: Callable[[Flight, Crew], None]
     expect: Callable[[Crew, float], Expectation]
     undo_after_s: float | None = None
     by_wall: bool = False
@@ -105,7 +108,7 @@ class Drill:
     settles: bool = False
 
 
-def _by_table(
+def by_table(
     condition: Condition, who: Callable[[Crew], tuple[int, ...]], *, found_within_s: float = 0.0
 ) -> Callable[[Crew, float], Expectation]:
     """Expect the first reaction of a row of the failsafe table; `found_within_s` of mission time to find out."""
@@ -133,16 +136,18 @@ def _told(condition: Condition) -> str:
 
 def _jump(crew: Crew, speed: float) -> Expectation:
     within_s = crew.mission.own_filter.gate_timeout_s
-    return _by_table(Condition.ESTIMATOR_JUMPED, _one, found_within_s=within_s)(crew, speed)
+    return by_table(Condition.ESTIMATOR_JUMPED, the_one, found_within_s=within_s)(crew, speed)
 
 
-def _dead(crew: Crew, _speed: float) -> Expectation:
+def dead(crew: Crew, _speed: float) -> Expectation:
+    """Expect that all are out of offboard, for nobody is behind them any more."""
     return Expectation(
         crew.everybody, OUT_OF_OFFBOARD_S, leaves_offboard=True, separation_m=crew.mission.safety.separation_m
     )
 
 
-def _cut(crew: Crew, speed: float) -> Expectation:
+def cut(crew: Crew, speed: float) -> Expectation:
+    """Expect that one whose link is cut leaves offboard, is not taken back, and that the others close the gap."""
     return Expectation(
         (crew.one,),
         OUT_OF_OFFBOARD_S / speed + MARGIN_S,
@@ -159,20 +164,23 @@ def _borne(crew: Crew, _speed: float) -> Expectation:
     )
 
 
-def _one(crew: Crew) -> tuple[int, ...]:
+def the_one(crew: Crew) -> tuple[int, ...]:
+    """Return the one that things happen to."""
     return (crew.one,)
 
 
 def _peer_missed(crew: Crew, speed: float) -> Expectation:
-    return _by_table(Condition.PEER_SILENT, lambda crew: crew.others)(crew, speed)
+    return by_table(Condition.PEER_SILENT, lambda crew: crew.others)(crew, speed)
 
 
-def _kill(flight: StubFlight, _crew: Crew) -> None:
+def kill(flight: DrillFlight, _crew: Crew) -> None:
+    """Kill the flying process."""
     flight.leave()
     flight.signal(SIGKILL)
 
 
-def _stop(flight: StubFlight, _crew: Crew) -> None:
+def stop(flight: DrillFlight, _crew: Crew) -> None:
+    """Stop the flying process."""
     flight.leave()
     flight.signal(SIGSTOP)
 
@@ -220,7 +228,7 @@ def _drain(fraction: Callable[[Mission], float]) -> Callable[[StubFlight, Crew],
     return drain
 
 
-DRILLS = (
+DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "half of all messages lost",
         f"all fly on for {BORNE_S:g} s",
@@ -247,7 +255,7 @@ DRILLS = (
         "nobody hears anybody",
         f"all: {_told(Condition.PEERS_SILENT)}",
         _ail(lambda crew, _speed: Ailments(unheard=crew.everybody)),
-        _by_table(Condition.PEERS_SILENT, lambda crew: crew.everybody),
+        by_table(Condition.PEERS_SILENT, lambda crew: crew.everybody),
         by_wall=True,
         least=2,
     ),
@@ -255,7 +263,7 @@ DRILLS = (
         "telemetry frozen",
         _told(Condition.TELEMETRY_STALE),
         _silence_motion,
-        _by_table(Condition.TELEMETRY_STALE, _one),
+        by_table(Condition.TELEMETRY_STALE, the_one),
         by_wall=True,
     ),
     Drill("GPS jump", _told(Condition.ESTIMATOR_JUMPED), _jump_inwards, _jump, settles=True),
@@ -263,19 +271,19 @@ DRILLS = (
         "foreign mode",
         _told(Condition.FOREIGN_MODE),
         _take,
-        _by_table(Condition.FOREIGN_MODE, _one, found_within_s=HEARTBEAT_S),
+        by_table(Condition.FOREIGN_MODE, the_one, found_within_s=HEARTBEAT_S),
     ),
     Drill(
         "target lost",
         f"all on the ring: {_told(Condition.TARGET_STALE)}",
         _ail(lambda _crew, _speed: Ailments(blind=True)),
-        _by_table(Condition.TARGET_STALE, lambda crew: crew.on_ring),
+        by_table(Condition.TARGET_STALE, lambda crew: crew.on_ring),
     ),
     Drill(
         "link cut",
         f"out of offboard, and not back after {CUT_S:g} s; the others close the gap",
         _cut_link,
-        _cut,
+        cut,
         undo_after_s=CUT_S,
         spends=True,
     ),
@@ -283,24 +291,24 @@ DRILLS = (
         "battery low",
         _told(Condition.BATTERY_LOW),
         _drain(lambda mission: (mission.failsafe.battery_low + mission.failsafe.battery_critical) / 2.0),
-        _by_table(Condition.BATTERY_LOW, _one, found_within_s=BATTERY_S),
+        by_table(Condition.BATTERY_LOW, the_one, found_within_s=BATTERY_S),
         spends=True,
     ),
     Drill(
         "battery critical",
         _told(Condition.BATTERY_CRITICAL),
         _drain(lambda mission: mission.failsafe.battery_critical * 0.8),
-        _by_table(Condition.BATTERY_CRITICAL, _one, found_within_s=BATTERY_S),
+        by_table(Condition.BATTERY_CRITICAL, the_one, found_within_s=BATTERY_S),
         spends=True,
     ),
-    Drill("killed agent", "all out of offboard", _kill, _dead, by_wall=True, ends=True),
-    Drill("frozen agent", "all out of offboard", _stop, _dead, by_wall=True, ends=True),
-    Drill("frozen interpreter", "all out of offboard", _hang, _dead, by_wall=True, ends=True),
+    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends=True),
+    Drill("frozen agent", "all out of offboard", stop, dead, by_wall=True, ends=True),
+    Drill("frozen interpreter", "all out of offboard", _hang, dead, by_wall=True, ends=True),
 )
 """In the order in which one flight can have them: what a vehicle comes back from, what it lands for, what ends all."""
 
 
-def chosen(faults: Sequence[str]) -> tuple[Drill, ...]:
+def chosen(faults: Sequence[str]) -> tuple[Drill[StubFlight], ...]:
     """Return the drills of these faults, all if none is named; raises InputError for a fault that there is not."""
     names = [fault.replace("-", " ").lower() for fault in faults]
     known = {drill.fault.lower(): drill for drill in DRILLS}

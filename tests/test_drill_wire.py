@@ -50,7 +50,7 @@ class Silent:
         pass
 
 
-def without_failsafe(drill: Drill) -> Drill:
+def without_failsafe(drill: Drill[StubFlight]) -> Drill[StubFlight]:
     """Return the drill on vehicles that stay in offboard however long nobody speaks to them."""
 
     def inject(flight: StubFlight, crew: Crew) -> None:
@@ -63,7 +63,7 @@ def without_failsafe(drill: Drill) -> Drill:
 
 async def test_every_drill_holds() -> None:
     once_is_enough = [drill for drill in DRILLS if drill.fault not in ("killed agent", "frozen agent")]
-    rows = await DrillRun("case2", once_is_enough, Silent()).run()
+    rows = await DrillRun("case2", StubFlight, once_is_enough, Silent()).run()
     for row in rows:
         print(f"MEASURED {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
     assert [row.fault for row in rows] == [drill.fault for drill in once_is_enough]
@@ -73,7 +73,7 @@ async def test_every_drill_holds() -> None:
 async def test_control_with_the_reactions_switched_off_every_drill_fails() -> None:
     drills = [without_failsafe(drill) for drill in DRILLS if drill.fault in CONTROLLED]
     assert len(drills) == len(CONTROLLED)
-    run = DrillRun("case2", drills, Silent(), speed=CONTROL_SPEED, changes=REACTIONS_OFF)
+    run = DrillRun("case2", StubFlight, drills, Silent(), speed=CONTROL_SPEED, changes=REACTIONS_OFF)
     for row in await run.run():
         print(f"CONTROL {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
         assert row.holds is False, row
