@@ -83,9 +83,9 @@ class DrillRun(Generic[Flight]):
         judged_by = parse_mission(drill_mission(self._mission), Path())
         left = list(self._drills)
         while left:
-            if left[0].least > len(judged_by.ids):
+            if unfit := left[0].unfit(judged_by):
                 drill = left.pop(0)
-                self._add(DrillRow(drill.fault, drill.expected, None, None, None, f"takes {drill.least} vehicles"))
+                self._add(DrillRow(drill.fault, drill.expected, None, None, None, unfit))
                 continue
             try:
                 await self._fly(judged_by, left)
@@ -103,7 +103,7 @@ class DrillRun(Generic[Flight]):
         async with self._start(drill_mission(self._mission, self._changes), self._speed) as flight:
             crew = Crew(judged_by)
             await flight.aloft(crew.everybody, crew.tactic)
-            while left and left[0].least <= len(crew.everybody):
+            while left and left[0].least <= len(crew.everybody) and not left[0].unfit(judged_by):
                 if not await self._drilled(left.pop(0), flight, crew):
                     return
 

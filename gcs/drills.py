@@ -92,7 +92,8 @@ class Drill(Generic[Flight]):
     It takes `least` vehicles in the air. After one that `ends` the flight nobody flies on; one that `spends` a vehicle
     has it land. `by_wall` says on which clock its times are told, the wall's or the mission's. It is taken back after
     `undo_after_s` [wall s], or once it has been seen; what is no reaction is watched for `watched_s` [mission s].
-    Where the estimate `settles`, nobody is sent back to the mission before it has.
+    Where the estimate `settles`, nobody is sent back to the mission before it has. It may be the autopilot alone
+    that reacts, `by_autopilot`: to silence.
     """
 
     fault: str
@@ -106,6 +107,15 @@ class Drill(Generic[Flight]):
     watched_s: float = 0.0
     least: int = 1
     settles: bool = False
+    by_autopilot: bool = False
+
+    def unfit(self, mission: Mission) -> str:
+        """Return why a mission cannot have this drill, empty if it can."""
+        if len(mission.ids) < self.least:
+            return f"takes {self.least} vehicles"
+        if self.by_autopilot and any(each.section.autopilot != "px4" for each in mission.vehicles):
+            return "ArduPilot's stub does not play the failsafe for a silent ground station (FS_GCS_ENABLE)"
+        return ""
 
 
 def by_table(
@@ -286,6 +296,7 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         cut,
         undo_after_s=CUT_S,
         spends=True,
+        by_autopilot=True,
     ),
     Drill(
         "battery low",
@@ -301,9 +312,9 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         by_table(Condition.BATTERY_CRITICAL, the_one, found_within_s=BATTERY_S),
         spends=True,
     ),
-    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends=True),
-    Drill("frozen agent", "all out of offboard", stop, dead, by_wall=True, ends=True),
-    Drill("frozen interpreter", "all out of offboard", _hang, dead, by_wall=True, ends=True),
+    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends=True, by_autopilot=True),
+    Drill("frozen agent", "all out of offboard", stop, dead, by_wall=True, ends=True, by_autopilot=True),
+    Drill("frozen interpreter", "all out of offboard", _hang, dead, by_wall=True, ends=True, by_autopilot=True),
 )
 """In the order in which one flight can have them: what a vehicle comes back from, what it lands for, what ends all."""
 

@@ -77,7 +77,7 @@ class Px4Flight(DrillFlight):
         back_port = int(url.rpartition(":")[2])
         relay = Relay(system_id, port, back_port, on_message=take, on_setpoint=count)
         await relay.open()
-        stack.callback(relay.close)
+        stack.push_async_callback(relay.close)
         self.relays[vehicle] = relay
 
     def _take(self, vehicle: int, message: Message) -> None:

@@ -70,11 +70,12 @@ class Relay:
         back, _ = await loop.create_datagram_endpoint(lambda: _Socket(self._from_client), local_addr=(LOOPBACK, 0))
         self._front, self._back = front, back
 
-    def close(self) -> None:
-        """End."""
+    async def close(self) -> None:
+        """End: the ports are free afterwards."""
         for transport in (self._front, self._back):
             if transport is not None:
                 transport.close()
+        await asyncio.sleep(0)
 
     def command(self, command: int, *parameters: float) -> None:
         """Give the autopilot a command, as a client of its own; nothing cuts this."""

@@ -15,6 +15,7 @@ from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant import Plant, PlantAxis
 from sitl.airframe import STEP_S
 from sitl.autopilot import Autopilot
+from sitl.faults import VehicleFaults
 from sitl.modes import NavMode
 from sitl.protocol import Drop, MavlinkVehicle
 from sitl.reports import EstimatorNoise
@@ -30,7 +31,9 @@ NOBODY = (0.0,) * 7
 class Client:
     """A ground station that knows nothing of the stub but its bytes."""
 
-    def __init__(self, noise: EstimatorNoise | None = None, seed: int = 0, **knows: Any) -> None:
+    def __init__(
+        self, noise: EstimatorNoise | None = None, seed: int = 0, faults: VehicleFaults | None = None, **knows: Any
+    ) -> None:
         self.autopilot = Autopilot(PLANT, START, **knows)
         self.vehicle = MavlinkVehicle(
             self.autopilot,
@@ -39,6 +42,7 @@ class Client:
             origin_m=ORIGIN,
             noise=noise,
             rng=np.random.default_rng(seed),
+            faults=faults,
         )
         self._writer = dialect.MAVLink(None, 245, 190)
         self._reader = dialect.MAVLink(None)
