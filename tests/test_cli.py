@@ -286,6 +286,16 @@ def test_sitl_and_only_exclude_each_other(refused: Refused) -> None:
     assert "cordon sitl" in line
 
 
+def test_a_drill_that_there_is_not_names_those_that_there_are(refused: Refused) -> None:
+    (line,) = refused("drill", "case2", "--fault", "fire")
+    assert line.startswith("--fault: there is no drill 'fire' (there are ")
+    assert "killed-agent" in line
+
+
+def test_a_drill_of_an_unknown_mission_is_refused(refused: Refused) -> None:
+    assert refused("drill", "nowhere")[0].startswith("nowhere: ")
+
+
 @pytest.mark.parametrize("arguments", [("fly", "--sitl"), ("sitl",)], ids=" ".join)
 def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callable[..., str], refused: Refused) -> None:
     path = mission(
@@ -412,6 +422,21 @@ def test_a_team_flies_with_stubs_of_its_own(own_ports: str) -> None:
     assert (result["source"], result["reference"]) == ("sitl", "truth")
     assert result["duration_s"] == pytest.approx(20.0, abs=0.2)
     assert [vehicle["tactic"] for vehicle in result["vehicles"]] == ["formation"] * 3
+
+
+@pytest.mark.wire
+@pytest.mark.team
+def test_a_drill_tells_its_progress_and_its_table() -> None:
+    ran = cordon("drill", "case2", "--fault", "frozen-interpreter", "--json")
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)
+    assert (result["mission"], result["holds"]) == ("case2", True)
+    (row,) = result["drills"]
+    assert list(row) == ["fault", "expected", "limit_s", "measured_s", "holds", "detail"]
+    assert (row["fault"], row["limit_s"], row["holds"]) == ("frozen interpreter", 2.0, True)
+    assert 1.0 < row["measured_s"] <= 2.0, "later than a process that is gone: somebody had to notice"
+    assert "1 of 1: frozen interpreter ..." in ran.err
+    assert "drills of case2" in ran.err
 
 
 @pytest.mark.wire

@@ -62,11 +62,11 @@ def without_failsafe(drill: Drill[StubFlight]) -> Drill[StubFlight]:
 
 
 async def test_every_drill_holds() -> None:
-    once_is_enough = [drill for drill in DRILLS if drill.fault not in ("killed agent", "frozen agent")]
-    rows = await DrillRun("case2", StubFlight, once_is_enough, Silent()).run()
+    drills = [drill for drill in DRILLS if not drill.ends]  # of the others one is flown in `tests/test_cli.py`
+    rows = await DrillRun("case2", StubFlight, drills, Silent()).run()
     for row in rows:
         print(f"MEASURED {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
-    assert [row.fault for row in rows] == [drill.fault for drill in once_is_enough]
+    assert [row.fault for row in rows] == [drill.fault for drill in drills]
     assert [row for row in rows if row.holds is not True] == []
 
 
