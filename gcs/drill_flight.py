@@ -29,6 +29,24 @@ _RESUME_TIMEOUT_S = 6.0
 _FLIGHT_S = 3600.0
 
 
+class Victim:
+    """The flying process, as it makes itself known: its id, 0 until then, and what it can be told."""
+
+    def __init__(self) -> None:
+        self.pid = 0
+        self._teller: asyncio.StreamWriter | None = None
+
+    async def meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Take its connection, as a server does."""
+        self.pid = int(await reader.readline())
+        self._teller = writer
+
+    def ail(self, ailments: Ailments) -> None:
+        """Tell it what is wrong with it from now on."""
+        if self._teller is not None:
+            self._teller.write(msgspec.json.encode(ailments) + b"\n")
+
+
 class DrillFlight:
     """One flight, to be used as a context manager: everything of it ends with it.
 
@@ -41,10 +59,9 @@ class DrillFlight:
         self.speed = speed
         self.positions_m: dict[int, Triple] = {}
         self._text = text
-        self._flying_pid = 0
+        self._victim = Victim()
         self._stack = AsyncExitStack()
         self._process: asyncio.subprocess.Process | None = None
-        self._teller: asyncio.StreamWriter | None = None
         self._told = ""
 
     async def __aenter__(self) -> Self:
@@ -69,8 +86,7 @@ class DrillFlight:
 
     def ail(self, ailments: Ailments) -> None:
         """Tell the flying process what is wrong with it from now on."""
-        assert self._teller is not None
-        self._teller.write(msgspec.json.encode(ailments) + b"\n")
+        self._victim.ail(ailments)
 
     async def serve(self, stack: AsyncExitStack) -> None:
         """Start the vehicles, to be ended with the stack; raises VehicleRefusedError."""
@@ -89,7 +105,7 @@ class DrillFlight:
 
     def signal(self, number: int) -> None:
         """Send the flying process a signal."""
-        os.kill(self._flying_pid, number)
+        os.kill(self._victim.pid, number)
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for a condition [wall s]; return whether it came true."""
@@ -133,7 +149,7 @@ class DrillFlight:
         mission_file, path = folder / "mission.toml", folder / "socket"
         mission_file.write_text(self._text, encoding="utf-8")
         await self.serve(self._stack)
-        server = await asyncio.start_unix_server(self._meet, path)
+        server = await asyncio.start_unix_server(self._victim.meet, path)
         self._stack.callback(server.close)
         await self._fly(mission_file, path)
         await self._listen()
@@ -158,17 +174,13 @@ class DrillFlight:
         async for line in process.stderr:
             self._told = (self._told + line.decode(errors="replace"))[-4000:]
 
-    async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._flying_pid = int(await reader.readline())
-        self._teller = writer
-
     async def _end(self, process: asyncio.subprocess.Process) -> None:
         """Kill what flies, which may have been stopped; its supervisor then ends by itself."""
-        if self._flying_pid and process.returncode is None:
+        if self._victim.pid and process.returncode is None:
             with suppress(ProcessLookupError):
-                os.kill(self._flying_pid, 9)
+                os.kill(self._victim.pid, 9)
         try:
-            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self._flying_pid else 0.0)
+            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self._victim.pid else 0.0)
         except TimeoutError:
             process.kill()
             await process.wait()

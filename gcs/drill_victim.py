@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Literal
 
 import msgspec
@@ -33,6 +34,8 @@ SOCKET = "CORDON_DRILL"
 HANG_S = 6
 """For how long the process hangs when it is to: longer than any supervisor may wait."""
 
+Hang = Literal["", "interpreter", "event loop", "exit"]
+
 
 class Ailments(msgspec.Struct, frozen=True):
     """Everything that is to be wrong from now on; each replaces the one before.
@@ -45,7 +48,7 @@ class Ailments(msgspec.Struct, frozen=True):
     delay_s: float = 0.0
     unheard: tuple[int, ...] = ()
     blind: bool = False
-    hang: Literal["", "interpreter", "event loop", "exit"] = ""
+    hang: Hang = ""
 
 
 class Patient:
@@ -69,7 +72,7 @@ class Patient:
                 self._hang(self.now.hang)
         os._exit(0)  # the drill is gone, and its vehicles with it
 
-    def _hang(self, how: str) -> None:
+    def _hang(self, how: Hang) -> None:
         if how == "interpreter":
             ctypes.PyDLL(None).sleep(HANG_S)  # unlike CDLL, this keeps the lock: no thread of Python runs
         elif how == "event loop" and self.loop is not None:
@@ -155,7 +158,7 @@ def main() -> int:
     """Fly, or watch the process that flies."""
     hold_back()
     if not is_supervised():
-        return supervise(STDERR.print)
+        return supervise(partial(STDERR.print, markup=False, highlight=False, soft_wrap=True))
     mission, speed, duration = sys.argv[1:]
     patient = Patient()
     patient.listen(os.environ[SOCKET])

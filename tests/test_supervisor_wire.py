@@ -11,19 +11,20 @@ import signal
 import socket
 import sys
 import termios
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
 
+from gcs.drill_flight import Victim
+from gcs.drill_stubs import Pace
+from gcs.drill_victim import HANG_S, SOCKET, Ailments, Hang
 from gcs.mission_file import load_mission
 from gcs.stubs import stub_configs
 from gcs.supervision import ALIVE, LIFELINE, POLL_PERIOD_S
 from sitl.modes import NavMode
 from sitl.server import serve
-from tests.hangable import BLOCK_THE_LOOP, EXIT, HANG_S, HOLD_THE_LOCK, PID_FILE
 from tests.wire import StubWatch, until
 
 pytestmark = [pytest.mark.wire, pytest.mark.team]
@@ -35,34 +36,28 @@ HOLD_S = 3.0
 """How long a vehicle holds before it comes down when somebody ends its flight."""
 
 
-class Pace:
-    """A clock whose speed may change."""
-
-    def __init__(self, speed: float) -> None:
-        self._speed = speed
-        self._since_s = (time.monotonic(), time.time())
-
-    def become(self, speed: float) -> None:
-        self._since_s = (time.monotonic(), self.now_s())
-        self._speed = speed
-
-    def now_s(self) -> float:
-        wall_s, since_s = self._since_s
-        return since_s + (time.monotonic() - wall_s) * self._speed
+Fault = signal.Signals | Hang
 
 
 class Flight:
     """A team in flight: the process that was started, the one that flies, and the vehicles as they truly are."""
 
-    def __init__(self, process: asyncio.subprocess.Process, pid_file: Path, watch: StubWatch, pace: Pace) -> None:
+    def __init__(self, process: asyncio.subprocess.Process, victim: Victim, watch: StubWatch, pace: Pace) -> None:
         self.process = process
         self.pace = pace
-        self._pid_file = pid_file
+        self.victim = victim
         self._watch = watch
 
     @property
     def flying_pid(self) -> int:
-        return int(self._pid_file.read_text(encoding="utf-8"))
+        return self.victim.pid
+
+    def strike(self, fault: Fault) -> None:
+        """Send the flying process a signal, or let it hang by itself."""
+        if isinstance(fault, signal.Signals):
+            os.kill(self.flying_pid, fault)
+        else:
+            self.victim.ail(Ailments(hang=fault))
 
     @property
     def all_in_offboard(self) -> bool:
@@ -104,12 +99,13 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
         ("separation_m = 3.0", "separation_m = 2.0"),  # they may land together
         ("endpoint =", "altitude_m = 3.0\nendpoint ="),
     )
-    pid_file = tmp_path / "pid"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", PID_FILE: str(pid_file)}
+    victim = Victim()
+    server = await asyncio.start_unix_server(victim.meet, tmp_path / "socket")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
     watch, pace = StubWatch(monkeypatch), Pace(FAST)
 
     async def start(*, supervised: bool = True, terminal: int | None = None) -> Flight:
-        command = (sys.executable, "-m", "tests.hangable", "fly", path, "--speed", "1", "--duration", "60")
+        command = (sys.executable, "-m", "gcs.drill_victim", path, "1", "60")
         fds: list[int] = []
         variables = {**environment, "TERM": "dumb" if terminal is None else "xterm"}
         if not supervised:
@@ -125,7 +121,7 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
             start_new_session=True,
             preexec_fn=None if terminal is None else _take_terminal,
         )
-        flight = Flight(process, pid_file, watch, pace)
+        flight = Flight(process, victim, watch, pace)
         stack.push_async_callback(_end, flight)
         return flight
 
@@ -135,6 +131,7 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
         yield start
     stop.set()
     await stubs
+    server.close()
 
 
 def _take_terminal() -> None:
@@ -144,8 +141,9 @@ def _take_terminal() -> None:
 async def _end(flight: Flight) -> None:
     if flight.process.returncode is None:
         flight.process.kill()
-    with suppress(ProcessLookupError, FileNotFoundError):
-        os.kill(flight.flying_pid, signal.SIGKILL)
+    if flight.flying_pid:
+        with suppress(ProcessLookupError):
+            os.kill(flight.flying_pid, signal.SIGKILL)
     await flight.process.communicate()
 
 
@@ -180,22 +178,22 @@ def now_s() -> float:
     ("fault", "reason"),
     [
         (signal.SIGKILL, "ended by signal 9 before its vehicles had come down"),
-        (EXIT, "ended with exit code 0 before its vehicles had come down"),
+        ("exit", "ended with exit code 0 before its vehicles had come down"),
         (signal.SIGSTOP, "no tick of the control loop of vehicle 1 for 0.6 s, vehicle 2 for 0.6 s, vehicle 3 for"),
-        (HOLD_THE_LOCK, "no tick of the control loop of vehicle "),
-        (BLOCK_THE_LOOP, "no tick of the control loop of vehicle "),
+        ("interpreter", "no tick of the control loop of vehicle "),
+        ("event loop", "no tick of the control loop of vehicle "),
     ],
     ids=["killed", "exited", "stopped", "interpreter blocked", "event loop blocked"],
 )
-async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: signal.Signals, reason: str, fly: Fly) -> None:
+async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason: str, fly: Fly) -> None:
     flight = await fly()
     await flight.aloft()
-    flight.pace.become(1.0)
+    flight.pace.keep_the_walls()
     pid, began_s = flight.flying_pid, now_s()
-    os.kill(pid, fault)
+    flight.strike(fault)
     out_s = await until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")
     code, told = await flight.ended()
-    print(f"MEASURED {fault.name}: out of offboard after {out_s - began_s:.2f} s")
+    print(f"MEASURED {fault}: out of offboard after {out_s - began_s:.2f} s")
     assert out_s - began_s <= OUT_OF_OFFBOARD_MAX_S
     assert code == 4
     assert f"{pid}" in told
@@ -209,22 +207,22 @@ async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: signal.Signal
 async def test_control_unsupervised_a_hung_event_loop_keeps_its_vehicles_in_offboard(fly: Fly) -> None:
     flight = await fly(supervised=False)
     await flight.aloft()
-    flight.pace.become(1.0)
-    os.kill(flight.flying_pid, BLOCK_THE_LOOP)
+    flight.pace.keep_the_walls()
+    flight.strike("event loop")
     hung_s = now_s() + 0.5
     await asyncio.sleep(0.5 + 2.0 * OUT_OF_OFFBOARD_MAX_S)
     assert flight.all_in_offboard
     assert flight.setpoints_since(hung_s) > 10 * OUT_OF_OFFBOARD_MAX_S, "MAVSDK repeats the last one"
 
 
-@pytest.mark.parametrize("fault", [signal.SIGSTOP, HOLD_THE_LOCK], ids=["stopped", "interpreter blocked"])
+@pytest.mark.parametrize("fault", [signal.SIGSTOP, "interpreter"], ids=["stopped", "interpreter blocked"])
 async def test_control_unsupervised_a_process_that_recovers_takes_its_vehicles_back_into_offboard(
-    fault: signal.Signals, fly: Fly
+    fault: Fault, fly: Fly
 ) -> None:
     flight = await fly(supervised=False)
     await flight.aloft()
-    flight.pace.become(1.0)
-    os.kill(flight.flying_pid, fault)
+    flight.pace.keep_the_walls()
+    flight.strike(fault)
     await until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")  # MAVSDK's callbacks want the lock
     os.kill(flight.flying_pid, signal.SIGCONT)
     await until(lambda: flight.all_in_offboard, HANG_S + 2.0, "everybody back in offboard")
