@@ -17,8 +17,9 @@ from agents.messages import MemberState, NeighbourAngle, decode
 from agents.ports import VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from estimation.frames import Triple
+from gcs.ailments import Ailments
 from gcs.drill_judge import OFFBOARD, TeamLog
-from gcs.drill_victim import SOCKET, Ailments
+from gcs.drill_victim import SOCKET
 from gcs.mission_file import parse_mission
 from gcs.operator import Operator
 

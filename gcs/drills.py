@@ -11,10 +11,10 @@ from typing import Generic, TypeVar
 
 from agents.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
+from gcs.ailments import Ailments
 from gcs.drill_flight import DrillFlight
 from gcs.drill_judge import Expectation
 from gcs.drill_stubs import StubFlight
-from gcs.drill_victim import Ailments
 from gcs.exits import InputError
 from gcs.mission import Mission
 from sitl.modes import NavMode

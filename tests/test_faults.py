@@ -8,7 +8,7 @@ import pytest
 
 from agents.messages import MemberState, OperatorCommand, encode
 from estimation.state import Sighting
-from gcs.drill_victim import Ailments, FailingBus, FailingSensor, Patient
+from gcs.ailments import Ailments, FailingBus, FailingSensor, Patient
 from sitl.faults import VehicleFaults
 from tests.test_sitl_protocol import Client, fly, follow
 

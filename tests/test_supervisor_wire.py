@@ -17,9 +17,10 @@ from pathlib import Path
 
 import pytest
 
+from gcs.ailments import HANG_S, Ailments, Hang
 from gcs.drill_flight import Victim
 from gcs.drill_stubs import Pace
-from gcs.drill_victim import HANG_S, SOCKET, Ailments, Hang
+from gcs.drill_victim import SOCKET
 from gcs.mission_file import load_mission
 from gcs.stubs import stub_configs
 from gcs.supervision import ALIVE, LIFELINE, POLL_PERIOD_S
