@@ -28,7 +28,7 @@ from sitl.modes import NavMode
 from sitl.server import serve
 from tests.wire import StubWatch, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.processes]
 
 ROOT = Path(__file__).parents[1]
 FAST = 6.0
