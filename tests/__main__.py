@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -16,7 +17,14 @@ CHECKS = (
     ("lint-imports", "--no-logo"),
 )
 
-PARTS = ("not wire", "wire and not team", "team and not operator and not processes", "operator", "processes")
+SIDE_BY_SIDE = (
+    "not wire",
+    "wire and not team",
+    "team and not (operator or processes or alone)",
+    "operator",
+    "processes",
+)
+AFTERWARDS = ("alone",)
 
 
 def main() -> int:
@@ -30,14 +38,18 @@ def main() -> int:
 
 
 def _run_all_tests() -> int:
-    """Run the tests in parts side by side: those with sockets mostly wait, the others compute."""
+    """Run the tests in parts side by side, as those with sockets mostly wait; then those that want to be alone."""
+    return max(_run_side_by_side(SIDE_BY_SIDE), _run_side_by_side(AFTERWARDS))
+
+
+def _run_side_by_side(parts: Sequence[str]) -> int:
     with ExitStack() as stack:
-        outputs = [stack.enter_context(TemporaryFile()) for _ in PARTS]
+        outputs = [stack.enter_context(TemporaryFile()) for _ in parts]
         runs = [
             subprocess.Popen([SCRIPTS / "pytest", "-m", part], cwd=ROOT, stdout=output, stderr=output)
-            for part, output in zip(PARTS, outputs, strict=True)
+            for part, output in zip(parts, outputs, strict=True)
         ]
-        for part, output, run in zip(PARTS, outputs, runs, strict=True):
+        for part, output, run in zip(parts, outputs, runs, strict=True):
             print(f"--- pytest -m '{part}'", flush=True)
             run.wait()
             output.seek(0)

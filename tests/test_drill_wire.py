@@ -18,7 +18,7 @@ from gcs.drill_stubs import StubFlight
 from gcs.drills import DRILLS, Crew, Drill
 from gcs.mission_file import parse_mission
 
-pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.processes]
+pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.alone]
 
 REACTIONS_OFF = (
     ("safety", "telemetry_timeout_s", 30.0),
