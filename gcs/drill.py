@@ -13,7 +13,10 @@ from gcs.drills import RESPACED_S, Crew, Drill, Flight
 from gcs.mission import Mission
 from gcs.mission_file import parse_mission
 
-SPEED = 5.0
+SPEED = 3.0
+"""At a higher one a busy computer's delays are too many of the mission's seconds."""
+STALL_S = 0.2
+"""A computer that stands still for longer may have caused what went wrong [wall s]."""
 LINGER_S = 1.0
 """For how long it is watched that a reaction lasts [wall s]."""
 BACK_S, RETURNED_S = 6.0, 90.0
@@ -124,6 +127,9 @@ class DrillRun(Generic[Flight]):
         drill.inject(flight, crew)
         await self._watch(drill, expected, flight, began_s)
         wrong = faults(expected, flight.log, began_s, flight.now_s())
+        stalled_s = flight.stalled_s(began_s)
+        if wrong and stalled_s > STALL_S:
+            wrong.append(f"this computer stood still for {stalled_s:.1f} s meanwhile: drill on a quieter one")
         done_s = reacted_s(expected, flight.log, began_s)
         if not drill.ends:
             flight.heal()

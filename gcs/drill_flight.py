@@ -24,6 +24,7 @@ from gcs.mission_file import parse_mission
 from gcs.operator import Operator
 
 _POLL_S = 0.004
+_STALL_S = 0.1
 _ALOFT_TIMEOUT_S = 90.0
 _END_TIMEOUT_S = 10.0
 _RESUME_TIMEOUT_S = 6.0
@@ -64,6 +65,7 @@ class DrillFlight:
         self._stack = AsyncExitStack()
         self._process: asyncio.subprocess.Process | None = None
         self._told = ""
+        self._stalls: list[tuple[float, float]] = []
 
     async def __aenter__(self) -> Self:
         """Start it; raises VehicleRefusedError."""
@@ -202,9 +204,18 @@ class DrillFlight:
                 self.log.radii_m[message.sender].append((now_s, message.radius_m))
                 self.log.bearings_rad[message.sender] = (now_s, message.bearing_rad)
 
+    def stalled_s(self, since_s: float) -> float:
+        """Return the longest time in which nobody looked at the vehicles: this computer was too busy."""
+        return max((gap_s for at_s, gap_s in self._stalls if at_s >= since_s), default=0.0)
+
     async def _watch(self) -> None:
+        looked_s = self.now_s()
         while True:
-            self.look(self.now_s())
+            now_s = self.now_s()
+            if now_s - looked_s > _STALL_S:
+                self._stalls.append((now_s, now_s - looked_s))
+            looked_s = now_s
+            self.look(now_s)
             await asyncio.sleep(_POLL_S)
 
     @property

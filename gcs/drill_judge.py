@@ -107,7 +107,7 @@ class TeamLog:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What should come of a fault: who reacts, how, and within what time [wall s]; the others go on as before.
+    """What should come of a fault: who reacts, how, and within what time [wall s]; who goes on as before.
 
     A reaction is a tactic, an alert, or to have left offboard; with none of them all go on: the drill then is to see
     that for as long as it lasts. Who `stands_back` is sent no setpoint any more; `at_last` is
@@ -115,6 +115,7 @@ class Expectation:
     """
 
     reacting: tuple[int, ...]
+    flying_on: tuple[int, ...]
     limit_s: float | None
     tactic: str | None = None
     alert: str | None = None
@@ -203,10 +204,8 @@ def respaced(expected: Expectation, log: TeamLog) -> bool:
 
 def _others(expected: Expectation, log: TeamLog, began_s: float) -> list[str]:
     """Return who does something else although nothing is wrong with it, or although its alert is to fly on."""
-    flies_on = expected.tactic is None and not expected.leaves_offboard
-    others = [i for i in sorted(log.said) if flies_on or i not in expected.reacting]
     found = []
-    for i in others:
+    for i in expected.flying_on:
         before = [each for each in log.said[i] if each.time_s < began_s]
         after = [each for each in log.said[i] if each.time_s >= began_s]
         changed = [each for each in after if before and each.tactic != before[-1].tactic]

@@ -126,9 +126,11 @@ def by_table(
 
     def expect(crew: Crew, speed: float) -> Expectation:
         config = crew.mission.agent_config(crew.mission.vehicle(crew.one))
+        flies_on = row.reactions[0] is Reaction.DEGRADE
         grace = grace_s(row, config) / (1.0 if row.by_wall else speed)
         return Expectation(
             who(crew),
+            tuple(i for i in crew.everybody if flies_on or i not in who(crew)),
             grace + found_within_s / speed + MARGIN_S,
             tactic=_TACTICS.get(row.reactions[0]),
             alert=condition.value,
@@ -152,7 +154,7 @@ def _jump(crew: Crew, speed: float) -> Expectation:
 def dead(crew: Crew, _speed: float) -> Expectation:
     """Expect that all are out of offboard, for nobody is behind them any more."""
     return Expectation(
-        crew.everybody, OUT_OF_OFFBOARD_S, leaves_offboard=True, separation_m=crew.mission.safety.separation_m
+        crew.everybody, (), OUT_OF_OFFBOARD_S, leaves_offboard=True, separation_m=crew.mission.safety.separation_m
     )
 
 
@@ -160,6 +162,7 @@ def cut(crew: Crew, speed: float) -> Expectation:
     """Expect that one whose link is cut leaves offboard, is not taken back, and that the others close the gap."""
     return Expectation(
         (crew.one,),
+        crew.others,
         OUT_OF_OFFBOARD_S / speed + MARGIN_S,
         leaves_offboard=True,
         at_last=Tactic.STOOD_DOWN.value,
@@ -170,7 +173,11 @@ def cut(crew: Crew, speed: float) -> Expectation:
 
 def _borne(crew: Crew, _speed: float) -> Expectation:
     return Expectation(
-        (), None, separation_m=crew.mission.safety.separation_m, radius_m=crew.mission.encirclement.radius_m
+        (),
+        crew.everybody,
+        None,
+        separation_m=crew.mission.safety.separation_m,
+        radius_m=crew.mission.encirclement.radius_m,
     )
 
 

@@ -137,6 +137,7 @@ def _restart(flight: Px4Flight, crew: Crew) -> None:
 def _restarted(crew: Crew, _speed: float) -> Expectation:
     return Expectation(
         (crew.one,),
+        crew.others,
         RESTARTED_WITHIN_S,
         tactic=Tactic.STOOD_DOWN.value,
         stands_back=True,

@@ -7,9 +7,9 @@ import pytest
 from gcs.drill_judge import Expectation, TeamLog, faults, reacted_s, respaced
 
 BEGAN_S, UNTIL_S = 100.0, 105.0
-HOLD = Expectation((3,), 1.5, tactic="hold", alert="telemetry stale", separation_m=3.0)
-OUT = Expectation((1, 2, 3), 2.0, leaves_offboard=True, separation_m=3.0)
-BORNE = Expectation((), None, separation_m=3.0, radius_m=10.0)
+HOLD = Expectation((3,), (1, 2), 1.5, tactic="hold", alert="telemetry stale", separation_m=3.0)
+OUT = Expectation((1, 2, 3), (), 2.0, leaves_offboard=True, separation_m=3.0)
+BORNE = Expectation((), (1, 2, 3), None, separation_m=3.0, radius_m=10.0)
 
 
 @pytest.fixture
@@ -84,6 +84,12 @@ def test_others_that_react_are_told(log: TeamLog) -> None:
     ]
 
 
+def test_who_has_landed_for_good_is_no_longer_looked_at(log: TeamLog) -> None:
+    log.note_said(101.0, 3, "land", "battery low")
+    log.note_mode(101.0, 3, "land")
+    assert faults(Expectation((), (1, 2), None, separation_m=3.0), log, BEGAN_S, UNTIL_S) == []
+
+
 def test_in_offboard_with_nobody_behind_it(log: TeamLog) -> None:
     log.heard_s[2] = UNTIL_S - 2.0
     assert faults(BORNE, log, BEGAN_S, UNTIL_S) == ["vehicle 2 is in offboard with nobody behind it"]
@@ -108,7 +114,7 @@ def test_what_should_be_borne_is_not_when_somebody_stops_or_leaves_the_ring(log:
 
 
 def test_who_stood_down_is_sent_nothing(log: TeamLog) -> None:
-    stood_down = Expectation((3,), 1.5, tactic="stood down", stands_back=True, separation_m=3.0)
+    stood_down = Expectation((3,), (1, 2), 1.5, tactic="stood down", stands_back=True, separation_m=3.0)
     log.note_said(101.0, 3, "stood down", "foreign mode")
     log.heard_s[3] = UNTIL_S
     log.setpoint_s[3] = 101.2
@@ -118,7 +124,7 @@ def test_who_stood_down_is_sent_nothing(log: TeamLog) -> None:
 
 
 def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
-    two = Expectation((3,), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="stood down", separation_m=3.0)
+    two = Expectation((3,), (1, 2), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="stood down", separation_m=3.0)
     log.note_mode(101.0, 3, "land")
     log.note_said(102.0, 3, "stood down", "foreign mode")
     assert not respaced(two, log)

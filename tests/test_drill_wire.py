@@ -38,7 +38,7 @@ CONTROLLED = (
     "battery critical",
     "killed agent",
 )
-CONTROL_SPEED = 8.0
+CONTROL_SPEED = 4.0
 UNDISTURBED_S = 2.0
 
 
