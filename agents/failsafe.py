@@ -86,8 +86,8 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        "the autopilot's position has left what the plant can do for `own_filter.gate_timeout_s`: the filter begins "
-        "anew; it lasts until `failsafe.settle_s` after the last time",
+        "the autopilot's position is a metre or more from one sample to the next where its velocity does not lead, and "
+        "stays there for `own_filter.gate_timeout_s`: the filter begins anew; it lasts until `failsafe.settle_s` after",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,

@@ -79,7 +79,7 @@ class Symptoms:
         heard_s = self._own.heard_s
         if heard_s is not None and now_s - heard_s > self._period_s:
             found[Condition.TELEMETRY_STALE] = Symptom(heard_s, f"none for {now_s - heard_s:.1f} s")
-        jumped_s = self._own_jumps.see(self._own.resets, now_s)
+        jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
             found[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position is elsewhere now")
         battery = self.battery

@@ -6,7 +6,7 @@ walk (mathematics.md sections 1 and 8) that may turn at a known rate.
 
 from bisect import bisect_right
 from functools import lru_cache, partial
-from math import cos, inf, sin
+from math import cos, hypot, inf, sin
 
 import numpy as np
 
@@ -16,10 +16,15 @@ from estimation.settings import OwnFilterSettings
 from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, OwnEstimate, Telemetry, Vector
 
 _HISTORY_S = 2.0
+JUMP_M, ACCELERATION_MAX_M_S2 = 1.0, 10.0
+"""Between two samples a position that moves by more than this, beyond what its velocity and any thrust allow, jumps."""
 
 
 class OwnFilter:
-    """Estimates one vehicle's position, velocity and disturbance from its telemetry and its own setpoints."""
+    """Estimates one vehicle's position, velocity and disturbance from its telemetry and its own setpoints.
+
+    `refused` counts samples, `resets` how often it began anew, `jumps` how often it did because the position jumped.
+    """
 
     def __init__(self, plant: Plant, settings: OwnFilterSettings) -> None:
         self._plant = plant
@@ -30,8 +35,11 @@ class OwnFilter:
         self._belief: Belief | None = None
         self._turning_rad_s = 0.0
         self._doubted_s = inf
+        self._before: Telemetry | None = None
+        self._leapt = False
         self.refused = 0
         self.resets = 0
+        self.jumps = 0
 
     def command(self, time_s: float, setpoint_m: Vector) -> None:
         """Remember that the setpoint (2,) was sent at `time_s`."""
@@ -44,6 +52,7 @@ class OwnFilter:
     def measure(self, telemetry: Telemetry) -> None:
         """Take in a telemetry sample; one from the past is refused, and so is an outlier unless they go on."""
         measured = np.array([*telemetry.position_m[:2], *telemetry.velocity_m_s[:2]])
+        before, self._before = self._before, telemetry
         if self._belief is None:
             self._reset(telemetry.time_s, measured)
             return
@@ -57,10 +66,13 @@ class OwnFilter:
             self._doubted_s = inf
             return
         self.refused += 1
-        self._doubted_s = min(self._doubted_s, telemetry.time_s)
+        if self._doubted_s == inf:
+            self._doubted_s = telemetry.time_s
+            self._leapt = before is not None and _leaps(before, telemetry)
         if telemetry.time_s - self._doubted_s > self._settings.gate_timeout_s:
-            # The autopilot's estimator has really moved: what was believed is of no use any more.
+            # What was believed is of no use any more: the autopilot's estimator has moved, or the plant is another.
             self.resets += 1
+            self.jumps += self._leapt
             self._reset(telemetry.time_s, measured)
 
     def estimate(self, now_s: float) -> OwnEstimate | None:
@@ -104,6 +116,16 @@ class OwnFilter:
         mean = belief.mean.copy()
         np.clip(mean[DISTURBANCE], -limit, limit, out=mean[DISTURBANCE])
         return Belief(belief.time_s, mean, belief.covariance)
+
+
+def _leaps(before: Telemetry, after: Telemetry) -> bool:
+    """Return whether a position is not where the one before it and its velocity lead to: no vehicle flies like that."""
+    step_s = after.time_s - before.time_s
+    moved_m = [
+        there - here - rate * step_s
+        for here, there, rate in zip(before.position_m[:2], after.position_m[:2], before.velocity_m_s[:2], strict=True)
+    ]
+    return hypot(*moved_m) > JUMP_M + ACCELERATION_MAX_M_S2 / 2.0 * step_s**2
 
 
 class _InputHistory:

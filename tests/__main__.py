@@ -17,14 +17,12 @@ CHECKS = (
     ("lint-imports", "--no-logo"),
 )
 
-SIDE_BY_SIDE = (
-    "not wire",
-    "wire and not team",
-    "team and not (operator or processes or alone)",
-    "operator",
-    "processes",
+STAGES = (
+    ("not wire", "wire and not team", "team and not (operator or processes or alone)"),
+    ("operator", "processes"),
+    ("alone",),
 )
-AFTERWARDS = ("alone",)
+"""What runs side by side: those with sockets mostly wait, but for too long where too many compute beside them."""
 
 
 def main() -> int:
@@ -38,8 +36,7 @@ def main() -> int:
 
 
 def _run_all_tests() -> int:
-    """Run the tests in parts side by side, as those with sockets mostly wait; then those that want to be alone."""
-    return max(_run_side_by_side(SIDE_BY_SIDE), _run_side_by_side(AFTERWARDS))
+    return max([_run_side_by_side(parts) for parts in STAGES])
 
 
 def _run_side_by_side(parts: Sequence[str]) -> int:

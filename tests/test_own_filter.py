@@ -243,5 +243,15 @@ def test_outliers_that_go_on_are_the_new_truth() -> None:
         own.measure(telemetry(5.0 + tick * PERIOD_S, moved))
         if own.resets:  # only then are setpoints where the vehicle is
             own.command(5.0 + tick * PERIOD_S, moved[:2])
-    assert (own.resets, own.heard_s) == (1, 6.3)
+    assert (own.resets, own.jumps, own.heard_s) == (1, 1, 6.3)
     assert estimated(own, 6.3) == pytest.approx([30.0, -5.0, 0.0, 0.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_a_plant_that_is_another_resets_the_filter_but_is_no_jump() -> None:
+    # It flies off at 3 m/s2, as no setpoint tells it: every sample is where its velocity leads.
+    own = settled()
+    for tick in range(1, 31):
+        time_s = tick * PERIOD_S
+        own.measure(telemetry(5.0 + time_s, np.array([1.5 * time_s**2, 0.0, 3.0 * time_s, 0.0])))
+    assert own.resets >= 1
+    assert own.jumps == 0
