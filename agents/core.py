@@ -162,10 +162,7 @@ class VehicleCore:
         self._fail_safe(situation)
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
-        bodies = self._neighbours.bodies(
-            situation, self._height_m, self._team.members(), self._team.lost(now_s, self._config.safety.lost_avoided_s)
-        )
-        guarded = self._guard.check(situation, wish.setpoint_m, bodies)
+        guarded = self._guarded(situation, wish)
         self._note_guard(now_s, guarded)
         self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         wish, setpoint_m = shifted(wish, guarded.setpoint_m), guarded.setpoint_m
@@ -257,6 +254,14 @@ class VehicleCore:
         self._own.turn_disturbance(self._config.encirclement.angular_rate_rad_s if on_ring else 0.0)
         if after is Tactic.FORMATION:
             self._formed_s = None
+
+    def _guarded(self, situation: Situation, wish: Wish) -> Guarded:
+        """Guard the setpoint, unless nobody obeys it: while the autopilot lands the vehicle or somebody else has it."""
+        if self._tactic in (Tactic.LAND, Tactic.STOOD_DOWN):
+            return Guarded(wish.setpoint_m)
+        lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
+        bodies = self._neighbours.bodies(situation, self._height_m, self._team.members(), lost)
+        return self._guard.check(situation, wish.setpoint_m, bodies)
 
     def _note_guard(self, now_s: float, guarded: Guarded) -> None:
         """Note when the guard begins to change setpoints, and why; not again while it goes on and off."""

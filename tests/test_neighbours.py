@@ -13,6 +13,7 @@ from agents.messages import MemberState, encode
 from agents.neighbours import GOING_ON_S, UNTOLD_ACCELERATION_M_S2, Neighbours
 from agents.settings import AgentConfig
 from agents.situation import Situation
+from agents.tactics import Event
 from agents.team import Team
 from estimation.plant import exact_step
 from estimation.state import OwnEstimate, Telemetry
@@ -176,3 +177,16 @@ def test_the_core_keeps_away_from_where_somebody_was_lost(
         assert guarded is not None
         if tick > 0:
             assert bool(guarded.causes) is (now_s < 15.0 and avoided), now_s
+
+
+@pytest.mark.parametrize(("event", "guarded"), [(Event.HOLD, True), (Event.LAND, False), (Event.FOREIGN_MODE, False)])
+def test_a_setpoint_that_nobody_obeys_is_not_guarded(event: Event, guarded: bool, make_config: Maker) -> None:
+    core = VehicleCore(make_config())
+    core.on_event(event)
+    for tick in range(5):
+        now_s = 10.0 + 0.1 * tick
+        core.on_telemetry(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
+        core.on_message(encode(member(now_s, position=(0.5, 0.0))), now_s)
+        status = core.tick(now_s).status
+    assert status.guarded is not None
+    assert bool(status.guarded.causes) is guarded
