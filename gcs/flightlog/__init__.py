@@ -1,0 +1,1 @@
+"""Flight logs: what is recorded, writing and reading it, and reading the logs of autopilots."""
