@@ -4,6 +4,8 @@ What the world says comes in through the `on_...` methods, the time is an argume
 wants done comes back from it: the same object flies over MAVLink, in the simulation, and again from a log.
 """
 
+from math import hypot
+
 import numpy as np
 
 from agents.broadcast import command_answer, member_state, neighbour_angle, target_package
@@ -23,7 +25,7 @@ from agents.ports import Setpoint, VehicleStatus
 from agents.settings import AgentConfig
 from agents.situation import Situation, Wish, moved, shifted
 from agents.symptoms import Symptoms
-from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic
+from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team import Team
 from estimation.own import OwnFilter
 from estimation.state import (
@@ -130,16 +132,15 @@ class VehicleCore:
             case TargetPackage():
                 self._hear_target(message)
             case OperatorCommand():
-                self.on_command(message, now_s)
+                self._command(message, now_s)
             case CommandAnswer():
                 self._answers_heard.append(message)
             case _:
                 pass  # a muster is the shell's concern before the mission starts
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
-        """Take an operator's command: it acts at once, and is answered in the next tick."""
-        self._now_s = now_s
-        self._obey(self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume()))
+        """Take a command of an operator at this computer: it acts at once, and is answered in the next tick."""
+        self._command(command, now_s)
 
     def on_killed(self, refusal: str, now_s: float) -> None:
         """Take what came of cutting the motors: why it failed, or nothing when it did not."""
@@ -163,7 +164,7 @@ class VehicleCore:
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
         guarded = self._guarded(situation, wish)
-        self._note_guard(now_s, guarded)
+        self._note_guard(now_s, wish, guarded)
         self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         wish, setpoint_m = shifted(wish, guarded.setpoint_m), guarded.setpoint_m
         self._own.command(now_s, setpoint_m)
@@ -173,6 +174,10 @@ class VehicleCore:
             (*answers, *self._messages(situation, wish)),
             self._status(now_s, situation, wish, guarded),
         )
+
+    def _command(self, command: OperatorCommand, now_s: float) -> None:
+        self._now_s = now_s
+        self._obey(self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume()))
 
     def _assess(self, now_s: float) -> Situation | None:
         own = self._own.estimate(now_s)
@@ -214,7 +219,7 @@ class VehicleCore:
             # One that is sent back close to the target has no place in line to leave from: it leaves from where it is.
             formed_s = now_s if self._formed_s is None else self._formed_s
             in_line = now_s - formed_s > self._config.encirclement.smoothing_time_s
-            self._change(Event.ENGAGE)
+            self._change(Event.ENGAGE, reasons(target, situation.own.mean[POSITION], self._config.decision))
             self._planner.engage(now_s, None if in_line else situation.own.mean[POSITION])
         if self._tactic is Tactic.COME_DOWN and self._planner.homing.may_land(
             situation, self._team.members(), self._patience
@@ -236,14 +241,15 @@ class VehicleCore:
         if event is not None:
             self._change(event)
 
-    def _change(self, event: Event) -> None:
+    def _change(self, event: Event, because: str = "") -> None:
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
             self._notes.append(Note(self._now_s, "failsafe", f"resume refused: {reason}"))
             return
         after = next_tactic(self._tactic, event)
         if after is self._tactic:
             return
-        self._notes.append(Note(self._now_s, "tactic", f"{self._tactic.value} -> {after.value}: {event.value}"))
+        text = f"{self._tactic.value} -> {after.value}: {event.value}"
+        self._notes.append(Note(self._now_s, "tactic", text, because))
         self._tactic = after
         if event is Event.RESUME:
             self._failsafe.resume()
@@ -263,11 +269,13 @@ class VehicleCore:
         bodies = self._neighbours.bodies(situation, self._height_m, self._team.members(), lost)
         return self._guard.check(situation, wish.setpoint_m, bodies)
 
-    def _note_guard(self, now_s: float, guarded: Guarded) -> None:
+    def _note_guard(self, now_s: float, wish: Wish, guarded: Guarded) -> None:
         """Note when the guard begins to change setpoints, and why; not again while it goes on and off."""
         if guarded.causes:
             if now_s - self._guarding_s > GUARD_QUIET_S:
-                self._notes.append(Note(now_s, "guard", ", ".join(cause.words for cause in guarded.causes)))
+                (x, y), moved_m = wish.setpoint_m.tolist(), hypot(*(guarded.setpoint_m - wish.setpoint_m).tolist())
+                because = f"the setpoint wished for, ({x:.2f}, {y:.2f}) m, was moved by {moved_m:.2f} m"
+                self._notes.append(Note(now_s, "guard", ", ".join(cause.words for cause in guarded.causes), because))
             self._guarding_s = now_s
 
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
@@ -306,15 +314,13 @@ class VehicleCore:
         notes, heard = (*self._notes, *self._orders.notes()), tuple(self._answers_heard)
         self._notes.clear()
         self._answers_heard.clear()
-        target = None if situation is None or situation.target is None else situation.target.mean
-        motion = None if situation is None else situation.own.mean[MOTION]
         return CoreStatus(
             self._config.vehicle_id,
             now_s,
             self._tactic,
             self._planner.mixing_share(self._tactic, now_s),
-            motion,
-            target,
+            None if situation is None else situation.own,
+            None if situation is None else situation.target,
             None if situation is None else situation.polar,
             None if wish is None else wish.place,
             None if wish is None else wish.approach,

@@ -12,7 +12,7 @@ from agents.messages import CommandAnswer, MemberState
 from agents.ports import Setpoint
 from agents.ring import RingPlace
 from agents.tactics import Tactic
-from estimation.state import Vector
+from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
 
 
 class Outgoing(msgspec.Struct, frozen=True):
@@ -23,15 +23,16 @@ class Outgoing(msgspec.Struct, frozen=True):
 
 
 class Note(msgspec.Struct, frozen=True):
-    """Something that people want to read about afterwards: when, of what kind, and what happened."""
+    """Something that people want to read about afterwards: when, of what kind, what happened, and by which numbers."""
 
     time_s: float
     kind: Literal["tactic", "command", "failsafe", "guard"]
     text: str
+    because: str = ""
 
 
 class CoreStatus(msgspec.Struct, frozen=True):
-    """What a vehicle is doing and what it believes, for people, logs and metrics; motion and target are (4,).
+    """What a vehicle is doing and what it believes, for people, logs and metrics.
 
     `alert` is the failsafe that holds it, empty if none; `notes` are what has happened, `answers` what peers
     have answered operators, both since the last tick.
@@ -41,8 +42,8 @@ class CoreStatus(msgspec.Struct, frozen=True):
     time_s: float
     tactic: Tactic
     mixing: float
-    motion: Vector | None
-    target: Vector | None
+    own_estimate: OwnEstimate | None
+    target_estimate: TargetEstimate | None
     polar: Polar | None
     place: RingPlace | None
     approach: Approach | None
@@ -53,6 +54,16 @@ class CoreStatus(msgspec.Struct, frozen=True):
     notes: tuple[Note, ...]
     guarded: Guarded | None
     answers: tuple[CommandAnswer, ...] = ()
+
+    @property
+    def motion(self) -> Vector | None:
+        """What it believes of its own motion (4,) = [x y x' y']."""
+        return None if self.own_estimate is None else self.own_estimate.mean[MOTION]
+
+    @property
+    def target(self) -> Vector | None:
+        """What it believes of the target's motion (4,) = [x y x' y']."""
+        return None if self.target_estimate is None else self.target_estimate.mean
 
 
 class TickOutput(msgspec.Struct, frozen=True):

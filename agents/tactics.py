@@ -95,6 +95,16 @@ def decides_to_encircle(target: TargetEstimate, position_m: Vector, thresholds: 
     )
 
 
+def reasons(target: TargetEstimate, position_m: Vector, thresholds: DecisionSettings) -> str:
+    """Return the numbers of that decision beside their thresholds, in people's words."""
+    distance_m = hypot(*(target.mean[:2] - position_m).tolist())
+    return (
+        f"importance {target.importance:.3f} (more than {thresholds.importance_min:g}), "
+        f"threat {target.threat:.3f} (less than {thresholds.threat_max:g}), "
+        f"target {distance_m:.3f} m away (less than {thresholds.distance_max_m:g} m)"
+    )
+
+
 def mixing_share(since_engaged_s: float, smoothing_time_s: float) -> float:
     """Return the share s of the encirclement setpoint, rising smoothly from 0 to 1 over the smoothing time t_sm."""
     if since_engaged_s >= smoothing_time_s:

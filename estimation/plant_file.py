@@ -1,6 +1,7 @@
 """Plant files: the numbers of an identified plant in TOML, bundled or the user's own."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 
 from pydantic import Field, ValidationError
@@ -37,23 +38,39 @@ def bundled_plants() -> list[str]:
 
 def load_plant(name: str, folder: Path) -> Plant:
     """Load a bundled plant by its bare name, or a file relative to `folder`; raises PlantFileError."""
-    path = _BUNDLED / f"{name}.toml" if name in bundled_plants() else folder / name
-    try:
-        content = tomllib.loads(_read(name, path))
-    except (ValueError, RecursionError) as error:
-        raise PlantFileError([f"'{name}' is not TOML: {error}"]) from error
-    return _plant_of(name, content)
+    return PlantShelf(folder).load(name)
 
 
-def _read(name: str, path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise
-    except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
-        reason = error.strerror if isinstance(error, OSError) else error
-        known = ", ".join(bundled_plants())
-        raise PlantFileError([f"no plant file '{name}' ({reason}); bundled plants: {known}"]) from error
+class PlantShelf:
+    """Plants by name: bundled ones, files relative to a folder, or texts that are at hand already.
+
+    `texts` holds what has been read so far, by name: with them alone, the same plants can be loaded anywhere.
+    """
+
+    def __init__(self, folder: Path, texts: Mapping[str, str] | None = None) -> None:
+        self._folder = folder
+        self.texts = dict(texts or {})
+
+    def load(self, name: str) -> Plant:
+        """Return a plant; raises PlantFileError."""
+        try:
+            text = self.texts.get(name) or self._read(name)
+            content = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise PlantFileError([f"'{name}' is not TOML: {error}"]) from error
+        self.texts[name] = text
+        return _plant_of(name, content)
+
+    def _read(self, name: str) -> str:
+        path = _BUNDLED / f"{name}.toml" if name in bundled_plants() else self._folder / name
+        try:
+            return path.read_text(encoding="utf-8-sig")
+        except UnicodeDecodeError:
+            raise
+        except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
+            reason = error.strerror if isinstance(error, OSError) else error
+            known = ", ".join(bundled_plants())
+            raise PlantFileError([f"no plant file '{name}' ({reason}); bundled plants: {known}"]) from error
 
 
 def _plant_of(name: str, content: dict[str, object]) -> Plant:

@@ -45,6 +45,10 @@ Plot = Annotated[
     Path | None,
     Parameter(group=_RESULT, help="Draw the flight, the paper's figures 1 to 6, into a .png, .svg or .pdf."),
 ]
+Log = Annotated[
+    Path | None,
+    Parameter(group=_RESULT, help="Record the flight in this file (MCAP), which must not exist yet."),
+]
 Timing = Annotated[
     bool | None,
     Parameter(
@@ -60,6 +64,7 @@ def sim(
     *,
     seed: Seed = None,
     duration: Duration = None,
+    log: Log = None,
     json: Json = False,
     plot: Plot = None,
     timing: Timing = None,
@@ -71,7 +76,7 @@ def sim(
     hold_back()
     from gcs.commands import simulate_mission  # noqa: PLC0415
 
-    return simulate_mission(mission, seed=seed, duration=duration, json=json, plot=plot, timing=timing)
+    return simulate_mission(mission, seed=seed, duration=duration, log=log, json=json, plot=plot, timing=timing)
 
 
 @app.command
@@ -84,6 +89,17 @@ def fly(
         int | None, Parameter(help="Run the agent of this vehicle alone; the others run elsewhere.")
     ] = None,
     duration: Duration = None,
+    log: Log = None,
+    recorded: Annotated[
+        bool,
+        Parameter(
+            name="--recorded",
+            negative="--no-log",
+            show_default=False,
+            group=_RESULT,
+            help="Whether the flight is recorded. It is unless told otherwise, in ~/.local/share/cordon/logs.",
+        ),
+    ] = True,
     json: Json = False,
     plot: Plot = None,
 ) -> int:
@@ -100,7 +116,17 @@ def fly(
         return supervise(_tell)
     from gcs.commands import fly_mission  # noqa: PLC0415
 
-    return fly_mission(mission, sitl=sitl, speed=speed, only=only, duration=duration, json=json, plot=plot)
+    return fly_mission(
+        mission,
+        sitl=sitl,
+        speed=speed,
+        only=only,
+        duration=duration,
+        log=log,
+        json=json,
+        plot=plot,
+        recorded=recorded,
+    )
 
 
 @app.command

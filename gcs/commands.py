@@ -24,14 +24,24 @@ _MISSED_SHARE = 0.01
 
 
 def simulate_mission(
-    name: str, *, seed: int | None, duration: float | None, json: bool, plot: Path | None, timing: bool | None
+    name: str,
+    *,
+    seed: int | None,
+    duration: float | None,
+    log: Path | None,
+    json: bool,
+    plot: Path | None,
+    timing: bool | None,
 ) -> Exit:
     """`cordon sim`."""
+    from gcs.logbook import simulation_recording, tell_of_log  # noqa: PLC0415
     from gcs.simulated import fly_simulated  # noqa: PLC0415
 
     check_plot(plot)
     mission = load_mission(name)
     flown_s = duration or mission.mission.duration_s
+    seed_used = mission.mission.seed if seed is None else seed
+    recording = simulation_recording(mission, log, seed_used, flown_s)
 
     def update(time_s: float) -> None:
         if pending():
@@ -40,11 +50,14 @@ def simulate_mission(
 
     try:
         with SimulationProgress(mission.mission.name, flown_s) as progress:
-            record = fly_simulated(mission, mission.mission.seed if seed is None else seed, flown_s, update)
+            record = fly_simulated(mission, seed_used, flown_s, update, recording)
     except KeyboardInterrupt:
         _say("the simulation was ended", "")
         return Exit.ENDED_IN_FLIGHT
-    return present(mission, record, json=json, plot=plot, timed=seed is None if timing is None else timing)
+    verdict = present(mission, record, json=json, plot=plot, timed=seed is None if timing is None else timing)
+    if recording is not None:
+        tell_of_log(recording.writer)
+    return verdict
 
 
 def fly_mission(
@@ -54,22 +67,27 @@ def fly_mission(
     speed: float | None,
     only: int | None,
     duration: float | None,
+    log: Path | None,
     json: bool,
     plot: Path | None,
+    recorded: bool = True,
     equipment: "Equipment | None" = None,
 ) -> Exit:
-    """`cordon fly`; a drill brings equipment that can fail."""
+    """`cordon fly`; a drill brings equipment that can fail. It is recorded at `log`, or at the default place."""
     check_plot(plot)
     mission = load_mission(name)
     if sitl and only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
-    from gcs.flight import FlightPlan, fly  # noqa: PLC0415
+    from gcs.flight import fly  # noqa: PLC0415
+    from gcs.flight_plan import FlightPlan  # noqa: PLC0415
     from gcs.lifeline import Lifeline  # noqa: PLC0415
     from gcs.live import LiveView  # noqa: PLC0415
+    from gcs.logbook import open_log, tell_of_log  # noqa: PLC0415
 
     vehicles = mission.vehicles if only is None else (_chosen(mission, only, "--only"),)
     speed = speed or (1.0 if sitl else None)
-    plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed, equipment)
+    writer = open_log(log, mission.mission.name, only) if recorded else None
+    plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed, equipment, writer)
     orphaned = partial(_say, "this flight's supervisor is gone: the vehicles hold and land", "")
     try:
         with Lifeline.inherited(orphaned) as lifeline, LiveView(STDERR) as view:
@@ -81,6 +99,7 @@ def fly_mission(
     if flight.record is not None:
         verdict = present(mission, flight.record, json=json, plot=plot)
         _warn_of_lateness(flight.record.loop.missed, flight.record.loop.ticks, flight.speed, flight.speed_kept)
+    tell_of_log(writer)
     return _judged(flight.outcomes, verdict)
 
 

@@ -32,8 +32,10 @@ def main() -> int:
         speed=float(speed),
         only=None,
         duration=float(duration),
+        log=None,
         json=False,
         plot=None,
+        recorded=False,
         equipment=FailingEquipment(patient),
     )
 

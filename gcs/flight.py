@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from functools import partial
 from math import degrees
 from time import perf_counter
-from types import TracebackType
-from typing import Self
 
 from agents.agent import Agent
 from agents.clock import MissionClock
-from agents.core import VehicleCore
 from agents.outcome import Ending, Outcome, Stop
 from agents.outputs import CoreStatus
 from agents.ports import VehicleRefusedError
 from gcs.chronicle import event_line
 from gcs.equipment import Equipment
 from gcs.findings import Finding, Grade
+from gcs.flight_plan import FlightPlan
+from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
+from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.helm import Helm
 from gcs.journal import Journal
 from gcs.keys import Keys
@@ -31,25 +31,12 @@ from gcs.mission import Mission, MissionVehicle
 from gcs.preflight import preflight
 from gcs.preflight_vehicle import clock_lag
 from gcs.record import FlightRecord
-from gcs.stubs import prepared_configs
-from sitl.process import StubProcess
+from gcs.stubs import FlightStubs
 from sitl.server import StubRecord
 
 _VIEW_PERIOD_S = 0.2
 _UNSUPERVISED = Unsupervised()
 Tell = Callable[[Sequence[Finding]], None]
-
-
-@dataclass(frozen=True, slots=True)
-class FlightPlan:
-    """What to fly: mission, duration, which vehicles, how fast time passes (None: find out), equipped with what."""
-
-    mission: Mission
-    duration_s: float
-    vehicles: tuple[MissionVehicle, ...]
-    stubs: bool
-    speed: float | None
-    equipment: Equipment | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,19 +69,30 @@ async def fly(
     Ctrl-C makes every vehicle hold and land, a second one land at once.
     """
     clock = MissionClock(plan.speed or 1.0)
+    if plan.log is None:
+        return await _fly(plan, clock, view, tell, supervision, Unrecorded())
+    with FlightRecording(plan.log, clock) as recording:
+        return await _fly(plan, clock, view, tell, supervision, recording)
+
+
+async def _fly(
+    plan: FlightPlan, clock: MissionClock, view: LiveView, tell: Tell, supervision: Supervision, recording: Recording
+) -> Flight:
     journal = Journal(plan.mission)
     stop = Stop()
+    recording.begin(plan.run(clock.speed))
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
         supervision.relay(lambda: loop.call_soon_threadsafe(stop.ask))
-        stubs = await stack.enter_async_context(_Stubs(plan, clock.speed))
+        stubs = await stack.enter_async_context(FlightStubs(plan.mission if plan.stubs else None, clock.speed))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
-        team = [_member(plan, vehicle, hub, clock, journal, supervision) for vehicle in plan.vehicles]
+        team = [_member(plan, vehicle, hub, clock, journal, supervision, recording) for vehicle in plan.vehicles]
         for member in team:
             stack.push_async_callback(member.agent.close)
         view.update([], 0.0, "looking for the vehicles")
-        await _unless_stopped(_prepare(team, plan, clock, tell), stop)
+        await _unless_stopped(_prepare(team, plan, clock, tell, recording), stop)
+        recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
         helm = Helm([member.agent for member in team], clock)
         keys = stack.enter_context(Keys(helm.press)) if view.is_live else None
@@ -102,33 +100,9 @@ async def fly(
         outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view, tell, ask)
         wall_time_s = perf_counter() - began_s
     record = _record(plan, team, journal, stubs.record, clock, wall_time_s)
+    _complete(recording, team, stubs.record, record)
     kept = clock.speed if stubs.record is None else stubs.record.speed_reached
     return Flight(outcomes, record, clock.speed, kept)
-
-
-class _Stubs:
-    """The stub vehicles of a flight that brings its own; their record is there once they have been stopped."""
-
-    def __init__(self, plan: FlightPlan, speed: float) -> None:
-        self._process = StubProcess(prepared_configs(plan.mission), speed) if plan.stubs else None
-        self.record: StubRecord | None = None
-
-    async def __aenter__(self) -> Self:
-        try:
-            if self._process is not None:
-                await asyncio.to_thread(self._process.start)
-        except OSError as error:
-            raise VehicleRefusedError(
-                f"the stub vehicles did not start: {error}", "see whether some run already"
-            ) from error
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._process is not None:
-            with suppress(OSError):  # they died in flight: the outcomes say so, and the estimates are what is left
-                self.record = await asyncio.to_thread(self._process.stop)
 
 
 def _member(
@@ -138,6 +112,7 @@ def _member(
     clock: MissionClock,
     journal: Journal,
     supervision: Supervision,
+    recording: Recording,
 ) -> _Member:
     mission, equipment = plan.mission, plan.equipment or Equipment()
     config = mission.agent_config(vehicle)
@@ -152,7 +127,7 @@ def _member(
         origin_m=vehicle.origin_m,
     )
     agent = Agent(
-        VehicleCore(config),
+        recording.core(config),
         link,
         equipment.bus(mission, vehicle),
         clock,
@@ -161,10 +136,16 @@ def _member(
         altitude_m=config.take_off_altitude_m,
         rate_hz=config.rate_hz,
         sensor=partial(equipment.sensor, mission, vehicle.id),
-        observe=journal.note,
+        observe=partial(_observe, journal, recording),
         life=supervision.signs(vehicle.id),
     )
     return _Member(vehicle, link, agent)
+
+
+def _observe(journal: Journal, recording: Recording, status: CoreStatus, tick_us: float | None) -> None:
+    journal.note(status, tick_us)
+    if tick_us is not None:
+        recording.cost(status.vehicle_id, status.time_s, tick_us)
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:
@@ -183,13 +164,15 @@ async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) ->
             await task
 
 
-async def _prepare(team: Sequence[_Member], plan: FlightPlan, clock: MissionClock, tell: Tell) -> None:
+async def _prepare(
+    team: Sequence[_Member], plan: FlightPlan, clock: MissionClock, tell: Tell, recording: Recording
+) -> None:
     await _connect(team)
     if plan.speed is None:
         await _find_speed(team, clock)
     for member in team:
         member.agent.announce()
-    await _check(team, plan.mission, tell)
+    await _check(team, plan.mission, tell, recording)
 
 
 async def _connect(team: Sequence[_Member]) -> None:
@@ -220,9 +203,11 @@ async def _find_speed(team: Sequence[_Member], clock: MissionClock) -> None:
         member.link.set_speed(clock.speed)
 
 
-async def _check(team: Sequence[_Member], mission: Mission, tell: Tell) -> None:
+async def _check(team: Sequence[_Member], mission: Mission, tell: Tell, recording: Recording) -> None:
     """Look at everything before anything is armed."""
     facts = await asyncio.gather(*(member.link.facts(member.vehicle.id) for member in team))
+    for each in facts:
+        recording.meet(each)
     findings = preflight(mission, facts)
     tell(findings)
     refused = sum(finding.grade is Grade.REFUSE for finding in findings)
@@ -347,6 +332,20 @@ def _record(
         ticks=sum(loop.ticks for loop in loops),
         missed=sum(loop.missed for loop in loops),
         wall_time_s=wall_time_s,
-        source="sitl" if plan.stubs or clock.speed != 1.0 else "flight",
+        source=plan.source(clock.speed),
         truth=() if stubs is None else stubs.tracks,
     )
+
+
+def _complete(
+    recording: Recording, team: Sequence[_Member], stubs: StubRecord | None, record: FlightRecord | None
+) -> None:
+    """Record what is known once all is over."""
+    true = {} if stubs is None else {track.vehicle_id: track for track in stubs.tracks}  # a stub knows its system id
+    for member in team:
+        loop = member.agent.loop
+        recording.end_vehicle(member.vehicle.id, VehicleEnd(loop.ticks, loop.missed, member.agent.ended_s))
+        if member.vehicle.system_id in true:
+            recording.reveal(member.vehicle.id, true[member.vehicle.system_id])
+    if record is not None:
+        recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))

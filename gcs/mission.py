@@ -1,6 +1,7 @@
 """The mission file: its sections, as a user writes them in TOML. Unknown keys are errors, numbers are finite."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import radians
 from typing import Annotated, Literal
 
@@ -184,7 +185,7 @@ class MissionVehicle:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A whole mission, checked: every section, and the vehicles with their plants."""
+    """A whole mission, checked: every section, and the vehicles with their plants; and what it was read from."""
 
     mission: MissionSection
     frame: FrameSection
@@ -201,6 +202,8 @@ class Mission:
     simulation: SimulationSection
     verdicts: VerdictSection
     vehicles: tuple[MissionVehicle, ...]
+    text: str = field(compare=False)
+    plant_texts: Mapping[str, str] = field(compare=False)
 
     @property
     def ids(self) -> tuple[int, ...]:

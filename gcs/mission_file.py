@@ -5,7 +5,7 @@ Sections are validated one by one and cross-checked as far as they hold, so that
 
 import difflib
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
 from math import hypot
 from pathlib import Path
@@ -24,7 +24,7 @@ from agents.settings import (
     SafetySettings,
 )
 from estimation.plant import Plant, PlantAxis
-from estimation.plant_file import PlantFileError, load_plant
+from estimation.plant_file import PlantFileError, PlantShelf
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.exits import InputError
 from gcs.mission import (
@@ -98,8 +98,12 @@ def load_mission(name: str) -> Mission:
     return parse_mission(text, path.parent)
 
 
-def parse_mission(text: str, folder: Path) -> Mission:
-    """Check a mission's text; plant files are looked up in `folder`. Raises MissionError with every fault."""
+def parse_mission(text: str, folder: Path, plant_texts: Mapping[str, str] | None = None) -> Mission:
+    """Check a mission's text; plants whose text is not given are looked up in `folder`.
+
+    Raises MissionError with every fault.
+    """
+    shelf = PlantShelf(folder, plant_texts)
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers and nesting beyond Python's limits
@@ -115,13 +119,13 @@ def parse_mission(text: str, folder: Path) -> Mission:
     }
     # Thresholds that do not hold are told once, not again for every vehicle.
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
-    vehicles = _vehicles(content.get("vehicles", []), decision, folder, faults)
+    vehicles = _vehicles(content.get("vehicles", []), decision, shelf, faults)
     faults += _cross_checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
     sections.pop("decision")
     complete = tuple(_resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
-    return Mission(**sections, vehicles=complete)  # type: ignore[arg-type]  # each is of its section's model
+    return Mission(**sections, vehicles=complete, text=text, plant_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
 
 
 def _validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
@@ -174,14 +178,14 @@ def _unknown_key(parent: str, key: str, known: list[str]) -> str:
 _LoadedVehicle = tuple[VehicleSection, Plant]
 
 
-def _vehicles(content: object, decision: object, folder: Path, faults: list[str]) -> list[_LoadedVehicle | None]:
+def _vehicles(content: object, decision: object, shelf: PlantShelf, faults: list[str]) -> list[_LoadedVehicle | None]:
     if not isinstance(content, list) or not content:
         faults.append("vehicles: a mission needs at least one [[vehicles]] table")
         return []
-    return [_vehicle(entry, decision, folder, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
+    return [_vehicle(entry, decision, shelf, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
 
 
-def _vehicle(entry: object, decision: object, folder: Path, path: str, faults: list[str]) -> _LoadedVehicle | None:
+def _vehicle(entry: object, decision: object, shelf: PlantShelf, path: str, faults: list[str]) -> _LoadedVehicle | None:
     if isinstance(entry, dict) and isinstance(decision, dict):
         # A vehicle overrides single thresholds; the others are the mission's.
         own = entry.get("decision", {})
@@ -190,7 +194,7 @@ def _vehicle(entry: object, decision: object, folder: Path, path: str, faults: l
     if section is None:
         return None
     try:
-        return section, load_plant(section.plant, folder)
+        return section, shelf.load(section.plant)
     except PlantFileError as error:
         faults += [f"{path}.plant: {fault}" for fault in error.faults]
         return None

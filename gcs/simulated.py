@@ -8,14 +8,22 @@ import numpy as np
 
 from agents.core import VehicleCore
 from agents.outputs import TickOutput
+from agents.settings import AgentConfig
 from estimation.state import POSITION, VELOCITY
 from gcs.compose import target_motion, target_sensor
+from gcs.flightlog.simulation import SimulationRecording
 from gcs.mission import Mission
 from gcs.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from sitl.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 
 
-def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Callable[[float], None]) -> FlightRecord:
+def fly_simulated(
+    mission: Mission,
+    seed: int,
+    duration_s: float,
+    progress: Callable[[float], None],
+    recording: SimulationRecording | None = None,
+) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time, telling `progress`; the same seed gives the same flight."""
     rate_hz = mission.mission.rate_hz
     tactics = np.full((round(duration_s * rate_hz) + 1, len(mission.vehicles)), "unknown", dtype="<U16")
@@ -28,11 +36,13 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
         tactics[tick, vehicle] = status.tactic.value
         guard.note(status.guarded)
         events.extend(FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes)
+        if recording is not None and vehicle == len(mission.vehicles) - 1:
+            recording.advance((tick + 1) / rate_hz)
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     began_s = perf_counter()
     flight = simulate(
-        simulated_vehicles(mission, seed),
+        simulated_vehicles(mission, seed, VehicleCore if recording is None else recording.core),
         network,
         rate_hz=rate_hz,
         duration_s=duration_s,
@@ -41,16 +51,20 @@ def fly_simulated(mission: Mission, seed: int, duration_s: float, progress: Call
         progress=progress,
     )
     wall_time_s = perf_counter() - began_s
+    if recording is not None:
+        recording.end(mission.ids, flight, wall_time_s)
     return replace(_record(mission, seed, flight, tactics, guard, wall_time_s), events=in_order(events))
 
 
-def simulated_vehicles(mission: Mission, seed: int) -> list[SimulatedVehicle[TickOutput]]:
+def simulated_vehicles(
+    mission: Mission, seed: int, new_core: Callable[[AgentConfig], VehicleCore] = VehicleCore
+) -> list[SimulatedVehicle[TickOutput]]:
     """Return the mission's vehicles with their cores, at rest where they start, and at work from time 0."""
     simulation = mission.simulation
     noise = TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
     vehicles = []
     for vehicle in mission.vehicles:
-        core = VehicleCore(mission.agent_config(vehicle))
+        core = new_core(mission.agent_config(vehicle))
         core.start(0.0)
         vehicles.append(
             SimulatedVehicle(

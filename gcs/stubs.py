@@ -2,9 +2,13 @@
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from types import TracebackType
+from typing import Self
 from urllib.parse import urlsplit
 
+from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.exits import InputError
 from gcs.mission import Mission, MissionVehicle
@@ -12,9 +16,9 @@ from gcs.preflight_parameters import CORDON_ID
 from gcs.signals import relay
 from sitl.dialects import AutopilotKind
 from sitl.parameters import Value
-from sitl.process import unix_clock
+from sitl.process import StubProcess, unix_clock
 from sitl.reports import EstimatorNoise
-from sitl.server import StubConfig, serve
+from sitl.server import StubConfig, StubRecord, serve
 
 PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
     AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
@@ -69,3 +73,31 @@ async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> Non
     loop = asyncio.get_running_loop()
     relay(lambda: loop.call_soon_threadsafe(stop.set))
     await serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop)
+
+
+class FlightStubs:
+    """The stub vehicles of a flight that brings its own; their record is there once they have been stopped."""
+
+    def __init__(self, mission: Mission | None, speed: float) -> None:
+        """Prepare the mission's stubs, or none."""
+        self._process = None if mission is None else StubProcess(prepared_configs(mission), speed)
+        self.record: StubRecord | None = None
+
+    async def __aenter__(self) -> Self:
+        """Start them; raises VehicleRefusedError."""
+        try:
+            if self._process is not None:
+                await asyncio.to_thread(self._process.start)
+        except OSError as error:
+            raise VehicleRefusedError(
+                f"the stub vehicles did not start: {error}", "see whether some run already"
+            ) from error
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop them."""
+        if self._process is not None:
+            with suppress(OSError):  # they died in flight: the outcomes say so, and the estimates are what is left
+                self.record = await asyncio.to_thread(self._process.stop)

@@ -20,7 +20,8 @@ from agents.outcome import Ending
 from agents.ports import VehicleRefusedError
 from agents.zenoh_bus import ZenohBus
 from gcs.findings import Finding, Grade
-from gcs.flight import Flight, FlightPlan, fly
+from gcs.flight import Flight, fly
+from gcs.flight_plan import FlightPlan
 from gcs.live import LiveView
 from gcs.mission import Mission, MissionVehicle
 from gcs.mission_file import load_mission

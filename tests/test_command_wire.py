@@ -15,7 +15,8 @@ import pytest
 from rich.console import Console
 
 from agents.outcome import Ending, Outcome
-from gcs.flight import Flight, FlightPlan, fly
+from gcs.flight import Flight, fly
+from gcs.flight_plan import FlightPlan
 from gcs.live import LiveView
 from gcs.mission import Mission
 from gcs.mission_file import load_mission

@@ -10,7 +10,8 @@ from rich.console import Console
 from agents.outcome import Ending
 from agents.outputs import CoreStatus
 from agents.zenoh_bus import ZenohBus
-from gcs.flight import Flight, FlightPlan, fly
+from gcs.flight import Flight, fly
+from gcs.flight_plan import FlightPlan
 from gcs.journal import Journal
 from gcs.live import LiveView
 from gcs.mission import Mission

@@ -9,7 +9,7 @@ import pytest
 from agents.messages import MemberState
 from agents.outputs import CoreStatus
 from agents.tactics import Tactic
-from estimation.state import Vector
+from estimation.state import OwnEstimate, Vector
 from gcs.journal import Journal
 from gcs.mission import Mission
 from gcs.mission_file import load_mission
@@ -51,8 +51,10 @@ def status(
         time_s=START_S + time_s,
         tactic=tactic,
         mixing=0.0,
-        motion=None if motion is None else np.array(motion(time_s)),
-        target=None,
+        own_estimate=None
+        if motion is None
+        else OwnEstimate(START_S + time_s, np.array([*motion(time_s), 0.0, 0.0]), np.eye(6)),
+        target_estimate=None,
         polar=None,
         place=None,
         approach=None,

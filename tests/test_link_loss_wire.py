@@ -20,7 +20,8 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.plant import Plant, PlantAxis
 from estimation.state import Telemetry
 from gcs.findings import Finding, Grade
-from gcs.flight import Flight, FlightPlan, fly
+from gcs.flight import Flight, fly
+from gcs.flight_plan import FlightPlan
 from gcs.link import MavsdkLink
 from gcs.link_hub import MavsdkHub
 from gcs.live import LiveRow, LiveView

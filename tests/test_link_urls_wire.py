@@ -21,7 +21,8 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant import Plant, PlantAxis
 from gcs.findings import Finding, Grade
-from gcs.flight import FlightPlan, fly
+from gcs.flight import fly
+from gcs.flight_plan import FlightPlan
 from gcs.link import MavsdkLink
 from gcs.link_hub import MavsdkHub
 from gcs.link_urls import require_usable

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from agents.outcome import Ending
 from gcs.findings import Grade
-from gcs.flight import FlightPlan, fly
+from gcs.flight import fly
+from gcs.flight_plan import FlightPlan
 from gcs.link_facts import gather_facts
 from gcs.live import LiveView
 from gcs.mission_file import load_mission

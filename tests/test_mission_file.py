@@ -49,7 +49,7 @@ def _keys(path: Place, annotation: Any) -> Iterator[tuple[Place, object]]:
 
 
 SECTIONS: dict[str, type[BaseModel]] = {
-    name: kind for name, kind in get_type_hints(Mission).items() if name != "vehicles"
+    name: kind for name, kind in get_type_hints(Mission).items() if name not in ("vehicles", "text", "plant_texts")
 } | {"decision": DecisionSettings}
 KEYS = [
     *(key for name, model in SECTIONS.items() for key in keys(model, (name,))),

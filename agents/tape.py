@@ -1,0 +1,221 @@
+"""A core whose every input and output is on tape, and the playing of a tape to another core.
+
+A core is deterministic: the same calls in the same order give the same outputs, bit for bit. So a tape of its calls is
+all that is needed to fly again what was flown. Each call is an item of its own; `play` is the way back.
+"""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import msgspec
+
+from agents.core import VehicleCore
+from agents.messages import OperatorCommand
+from agents.outputs import TickOutput
+from agents.ports import VehicleStatus
+from agents.settings import AgentConfig
+from agents.tactics import Event
+from estimation.state import Sighting, Telemetry
+
+
+class Patience(msgspec.Struct, frozen=True):
+    """`set_patience`."""
+
+    factor: float
+
+
+class Start(msgspec.Struct, frozen=True):
+    """`start`: the mission begins."""
+
+    at_s: float
+
+
+class Told(msgspec.Struct, frozen=True):
+    """`on_event`: what the shell or an operator at this computer said."""
+
+    event: Event
+
+
+class Autopilot(msgspec.Struct, frozen=True):
+    """`on_vehicle`: what the autopilot says of itself; on tape when it has changed."""
+
+    status: VehicleStatus
+
+
+class LateTicks(msgspec.Struct, frozen=True):
+    """`on_loop`: how many ticks were skipped; on tape when it has changed."""
+
+    count: int
+
+
+class Bus(msgspec.Struct, frozen=True):
+    """`on_bus`: whether the bus works; on tape when it has changed."""
+
+    alive: bool
+
+
+class Message(msgspec.Struct, frozen=True):
+    """`on_message`: what came over the bus, and when."""
+
+    now_s: float
+    payload: bytes
+
+
+class Command(msgspec.Struct, frozen=True):
+    """`on_command`: what an operator at this computer said, and when."""
+
+    now_s: float
+    command: OperatorCommand
+
+
+class Killed(msgspec.Struct, frozen=True):
+    """`on_killed`: what came of cutting the motors."""
+
+    now_s: float
+    refusal: str
+
+
+class Presence(msgspec.Struct, frozen=True):
+    """`on_presence`: a peer has come or gone."""
+
+    vehicle_id: int
+    present: bool
+
+
+class Tick(msgspec.Struct, frozen=True):
+    """`tick`: when."""
+
+    now_s: float
+
+
+CoreInput = (
+    Patience
+    | Start
+    | Told
+    | Autopilot
+    | LateTicks
+    | Bus
+    | Telemetry
+    | Sighting
+    | Message
+    | Command
+    | Killed
+    | Presence
+    | Tick
+)
+
+
+class Tape(Protocol):
+    """Takes what goes into a core and what comes out of it, in order; never blocks, never raises."""
+
+    def write(self, item: CoreInput | TickOutput) -> None:
+        """Take the next item; a tick's output follows the tick."""
+        ...
+
+
+class TapedCore(VehicleCore):
+    """A core that writes every call onto a tape before it obeys it."""
+
+    def __init__(self, config: AgentConfig, tape: Tape) -> None:
+        super().__init__(config)
+        self._tape = tape
+        self._autopilot: VehicleStatus | None = None
+        self._late_ticks = 0
+        self._bus_alive = True
+
+    def set_patience(self, factor: float) -> None:
+        """See VehicleCore."""
+        self._tape.write(Patience(factor))
+        super().set_patience(factor)
+
+    def start(self, at_s: float) -> None:
+        """See VehicleCore."""
+        self._tape.write(Start(at_s))
+        super().start(at_s)
+
+    def on_event(self, event: Event) -> None:
+        """See VehicleCore."""
+        self._tape.write(Told(event))
+        super().on_event(event)
+
+    def on_vehicle(self, status: VehicleStatus) -> None:
+        """See VehicleCore."""
+        if status != self._autopilot:
+            self._autopilot = status
+            self._tape.write(Autopilot(status))
+        super().on_vehicle(status)
+
+    def on_loop(self, late_ticks: int) -> None:
+        """See VehicleCore."""
+        if late_ticks != self._late_ticks:
+            self._late_ticks = late_ticks
+            self._tape.write(LateTicks(late_ticks))
+        super().on_loop(late_ticks)
+
+    def on_bus(self, alive: bool) -> None:
+        """See VehicleCore."""
+        if alive != self._bus_alive:
+            self._bus_alive = alive
+            self._tape.write(Bus(alive))
+        super().on_bus(alive)
+
+    def on_telemetry(self, telemetry: Telemetry) -> None:
+        """See VehicleCore."""
+        self._tape.write(telemetry)
+        super().on_telemetry(telemetry)
+
+    def on_sighting(self, sighting: Sighting) -> None:
+        """See VehicleCore."""
+        self._tape.write(sighting)
+        super().on_sighting(sighting)
+
+    def on_message(self, payload: bytes, now_s: float) -> None:
+        """See VehicleCore."""
+        self._tape.write(Message(now_s, payload))
+        super().on_message(payload, now_s)
+
+    def on_command(self, command: OperatorCommand, now_s: float) -> None:
+        """See VehicleCore."""
+        self._tape.write(Command(now_s, command))
+        super().on_command(command, now_s)
+
+    def on_killed(self, refusal: str, now_s: float) -> None:
+        """See VehicleCore."""
+        self._tape.write(Killed(now_s, refusal))
+        super().on_killed(refusal, now_s)
+
+    def on_presence(self, vehicle_id: int, present: bool) -> None:
+        """See VehicleCore."""
+        self._tape.write(Presence(vehicle_id, present))
+        super().on_presence(vehicle_id, present)
+
+    def tick(self, now_s: float) -> TickOutput:
+        """See VehicleCore."""
+        self._tape.write(Tick(now_s))
+        output = super().tick(now_s)
+        self._tape.write(output)
+        return output
+
+
+def play(core: VehicleCore, item: CoreInput) -> TickOutput | None:
+    """Give a core an input from a tape; return what comes out of it, None unless it is a tick."""
+    if isinstance(item, Tick):
+        return core.tick(item.now_s)
+    _CALLS[type(item)](core, item)
+    return None
+
+
+_CALLS: dict[type, Callable[[VehicleCore, Any], None]] = {
+    Patience: lambda core, item: core.set_patience(item.factor),
+    Start: lambda core, item: core.start(item.at_s),
+    Told: lambda core, item: core.on_event(item.event),
+    Autopilot: lambda core, item: core.on_vehicle(item.status),
+    LateTicks: lambda core, item: core.on_loop(item.count),
+    Bus: lambda core, item: core.on_bus(item.alive),
+    Telemetry: lambda core, item: core.on_telemetry(item),
+    Sighting: lambda core, item: core.on_sighting(item),
+    Message: lambda core, item: core.on_message(item.payload, item.now_s),
+    Command: lambda core, item: core.on_command(item.command, item.now_s),
+    Killed: lambda core, item: core.on_killed(item.refusal, item.now_s),
+    Presence: lambda core, item: core.on_presence(item.vehicle_id, item.present),
+}

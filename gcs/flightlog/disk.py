@@ -1,0 +1,51 @@
+"""The file that a log is written into, which no fault of a disk can stop: what flies must not notice."""
+
+import os
+from pathlib import Path
+
+
+class Disk:
+    """A file for writing that never raises once it is open: after the first fault it swallows what it is given.
+
+    `fault` says what went wrong, empty if nothing did; `size_bytes` is how much has been written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the file; raises OSError when that fails, or when it exists already."""
+        self._file = path.open("xb", buffering=0)
+        self._position = 0
+        self.size_bytes = 0
+        self.fault = ""
+
+    def write(self, data: bytes) -> int:
+        """Write all of it, or note why that failed."""
+        rest = memoryview(data)
+        try:
+            while rest and not self.fault:
+                rest = rest[self._file.write(rest) or 0 :]
+        except OSError as error:
+            self.fault = error.strerror or str(error)
+        self._position += len(data)
+        self.size_bytes = max(self.size_bytes, self._position)
+        return len(data)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go where it is told to, on a file that failed as well."""
+        base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self.size_bytes}[whence]
+        self._position = base + offset
+        if not self.fault:
+            try:
+                self._file.seek(self._position)
+            except OSError as error:
+                self.fault = error.strerror or str(error)
+        return self._position
+
+    def flush(self) -> None:
+        """There is nothing to do: what is written is with the operating system already."""
+
+    def close(self) -> None:
+        """Close the file."""
+        try:
+            self._file.close()
+        except OSError as error:
+            self.fault = self.fault or error.strerror or str(error)

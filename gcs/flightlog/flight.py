@@ -1,0 +1,141 @@
+"""Recording a flight: what the agents of this process do, what their vehicles said of themselves, how it ended."""
+
+from types import TracebackType
+from typing import Protocol, Self
+
+from agents.clock import MissionClock
+from agents.core import VehicleCore
+from agents.settings import AgentConfig
+from agents.tape import TapedCore
+from gcs.findings import VehicleFacts
+from gcs.flightlog.recorder import Recorder, RecorderThread, VehicleTape
+from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
+from gcs.flightlog.writer import LogWriter, Picture
+from sitl.server import TruthTrack
+
+
+class Recording(Protocol):
+    """What a flight is recorded by."""
+
+    @property
+    def fault(self) -> str:
+        """Why the record ends before the flight does, empty if it does not."""
+        ...
+
+    def begin(self, run: Run) -> None:
+        """Take what is known of the run as a whole; what is said later replaces what was said before."""
+        ...
+
+    def core(self, config: AgentConfig) -> VehicleCore:
+        """Return the core of an agent."""
+        ...
+
+    def meet(self, facts: VehicleFacts) -> None:
+        """Take what a vehicle said of itself before take-off."""
+        ...
+
+    def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
+        """Take what a tick of a vehicle's control loop took."""
+        ...
+
+    def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
+        """Take how a vehicle's control loop fared."""
+        ...
+
+    def end(self, end: RunEnd) -> None:
+        """Take how the run ended."""
+        ...
+
+    def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
+        """Take where a vehicle truly was."""
+        ...
+
+
+class Unrecorded:
+    """Nobody records."""
+
+    fault = ""
+
+    def begin(self, run: Run) -> None:
+        """Forget it."""
+
+    def core(self, config: AgentConfig) -> VehicleCore:
+        """Return a plain core."""
+        return VehicleCore(config)
+
+    def meet(self, facts: VehicleFacts) -> None:
+        """Forget it."""
+
+    def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
+        """Forget it."""
+
+    def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
+        """Forget it."""
+
+    def end(self, end: RunEnd) -> None:
+        """Forget it."""
+
+    def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
+        """Forget it."""
+
+
+class FlightRecording:
+    """Records on a thread of its own; use it as a context manager around everything that flies."""
+
+    def __init__(self, writer: LogWriter, clock: MissionClock, picture: Picture | None = None) -> None:
+        self._recorder = Recorder(writer, clock.now_s, lambda: clock.speed, picture)
+        self._thread = RecorderThread(self._recorder)
+        self._tapes: dict[int, VehicleTape] = {}
+
+    def __enter__(self) -> Self:
+        """Start to write."""
+        self._thread.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Write what is left."""
+        self._thread.__exit__(kind, error, trace)
+
+    @property
+    def fault(self) -> str:
+        """Why the record ends before the flight does, empty if it does not."""
+        return self._recorder.fault
+
+    def begin(self, run: Run) -> None:
+        """Record what is known of the run as a whole; what is said later replaces what was said before."""
+        self._recorder.note(0, 0, run)
+
+    def core(self, config: AgentConfig) -> VehicleCore:
+        """Return a core that is on tape."""
+        return TapedCore(config, self._tape(config.vehicle_id))
+
+    def meet(self, facts: VehicleFacts) -> None:
+        """Record what a vehicle said of itself before take-off."""
+        known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
+        parameters = tuple(Parameter(name, value) for name, value in known.items())
+        self._tape(facts.vehicle_id).note(Vehicle(facts.autopilot.value, "", parameters))
+
+    def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
+        """Record what a tick of a vehicle's control loop took."""
+        self._tape(vehicle_id).note(Cost(time_s, tick_us))
+
+    def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
+        """Record how a vehicle's control loop fared."""
+        self._tape(vehicle_id).note(end)
+
+    def end(self, end: RunEnd) -> None:
+        """Record how the run ended."""
+        self._recorder.note(0, 0, end)
+
+    def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
+        """Record where a vehicle truly was."""
+        tape, rows = self._tape(vehicle_id), (track.time_s, track.position_m, track.velocity_m_s)
+        for time_s, (x, y, z), (x_rate, y_rate, z_rate) in zip(*(each.tolist() for each in rows), strict=True):
+            tape.note(Truth(time_s, (x, y, z), (x_rate, y_rate, z_rate)), time_s)
+
+    def _tape(self, vehicle_id: int) -> VehicleTape:
+        if vehicle_id not in self._tapes:
+            self._tapes[vehicle_id] = self._recorder.tape(vehicle_id)
+        return self._tapes[vehicle_id]

@@ -1,0 +1,143 @@
+"""The flight recorder: tapes for the cores, and what brings their contents into a log beside the flight.
+
+Writing onto a tape only puts an item into a queue. Encoding and the disk are the business of `drain`, which a thread of
+its own calls while something flies: a disk that is slow, full or gone disturbs nobody.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from time import monotonic
+from types import TracebackType
+from typing import NamedTuple, Self
+
+from agents.outputs import TickOutput
+from agents.tape import CoreInput
+from gcs.flightlog.records import recorded
+from gcs.flightlog.writer import LogWriter, Picture
+
+CLOSING_TIMEOUT_S = 10.0
+DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 1.0
+QUEUE_MAX = 100_000
+"""Items: minutes of a team's. More wait only for a disk that hangs; what comes then is lost, and its number missing."""
+
+
+class _Item(NamedTuple):
+    vehicle_id: int
+    number: int
+    time_s: float
+    record: object
+
+
+class Recorder:
+    """Takes what the cores of this process do, and writes it when told to."""
+
+    def __init__(
+        self,
+        writer: LogWriter,
+        now_s: Callable[[], float],
+        speed: Callable[[], float],
+        picture: Picture | None = None,
+    ) -> None:
+        """Take the log; the clock of the records passes `speed()` times as fast as that of the log's time stamps."""
+        self._writer = writer
+        self._now_s = now_s
+        self._speed = speed
+        self._picture = picture
+        self._queue: deque[_Item] = deque()
+        self.urgent = threading.Event()
+
+    @property
+    def fault(self) -> str:
+        """Why the log ends before the flight does, empty if it does not."""
+        return self._writer.fault
+
+    def tape(self, vehicle_id: int) -> "VehicleTape":
+        """Return the tape of a vehicle's core."""
+        return VehicleTape(vehicle_id, self)
+
+    def note(self, vehicle_id: int, number: int, record: object, time_s: float | None = None) -> None:
+        """Take a record, of now unless a time is given; never blocks, never raises."""
+        self._queue.append(_Item(vehicle_id, number, self._now_s() if time_s is None else time_s, record))
+
+    @property
+    def is_full(self) -> bool:
+        """Whether what waits is too much already."""
+        return len(self._queue) >= QUEUE_MAX
+
+    def drain(self) -> None:
+        """Write all that has been taken so far."""
+        queue, speed = self._queue, self._speed()
+        while queue:
+            item = queue.popleft()
+            time_ns = round(max(item.time_s, 0.0) / speed * 1e9)
+            record = recorded(item.record)
+            self._writer.write(item.vehicle_id, item.number, time_ns, record)
+            if self._picture is not None:
+                self._picture(item.vehicle_id, time_ns, record)
+
+    def flush(self) -> None:
+        """Write all that has been taken so far, so that it outlives this process."""
+        self.drain()
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write what is left, and complete the log."""
+        self.drain()
+        self._writer.close()
+
+
+class RecorderThread:
+    """Lets a recorder write beside a flight, and makes what it wrote outlive this process: once a second, and at once
+    after every event. Use it as a context manager.
+    """
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, name="flight recorder", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Write what is left, and complete the log, unless the disk hangs for seconds."""
+        self._ended = True
+        self._recorder.urgent.set()
+        self._thread.join(CLOSING_TIMEOUT_S)
+
+    def _run(self) -> None:
+        flushed_s = monotonic()
+        while not self._ended:
+            urgent = self._recorder.urgent.wait(DRAIN_PERIOD_S)
+            self._recorder.urgent.clear()
+            self._recorder.drain()
+            if urgent or monotonic() - flushed_s >= FLUSH_PERIOD_S:
+                self._recorder.flush()
+                flushed_s = monotonic()
+        self._recorder.close()
+
+
+class VehicleTape:
+    """The tape of one vehicle's core, and what is noted of the vehicle beside it."""
+
+    def __init__(self, vehicle_id: int, recorder: Recorder) -> None:
+        self._vehicle_id = vehicle_id
+        self._recorder = recorder
+        self._number = 0
+
+    def write(self, item: CoreInput | TickOutput) -> None:
+        """Take the next item; never blocks, never raises."""
+        self.note(item)
+        if isinstance(item, TickOutput) and item.status.notes:
+            self._recorder.urgent.set()
+
+    def note(self, record: object, time_s: float | None = None) -> None:
+        """Take any record, of now unless a time is given."""
+        self._number += 1
+        if not self._recorder.is_full:
+            self._recorder.note(self._vehicle_id, self._number, record, time_s)

@@ -1,0 +1,276 @@
+"""What a flight log holds: the record types beside those on tape, and the table of topics.
+
+A record is on the topic `/vehicle/<id>/<name>`, what concerns the whole run on `/run`. Every record of a vehicle has a
+number, which puts all that went into its core and came out of it in order, whatever the clocks say.
+"""
+
+import msgspec
+
+from agents.messages import encode
+from agents.outputs import Note, TickOutput
+from agents.ports import Setpoint
+from agents.tape import (
+    Autopilot,
+    Bus,
+    Command,
+    Killed,
+    LateTicks,
+    Message,
+    Patience,
+    Presence,
+    Start,
+    Tick,
+    Told,
+)
+from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
+
+FORMAT = 1
+"""Of the log: a reader knows all up to its own."""
+
+
+class PlantText(msgspec.Struct, frozen=True):
+    """A plant file as it was flown with."""
+
+    name: str
+    text: str
+
+
+class Version(msgspec.Struct, frozen=True):
+    """Something that the outcome of a computation depends on, and its version."""
+
+    name: str
+    version: str
+
+
+class Run(msgspec.Struct, frozen=True):
+    """What was flown, by what: all that is needed to build the same cores again.
+
+    `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records passes; `source` is
+    simulation, sitl or flight. `vehicles` are those whose cores are recorded here, out of the mission's.
+    """
+
+    format: int
+    mission: str
+    mission_text: str
+    plants: tuple[PlantText, ...]
+    seed: int
+    source: str
+    speed: float
+    began_s: float
+    duration_s: float
+    vehicles: tuple[int, ...]
+    versions: tuple[Version, ...]
+
+
+class Parameter(msgspec.Struct, frozen=True):
+    """A parameter of an autopilot."""
+
+    name: str
+    value: float
+
+
+class Vehicle(msgspec.Struct, frozen=True):
+    """What a vehicle's autopilot said of itself before take-off."""
+
+    autopilot: str
+    firmware: str
+    parameters: tuple[Parameter, ...]
+
+
+class Said(msgspec.Struct, frozen=True):
+    """`on_command`: an operator at this computer said this; the payload is the command's, as it goes over the bus."""
+
+    now_s: float
+    payload: bytes
+
+
+class Sent(msgspec.Struct, frozen=True):
+    """A message to the peers: its topic on the bus, and its bytes."""
+
+    topic: str
+    payload: bytes
+
+
+class OwnBelief(msgspec.Struct, frozen=True):
+    """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] and covariance (6, 6), row by row."""
+
+    time_s: float
+    mean: tuple[float, ...]
+    covariance: tuple[float, ...]
+
+
+class TargetBelief(msgspec.Struct, frozen=True):
+    """A vehicle's belief about the target: mean (4,) = [x y x' y'] and covariance (4, 4), row by row."""
+
+    time_s: float
+    mean: tuple[float, ...]
+    covariance: tuple[float, ...]
+    sighted_s: float
+    importance: float
+    threat: float
+
+
+class PolarMotion(msgspec.Struct, frozen=True):
+    """A vehicle's motion about the target."""
+
+    radius_m: float
+    bearing_rad: float
+    radial_speed_m_s: float
+    angular_rate_rad_s: float
+
+
+class Place(msgspec.Struct, frozen=True):
+    """A vehicle's place among the members of the ring; alone it has no neighbours."""
+
+    members: int
+    lead_rad: float | None
+    lag_rad: float | None
+
+
+class GuardWord(msgspec.Struct, frozen=True):
+    """What the guard did with the setpoint wished for, why, and up to which cause its demands had to yield."""
+
+    setpoint_m: tuple[float, ...]
+    status: str
+    causes: tuple[str, ...]
+    yielded: str | None
+
+
+class Decision(msgspec.Struct, frozen=True):
+    """All that came out of one tick: what it believed, what it decided and why, what it sent.
+
+    `peers` are the members that it counted on, `answers` what peers answered to operators, as it came over the bus.
+    """
+
+    time_s: float
+    tactic: str
+    mixing: float
+    setpoint: Setpoint | None
+    own: OwnBelief | None
+    target: TargetBelief | None
+    polar: PolarMotion | None
+    place: Place | None
+    approach: str | None
+    qp: str | None
+    guard: GuardWord | None
+    alert: str
+    notes: tuple[Note, ...]
+    sent: tuple[Sent, ...]
+    peers: tuple[int, ...]
+    answers: tuple[bytes, ...]
+    messages_dropped: int
+
+
+class Cost(msgspec.Struct, frozen=True):
+    """What the tick before took, within the control loop."""
+
+    time_s: float
+    tick_us: float
+
+
+class Truth(msgspec.Struct, frozen=True):
+    """Where a simulator knows that a vehicle was."""
+
+    time_s: float
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+
+
+class VehicleEnd(msgspec.Struct, frozen=True):
+    """How a vehicle's control loop fared as a whole, and when its mission ended and the way down began."""
+
+    ticks: int
+    missed: int
+    ended_s: float | None
+
+
+class RunEnd(msgspec.Struct, frozen=True):
+    """How a run ended: what was flown of the mission, and what it took on the wall's clock."""
+
+    flown_s: float
+    wall_time_s: float
+
+
+RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end"}
+VEHICLE_TOPICS: dict[type, str] = {
+    Patience: "patience",
+    Start: "start",
+    Told: "event",
+    Autopilot: "autopilot",
+    LateTicks: "late",
+    Bus: "bus",
+    Telemetry: "telemetry",
+    Sighting: "sighting",
+    Message: "message",
+    Said: "command",
+    Killed: "killed",
+    Presence: "presence",
+    Tick: "tick",
+    Decision: "decision",
+    Cost: "cost",
+    Truth: "truth",
+    VehicleEnd: "end",
+    Vehicle: "vehicle",
+}
+
+
+def recorded(item: object) -> object:
+    """Return what stands in a log for an item from a tape."""
+    if isinstance(item, TickOutput):
+        return decision_of(item)
+    if isinstance(item, Command):
+        return Said(item.now_s, encode(item.command))
+    return item
+
+
+def decision_of(output: TickOutput) -> Decision:
+    """Return a tick's output as it is recorded."""
+    status = output.status
+    guarded, own, target, polar, place = (
+        status.guarded,
+        status.own_estimate,
+        status.target_estimate,
+        status.polar,
+        status.place,
+    )
+    return Decision(
+        status.time_s,
+        status.tactic.value,
+        status.mixing,
+        output.setpoint,
+        None if own is None else _own_belief(own),
+        None if target is None else _target_belief(target),
+        None if polar is None else PolarMotion(*msgspec.structs.astuple(polar)),
+        None if place is None else Place(*msgspec.structs.astuple(place)),
+        None if status.approach is None else status.approach.value,
+        None if status.qp is None else status.qp.value,
+        None
+        if guarded is None
+        else GuardWord(
+            tuple(guarded.setpoint_m.tolist()),
+            guarded.status.value,
+            tuple([cause.words for cause in guarded.causes]),
+            None if guarded.yielded is None else guarded.yielded.words,
+        ),
+        status.alert,
+        status.notes,
+        tuple([Sent(message.topic, message.payload) for message in output.messages]),
+        tuple([peer.sender for peer in status.peers]),
+        tuple(map(encode, status.answers)),
+        status.messages_dropped,
+    )
+
+
+def _own_belief(own: OwnEstimate) -> OwnBelief:
+    return OwnBelief(own.time_s, tuple(own.mean.tolist()), tuple(own.covariance.ravel().tolist()))
+
+
+def _target_belief(target: TargetEstimate) -> TargetBelief:
+    return TargetBelief(
+        target.time_s,
+        tuple(target.mean.tolist()),
+        tuple(target.covariance.ravel().tolist()),
+        target.sighted_s,
+        target.importance,
+        target.threat,
+    )

@@ -1,0 +1,51 @@
+"""What a log says of the run as a whole, and the way back from there to the mission that was flown."""
+
+import platform
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from gcs.flightlog.records import FORMAT, PlantText, Run, Version
+from gcs.mission import Mission
+from gcs.mission_file import parse_mission
+
+_COMPUTES = ("cordon-gcs", "numpy", "osqp", "scipy", "filterpy", "msgspec")
+"""What a computed number may depend on."""
+
+
+def versions() -> tuple[Version, ...]:
+    """Return the versions that a bit-exact repetition depends on."""
+    here = (Version("python", platform.python_version()), Version("machine", platform.machine()))
+    return (*(Version(name, version(name)) for name in _COMPUTES), *here)
+
+
+def run_of(
+    mission: Mission,
+    vehicles: Sequence[int],
+    *,
+    seed: int,
+    source: str,
+    speed: float,
+    began_s: float,
+    duration_s: float,
+) -> Run:
+    """Return what is to be said of a run; `began_s` is Unix time."""
+    plants = tuple(PlantText(name, text) for name, text in sorted(mission.plant_texts.items()))
+    return Run(
+        format=FORMAT,
+        mission=mission.mission.name,
+        mission_text=mission.text,
+        plants=plants,
+        seed=seed,
+        source=source,
+        speed=speed,
+        began_s=began_s,
+        duration_s=duration_s,
+        vehicles=tuple(vehicles),
+        versions=versions(),
+    )
+
+
+def mission_of(run: Run) -> Mission:
+    """Return the mission that was flown, with its own plants; raises MissionError where this version refuses it."""
+    return parse_mission(run.mission_text, Path(), {plant.name: plant.text for plant in run.plants})

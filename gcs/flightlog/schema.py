@@ -1,0 +1,128 @@
+"""Protobuf schemas made from the frozen types of the records: nothing is written down twice.
+
+Field 1 of every record is its `number`. The others have their names, and field numbers by their place in the type: what
+is added goes to the end. Enums travel as the words that their members stand for, what may be None with presence.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError, Message
+from google.protobuf.message_factory import GetMessageClass
+from msgspec import inspect
+
+PACKAGE = "cordon"
+_SCALARS: dict[type[inspect.Type], FieldDescriptorProto.Type.ValueType] = {
+    inspect.FloatType: FieldDescriptorProto.TYPE_DOUBLE,
+    inspect.IntType: FieldDescriptorProto.TYPE_INT64,
+    inspect.BoolType: FieldDescriptorProto.TYPE_BOOL,
+    inspect.StrType: FieldDescriptorProto.TYPE_STRING,
+    inspect.BytesType: FieldDescriptorProto.TYPE_BYTES,
+    inspect.EnumType: FieldDescriptorProto.TYPE_STRING,
+    inspect.LiteralType: FieldDescriptorProto.TYPE_STRING,
+}
+_NOTHING: Mapping[str, inspect.Type] = {}
+
+
+class Codec:
+    """Encodes one type of record, and gives the schema that says how."""
+
+    def __init__(self, kind: type[Any]) -> None:
+        """Take a msgspec struct of numbers, words, bytes, enums, tuples and structs of such."""
+        file = FileDescriptorProto(name=f"{PACKAGE}/{kind.__name__}.proto", package=PACKAGE, syntax="proto3")
+        _add_message(file, inspect.type_info(kind), {"number": inspect.IntType()})
+        pool = DescriptorPool()
+        pool.Add(file)
+        self.name = f"{PACKAGE}.{kind.__name__}"
+        self.schema = FileDescriptorSet(file=[file]).SerializeToString()
+        self._message = GetMessageClass(pool.FindMessageTypeByName(self.name))
+
+    def encode(self, record: object, number: int) -> bytes:
+        """Return the bytes of a record and its number; equal ones have equal bytes."""
+        return self._message(number=number, **plain(record)).SerializeToString(deterministic=True)
+
+
+def plain(record: object) -> dict[str, Any]:
+    """Return a record as dicts, lists, numbers, words and bytes."""
+    return msgspec.to_builtins(record, builtin_types=(bytes,))  # type: ignore[no-any-return]  # a struct becomes a dict
+
+
+class Decoder:
+    """Decodes records of a file by the schema that the file holds, whichever version wrote it."""
+
+    def __init__(self, name: str, schema: bytes) -> None:
+        """Take a schema's name and its serialised FileDescriptorSet; raises ValueError when it is none."""
+        pool = DescriptorPool()
+        try:
+            for file in FileDescriptorSet.FromString(schema).file:
+                pool.Add(file)
+            self._message = GetMessageClass(pool.FindMessageTypeByName(name))
+        except (DecodeError, KeyError, TypeError) as error:
+            raise ValueError(f"the schema of {name} is damaged: {error}") from error
+
+    def decode(self, payload: bytes) -> dict[str, Any]:
+        """Return a record as plain data, None for what was not there; raises ValueError when it is damaged."""
+        try:
+            return _plain_message(self._message.FromString(payload))
+        except (DecodeError, UnicodeDecodeError) as error:
+            raise ValueError(str(error)) from error
+
+
+def _add_message(file: FileDescriptorProto, kind: inspect.Type, before: Mapping[str, inspect.Type] = _NOTHING) -> str:
+    """Add a struct's message and those within it, each once; return its full name. Fields may come `before` its own."""
+    assert isinstance(kind, inspect.StructType | inspect.DataclassType)
+    full_name = f".{PACKAGE}.{kind.cls.__name__}"
+    if any(message.name == kind.cls.__name__ for message in file.message_type):
+        return full_name
+    message = file.message_type.add(name=kind.cls.__name__)
+    fields = {**before, **{member.encode_name: member.type for member in kind.fields}}
+    for number, (name, each) in enumerate(fields.items(), start=1):
+        _add_field(file, message, name, number, each)
+    return full_name
+
+
+def _add_field(file: FileDescriptorProto, message: DescriptorProto, name: str, number: int, kind: inspect.Type) -> None:
+    single, repeated, optional = _taken_apart(kind)
+    added = message.field.add(
+        name=name,
+        number=number,
+        label=FieldDescriptorProto.LABEL_REPEATED if repeated else FieldDescriptorProto.LABEL_OPTIONAL,
+    )
+    if isinstance(single, inspect.StructType | inspect.DataclassType):
+        added.type = FieldDescriptorProto.TYPE_MESSAGE
+        added.type_name = _add_message(file, single)
+        return
+    added.type = _SCALARS[type(single)]
+    if optional:
+        added.proto3_optional = True
+        added.oneof_index = len(message.oneof_decl)
+        message.oneof_decl.add(name=f"_{name}")
+
+
+def _taken_apart(kind: inspect.Type) -> tuple[inspect.Type, bool, bool]:
+    """Return what a field holds, whether many of it, and whether perhaps none."""
+    if isinstance(kind, inspect.UnionType):
+        (some,) = (each for each in kind.types if not isinstance(each, inspect.NoneType))
+        single, repeated, _ = _taken_apart(some)
+        return single, repeated, True
+    if isinstance(kind, inspect.VarTupleType):
+        return kind.item_type, True, False
+    if isinstance(kind, inspect.TupleType):
+        return kind.item_types[0], True, False
+    return kind, False, False
+
+
+def _plain_message(message: Message) -> dict[str, Any]:
+    return {field.name: _plain_field(message, field) for field in message.DESCRIPTOR.fields}
+
+
+def _plain_field(message: Message, field: Any) -> Any:
+    value = getattr(message, field.name)
+    if field.is_repeated:
+        return [_plain_message(each) for each in value] if field.message_type else list(value)
+    if field.has_presence and not message.HasField(field.name):
+        return None
+    return _plain_message(value) if field.message_type else value

@@ -1,0 +1,49 @@
+"""Recording a simulated flight: what the cores do while they do it, and what the simulation knows afterwards."""
+
+from collections.abc import Sequence
+
+from agents.core import VehicleCore
+from agents.settings import AgentConfig
+from agents.tape import TapedCore
+from gcs.flightlog.recorder import Recorder, VehicleTape
+from gcs.flightlog.records import Cost, Run, RunEnd, Truth, VehicleEnd
+from gcs.flightlog.writer import LogWriter, Picture
+from sitl.simulation import SimulatedFlight
+
+
+class SimulationRecording:
+    """A recorder whose clock is the simulation's."""
+
+    def __init__(self, writer: LogWriter, run: Run, picture: Picture | None = None) -> None:
+        self.writer = writer
+        self._now_s = 0.0
+        self._recorder = Recorder(writer, lambda: self._now_s, lambda: 1.0, picture)
+        self._tapes: dict[int, VehicleTape] = {}
+        self._altitudes_m: dict[int, float] = {}
+        self._recorder.note(0, 0, run)
+
+    def core(self, config: AgentConfig) -> VehicleCore:
+        """Return a core that is recorded."""
+        self._altitudes_m[config.vehicle_id] = config.altitude_m
+        tape = self._tapes[config.vehicle_id] = self._recorder.tape(config.vehicle_id)
+        return TapedCore(config, tape)
+
+    def advance(self, now_s: float) -> None:
+        """Write what has happened so far; what happens from now on happens at `now_s` or after."""
+        self._now_s = now_s
+        self._recorder.drain()
+
+    def end(self, vehicles: Sequence[int], flight: SimulatedFlight, wall_time_s: float) -> None:
+        """Add the truth, and what each tick took."""
+        ticks = flight.time_s.size
+        for column, vehicle_id in enumerate(vehicles):
+            tape, altitude_m = self._tapes[vehicle_id], self._altitudes_m[vehicle_id]
+            motions, costs_us = flight.motion[:, column].tolist(), flight.tick_us[:, column].tolist()
+            for self._now_s, motion, tick_us in zip(flight.time_s.tolist(), motions, costs_us, strict=True):
+                x, y, x_rate, y_rate = motion
+                tape.note(Truth(self._now_s, (x, y, altitude_m), (x_rate, y_rate, 0.0)))
+                tape.note(Cost(self._now_s, tick_us))
+            tape.note(VehicleEnd(ticks, 0, None))
+            self._recorder.drain()
+        self._recorder.note(0, 0, RunEnd(float(flight.time_s[-1]), wall_time_s))
+        self._recorder.close()

@@ -1,0 +1,78 @@
+"""Writing records to an MCAP file and, if asked for, to whoever looks on through the Foxglove WebSocket."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import foxglove
+from foxglove import Channel, Context, Schema
+from foxglove.mcap import MCAPWriteOptions
+
+from gcs.flightlog.disk import Disk
+from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
+from gcs.flightlog.schema import Codec
+
+PROFILE = "cordon"
+SIZE_MAX_BYTES = 2_000_000_000
+"""A log that has grown to this ends there: two days of three vehicles at 10 Hz."""
+
+Picture = Callable[[int, int, Any], None]
+"""Shows a record as viewers know it: the vehicle, the time [ns], and the record."""
+
+
+class LogWriter:
+    """Writes records; once open it never raises: `fault` says what became of the file, empty if all is well."""
+
+    def __init__(self, path: Path | None, context: Context, size_max_bytes: int = SIZE_MAX_BYTES) -> None:
+        """Open the file, or write only to what else listens to the context; raises OSError when that fails."""
+        self.path = path
+        self._context = context
+        self._disk = None if path is None else Disk(path)
+        self._size_max_bytes = size_max_bytes
+        self._channels: dict[tuple[type, int], tuple[Channel, Codec]] = {}
+        options = MCAPWriteOptions(profile=PROFILE, compression_threads=0)
+        self._mcap = None
+        if self._disk is not None:
+            self._mcap = foxglove.open_mcap(self._disk, context=context, writer_options=options)  # type: ignore[arg-type]  # it is BinaryIO enough
+        self._full = False
+
+    @property
+    def fault(self) -> str:
+        """Why the file ends before the flight does."""
+        if self._full:
+            return f"it has reached {self._size_max_bytes / 1e6:.0f} MB"
+        return "" if self._disk is None else self._disk.fault
+
+    @property
+    def size_bytes(self) -> int:
+        """How much has been written to the file."""
+        return 0 if self._disk is None else self._disk.size_bytes
+
+    def write(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
+        """Write a vehicle's record, or one of the whole run with vehicle 0."""
+        kind: type[Any] = type(record)
+        channel, codec = self._channels.get((kind, vehicle_id)) or self._open_channel(kind, vehicle_id)
+        channel.log(codec.encode(record, number), log_time=log_time_ns)
+
+    def flush(self) -> None:
+        """Let the operating system have all that has been written, and end the file when it has grown too large."""
+        if self._mcap is not None:
+            self._mcap.flush()
+            if self.size_bytes > self._size_max_bytes:
+                self.close()
+                self._full = True
+
+    def close(self) -> None:
+        """Complete the file and close it."""
+        if self._mcap is not None and self._disk is not None:
+            self._mcap.close()
+            self._mcap = None
+            self._disk.close()
+
+    def _open_channel(self, kind: type[Any], vehicle_id: int) -> tuple[Channel, Codec]:
+        topic = f"/vehicle/{vehicle_id}/{VEHICLE_TOPICS[kind]}" if vehicle_id else f"/{RUN_TOPICS[kind]}"
+        codec = Codec(kind)
+        schema = Schema(name=codec.name, encoding="protobuf", data=codec.schema)
+        channel = Channel(topic, schema=schema, message_encoding="protobuf", context=self._context)
+        self._channels[kind, vehicle_id] = channel, codec
+        return channel, codec
