@@ -1,7 +1,9 @@
 """What happens to a team, for people: the notes of the vehicles here, and what those elsewhere show of themselves."""
 
+from collections.abc import Iterable
+
 from agents.messages import CommandAnswer, MemberState
-from agents.outputs import CoreStatus
+from agents.outputs import CoreStatus, Note
 from gcs.record import FlightEvent
 
 
@@ -17,22 +19,26 @@ class Chronicle:
 
     def note(self, status: CoreStatus) -> None:
         """Take what a vehicle of this process has noted, and what it heard of the others."""
-        self._here.add(status.vehicle_id)
-        self.events += [FlightEvent(n.time_s, status.vehicle_id, n.kind, n.text) for n in status.notes]
+        self.take(status.vehicle_id, status.notes)
         for peer in status.peers:
-            if peer.sender not in self._here:
-                self._watch(peer)
+            self.watch(peer)
         for answer in status.answers:
-            if answer.sender not in self._here:
-                self._hear(answer)
+            self.hear(answer)
+
+    def take(self, vehicle_id: int, notes: Iterable[Note]) -> None:
+        """Take what a vehicle of this process has noted."""
+        self._here.add(vehicle_id)
+        self.events += [FlightEvent(note.time_s, vehicle_id, note.kind, note.text) for note in notes]
 
     def news(self) -> list[FlightEvent]:
         """Return the events since the last time."""
         news, self._told = self.events[self._told :], len(self.events)
         return news
 
-    def _watch(self, peer: MemberState) -> None:
-        """Note what changed about a vehicle of another process."""
+    def watch(self, peer: MemberState) -> None:
+        """Note what changed about a vehicle of another process, by what it says."""
+        if peer.sender in self._here:
+            return
         before = self._last.get(peer.sender)
         if before is not None and peer.time_s < before.time_s:
             return
@@ -43,7 +49,10 @@ class Chronicle:
         if peer.alert != alert:
             self._add(peer, "failsafe", f"alert: {peer.alert}" if peer.alert else f"no alert any more: {alert}")
 
-    def _hear(self, answer: CommandAnswer) -> None:
+    def hear(self, answer: CommandAnswer) -> None:
+        """Note what a vehicle of another process answered to an operator."""
+        if answer.sender in self._here:
+            return
         key = (answer.sender, answer.number, answer.did)
         if key not in self._answered:
             self._answered.add(key)

@@ -1,11 +1,13 @@
 """What was seen of a flight while it was flown, and the flight record made of it."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.messages import MemberState
 from agents.outputs import CoreStatus
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.chronicle import Chronicle
@@ -40,26 +42,37 @@ class Journal:
         self._seen: defaultdict[int, _Sightings] = defaultdict(_Sightings)
         self._tick_us: list[float] = []
         self._guard = GuardTally()
-        self._chronicle = Chronicle()
+        self.chronicle = Chronicle()
         self.latest: dict[int, CoreStatus] = {}
 
     def news(self) -> list[FlightEvent]:
         """Return what has happened since the last time, on the team's clock."""
-        return self._chronicle.news()
+        return self.chronicle.news()
 
     def note(self, status: CoreStatus, tick_us: float | None) -> None:
         """Note one tick; outside the control loop, where it has no time, only what happened."""
-        self._chronicle.note(status)
+        self.chronicle.note(status)
         if tick_us is None:
             return
-        self._tick_us.append(tick_us)
-        self._guard.note(status.guarded)
+        self.tick(tick_us, () if status.guarded is None else [cause.words for cause in status.guarded.causes])
         self.latest[status.vehicle_id] = status
         if status.motion is not None:
-            self._seen[status.vehicle_id].add(status.time_s, status.motion, status.tactic.value)
+            self.see(status.vehicle_id, status.time_s, status.motion, status.tactic.value)
         for peer in status.peers:
-            motion = np.array([*peer.position_m, *peer.velocity_m_s])
-            self._seen[peer.sender].add(peer.time_s, motion, peer.tactic)
+            self.see_peer(peer)
+
+    def tick(self, tick_us: float, guarded: Sequence[str]) -> None:
+        """Note what a tick of a control loop took, and why its setpoint was changed, if it was."""
+        self._tick_us.append(tick_us)
+        self._guard.count(guarded)
+
+    def see(self, vehicle_id: int, time_s: float, motion: Vector, tactic: str) -> None:
+        """Note a vehicle's motion (4,) and tactic, unless it is older than what was noted last."""
+        self._seen[vehicle_id].add(time_s, motion, tactic)
+
+    def see_peer(self, peer: MemberState) -> None:
+        """Note what a peer says of itself."""
+        self.see(peer.sender, peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic)
 
     def record(
         self,
@@ -96,7 +109,7 @@ class Journal:
             loop=LoopStatistics(mission.mission.rate_hz, ticks, missed, np.array(self._tick_us)),
             wall_time_s=wall_time_s,
             guard=self._guard,
-            events=in_order(self._chronicle.events, start_s),
+            events=in_order(self.chronicle.events, start_s),
         )
 
     def _track(self, vehicle_id: int, seen: _Sightings, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:

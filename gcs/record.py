@@ -1,7 +1,7 @@
 """The record of a flight: what metrics, figures and reports are computed from."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -43,9 +43,14 @@ class GuardTally:
 
     def note(self, guarded: Guarded | None) -> None:
         """Count one tick."""
-        if guarded is not None and guarded.causes:
+        if guarded is not None:
+            self.count([cause.words for cause in guarded.causes])
+
+    def count(self, causes: Sequence[str]) -> None:
+        """Count one tick by the words for its causes; without any the guard let the wish pass."""
+        if causes:
             self.interventions += 1
-            self.causes.update(cause.words for cause in guarded.causes)
+            self.causes.update(causes)
 
 
 @dataclass(frozen=True, slots=True)

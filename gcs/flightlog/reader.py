@@ -39,6 +39,10 @@ class LogRecord(NamedTuple):
         """Return its fields, and its `number`, as plain data; raises ValueError when it is damaged."""
         return self.decoder.decode(self.payload)
 
+    def message(self) -> Any:
+        """Return it as Protobuf sees it; raises ValueError when it is damaged."""
+        return self.decoder.message(self.payload)
+
     def read(self, kind: type[RecordT]) -> RecordT:
         """Return it as the type that it is of; raises ValueError when it is damaged, or of another version's making."""
         return msgspec.convert(self.plain(), kind)

@@ -65,8 +65,12 @@ class Decoder:
 
     def decode(self, payload: bytes) -> dict[str, Any]:
         """Return a record as plain data, None for what was not there; raises ValueError when it is damaged."""
+        return _plain_message(self.message(payload))
+
+    def message(self, payload: bytes) -> Any:
+        """Return a record as Protobuf sees it, quicker for who wants a few fields of many records; the same errors."""
         try:
-            return _plain_message(self._message.FromString(payload))
+            return self._message.FromString(payload)
         except (DecodeError, UnicodeDecodeError) as error:
             raise ValueError(str(error)) from error
 
