@@ -84,8 +84,12 @@ class Journal:
         wall_time_s: float,
         source: str,
         truth: tuple[TruthTrack, ...] = (),
+        seed: int | None = None,
     ) -> FlightRecord:
-        """Make the record of the mission that began at `start_s`, from the truth where a simulator knows it."""
+        """Make the record of the mission that began at `start_s`, from the truth where a simulator knows it.
+
+        `seed` is what was flown with, unless it was the mission's.
+        """
         mission = self._mission
         time_s = np.arange(round(duration_s * mission.mission.rate_hz) + 1) / mission.mission.rate_hz
         true = {track.vehicle_id: track for track in truth}  # a stub knows its system id
@@ -99,7 +103,7 @@ class Journal:
         target = target_motion(mission)
         return FlightRecord(
             mission=mission.mission.name,
-            seed=mission.mission.seed,
+            seed=mission.mission.seed if seed is None else seed,
             source=source,
             reference="truth" if truth else "estimate",
             time_s=time_s,
