@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from time import monotonic
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
 from agents.outputs import TickOutput
 from agents.tape import CoreInput
@@ -22,11 +22,8 @@ QUEUE_MAX = 100_000
 """Items: minutes of a team's. More wait only for a disk that hangs; what comes then is lost, and its number missing."""
 
 
-class _Item(NamedTuple):
-    vehicle_id: int
-    number: int
-    time_s: float
-    record: object
+_Item = tuple[int, int, float, object]
+"""A vehicle's id (0: the run's), the number and time of the record, and the record or what makes one."""
 
 
 class Recorder:
@@ -54,27 +51,22 @@ class Recorder:
 
     def tape(self, vehicle_id: int) -> "VehicleTape":
         """Return the tape of a vehicle's core."""
-        return VehicleTape(vehicle_id, self)
+        return VehicleTape(vehicle_id, self._queue, self._now_s, self.urgent)
 
     def note(self, vehicle_id: int, number: int, record: object, time_s: float | None = None) -> None:
         """Take a record, of now unless a time is given; never blocks, never raises."""
-        self._queue.append(_Item(vehicle_id, number, self._now_s() if time_s is None else time_s, record))
-
-    @property
-    def is_full(self) -> bool:
-        """Whether what waits is too much already."""
-        return len(self._queue) >= QUEUE_MAX
+        self._queue.append((vehicle_id, number, self._now_s() if time_s is None else time_s, record))
 
     def drain(self) -> None:
         """Write all that has been taken so far."""
         queue, speed = self._queue, self._speed()
         while queue:
-            item = queue.popleft()
-            time_ns = round(max(item.time_s, 0.0) / speed * 1e9)
-            record = recorded(item.record)
-            self._writer.write(item.vehicle_id, item.number, time_ns, record)
+            vehicle_id, number, time_s, item = queue.popleft()
+            time_ns = round(max(time_s, 0.0) / speed * 1e9)
+            record = recorded(item)
+            self._writer.write(vehicle_id, number, time_ns, record)
             if self._picture is not None:
-                self._picture(item.vehicle_id, time_ns, record)
+                self._picture(vehicle_id, time_ns, record)
 
     def flush(self) -> None:
         """Write all that has been taken so far, so that it outlives this process."""
@@ -125,19 +117,24 @@ class RecorderThread:
 class VehicleTape:
     """The tape of one vehicle's core, and what is noted of the vehicle beside it."""
 
-    def __init__(self, vehicle_id: int, recorder: Recorder) -> None:
+    def __init__(
+        self, vehicle_id: int, queue: deque[_Item], now_s: Callable[[], float], urgent: threading.Event
+    ) -> None:
         self._vehicle_id = vehicle_id
-        self._recorder = recorder
+        self._queue = queue
+        self._now_s = now_s
+        self._urgent = urgent
         self._number = 0
 
     def write(self, item: CoreInput | TickOutput) -> None:
         """Take the next item; never blocks, never raises."""
         self.note(item)
-        if isinstance(item, TickOutput) and item.status.notes:
-            self._recorder.urgent.set()
+        if type(item) is TickOutput and item.status.notes:
+            self._urgent.set()
 
     def note(self, record: object, time_s: float | None = None) -> None:
         """Take any record, of now unless a time is given."""
         self._number += 1
-        if not self._recorder.is_full:
-            self._recorder.note(self._vehicle_id, self._number, record, time_s)
+        if len(self._queue) < QUEUE_MAX:
+            time_s = self._now_s() if time_s is None else time_s
+            self._queue.append((self._vehicle_id, self._number, time_s, record))

@@ -1,0 +1,27 @@
+"""What the tests of flight logs share: a short simulated flight on record."""
+
+from pathlib import Path
+
+from foxglove import Context
+
+from gcs.flightlog.run import run_of
+from gcs.flightlog.simulation import SimulationRecording
+from gcs.flightlog.writer import LogWriter
+from gcs.mission import Mission
+from gcs.record import FlightRecord
+from gcs.simulated import fly_simulated
+from tests.conftest import MISSIONS
+from tests.mission_text import content, parsed, put
+
+
+def engaging() -> Mission:
+    """Return case2-field with its target near: all engage within seconds, in noise and with lost messages."""
+    mission = content((MISSIONS / "case2-field.toml").read_text(encoding="utf-8"))
+    return parsed(put(mission, ("target", "start_m"), [8.0, -5.0]))
+
+
+def record_simulation(mission: Mission, path: Path, *, seed: int = 3, duration_s: float = 40.0) -> FlightRecord:
+    """Fly a mission in simulation, recorded at `path`."""
+    run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=1.7e9, duration_s=duration_s)
+    recording = SimulationRecording(LogWriter(path, Context()), run)
+    return fly_simulated(mission, seed, duration_s, lambda _: None, recording)
