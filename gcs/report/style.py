@@ -1,0 +1,37 @@
+"""How every figure looks: colours, lines and what marks what; the paper's figures and the report share it."""
+
+from typing import Any
+
+# Vehicles 1, 2, 3 are blue, red and green as in the paper, in shades that stay apart for colour-blind eyes.
+COLOURS = ("#0077BB", "#CC3311", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#882255", "#8A8A2A")
+DASHES = ("-", (0, (5, 1.2, 1, 1.2)), (0, (1, 1)), (0, (7, 1, 1, 1, 1, 1)))
+INK, FAINT, WINDOW, FAIL = "#333333", "#8A8A8A", "#F2F2F2", "#B3200A"
+DESIRED: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
+ENGAGED: dict[str, Any] = {"marker": "o", "markersize": 7, "markerfacecolor": "white", "markeredgewidth": 1.6}
+STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.7,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    # With the date left out of the metadata, the same flight gives the same file.
+    "svg.hashsalt": "cordon",
+}
+
+
+def vehicle_style(row: int, vehicles: int) -> dict[str, Any]:
+    """Return how the lines of one of several vehicles look: the colours in turn, then the same in another dash."""
+    return {
+        "color": COLOURS[row % len(COLOURS)],
+        "linestyle": DASHES[row // len(COLOURS) % len(DASHES)],
+        "linewidth": 1.0 if vehicles > len(COLOURS) else 1.4,
+    }

@@ -1,0 +1,37 @@
+"""Fewer points for the same line: a figure some hundred pixels wide shows no more, and a page has to travel."""
+
+import numpy as np
+
+from estimation.state import Vector
+
+
+def thinned(time_s: Vector, values: Vector, points_max: int) -> tuple[Vector, Vector]:
+    """Return at most `points_max` points of a line (at least 8): its ends, and the extremes of every stretch.
+
+    Every peak stays. A stretch with a gap (NaN) keeps one, so that the line stays broken there.
+    """
+    kept = _kept(values[:, None], points_max) if values.size > points_max else slice(None)
+    return time_s[kept], values[kept]
+
+
+def thinned_path(position_m: Vector, points_max: int) -> Vector:
+    """Return at most `points_max` points (at least 8) of a path (T, 2): its ends, and its outermost in x and in y."""
+    return position_m[_kept(position_m, points_max)] if len(position_m) > points_max else position_m
+
+
+def _kept(columns: Vector, points_max: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Return the indices of the samples (T, C) to keep, in order: per stretch, two a column and one for a gap."""
+    samples, width = columns.shape
+    stretches = max(1, (points_max - 2) // (2 * width + 1))
+    length = -(-samples // stretches)
+    padded = np.full((stretches * length, width), np.nan)
+    padded[:samples] = columns
+    blocks = padded.reshape(stretches, length, width)
+    missing = np.isnan(blocks)
+    lowest = np.where(missing, np.inf, blocks).argmin(axis=1)
+    highest = np.where(missing, -np.inf, blocks).argmax(axis=1)
+    gap = missing.any(axis=2).argmax(axis=1)[:, None]
+    within = np.concatenate((lowest, highest, gap), axis=1)
+    # Without a gap the last column says 0, the stretch's first sample: one point more, and none that is not there.
+    index = np.unique(within + length * np.arange(stretches)[:, None])
+    return np.unique(np.concatenate(([0], index[index < samples], [samples - 1])))
