@@ -46,6 +46,14 @@ def spaced_rate_rad_s(place: RingPlace, rate_rad_s: float, gain_per_s: float) ->
     return rate_rad_s + _scaled_gain_per_s(place.members, gain_per_s) / 3.0 * (place.lead_rad - place.lag_rad)
 
 
+def spacing_decay_per_s(members: int, gain_per_s: float) -> float:
+    """Return how fast (22) lets the slowest error of the spacings decay on a ring of at least two [1/s].
+
+    It is the gain itself, but on a ring so large that the bound on the fastest mode holds it back.
+    """
+    return 2.0 / 3.0 * _scaled_gain_per_s(members, gain_per_s) * (1.0 - cos(tau / members))
+
+
 def _scaled_gain_per_s(members: int, gain_per_s: float) -> float:
     """Return gamma for which the slowest of the ring modes `(2 gamma / 3) (1 - cos(2 pi k / n))` decays at the gain.
 

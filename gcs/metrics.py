@@ -104,6 +104,19 @@ def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
     return tuple(_grid_time(float(record.time_s[hit[0]])) if hit.size else None for hit in hits)
 
 
+def formation_errors(record: FlightRecord, formation: FormationReference) -> tuple[Vector, Vector]:
+    """Return how far every velocity [m/s] and place [m] in formation is off, (V, T) each.
+
+    NaN but from 30 s after the start to the first engagement, for a vehicle in formation; the first of the line has no
+    place to be off.
+    """
+    mask = _formation_mask(record, engagement_times_s(record))
+    speed_error_m_s = np.full(mask.shape, np.nan)
+    for row, track in enumerate(record.vehicles):
+        speed_error_m_s[row, mask[row]] = np.hypot(*(track.velocity_m_s[mask[row]] - (formation.speed_m_s, 0.0)).T)
+    return speed_error_m_s, _formation_spacing_error_m(record, formation, mask)
+
+
 def ring_motion(record: FlightRecord) -> RingMotion:
     """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate."""
     shape = (len(record.vehicles), record.time_s.size)
@@ -207,12 +220,10 @@ def _vehicle_results(
     window: Mask,
 ) -> tuple[VehicleResult, ...]:
     engaged_s = engagement_times_s(record)
-    in_formation = _formation_mask(record, engaged_s)
-    spacing_error_m = _formation_spacing_error_m(record, formation, in_formation)
+    speed_error_m_s, spacing_error_m = formation_errors(record, formation)
     known = _heard(record)
     results = []
     for row, track in enumerate(record.vehicles):
-        velocity_m_s = track.velocity_m_s[in_formation[row]]
         radius_error_m = motion.radius_m[row, window] - ring.radius_m
         rate_rad_s, bearing_rad = motion.rate_rad_s[row, window], motion.bearing_rad[row, window]
         last_tactic = track.tactic[known[row]][-1:]
@@ -224,7 +235,7 @@ def _vehicle_results(
             radius_error_max_m=_largest(radius_error_m),
             angular_rate_mean_rad_s=_mean_rate_rad_s(record.time_s[window], bearing_rad, rate_rad_s),
             angular_rate_error_rms_rad_s=_rms(rate_rad_s - ring.angular_rate_rad_s),
-            formation_speed_error_rms_m_s=_rms(np.hypot(*(velocity_m_s - (formation.speed_m_s, 0.0)).T)),
+            formation_speed_error_rms_m_s=_rms(speed_error_m_s[row]),
             formation_spacing_error_rms_m=_rms(spacing_error_m[row]),
         )
         results.append(result)
