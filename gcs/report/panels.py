@@ -202,3 +202,8 @@ def say(axes: "Axes", text: str) -> None:
     """Say why a panel is empty."""
     axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=FAINT)
+
+
+def said(axes: "Axes") -> str:
+    """Return why a panel is empty, as `say` said it there; empty if it is not."""
+    return axes.texts[0].get_text() if axes.texts and not axes.get_xticks().size else ""

@@ -5,6 +5,18 @@ from typing import Any
 # Vehicles 1, 2, 3 are blue, red and green as in the paper, in shades that stay apart for colour-blind eyes.
 COLOURS = ("#0077BB", "#CC3311", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#882255", "#8A8A2A")
 DASHES = ("-", (0, (5, 1.2, 1, 1.2)), (0, (1, 1)), (0, (7, 1, 1, 1, 1, 1)))
+# Tol's light scheme, made for fills behind dark words.
+TACTIC_COLOURS = {
+    "standby": "#DDDDDD",
+    "formation": "#99DDFF",
+    "encircle": "#BBCC33",
+    "aside": "#FFAABB",
+    "hold": "#EEDD88",
+    "come down": "#77AADD",
+    "land": "#AAAAAA",
+    "stood down": "#EE8866",
+    "unknown": "#F7F7F7",
+}
 INK, FAINT, WINDOW, FAIL = "#333333", "#8A8A8A", "#F2F2F2", "#B3200A"
 DESIRED: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
 ENGAGED: dict[str, Any] = {"marker": "o", "markersize": 7, "markerfacecolor": "white", "markeredgewidth": 1.6}

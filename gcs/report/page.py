@@ -1,0 +1,77 @@
+"""The report of a flight as one file of HTML: no scripts, nothing from the network; for screens, phones and paper."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from gcs.record import FlightRecord
+from gcs.report.asked import Asked
+from gcs.report.evidence import FlightEvidence
+from gcs.report.sections import flight_of, sections
+from gcs.report.style import vehicle_style
+from gcs.report.words import headline, summary, verdicts
+from gcs.result import FlightResult
+
+_REFERENCES = {"truth": "the simulator's truth", "estimate": "the vehicles' estimates"}
+
+
+@dataclass(frozen=True, slots=True)
+class KeyLine:
+    """How the lines of one vehicle look, for the key of the page."""
+
+    words: str
+    colour: str
+    dashes: str
+
+
+def write_report(evidence: FlightEvidence, result: FlightResult, asked: Asked, path: Path) -> None:
+    """Write the report of a flight to a file; raises OSError when it cannot be written."""
+    path.write_text(report_html(evidence, result, asked), encoding="utf-8")
+
+
+def report_html(evidence: FlightEvidence, result: FlightResult, asked: Asked) -> str:
+    """Return the report of a flight as a page of HTML."""
+    flight = flight_of(evidence, result, asked)
+    return render(
+        "report.html.j2",
+        result=result,
+        facts=_facts(evidence, result),
+        headline=headline(result),
+        verdicts=verdicts(result, asked),
+        summary=summary(result, asked),
+        key=key_of(evidence.record),
+        sections=sections(flight),
+    )
+
+
+def render(template: str, **context: object) -> str:
+    """Return a page made from a template of this package; whatever is not HTML already is escaped."""
+    environment = Environment(
+        loader=PackageLoader("gcs.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(**context)
+
+
+def key_of(record: FlightRecord) -> tuple[KeyLine, ...]:
+    """Return which lines are which vehicle's."""
+    lines = []
+    for row, track in enumerate(record.vehicles):
+        style = vehicle_style(row, len(record.vehicles))
+        dashes = "" if style["linestyle"] == "-" else " ".join(f"{2.0 * part:g}" for part in style["linestyle"][1])
+        lines.append(KeyLine(f"vehicle {track.vehicle_id}", style["color"], dashes))
+    return tuple(lines)
+
+
+def _facts(evidence: FlightEvidence, result: FlightResult) -> dict[str, str]:
+    return {
+        **evidence.facts,
+        "flown": f"{result.source}, seed {result.seed}" if result.source != "flight" else "flight",
+        "duration": f"{result.duration_s:g} s at {result.loop.rate_hz:g} Hz",
+        "vehicles": ", ".join(str(track.vehicle_id) for track in evidence.record.vehicles) or "none",
+        "judged by": _REFERENCES.get(result.reference, result.reference),
+    }

@@ -1,0 +1,220 @@
+"""The tables of a report: numbers beside the charts, as text."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimation.state import Vector
+from gcs.live import number
+from gcs.metrics import Mask
+from gcs.record import FlightEvent, FlightRecord
+from gcs.report.evidence import FlightEvidence, Hearing, VehicleEvidence
+from gcs.report.lyapunov import FALLEN_SHARE, Decay
+from gcs.report.panels_inside import SIGMAS, Error, intervals_ms
+from gcs.report.reynolds import Flocking, condensed
+from gcs.report.view import Table
+from gcs.result import FlightResult
+
+_FOLDED_ROWS = 12
+
+
+def vehicle_table(result: FlightResult) -> Table:
+    """Return the metrics of every vehicle."""
+    columns = (
+        "vehicle",
+        "tactic at the end",
+        "engaged [s]",
+        "radius error rms [m]",
+        "at most [m]",
+        "mean rate [rad/s]",
+        "rate error rms [rad/s]",
+        "formation speed error rms [m/s]",
+        "formation spacing error rms [m]",
+    )
+    rows = [
+        (
+            str(v.id),
+            v.tactic,
+            number(v.engaged_at_s, ".1f"),
+            number(v.radius_error_rms_m, ".3f"),
+            number(v.radius_error_max_m, ".3f"),
+            number(v.angular_rate_mean_rad_s, "+.4f"),
+            number(v.angular_rate_error_rms_rad_s, ".4f"),
+            number(v.formation_speed_error_rms_m_s, ".3f"),
+            number(v.formation_spacing_error_rms_m, ".3f"),
+        )
+        for v in result.vehicles
+    ]
+    return Table("Metrics of every vehicle", columns, tuple(rows), words=2)
+
+
+def ring_table(result: FlightResult) -> Table:
+    """Return the metrics of the team."""
+    ring, loop = result.ring, result.loop
+    rows = (
+        ("settling time after the last engagement [s]", number(ring.settling_time_s, ".1f")),
+        ("spacing error rms [°]", number(ring.spacing_error_rms_deg, ".2f")),
+        ("spacing error at most [°]", number(ring.spacing_error_max_deg, ".2f")),
+        (
+            "window of the ring's metrics [s]",
+            "–" if result.window_s is None else "{:g} to {:g}".format(*result.window_s),
+        ),
+        ("closest approach [m]", number(result.closest_approach_m, ".3f")),
+        ("setpoints changed by the guard", number(result.guard_interventions, "d")),
+        ("ticks, and of them missed", f"{loop.ticks}, {loop.missed}"),
+        ("wall time [s]", number(result.wall_time_s, ".1f")),
+        ("times real time", number(result.realtime_factor, ".3g")),
+    )
+    return Table("Metrics of the team", ("metric", "value"), rows)
+
+
+def event_table(events: Sequence[FlightEvent]) -> Table:
+    """Return all that happened, in order."""
+    rows = tuple((f"{event.time_s:.1f}", str(event.vehicle), event.kind, event.text) for event in events)
+    count = f"All {len(rows)} events" if len(rows) != 1 else "The only event"
+    return Table(count, ("time [s]", "vehicle", "kind", "what"), rows, words=4, folded=True)
+
+
+def flocking_table(figures: Flocking, record: FlightRecord, result: FlightResult) -> Table:
+    """Return Reynolds' figures in formation, on the ring, and over the whole flight."""
+    engaged_s = [v.engaged_at_s for v in result.vehicles if v.engaged_at_s is not None]
+    time_s, everything = record.time_s, np.ones(record.time_s.shape, dtype=np.bool_)
+    spans: list[tuple[str, Mask]] = [("until the first engaged", time_s < min(engaged_s))] if engaged_s else []
+    if result.window_s is not None:
+        spans.append(("window of the ring", (time_s >= result.window_s[0]) & (time_s <= result.window_s[1])))
+    rows = []
+    for name, span in [*spans, ("whole flight", everything)]:
+        n = condensed(figures, span)
+        rows.append(
+            (
+                name,
+                number(n.nearest_min_m, ".2f"),
+                number(n.nearest_mean_m, ".2f"),
+                number(n.mismatch_rms_m_s, ".3f"),
+                number(n.order_mean, ".3f"),
+                number(n.off_centre_mean_m, ".2f"),
+                number(n.off_centre_max_m, ".2f"),
+            )
+        )
+    columns = (
+        "stretch",
+        "nearest other, least [m]",
+        "mean [m]",
+        "velocity mismatch rms [m/s]",
+        "order parameter, mean",
+        "off the centroid, mean [m]",
+        "at most [m]",
+    )
+    return Table("Reynolds' rules in numbers", columns, tuple(rows))
+
+
+def decay_table(stretches: Sequence[Decay]) -> Table:
+    """Return how V fell after every change of the ring."""
+    rows = tuple(
+        (
+            f"{each.start_s:.1f}",
+            str(each.members),
+            f"{each.start_rad2:.3g}",
+            number(each.fell_after_s, ".1f"),
+            number(each.promised_after_s, ".1f"),
+        )
+        for each in stretches
+    )
+    share = f"{FALLEN_SHARE:.0%}"
+    columns = ("from [s]", "members", "V then [rad²]", f"below {share} after [s]", "promised [s]")
+    return Table("How V fell after every change of the ring", columns, rows)
+
+
+def error_table(caption: str, errors: Sequence[Error], evidence: FlightEvidence) -> Table:
+    """Return how large the errors were, and how often they stayed within the bounds that the vehicle believed in."""
+    rows = []
+    for error in errors:
+        known = np.isfinite(error.error_m).all(axis=1)
+        off_m, bound_m = error.error_m[known], SIGMAS * error.sigma_m[known]
+        length_m = np.hypot(*off_m.T)
+        vehicle_id = str(evidence.vehicles[error.row].vehicle_id)
+        if not known.any():
+            rows.append((vehicle_id, *["–"] * 4))
+            continue
+        rows.append(
+            (
+                vehicle_id,
+                f"{np.sqrt(np.mean(length_m**2)):.3f}",
+                f"{length_m.max():.3f}",
+                f"{bound_m.mean():.3f}",
+                f"{np.mean(np.abs(off_m) <= bound_m):.1%}",
+            )
+        )
+    columns = ("vehicle", "rms [m]", "at most [m]", "mean 3σ [m]", "within 3σ")
+    return Table(caption, columns, tuple(rows))
+
+
+def loop_table(evidence: FlightEvidence) -> Table:
+    """Return how every loop kept its time, and where its plans and setpoints came from."""
+    rows = []
+    for vehicle in evidence.vehicles:
+        loop = vehicle.loop
+        if not loop.time_s.size:
+            rows.append((str(vehicle.vehicle_id), *["–"] * 10))
+            continue
+        p50_us, p99_us, most_us = np.percentile(loop.tick_us, (50, 99, 100))
+        rows.append(
+            (
+                str(vehicle.vehicle_id),
+                str(loop.time_s.size),
+                str(round(float(loop.skipped.sum()))),
+                *(f"{value:.0f}" for value in (p50_us, p99_us, most_us)),
+                *(str(int((loop.qp == name).sum())) for name in ("bounded", "fallback")),
+                *(str(int((loop.guard == name).sum())) for name in ("changed", "yielded", "braked")),
+            )
+        )
+    columns = (
+        "vehicle",
+        "ticks",
+        "missed",
+        "median [µs]",
+        "99 % [µs]",
+        "at most [µs]",
+        "plans on a bound",
+        "fallback plans",
+        "guard changed",
+        "yielded",
+        "braked",
+    )
+    return Table("Every control loop", columns, tuple(rows))
+
+
+def link_table(evidence: FlightEvidence) -> Table:
+    """Return what every vehicle heard of its own autopilot and of every other vehicle."""
+    rows = []
+    for vehicle in evidence.vehicles:
+        heard = [("own\u00a0autopilot", vehicle.telemetry)]
+        heard += [(f"vehicle\u00a0{sender}", hearing) for sender, hearing in sorted(vehicle.peers.items())]
+        rows += [_heard_row(vehicle, source, hearing) for source, hearing in heard if hearing.heard_s.size]
+    columns = (
+        "heard by",
+        "from",
+        "messages",
+        "interval, median [ms]",
+        "longest gap [ms]",
+        "age, median [ms]",
+        "99 % [ms]",
+        "oldest [ms]",
+    )
+    return Table("Who heard whom", columns, tuple(rows), words=2, folded=len(rows) > _FOLDED_ROWS)
+
+
+def _heard_row(vehicle: VehicleEvidence, source: str, hearing: Hearing) -> tuple[str, ...]:
+    _, interval_ms = intervals_ms(hearing)
+    ages_ms = 1e3 * hearing.age_s[np.isfinite(hearing.age_s)]
+    return (
+        f"vehicle\u00a0{vehicle.vehicle_id}",
+        source,
+        str(hearing.heard_s.size),
+        *_percentiles(interval_ms, (50, 100)),
+        *_percentiles(ages_ms, (50, 99, 100)),
+    )
+
+
+def _percentiles(values: Vector, shares: tuple[int, ...]) -> list[str]:
+    return [f"{value:.0f}" for value in np.percentile(values, shares)] if values.size else ["–"] * len(shares)
