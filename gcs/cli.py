@@ -130,6 +130,29 @@ def fly(
 
 
 @app.command
+def report(
+    logs: Annotated[list[Path], Parameter(help="A flight's log, or several: one of each process of a flight.")],
+    /,
+    *,
+    html: Annotated[Path | None, Parameter(group=_RESULT, help="Write the report, a page for any browser.")] = None,
+    compare: Annotated[
+        Path | None, Parameter(group=_RESULT, help="Show this log's flight beside the other, and what differs.")
+    ] = None,
+    json: Json = False,
+    plot: Plot = None,
+) -> Exit:
+    """Evaluate a flight from its log: the metrics and verdicts, the paper's figures, and what happened.
+
+    Example: cordon report flight.mcap --html flight.html
+    """
+    from gcs.report.command import compare_flights, report_flight  # noqa: PLC0415
+
+    if compare is not None:
+        return compare_flights(logs, compare, json=json, html=html)
+    return report_flight(logs, json=json, html=html, plot=plot)
+
+
+@app.command
 def check(mission: MissionName, *, json: Json = False) -> Exit:
     """Preflight, without arming: is the mission feasible, are its vehicles fit to fly it? Parameters are only read.
 

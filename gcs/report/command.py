@@ -1,0 +1,85 @@
+"""`cordon report`: from logs to metrics, for people, machines and browsers."""
+
+import json as json_text
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gcs.compose import ring_reference
+from gcs.exits import Exit, InputError
+from gcs.flightlog.reader import read_log
+from gcs.metrics import evaluate
+from gcs.output import STDERR, check_plot, present, print_result
+from gcs.report.asked import asked_of
+from gcs.report.reading import LoggedFlight, read_flight
+from gcs.result import FlightResult
+
+
+def report_flight(paths: Sequence[Path], *, json: bool, html: Path | None, plot: Path | None) -> Exit:
+    """Show what the logs of a flight's processes hold; raises LogError and InputError."""
+    check_plot(plot)
+    _check_page(html, paths)
+    flight = _read(paths)
+    if html is not None:
+        from gcs.report.page import write_report  # noqa: PLC0415
+
+        _write(html, lambda: write_report(flight.evidence, _result(flight), asked_of(flight.mission), html))
+    return present(flight.mission, flight.evidence.record, json=json, plot=plot)
+
+
+def compare_flights(first: Sequence[Path], second: Path, *, json: bool, html: Path | None) -> Exit:
+    """Show two flights side by side; raises LogError and InputError."""
+    from gcs.report.compare import ComparedFlight, comparison_table, write_comparison  # noqa: PLC0415
+
+    _check_page(html, [*first, second])
+    flights = [_read(first), _read([second])]
+    results = [_result(flight) for flight in flights]
+    one, other = (
+        ComparedFlight(name, result, flight.evidence.record, ring_reference(flight.mission))
+        for name, flight, result in zip(_names(first[0], second), flights, results, strict=True)
+    )
+    STDERR.print(comparison_table(one, other))
+    if html is not None:
+        _write(html, lambda: write_comparison(one, other, html))
+    if json:
+        print_result(json_text.dumps({"flights": [result.to_dict() for result in results]}, allow_nan=False))
+    return Exit.HOLDS if all(result.all_hold for result in results) else Exit.VERDICT_FAILED
+
+
+def _read(paths: Sequence[Path]) -> LoggedFlight:
+    logs = [read_log(path) for path in paths]
+    for log in logs:
+        for fault in log.faults:
+            STDERR.print(f"{log.path}: {fault}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+    return read_flight(logs)
+
+
+def _result(flight: LoggedFlight) -> FlightResult:
+    asked = asked_of(flight.mission)
+    return evaluate(flight.evidence.record, asked.ring, asked.formation, asked.tolerances)
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """Return what the two flights are called: their files' names, or whole paths where those are the same."""
+    return (first.stem, second.stem) if first.stem != second.stem else (str(first), f"{second} (second)")
+
+
+def _check_page(html: Path | None, logs: Sequence[Path]) -> None:
+    """Refuse, before anything is read, a page that could not be written, or would replace a log."""
+    if html is None:
+        return
+    if html.suffix.lower() not in (".html", ".htm"):
+        raise InputError([f"--html: {html.name!r} must end in .html"])
+    if html.is_dir() or html in logs:
+        raise InputError([f"--html: {str(html)!r} is a {'folder' if html.is_dir() else 'log'}"])
+    if not html.parent.is_dir() or not os.access(html.parent, os.W_OK):
+        raise InputError([f"--html: no folder {str(html.parent)!r} to write into"])
+
+
+def _write(html: Path, write: Callable[[], None]) -> None:
+    try:
+        write()
+    except OSError as error:
+        raise InputError([f"--html: {html}: {error.strerror or error}"]) from error
+    size = f"{html.stat().st_size / 1e6:.1f} MB"
+    STDERR.print(f"report: {html} ({size})", markup=False, highlight=False, soft_wrap=True)
