@@ -183,6 +183,9 @@ def drill(
         list[str] | None,
         Parameter(negative="", help="Only this fault, as killed-agent or foreign-mode; may be given again."),
     ] = None,
+    log: Annotated[
+        Path | None, Parameter(group=_RESULT, help="Record the flights in this folder, a log for each flight.")
+    ] = None,
     json: Json = False,
 ) -> Exit:
     """Bring one fault after another upon a team of stub vehicles, and measure how it reacts: nothing real flies.
@@ -191,7 +194,7 @@ def drill(
     """
     from gcs.commands import drill_team  # noqa: PLC0415
 
-    return drill_team(mission, fault or [], json=json)
+    return drill_team(mission, fault or [], log=log, json=json)
 
 
 @app.command

@@ -157,16 +157,19 @@ def watch_team(mission_name: str) -> Exit:
     return Exit.HOLDS
 
 
-def drill_team(name: str, faults: Sequence[str], *, json: bool) -> Exit:
-    """`cordon drill`."""
+def drill_team(name: str, faults: Sequence[str], *, log: Path | None, json: bool) -> Exit:
+    """`cordon drill`; its flights are recorded if there is a folder for their logs."""
     from gcs.drill import DrillRun  # noqa: PLC0415
     from gcs.drill_stubs import StubFlight  # noqa: PLC0415
     from gcs.drill_view import DrillProgress, drill_table, drills_json  # noqa: PLC0415
     from gcs.drills import chosen  # noqa: PLC0415
 
     drills, mission = chosen(faults), load_mission(name)
+    if log is not None and not log.is_dir():
+        raise InputError([f"--log: no folder {str(log)!r} for the logs of the drill's flights"])
+    fly = partial(StubFlight, logs=log)
     try:
-        rows = asyncio.run(DrillRun(name, StubFlight, drills, DrillProgress(STDERR, len(drills))).run())
+        rows = asyncio.run(DrillRun(name, fly, drills, DrillProgress(STDERR, len(drills))).run())
     except VehicleRefusedError as refusal:
         _say(refusal.reason, refusal.next_step)
         return Exit.REFUSED

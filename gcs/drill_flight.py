@@ -19,7 +19,7 @@ from agents.zenoh_bus import ZenohBus
 from estimation.frames import Triple
 from gcs.ailments import Ailments
 from gcs.drill_judge import OFFBOARD, TeamLog
-from gcs.drill_victim import SOCKET
+from gcs.drill_victim import LOGS, SOCKET
 from gcs.mission_file import parse_mission
 from gcs.operator import Operator
 
@@ -55,12 +55,14 @@ class DrillFlight:
     What its vehicles are, a subclass says: it serves them, looks at them, and takes back what was done to them.
     """
 
-    def __init__(self, text: str, speed: float) -> None:
+    def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
+        """Take a mission's text; the flight is recorded if there is a folder for `logs`."""
         self.mission = parse_mission(text, Path())
         self.log = TeamLog()
         self.speed = speed
         self.positions_m: dict[int, Triple] = {}
         self._text = text
+        self._logs = logs
         self._victim = Victim()
         self._stack = AsyncExitStack()
         self._process: asyncio.subprocess.Process | None = None
@@ -162,7 +164,7 @@ class DrillFlight:
     async def _fly(self, mission_file: Path, path: Path) -> None:
         self._process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "gcs.drill_victim", str(mission_file), f"{self.speed:g}", f"{_FLIGHT_S:g}"),
-            env={**os.environ, SOCKET: str(path), "TERM": "dumb", "COLUMNS": "200"},
+            env={**os.environ, SOCKET: str(path), LOGS: str(self._logs or ""), "TERM": "dumb", "COLUMNS": "200"},
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,

@@ -4,6 +4,7 @@ import asyncio
 import time
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
+from pathlib import Path
 
 from agents.ports import VehicleRefusedError
 from gcs.drill_flight import DrillFlight
@@ -35,8 +36,8 @@ class Pace:
 class StubFlight(DrillFlight):
     """A flight of stub vehicles."""
 
-    def __init__(self, text: str, speed: float) -> None:
-        super().__init__(text, speed)
+    def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
+        super().__init__(text, speed, logs)
         self.stubs: dict[int, Stub] = {}
         self._pace = Pace(speed)
         self._received: dict[int, int] = {}

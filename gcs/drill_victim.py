@@ -13,6 +13,8 @@ from gcs.supervisor import is_supervised, supervise
 
 SOCKET = "CORDON_DRILL"
 """The environment variable that names the socket."""
+LOGS = "CORDON_DRILL_LOGS"
+"""The environment variable that names the folder for the flight's log; empty: it is not recorded."""
 
 
 def main() -> int:
@@ -22,8 +24,11 @@ def main() -> int:
         return supervise(_tell)
     from gcs.ailments import FailingEquipment, Patient  # noqa: PLC0415
     from gcs.commands import fly_mission  # noqa: PLC0415
+    from gcs.flightlog.place import FOLDER_VARIABLE  # noqa: PLC0415
 
     mission, speed, duration = sys.argv[1:]
+    logs = os.environ[LOGS]
+    os.environ[FOLDER_VARIABLE] = logs
     patient = Patient()
     patient.listen(os.environ[SOCKET])
     return fly_mission(
@@ -35,7 +40,7 @@ def main() -> int:
         log=None,
         json=False,
         plot=None,
-        recorded=False,
+        recorded=bool(logs),
         equipment=FailingEquipment(patient),
     )
 
