@@ -7,24 +7,32 @@ Python and numpy like the loop itself, so that the ratio says more than microsec
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import cos, pi, sin
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
+from foxglove import Context
 
 from agents.guard import Guard
 from agents.neighbours import Neighbours
+from gcs.flightlog.run import run_of
+from gcs.flightlog.simulation import SimulationRecording
+from gcs.flightlog.writer import LogWriter
 from gcs.mission import Mission
 from gcs.mission_file import load_mission
+from gcs.record import FlightRecord
 from gcs.simulated import fly_simulated
 from tests.conftest import MISSIONS
 from tests.mission_text import content, parsed
 
 REFERENCE_RUNS = 5000
 MEETING_S = 40.0
+PAIRS, PAIR_S = 7, 200.0
 
 
 def reference_us() -> float:
@@ -100,6 +108,40 @@ def print_guard(count: int, reference: float) -> None:
         )
 
 
+def print_recording(reference: float) -> None:
+    """Fly in pairs, one of them on record, and print what that adds to a tick and costs between ticks."""
+    mission, plain, taped, written = load_mission("case2"), [], [], []
+    with TemporaryDirectory() as folder:
+        for pair in range(PAIRS):
+            plain.append(_tick_us(fly_simulated(mission, 0, PAIR_S, lambda _: None)))
+            run = run_of(mission, mission.ids, seed=0, source="simulation", speed=1.0, began_s=0.0, duration_s=PAIR_S)
+            path = Path(folder) / f"{pair}.mcap"
+            recording = TimedRecording(LogWriter(path, Context()), run)
+            taped.append(_tick_us(fly_simulated(mission, 0, PAIR_S, lambda _: None, recording)))
+            written.append(recording.took_us / (PAIR_S * mission.mission.rate_hz * len(mission.ids)))
+        megabytes = path.stat().st_size / 1e6 * 600.0 / PAIR_S
+    added = median(with_log - without for with_log, without in zip(taped, plain, strict=True))
+    print(
+        f"recording: adds {added:.1f} us = {added / reference:.2f} references to a tick of {median(plain):.0f} us; "
+        f"writing takes {median(written):.0f} us a tick, beside the loop; {megabytes:.1f} MB in ten minutes of three"
+    )
+
+
+class TimedRecording(SimulationRecording):
+    """A recording that knows how long its writing took."""
+
+    took_us = 0.0
+
+    def advance(self, now_s: float) -> None:
+        began = perf_counter()
+        super().advance(now_s)
+        self.took_us += (perf_counter() - began) * 1e6
+
+
+def _tick_us(record: FlightRecord) -> float:
+    return float(np.median(record.loop.tick_us))
+
+
 def main() -> None:
     """Fly each bundled mission in simulation, and print what a tick costs: telemetry, estimates, decision, plan."""
     reference = reference_us()
@@ -112,6 +154,7 @@ def main() -> None:
         print(f"{name}: tick {tick:.0f} us = {tick / reference:.2f} references; {speed:.0f} times real time")
     for count in (3, 16):
         print_guard(count, reference)
+    print_recording(reference)
 
 
 if __name__ == "__main__":

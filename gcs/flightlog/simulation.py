@@ -10,13 +10,16 @@ from gcs.flightlog.records import Cost, Run, RunEnd, Truth, VehicleEnd
 from gcs.flightlog.writer import LogWriter, Picture
 from sitl.simulation import SimulatedFlight
 
+DRAIN_PERIOD_S = 1.0
+"""Writing in between would leave the next tick a processor whose caches are full of other things."""
+
 
 class SimulationRecording:
     """A recorder whose clock is the simulation's."""
 
     def __init__(self, writer: LogWriter, run: Run, picture: Picture | None = None) -> None:
         self.writer = writer
-        self._now_s = 0.0
+        self._now_s = self._drained_s = 0.0
         self._recorder = Recorder(writer, lambda: self._now_s, lambda: 1.0, picture)
         self._tapes: dict[int, VehicleTape] = {}
         self._altitudes_m: dict[int, float] = {}
@@ -29,9 +32,11 @@ class SimulationRecording:
         return TapedCore(config, tape)
 
     def advance(self, now_s: float) -> None:
-        """Write what has happened so far; what happens from now on happens at `now_s` or after."""
+        """Let time pass: what happens from now on happens at `now_s` or after. Now and then write what has happened."""
         self._now_s = now_s
-        self._recorder.drain()
+        if now_s - self._drained_s >= DRAIN_PERIOD_S:
+            self._drained_s = now_s
+            self._recorder.drain()
 
     def end(self, vehicles: Sequence[int], flight: SimulatedFlight, wall_time_s: float) -> None:
         """Add the truth, and what each tick took."""
