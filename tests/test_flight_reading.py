@@ -43,6 +43,16 @@ def test_the_result_is_that_of_the_flight_to_the_last_digit(flown: tuple[FlightR
     assert any(vehicle.engaged_at_s is not None for vehicle in result(engaging(), record).vehicles)
 
 
+def test_what_the_guard_did_and_why_is_in_the_log(tmp_path: Path) -> None:
+    crossing, path = load_mission("crossing"), tmp_path / "crossing.mcap"
+    record = record_simulation(crossing, path, duration_s=15.0)
+    flight = read_flight([read_log(path)])
+    assert result(flight.mission, flight.evidence.record).to_json() == result(crossing, record).to_json()
+    guards = np.concatenate([vehicle.loop.guard for vehicle in flight.evidence.vehicles])
+    assert record.guard is not None
+    assert np.count_nonzero(guards != "passed") == record.guard.interventions > 0
+
+
 def test_logs_of_several_processes_are_one_flight(flown: tuple[FlightRecord, Path]) -> None:
     record, path = flown
     log = read_log(path)
