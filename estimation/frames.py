@@ -12,6 +12,9 @@ from functools import cached_property
 from math import cos, isfinite, remainder, sin, tau
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     import pyproj
 
@@ -27,6 +30,24 @@ def wrap_turn_rad(angle_rad: float) -> float:
     """Wrap an angle to (0, 2 pi]: the angle to turn through, counter-clockwise, where none means a whole turn."""
     turned = angle_rad % tau
     return turned if turned > 0.0 else tau
+
+
+def up_from_ned(ned: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn rows in a vehicle's local NED, (..., 3), into x north, y west, z up about the same origin; its own inverse.
+
+    That is a mission frame whose x axis points north. Both frames differ by half a turn about north, for the axes of
+    the world as for those of the body (front, left, up): so it also turns rows of roll, pitch and yaw [rad].
+    """
+    return np.multiply(ned, (1.0, -1.0, -1.0))
+
+
+def euler_from_quaternion_rad(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return roll, pitch, yaw (T, 3) [rad] of unit quaternions w, x, y, z (T, 4), in the frame that those are in."""
+    w, x, y, z = quaternions.T
+    roll_rad = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch_rad = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw_rad = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.column_stack((roll_rad, pitch_rad, yaw_rad))
 
 
 @dataclass(frozen=True)
@@ -86,6 +107,16 @@ class MissionFrame:
         north, east, down = self.ned_from_mission(mission)
         longitude, latitude, altitude = self._enu_from_geodetic.transform(east, north, -down, direction="INVERSE")
         return Geodetic(latitude, longitude, altitude)
+
+    def ned_from_geodetics(
+        self,
+        latitudes_deg: NDArray[np.float64],
+        longitudes_deg: NDArray[np.float64],
+        altitudes_m: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return north-east-down of many places about the origin, (T, 3) [m]; raises ValueError in a local frame."""
+        east, north, up = self._enu_from_geodetic.transform(longitudes_deg, latitudes_deg, altitudes_m)
+        return np.column_stack((north, east, np.negative(up)))
 
     @cached_property
     def _enu_from_geodetic(self) -> "pyproj.Transformer":

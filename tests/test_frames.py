@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.frames import Geodetic, MissionFrame, wrap_signed_rad, wrap_turn_rad
+from estimation.frames import (
+    Geodetic,
+    MissionFrame,
+    euler_from_quaternion_rad,
+    up_from_ned,
+    wrap_signed_rad,
+    wrap_turn_rad,
+)
 from estimation.state import Vector
 
 SEMI_MAJOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563
@@ -116,3 +123,35 @@ def test_what_is_no_place_on_earth_is_refused(place: tuple[float, float, float])
 def test_a_bearing_that_is_not_finite_is_refused() -> None:
     with pytest.raises(ValueError, match="not a bearing"):
         MissionFrame(ZURICH, nan)
+
+
+@given(st.tuples(metres, metres, metres))
+def test_rows_of_ned_turn_as_the_mission_frame_of_bearing_zero_does(ned: tuple[float, float, float]) -> None:
+    rows = np.array([ned, (1.0, 2.0, 3.0)])
+    frame = MissionFrame(None)
+    assert up_from_ned(rows).tolist() == [list(frame.mission_from_ned(ned)), [1.0, -2.0, -3.0]]
+    assert up_from_ned(up_from_ned(rows)).tolist() == rows.tolist()
+
+
+def test_many_places_at_once_are_where_each_is_by_itself() -> None:
+    """In NED about the origin, against the mission frame of bearing 0 place by place."""
+    frame = MissionFrame(ZURICH)
+    places = [Geodetic(47.3979, 8.5454, 500.0), Geodetic(47.39, 8.55, 480.0), ZURICH]
+    columns = np.array([(place.latitude_deg, place.longitude_deg, place.altitude_m) for place in places]).T
+    each = [frame.ned_from_mission(frame.mission_from_geodetic(place)) for place in places]
+    assert frame.ned_from_geodetics(*columns) == pytest.approx(np.array(each), abs=1e-6)
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
+def test_a_quaternion_is_the_product_of_its_three_turns(roll: float, pitch: float, yaw: float) -> None:
+    """Yaw, then pitch, then roll: the quaternion multiplied out here turn by turn."""
+
+    def times(a: Vector, b: Vector) -> Vector:
+        vector = a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
+        return np.array([a[0] * b[0] - a[1:] @ b[1:], *vector])
+
+    turns = [np.array([cos(angle / 2.0), 0.0, 0.0, 0.0]) for angle in (yaw, pitch, roll)]
+    for turn, axis, angle in zip(turns, (3, 2, 1), (yaw, pitch, roll), strict=True):
+        turn[axis] = sin(angle / 2.0)
+    whole = times(times(turns[0], turns[1]), turns[2])
+    assert euler_from_quaternion_rad(np.array([whole]))[0] == pytest.approx((roll, pitch, yaw), abs=1e-6)
