@@ -1,0 +1,187 @@
+"""What one vehicle's log holds, whoever wrote it: time series, flight modes, texts and parameters. No input or output.
+
+Every vector is in one frame: right-handed about the vehicle's own local origin, x north, y west, z up, which is the
+mission frame of bearing 0 (see `estimation.frames`). Times are seconds since the log's first sample, on the vehicle's
+own clock. A reader tells with `notes` what it had to leave out, and with `missing` what it looked for in vain.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import isfinite
+from types import MappingProxyType
+
+import numpy as np
+
+from estimation.state import Vector
+from gcs.exits import InputError
+
+SECONDS_MAX = 7 * 86400.0
+"""No flight lasts longer than this; a stamp farther from its log's first sample is not a time."""
+
+
+class LogError(InputError):
+    """A log that cannot be read as what it claims to be; its faults name the file, the topic and the time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """One quantity over time: `time_s` (T,), strictly increasing, and `values` (T, k) with one column for each name.
+
+    `topic` is what the log calls it. Raises ValueError when the shapes do not fit, a time is not finite or does not
+    come after the one before. An empty series is none: readers leave it out.
+    """
+
+    topic: str
+    columns: tuple[str, ...]
+    time_s: Vector
+    values: Vector
+
+    def __post_init__(self) -> None:
+        if self.time_s.ndim != 1 or self.values.shape != (self.time_s.size, len(self.columns)):
+            raise ValueError(f"{self.topic}: {self.values.shape} values for {self.time_s.shape} times")
+        if self.time_s.size == 0 or not np.isfinite(self.time_s).all():
+            raise ValueError(f"{self.topic}: no times, or some that are not finite")
+        if (np.diff(self.time_s) <= 0.0).any():
+            raise ValueError(f"{self.topic}: times do not increase")
+
+    @property
+    def rate_hz(self) -> float:
+        """The usual rate: one over the median of the intervals; 0 for a single sample."""
+        return 1.0 / float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A part of the log, from `begin_s` up to `end_s`."""
+
+    begin_s: float
+    end_s: float
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.begin_s) and isfinite(self.end_s) and self.begin_s <= self.end_s):
+            raise ValueError(f"{self} is no part of a log")
+
+
+@dataclass(frozen=True, slots=True)
+class ModeSegment:
+    """A span in one flight mode; `external` when a computer's position setpoints flew it: offboard, guided, cordon."""
+
+    span: Span
+    name: str
+    external: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """What the autopilot said; `severity` from 0, an emergency, to 7, debugging; None where the log does not tell."""
+
+    time_s: float
+    severity: int | None
+    text: str
+
+
+Number = int | float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VehicleLog:
+    """One vehicle's log. Positions [m], velocities [m/s], attitude as roll, pitch, yaw [rad] of front, left, up.
+
+    `setpoint` holds the position setpoints x, y, z at the times at which they were logged, NaN on an axis that none
+    was given for; `battery` holds volts, amperes and the share remaining (0 to 1), NaN where not told. At
+    `position_resets_s` the estimator moved its position by itself. A series is None where the log has none. `sha256`
+    is that of the whole file, `format` the reader's name for what it is.
+    """
+
+    path: str
+    format: str
+    sha256: str
+    autopilot: str
+    firmware: str
+    system_id: int
+    duration_s: float
+    setpoint: Series | None = None
+    position: Series | None = None
+    velocity: Series | None = None
+    true_position: Series | None = None
+    true_velocity: Series | None = None
+    attitude: Series | None = None
+    battery: Series | None = None
+    modes: tuple[ModeSegment, ...] = ()
+    position_resets_s: tuple[float, ...] = ()
+    armed: tuple[Span, ...] = ()
+    texts: tuple[Text, ...] = ()
+    parameters: Mapping[str, Number] = field(default_factory=lambda: MappingProxyType({}))
+    missing: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def series(self) -> dict[str, Series]:
+        """Return the series that the log has, by the name of their field."""
+        named = {name: getattr(self, name) for name in SERIES}
+        return {name: series for name, series in named.items() if series is not None}
+
+    def require(self, *names: str) -> None:
+        """Raise LogError that names the topics looked for when one of the named series is missing."""
+        absent = [name for name in names if getattr(self, name) is None]
+        if absent:
+            looked = f"; looked for {', '.join(self.missing)}" if self.missing else ""
+            wanted = " and ".join(name.replace("_", " ") for name in absent)
+            raise LogError([f"{self.path}: vehicle {self.system_id}: the log has no {wanted}{looked}"])
+
+
+SERIES = ("setpoint", "position", "velocity", "true_position", "true_velocity", "attitude", "battery")
+XYZ = ("x", "y", "z")
+COLUMNS = MappingProxyType(
+    {
+        "setpoint": XYZ,
+        "position": XYZ,
+        "velocity": XYZ,
+        "true_position": XYZ,
+        "true_velocity": XYZ,
+        "attitude": ("roll", "pitch", "yaw"),
+        "battery": ("volt", "ampere", "remaining"),
+    }
+)
+"""The series of a log, and what each one's columns are called."""
+
+
+def spans_of(times_s: Sequence[float], states: Sequence[object], end_s: float) -> list[tuple[Span, object]]:
+    """Return the spans in which a state reported at increasing times stayed the same; the last one ends at `end_s`."""
+    changes = [
+        (time_s, state)
+        for index, (time_s, state) in enumerate(zip(times_s, states, strict=True))
+        if index == 0 or state != states[index - 1]
+    ]
+    ends_s = [time_s for time_s, _ in changes[1:]] + [max(end_s, changes[-1][0])] if changes else []
+    return [(Span(begin_s, end_s), state) for (begin_s, state), end_s in zip(changes, ends_s, strict=True)]
+
+
+def describe(log: VehicleLog) -> list[str]:
+    """Say in plain words what a log holds, a line for each thing: for people, in reports and on the command line."""
+    lines = [
+        f"{log.format} of vehicle {log.system_id}: {log.autopilot}"
+        + (f", firmware {log.firmware}" if log.firmware else "")
+        + f", {log.duration_s:.1f} s"
+    ]
+    for name, series in log.series().items():
+        lines.append(f"{name.replace('_', ' ')}: {_told(series)}")
+    lines += [f"no {topic} in it" for topic in log.missing]
+    external_s = sum(mode.span.end_s - mode.span.begin_s for mode in log.modes if mode.external)
+    if log.modes:
+        names = " -> ".join(dict.fromkeys(mode.name for mode in log.modes))
+        lines.append(f"flight modes: {names}; {external_s:.1f} s under external position control")
+    if log.armed:
+        lines.append(f"armed for {sum(span.end_s - span.begin_s for span in log.armed):.1f} s")
+    lines.append(f"{len(log.texts)} texts, {len(log.parameters)} parameters")
+    return lines + [f"note: {note}" for note in log.notes]
+
+
+def _told(series: Series) -> str:
+    told = f"{series.time_s.size} samples from {series.topic}"
+    if series.time_s.size > 1:
+        gap_s = max(later - earlier for earlier, later in pairwise(series.time_s.tolist()))
+        begin_s, end_s = series.time_s[0], series.time_s[-1]
+        told += f", {series.rate_hz:.3g} Hz, {begin_s:.1f} to {end_s:.1f} s, longest gap {gap_s:.2f} s"
+    unset = [name for name, column in zip(series.columns, series.values.T, strict=True) if bool(np.isnan(column).all())]
+    return told + (f", without {', '.join(unset)}" if unset else "")
