@@ -1,7 +1,7 @@
 """A stub vehicle as MAVLink bytes: bytes in, bytes out, no sockets and no clock.
 
-The only importer of pymavlink. What is malformed, foreign or not understood is counted and dropped, never
-raised.
+The only importer of pymavlink that speaks; the readers of flight logs import it, too. What is malformed, foreign or
+not understood is counted and dropped, never raised.
 """
 
 import struct
