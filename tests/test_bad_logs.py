@@ -300,6 +300,23 @@ def test_a_unit_that_is_told_wrongly_is_refused(read: Callable[[bytes], VehicleL
     assert "GUIP: the setpoints move about 100 times" in faults(read, guided(b"0", lambda x, y, z: (x, y, z)))
 
 
+def test_the_estimators_core_that_flies_is_read(read: Callable[[bytes], VehicleLog]) -> None:
+    """The second core's position is moved 50 m north: nobody sees that, unless the parameters say that it flies."""
+    log = bytearray(BIN)
+    for at, name in bin_records(BIN):
+        if name == "XKF1" and log[at + 11] == 1:
+            struct.pack_into("<f", log, at + 34, struct.unpack_from("<f", log, at + 34)[0] + 50.0)
+    as_is, moved = read(BIN).position, read(bytes(log)).position
+    assert as_is is not None
+    assert moved is not None
+    assert moved.values.tolist() == as_is.values.tolist()
+    chosen = next(at for at, name in bin_records(BIN) if name == "PARM" and b"EK3_PRIMARY" in BIN[at : at + 27])
+    struct.pack_into("<f", log, chosen + 27, 1.0)
+    second = read(bytes(log)).position
+    assert second is not None
+    assert second.values[:, 0].min() > 45.0
+
+
 def test_missing_topics_are_named(read: Callable[[bytes], VehicleLog]) -> None:
     dropped = set(topic_records(SETPOINT))
     kept = b"".join(
@@ -370,7 +387,7 @@ def test_whatever_the_bytes_are_it_ends_in_a_log_or_a_clear_fault(
     """Nothing else is raised, and nothing printed, be it by the libraries' C code."""
     log = {"ulg": ULOG[:60_000], "bin": BIN[:60_000], "tlog": tlog[:40_000]}[kind]
 
-    @settings(max_examples=60)
+    @settings(max_examples=150)
     @given(changes)
     def fuzz(how: list[tuple[str, int, bytes]]) -> None:
         check(tmp_path / "fuzzed.log", changed(log, how))
@@ -386,7 +403,7 @@ def test_damaged_definitions_end_in_a_log_or_a_clear_fault(
     """The first bytes tell how to read all others: damage there is the worst."""
     log = {"ulg": ULOG[:30_000], "bin": BIN[:30_000]}[kind]
 
-    @settings(max_examples=60)
+    @settings(max_examples=150)
     @given(st.lists(st.tuples(st.just("flip"), st.integers(8, 5000), st.sampled_from([b"\x01", b"\x10", b"\x80"]))))
     def fuzz(how: list[tuple[str, int, bytes]]) -> None:
         check(tmp_path / "fuzzed.log", changed(log, how))

@@ -1,5 +1,6 @@
 """Logs of real firmware, against the same flights as the client recorded them on its own."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -139,6 +140,7 @@ def test_who_flew_what_and_when(px4: VehicleLog, copter: VehicleLog) -> None:
     assert [mode.name for mode in copter.modes] == ["stabilize", "guided"]
     assert [mode.external for mode in (*px4.modes, *copter.modes)] == [False, False, True, False, True]
     assert px4.modes[-1].span == Span(23.88, px4.duration_s)
+    assert px4.armed == (Span(px4.modes[0].span.begin_s, px4.duration_s),), "the cut begins after the take-off"
     assert copter.armed == (Span(0.0, copter.duration_s),)
     assert [text.severity for text in px4.texts if text.text == "[commander] Takeoff detected"] == [6]
     assert "Arming motors" in [text.text for text in copter.texts]
@@ -155,8 +157,6 @@ def test_what_it_holds_is_told_in_plain_words(px4: VehicleLog, copter: VehicleLo
 
 
 def test_the_hash_is_that_of_the_file(either: VehicleLog) -> None:
-    import hashlib
-
     assert either.sha256 == hashlib.sha256(Path(either.path).read_bytes()).hexdigest()
 
 
