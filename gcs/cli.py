@@ -229,6 +229,28 @@ def watch(*, mission: RunningMission = "case2") -> Exit:
     return watch_team(mission)
 
 
+log = App(name="log", help="Look after the logs of flights.")
+app.command(log)
+
+
+@log.command
+def recover(
+    log: Annotated[Path, Parameter(help="A log that a killed process left, or that is damaged: it stays as it is.")],
+    *,
+    output: Annotated[
+        Path | None,
+        Parameter(name=["--output", "-o"], help="Write here, in place of LOG-recovered.mcap; nothing is overwritten."),
+    ] = None,
+) -> Exit:
+    """Make an unclosed or damaged log readable: copy all of it that is whole, and say what is not.
+
+    Example: cordon log recover 2026-05-04_10-00-00-case2.mcap
+    """
+    from gcs.logbook import recover_log  # noqa: PLC0415
+
+    return recover_log(log, output)
+
+
 def _tell(line: str) -> None:
     """Write a line for people, whether anybody is left to read it or not."""
     with suppress(OSError):
