@@ -1,4 +1,4 @@
-"""The log of a command: opened before anything flies, told of afterwards."""
+"""The log of a command: opened before anything flies, told of afterwards, recovered after a crash."""
 
 from datetime import datetime
 from pathlib import Path
@@ -6,13 +6,14 @@ from time import time
 
 from foxglove import Context
 
-from gcs.exits import InputError
+from gcs.exits import Exit, InputError
 from gcs.flightlog.place import default_path
+from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.run import run_of
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.mission import Mission
-from gcs.output import STDERR
+from gcs.output import STDERR, ReadingProgress
 
 
 def simulation_recording(
@@ -35,7 +36,7 @@ def open_log(path: Path | None, mission: str, only: int | None) -> LogWriter | N
     try:
         return LogWriter(default_path(mission, only, datetime.now()), Context())
     except OSError as error:
-        STDERR.print(f"this flight is not recorded: {error}", style="yellow", markup=False, highlight=False)
+        _say(f"this flight is not recorded: {error}", "yellow")
         return None
 
 
@@ -44,16 +45,34 @@ def tell_of_log(writer: LogWriter | None) -> None:
     if writer is None or writer.path is None:
         return
     if writer.fault:
-        STDERR.print(f"the log is not whole: {writer.fault}", style="red", markup=False, highlight=False)
-    STDERR.print(
-        f"log: {writer.path} ({writer.size_bytes / 1e6:.1f} MB)", markup=False, highlight=False, soft_wrap=True
-    )
+        _say(f"the log is not whole: {writer.fault}", "red")
+    _say(f"log: {writer.path} ({writer.size_bytes / 1e6:.1f} MB)")
 
 
 def _opened(path: Path) -> LogWriter:
-    if path.exists():
-        raise InputError([f"--log: {str(path)!r} exists already: nothing is overwritten"])
     try:
         return LogWriter(path, Context())
+    except FileExistsError as error:
+        raise InputError([f"--log: {str(path)!r} exists already: nothing is overwritten"]) from error
     except OSError as error:
         raise InputError([f"--log: {str(path)!r}: {error.strerror or error}"]) from error
+
+
+def recover_log(path: Path, output: Path | None) -> Exit:
+    """`cordon log recover`; raises InputError."""
+    target = output or recovered_path(path)
+    with ReadingProgress(path) as progress:
+        found = examine(path, progress.update)
+    if not found.faults:
+        _say(f"{path}: it is whole: {found.records} records of {found.seconds:.1f} s; nothing is to be recovered")
+        return Exit.HOLDS
+    with ReadingProgress(path) as progress:
+        recovered = recover(path, target, progress.update)
+    _say(f"{target}: {recovered.records} records of {recovered.seconds:.1f} s are recovered; {path} is as it was")
+    for fault in recovered.faults:
+        _say(f"not whole: {fault}", "yellow")
+    return Exit.HOLDS
+
+
+def _say(text: str, style: str = "") -> None:
+    STDERR.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

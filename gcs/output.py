@@ -30,22 +30,24 @@ class _Console(Console):
 
 STDERR = _Console(stderr=True)
 _PROGRESS_STEP_S = 1.0
+_PROGRESS_STEP_SHARE = 0.01
 
 
-class SimulationProgress:
-    """A progress bar on a terminal, silence elsewhere."""
+class _ProgressBar:
+    """A progress bar on a terminal, silence elsewhere; it moves by steps of `step`, to spare who reports to it."""
 
-    def __init__(self, mission: str, duration_s: float) -> None:
+    def __init__(self, label: str, words: str, total: float, step: float) -> None:
         self._bar = Progress(
-            TextColumn("{task.description}: {task.completed:.0f} of {task.total:.0f} s flown", markup=False),
+            TextColumn(f"{{task.description}}: {words}", markup=False),
             BarColumn(),
             TimeRemainingColumn(),
             console=STDERR,
             transient=True,
             disable=not STDERR.is_terminal,
         )
-        self._task: TaskID = self._bar.add_task(mission, total=duration_s)
-        self._shown_s = 0.0
+        self._task: TaskID = self._bar.add_task(label, total=total)
+        self._step = step
+        self._shown = 0.0
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -56,11 +58,25 @@ class SimulationProgress:
     ) -> None:
         self._bar.stop()
 
-    def update(self, flown_s: float) -> None:
-        """Show the mission time flown."""
-        if flown_s - self._shown_s >= _PROGRESS_STEP_S:
-            self._shown_s = flown_s
-            self._bar.update(self._task, completed=flown_s)
+    def update(self, done: float) -> None:
+        """Show how much is done."""
+        if done - self._shown >= self._step:
+            self._shown = done
+            self._bar.update(self._task, completed=done)
+
+
+class SimulationProgress(_ProgressBar):
+    """How much of a mission has been flown [s]."""
+
+    def __init__(self, mission: str, duration_s: float) -> None:
+        super().__init__(mission, "{task.completed:.0f} of {task.total:.0f} s flown", duration_s, _PROGRESS_STEP_S)
+
+
+class ReadingProgress(_ProgressBar):
+    """How much of a file has been read, as a share."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path.name, "{task.percentage:.0f} % read", 1.0, _PROGRESS_STEP_SHARE)
 
 
 def check_plot(path: Path | None) -> None:

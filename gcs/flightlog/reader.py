@@ -1,26 +1,27 @@
 """Reading a log that cordon wrote: closed or not, as far as it is whole."""
 
+import stat
+from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
-from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Schema
 
 from gcs.exits import InputError
+from gcs.flightlog.census import Census
+from gcs.flightlog.container import Container, Entry, Message, NoContainerError
 from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Run, RunEnd
-from gcs.flightlog.schema import Decoder
-
-RECORD_MAX_BYTES = 256_000_000
-"""No record of a log is larger: a length beyond it is a damaged one's."""
+from gcs.flightlog.schema import PACKAGE, Decoder
 
 KINDS: Mapping[str, type[Any]] = {name: kind for kind, name in VEHICLE_TOPICS.items()}
 RUN_KINDS: Mapping[str, type[Any]] = {name: kind for kind, name in RUN_TOPICS.items()}
 RecordT = TypeVar("RecordT")
+_VIEWERS = "for viewers"
 
 
 class LogError(InputError):
@@ -36,16 +37,28 @@ class LogRecord(NamedTuple):
     decoder: Decoder
 
     def plain(self) -> dict[str, Any]:
-        """Return its fields, and its `number`, as plain data; raises ValueError when it is damaged."""
-        return self.decoder.decode(self.payload)
+        """Return its fields, and its `number`, as plain data; raises LogError when it is damaged."""
+        try:
+            return self.decoder.decode(self.payload)
+        except ValueError as error:
+            raise self._damage(error) from error
 
     def message(self) -> Any:
-        """Return it as Protobuf sees it; raises ValueError when it is damaged."""
-        return self.decoder.message(self.payload)
+        """Return it as Protobuf sees it; raises LogError when it is damaged."""
+        try:
+            return self.decoder.message(self.payload)
+        except ValueError as error:
+            raise self._damage(error) from error
 
     def read(self, kind: type[RecordT]) -> RecordT:
-        """Return it as the type that it is of; raises ValueError when it is damaged, or of another version's making."""
-        return msgspec.convert(self.plain(), kind)
+        """Return it as the type that it is of; raises LogError when it is damaged, or of another version's making."""
+        try:
+            return msgspec.convert(self.plain(), kind)
+        except msgspec.ValidationError as error:
+            raise self._damage(error) from error
+
+    def _damage(self, error: Exception) -> LogError:
+        return LogError([f"{self.decoder.where}: the record at {self.time_ns / 1e9:.3f} s cannot be read: {error}"])
 
 
 @dataclass(frozen=True)
@@ -79,34 +92,126 @@ class FlightLog:
 
 
 def read_log(path: Path) -> FlightLog:
-    """Read a log as far as it is whole; raises LogError when it is none of cordon's."""
-    log = FlightLog(path)
-    decoders: dict[int, Decoder] = {}
-    kinds: dict[int, tuple[type[Any], int, int]] = {}
-    try:
-        with path.open("rb") as stream:
-            for record in _records(stream, log.faults):
-                match record:
-                    case Schema():
-                        decoders[record.id] = Decoder(record.name, record.data)
-                    case Channel():
-                        known = _topic(record.topic)
-                        if known is not None and record.schema_id in decoders:
-                            kinds[record.id] = (*known, record.schema_id)
-                    case Message() if record.channel_id in kinds:
-                        kind, vehicle_id, schema_id = kinds[record.channel_id]
-                        records = log.vehicles.setdefault(vehicle_id, []) if vehicle_id else log.run_records
-                        records.append(LogRecord(kind, record.log_time, record.data, decoders[schema_id]))
-    except OSError as error:
-        raise LogError([f"{path}: {error.strerror or error}"]) from error
-    if not log.run_records and not log.vehicles:
-        raise LogError([f"{path}: it is no log of cordon's"])
+    """Read a log as far as it is whole; raises LogError when it is none of cordon's.
+
+    What the file's own checksums vouch for is not decoded here but when it is read: that is quick, and a record that is
+    damaged all the same raises LogError then. A log of a newer version is decoded at once, to leave out what this one
+    does not know.
+    """
+    log, census = FlightLog(path), Census()
+    with open_container(path) as container:
+        topics = _Topics(path)
+        for entry in container.entries():
+            if type(entry) is not Message:
+                topics.take(entry)
+            elif (topic := topics.known.get(entry.channel_id)) is not None:
+                kind, vehicle_id, decoder = topic
+                if census.note(vehicle_id, entry.time_ns, entry.payload):
+                    records = log.vehicles.setdefault(vehicle_id, []) if vehicle_id else log.run_records
+                    records.append(LogRecord(kind, entry.time_ns, entry.payload, decoder))
+            else:
+                topics.miss(entry.channel_id)
+    if not census.total:
+        raise LogError([f"{path}: it holds no record of cordon's", *(f"{path}: {fault}" for fault in container.faults)])
+    log.faults.extend(faults_of(container, census) + topics.faults)
     if log.run.format > FORMAT:
         log.faults.append(f"it was written by a newer version of cordon (format {log.run.format}, known is {FORMAT})")
+        _leave_out_unknown(log)
     return log
 
 
-def _topic(topic: str) -> tuple[type[Any], int] | None:
+@contextmanager
+def open_container(path: Path) -> Iterator[Container]:
+    """Open a log; raises LogError when that fails, or when it is no MCAP file."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):  # a pipe would be waited for
+            raise LogError([f"{path}: it is no file"])
+        with path.open("rb") as stream:
+            yield Container(stream, path.stat().st_size)
+    except OSError as error:
+        raise LogError([f"{path}: {error.strerror or error}"]) from error
+    except NoContainerError as error:
+        raise LogError([f"{path}: {error}"]) from error
+
+
+def faults_of(container: Container, census: Census) -> list[str]:
+    """Return what is not as it should be in a log that has been gone through."""
+    unclosed = f"it was never closed: it ends {census.seconds:.1f} s after its first record"
+    return [*([] if container.is_closed else [unclosed]), *container.faults, *census.faults]
+
+
+def _leave_out_unknown(log: FlightLog) -> None:
+    """Leave out the records that this version cannot read, and say how many of what."""
+    unknown: Counter[str] = Counter()
+    for records in (log.run_records, *log.vehicles.values()):
+        readable = [each for each in records if _is_readable(each)]
+        unknown.update(
+            Counter(each.kind.__name__ for each in records) - Counter(each.kind.__name__ for each in readable)
+        )
+        records[:] = readable
+    for kind, count in sorted(unknown.items()):
+        log.faults.append(f"{count} records of kind {kind} say what this version does not know")
+
+
+def _is_readable(record: LogRecord) -> bool:
+    try:
+        record.read(record.kind)
+    except LogError:
+        return False
+    return True
+
+
+class _Topics:
+    """What a file says of its channels, as far as this version knows them."""
+
+    def __init__(self, path: Path) -> None:
+        self.known: dict[int, tuple[type[Any], int, Decoder]] = {}
+        self._path = path
+        self._schemas: dict[int, Schema] = {}
+        self._others: dict[int, str] = {}
+        self._unread: Counter[str] = Counter()
+
+    def take(self, entry: Entry) -> None:
+        """Take a schema or a channel; the first of a number counts."""
+        match entry:
+            case Schema():
+                self._schemas.setdefault(entry.id, entry)
+            case Channel() if entry.id not in self.known and entry.id not in self._others:
+                schema = self._schemas.get(entry.schema_id)
+                if schema is None or schema.name.startswith(f"{PACKAGE}."):
+                    self._learn(entry, schema)
+                else:
+                    self._others[entry.id] = _VIEWERS
+
+    def _learn(self, channel: Channel, schema: Schema | None) -> None:
+        topic = topic_of(channel.topic)
+        if topic is None:
+            self._others[channel.id] = f"{channel.topic} is unknown to this version"
+        elif schema is None:
+            self._others[channel.id] = f"{channel.topic}: its schema is lost"
+        else:
+            kind, vehicle_id = topic
+            try:
+                decoder = Decoder(schema.name, schema.data, f"{self._path}: {channel.topic}")
+                decoder.require(kind)
+            except ValueError as error:
+                self._others[channel.id] = f"{channel.topic}: {error}"
+            else:
+                self.known[channel.id] = kind, vehicle_id, decoder
+
+    def miss(self, channel_id: int) -> None:
+        """Note a record of a channel that is not known."""
+        self._unread[self._others.get(channel_id, "the description of their channel is lost")] += 1
+
+    @property
+    def faults(self) -> list[str]:
+        """What records are not read though they are there; viewers' are not missed."""
+        return [
+            f"{count} records are not read: {why}" for why, count in sorted(self._unread.items()) if why != _VIEWERS
+        ]
+
+
+def topic_of(topic: str) -> tuple[type[Any], int] | None:
     """Return the kind of record on a topic, and whose it is (0: the run's); None for what only viewers need."""
     match topic.split("/"):
         case ["", "vehicle", number, name] if number.isdecimal() and name in KINDS:
@@ -114,11 +219,3 @@ def _topic(topic: str) -> tuple[type[Any], int] | None:
         case ["", name] if name in RUN_KINDS:
             return RUN_KINDS[name], 0
     return None
-
-
-def _records(stream: Any, faults: list[str]) -> Iterator[Any]:
-    """Return records until the file ends or is damaged."""
-    try:
-        yield from StreamReader(stream, record_size_limit=RECORD_MAX_BYTES).records
-    except (McapError, ValueError) as error:
-        faults.append(f"it is not whole: {error}")

@@ -24,6 +24,8 @@ from agents.tape import (
 )
 from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
 
+PROFILE = "cordon"
+"""The word by which an MCAP file says whose it is."""
 FORMAT = 1
 """Of the log: a reader knows all up to its own."""
 

@@ -4,7 +4,8 @@ Field 1 of every record is its `number`. The others have their names, and field 
 is added goes to the end. Enums travel as the words that their members stand for, what may be None with presence.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -40,6 +41,11 @@ class Codec:
         self.schema = FileDescriptorSet(file=[file]).SerializeToString()
         self._message = GetMessageClass(pool.FindMessageTypeByName(self.name))
 
+    @property
+    def descriptor(self) -> Any:
+        """What Protobuf knows of the type."""
+        return self._message.DESCRIPTOR
+
     def encode(self, record: object, number: int) -> bytes:
         """Return the bytes of a record and its number; equal ones have equal bytes."""
         return self._message(number=number, **plain(record)).SerializeToString(deterministic=True)
@@ -53,15 +59,27 @@ def plain(record: object) -> dict[str, Any]:
 class Decoder:
     """Decodes records of a file by the schema that the file holds, whichever version wrote it."""
 
-    def __init__(self, name: str, schema: bytes) -> None:
-        """Take a schema's name and its serialised FileDescriptorSet; raises ValueError when it is none."""
+    def __init__(self, name: str, schema: bytes, where: str = "") -> None:
+        """Take a schema's name and its serialised FileDescriptorSet; raises ValueError when it is none.
+
+        `where` is what to tell of the place of damaged records.
+        """
+        self.where = where
         pool = DescriptorPool()
         try:
             for file in FileDescriptorSet.FromString(schema).file:
+                if any(each.options.map_entry for message in file.message_type for each in message.nested_type):
+                    raise TypeError("it has maps, which cordon never writes")
                 pool.Add(file)
             self._message = GetMessageClass(pool.FindMessageTypeByName(name))
         except (DecodeError, KeyError, TypeError) as error:
             raise ValueError(f"the schema of {name} is damaged: {error}") from error
+
+    def require(self, kind: type[Any]) -> None:
+        """Raise ValueError unless the file's records hold all that a type of record here does, in the same form."""
+        ours = _codec(kind).descriptor  # type: ignore[arg-type]  # mypy holds that type[Any] has no hash
+        if lacking := next(_lacking(self._message.DESCRIPTOR, ours), ""):
+            raise ValueError(f"another version of cordon wrote it: {lacking}")
 
     def decode(self, payload: bytes) -> dict[str, Any]:
         """Return a record as plain data, None for what was not there; raises ValueError when it is damaged."""
@@ -73,6 +91,27 @@ class Decoder:
             return self._message.FromString(payload)
         except (DecodeError, UnicodeDecodeError) as error:
             raise ValueError(str(error)) from error
+
+
+@cache
+def _codec(kind: type[Any]) -> Codec:
+    return Codec(kind)
+
+
+def _lacking(theirs: Any, ours: Any) -> Iterator[str]:
+    """Return what a message lacks of another: fields, or their form."""
+    for wanted in ours.fields:
+        found = theirs.fields_by_name.get(wanted.name)
+        if found is None:
+            yield f"{theirs.name} has no {wanted.name}"
+        elif _form(found) != _form(wanted):
+            yield f"{wanted.name} of {theirs.name} has another form"
+        elif wanted.message_type:
+            yield from _lacking(found.message_type, wanted.message_type)
+
+
+def _form(field: Any) -> tuple[Any, ...]:
+    return field.type, field.is_repeated, field.has_presence
 
 
 def _add_message(file: FileDescriptorProto, kind: inspect.Type, before: Mapping[str, inspect.Type] = _NOTHING) -> str:

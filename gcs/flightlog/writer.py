@@ -9,10 +9,9 @@ from foxglove import Channel, Context, Schema
 from foxglove.mcap import MCAPWriteOptions
 
 from gcs.flightlog.disk import Disk
-from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
+from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS
 from gcs.flightlog.schema import Codec
 
-PROFILE = "cordon"
 SIZE_MAX_BYTES = 2_000_000_000
 """A log that has grown to this ends there: two days of three vehicles at 10 Hz."""
 
