@@ -97,7 +97,7 @@ async def _fly(
         helm = Helm([member.agent for member in team], clock)
         keys = stack.enter_context(Keys(helm.press)) if view.is_live else None
         ask = (lambda: helm.hint) if keys is not None and keys.active else str
-        outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view, tell, ask)
+        outcomes = await _fly_team(team, plan.duration_s, stop, clock, journal, view, tell, ask, recording)
         wall_time_s = perf_counter() - began_s
     record = _record(plan, team, journal, stubs.record, clock, wall_time_s)
     _complete(recording, team, stubs.record, record)
@@ -227,6 +227,7 @@ async def _fly_team(
     view: LiveView,
     tell: Tell,
     hint: Callable[[], str],
+    recording: Recording,
 ) -> dict[int, Outcome]:
     async def one(member: _Member) -> Outcome:
         try:
@@ -242,7 +243,7 @@ async def _fly_team(
             stop.ask()  # the mission needs everybody: those in the air come down again
         return outcome
 
-    watching = asyncio.create_task(_watch(team, stop, clock, journal, view, tell, hint))
+    watching = asyncio.create_task(_watch(team, stop, clock, journal, view, tell, hint, recording))
     try:
         outcomes = await asyncio.gather(*map(one, team))
     finally:
@@ -259,11 +260,16 @@ async def _watch(
     view: LiveView,
     tell: Tell,
     hint: Callable[[], str],
+    recording: Recording,
 ) -> None:
     told: set[int] = set()
+    log_fault = ""
     while True:
         _tell_clocks(team, told, tell)
         _tell_news(team, journal, view)
+        if recording.fault and not log_fault:
+            log_fault = recording.fault
+            view.say(f"the log is not whole: {log_fault}; the flight goes on")
         start_s = team[0].agent.start_s
         mission_time_s = 0.0 if start_s is None else max(clock.now_s() - start_s, 0.0)
         message = "holding and landing; Ctrl-C once more: land at once" if stop.wanted.is_set() else ""

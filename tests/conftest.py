@@ -14,6 +14,7 @@ from hypothesis import settings
 from agents.settings import AgentConfig, EncirclementSettings, FormationSettings
 from estimation.plant import Plant, PlantAxis
 from estimation.state import Vector
+from gcs.flightlog.place import FOLDER_VARIABLE
 from tests.wire import free_ports
 
 # The same examples on every run, and no stop-watch: a slow machine is no failure.
@@ -33,6 +34,14 @@ CONFIG = AgentConfig(
     formation=FormationSettings(spacing_m=5.0, speed_m_s=0.2, leader=2),
     encirclement=EncirclementSettings(radius_m=10.0, angular_rate_rad_s=0.05),
 )
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _logs_elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No flight of a test, nor of a process that it starts, leaves its log in somebody's home."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("logs")))
+        yield
 
 
 @pytest.fixture(autouse=True)

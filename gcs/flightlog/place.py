@@ -10,12 +10,15 @@ FOLDER_VARIABLE = "CORDON_LOGS"
 
 
 def log_folder() -> Path:
-    """Return where logs go unless told otherwise."""
+    """Return where logs go unless told otherwise; raises OSError where nobody's home is known."""
     told = os.environ.get(FOLDER_VARIABLE)
     if told:
         return Path(told)
-    shared = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
-    return Path(shared) / "cordon" / "logs"
+    shared = os.environ.get("XDG_DATA_HOME")
+    try:
+        return Path(shared or Path.home() / ".local" / "share") / "cordon" / "logs"
+    except RuntimeError as error:
+        raise OSError(f"no home folder is known; {FOLDER_VARIABLE} may name a folder for logs") from error
 
 
 def default_path(mission: str, only: int | None, now: datetime) -> Path:

@@ -17,7 +17,8 @@ from gcs.flightlog.records import recorded
 from gcs.flightlog.writer import LogWriter, Picture
 
 CLOSING_TIMEOUT_S = 10.0
-DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 1.0
+DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 0.8
+"""A killed process loses what it did since the last flush, which may be one draining late: less than a second."""
 QUEUE_MAX = 100_000
 """Items: minutes of a team's. More wait only for a disk that hangs; what comes then is lost, and its number missing."""
 
@@ -51,22 +52,25 @@ class Recorder:
 
     def tape(self, vehicle_id: int) -> "VehicleTape":
         """Return the tape of a vehicle's core."""
-        return VehicleTape(vehicle_id, self._queue, self._now_s, self.urgent)
+        return VehicleTape(vehicle_id, self._queue, self._now_s, self.urgent, self._overflow)
 
     def note(self, vehicle_id: int, number: int, record: object, time_s: float | None = None) -> None:
         """Take a record, of now unless a time is given; never blocks, never raises."""
         self._queue.append((vehicle_id, number, self._now_s() if time_s is None else time_s, record))
+
+    def fail(self, reason: str) -> None:
+        """Note why the log will not be whole; the first reason counts."""
+        self._writer.fail(reason)
 
     def drain(self) -> None:
         """Write all that has been taken so far."""
         queue, speed = self._queue, self._speed()
         while queue:
             vehicle_id, number, time_s, item = queue.popleft()
-            time_ns = round(max(time_s, 0.0) / speed * 1e9)
-            record = recorded(item)
-            self._writer.write(vehicle_id, number, time_ns, record)
-            if self._picture is not None:
-                self._picture(vehicle_id, time_ns, record)
+            try:
+                self._write(vehicle_id, number, round(max(time_s, 0.0) / speed * 1e9), item)
+            except Exception as error:  # a bug with one record must not cost the others, and never a flight
+                self.fail(f"a {type(item).__name__} could not be written: {_words(error)}")
 
     def flush(self) -> None:
         """Write all that has been taken so far, so that it outlives this process."""
@@ -78,9 +82,18 @@ class Recorder:
         self.drain()
         self._writer.close()
 
+    def _write(self, vehicle_id: int, number: int, time_ns: int, item: object) -> None:
+        record = recorded(item)
+        self._writer.write(vehicle_id, number, time_ns, record)
+        if self._picture is not None:
+            self._picture(vehicle_id, time_ns, record)
+
+    def _overflow(self) -> None:
+        self.fail("its disk is too slow: records are missing")
+
 
 class RecorderThread:
-    """Lets a recorder write beside a flight, and makes what it wrote outlive this process: once a second, and at once
+    """Lets a recorder write beside a flight, and makes what it wrote outlive this process: every second, and at once
     after every event. Use it as a context manager.
     """
 
@@ -101,8 +114,16 @@ class RecorderThread:
         self._ended = True
         self._recorder.urgent.set()
         self._thread.join(CLOSING_TIMEOUT_S)
+        if self._thread.is_alive():
+            self._recorder.fail(f"its disk has not answered for {CLOSING_TIMEOUT_S:g} s: it is not closed")
 
     def _run(self) -> None:
+        try:
+            self._record()
+        except BaseException as error:  # a bug must be told of, not only end this thread
+            self._recorder.fail(f"the recorder ended: {_words(error)}")
+
+    def _record(self) -> None:
         flushed_s = monotonic()
         while not self._ended:
             urgent = self._recorder.urgent.wait(DRAIN_PERIOD_S)
@@ -118,12 +139,18 @@ class VehicleTape:
     """The tape of one vehicle's core, and what is noted of the vehicle beside it."""
 
     def __init__(
-        self, vehicle_id: int, queue: deque[_Item], now_s: Callable[[], float], urgent: threading.Event
+        self,
+        vehicle_id: int,
+        queue: deque[_Item],
+        now_s: Callable[[], float],
+        urgent: threading.Event,
+        overflow: Callable[[], None],
     ) -> None:
         self._vehicle_id = vehicle_id
         self._queue = queue
         self._now_s = now_s
         self._urgent = urgent
+        self._overflow = overflow
         self._number = 0
 
     def write(self, item: CoreInput | TickOutput) -> None:
@@ -138,3 +165,9 @@ class VehicleTape:
         if len(self._queue) < QUEUE_MAX:
             time_s = self._now_s() if time_s is None else time_s
             self._queue.append((self._vehicle_id, self._number, time_s, record))
+        else:
+            self._overflow()
+
+
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"

@@ -33,14 +33,16 @@ class LogWriter:
         self._mcap = None
         if self._disk is not None:
             self._mcap = foxglove.open_mcap(self._disk, context=context, writer_options=options)  # type: ignore[arg-type]  # it is BinaryIO enough
-        self._full = False
+        self._failure = ""
 
     @property
     def fault(self) -> str:
-        """Why the file ends before the flight does."""
-        if self._full:
-            return f"it has reached {self._size_max_bytes / 1e6:.0f} MB"
-        return "" if self._disk is None else self._disk.fault
+        """Why the file does not hold the whole flight."""
+        return self._failure or ("" if self._disk is None else self._disk.fault)
+
+    def fail(self, reason: str) -> None:
+        """Note why the file will not hold the whole flight; the first reason counts."""
+        self._failure = self._failure or reason
 
     @property
     def size_bytes(self) -> int:
@@ -52,14 +54,14 @@ class LogWriter:
         kind: type[Any] = type(record)
         channel, codec = self._channels.get((kind, vehicle_id)) or self._open_channel(kind, vehicle_id)
         channel.log(codec.encode(record, number), log_time=log_time_ns)
+        if self._mcap is not None and self.size_bytes > self._size_max_bytes:
+            self.close()
+            self.fail(f"it has reached {self._size_max_bytes / 1e6:g} MB and ends there")
 
     def flush(self) -> None:
-        """Let the operating system have all that has been written, and end the file when it has grown too large."""
+        """Let the operating system have all that has been written."""
         if self._mcap is not None:
             self._mcap.flush()
-            if self.size_bytes > self._size_max_bytes:
-                self.close()
-                self._full = True
 
     def close(self) -> None:
         """Complete the file and close it."""
