@@ -1,5 +1,6 @@
 """What the tests of flight logs share: a short simulated flight on record."""
 
+from math import inf
 from pathlib import Path
 
 from foxglove import Context
@@ -20,8 +21,25 @@ def engaging() -> Mission:
     return parsed(put(mission, ("target", "start_m"), [8.0, -5.0]))
 
 
-def record_simulation(mission: Mission, path: Path, *, seed: int = 3, duration_s: float = 40.0) -> FlightRecord:
-    """Fly a mission in simulation, recorded at `path`."""
+def record_simulation(
+    mission: Mission, path: Path, *, seed: int = 3, duration_s: float = 40.0, flush_s: float = inf
+) -> FlightRecord:
+    """Fly a mission in simulation, recorded at `path`; flushed now and then, it is in as many pieces as a flight's."""
+    return record_into(LogWriter(path, Context()), mission, seed=seed, duration_s=duration_s, flush_s=flush_s)
+
+
+def record_into(
+    writer: LogWriter, mission: Mission, *, seed: int = 3, duration_s: float = 40.0, flush_s: float = inf
+) -> FlightRecord:
+    """Fly a mission in simulation, recorded by a writer."""
     run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=1.7e9, duration_s=duration_s)
-    recording = SimulationRecording(LogWriter(path, Context()), run)
-    return fly_simulated(mission, seed, duration_s, lambda _: None, recording)
+    recording = SimulationRecording(writer, run)
+    flushed_s = 0.0
+
+    def flush(time_s: float) -> None:
+        nonlocal flushed_s
+        if time_s - flushed_s >= flush_s:
+            flushed_s = time_s
+            writer.flush()
+
+    return fly_simulated(mission, seed, duration_s, flush, recording)

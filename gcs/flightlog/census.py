@@ -9,7 +9,7 @@ class Census:
     def __init__(self) -> None:
         self.records: defaultdict[int, int] = defaultdict(int)
         self.damaged = 0
-        self._next: dict[int, int] = {}
+        self._seen: dict[int, tuple[int, int]] = {}
         self._gaps: dict[int, _Gap] = {}
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -21,10 +21,10 @@ class Census:
             if not number:
                 self.damaged += 1
                 return False
-            wanted = self._next.get(vehicle_id, 1)
-            if number != wanted:
-                self._miss(vehicle_id, number - wanted, time_ns)
-            self._next[vehicle_id] = number + 1
+            last, last_ns = self._seen.get(vehicle_id, (0, time_ns))
+            if number != last + 1:
+                self._miss(vehicle_id, number - last - 1, last_ns, time_ns)
+            self._seen[vehicle_id] = number, time_ns
         if self._first_ns is None:
             self._first_ns = time_ns
         self._last_ns = max(self._last_ns, time_ns)
@@ -47,10 +47,10 @@ class Census:
         damaged = [f"{self.damaged} records are damaged and left out"] if self.damaged else []
         return [*damaged, *(self._missing(vehicle_id, gap) for vehicle_id, gap in sorted(self._gaps.items()))]
 
-    def _miss(self, vehicle_id: int, count: int, time_ns: int) -> None:
-        gap = self._gaps.setdefault(vehicle_id, _Gap(self._last_ns, time_ns))
+    def _miss(self, vehicle_id: int, count: int, begin_ns: int, end_ns: int) -> None:
+        gap = self._gaps.setdefault(vehicle_id, _Gap(begin_ns, end_ns))
         gap.places += 1
-        gap.end_ns = max(gap.end_ns, time_ns)
+        gap.end_ns = max(gap.end_ns, end_ns)
         if count > 0:
             gap.missing += count
         else:

@@ -29,7 +29,7 @@ _FOOTER = struct.Struct("<QQI")
 _COMPRESSION = b"zstd"
 _CHUNK_SIGN = struct.pack("<I", len(_COMPRESSION)) + _COMPRESSION
 _SIGN_OFFSET = _HEAD.size + _CHUNK.size - 4
-_WINDOW_BYTES = 1 << 20
+_WINDOW_BYTES = 1 << 16
 
 
 class Message(NamedTuple):
