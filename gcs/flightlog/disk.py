@@ -13,7 +13,7 @@ class Disk:
     def __init__(self, path: Path) -> None:
         """Create the file; raises OSError when that fails, or when it exists already."""
         self._file = path.open("xb", buffering=0)
-        self._position = 0
+        self._position = self._end = 0
         self.size_bytes = 0
         self.fault = ""
 
@@ -26,12 +26,14 @@ class Disk:
         except OSError as error:
             self.fault = error.strerror or str(error)
         self._position += len(data)
-        self.size_bytes = max(self.size_bytes, self._position)
+        self._end = max(self._end, self._position)
+        if len(rest) < len(data):
+            self.size_bytes = max(self.size_bytes, self._position - len(rest))
         return len(data)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """Go where it is told to, on a file that failed as well."""
-        base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self.size_bytes}[whence]
+        base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._end}[whence]
         self._position = base + offset
         if not self.fault:
             try:

@@ -1,6 +1,7 @@
-"""A flight that is killed in mid-air: less than a second of its log is lost, and what is left can be flown again."""
+"""Flights that are killed, or whose disk is full: what is left of their logs, and that it can be flown again."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -27,6 +28,7 @@ ValueT = TypeVar("ValueT")
 SPEED = 5.0
 ALOFT_TICKS = 300
 """Of one vehicle, 30 s of the mission's clock: they have taken off."""
+FILE_MAX_BYTES = 200_000
 LOSS_MAX_S = 1.0
 LATE_IN_THE_PERIOD_S = 0.7
 """After a flush: a kill just before the next one costs most."""
@@ -67,6 +69,26 @@ def test_a_flight_killed_in_mid_air_leaves_all_but_its_last_second(
     assert 0.0 < max(losses_s) <= LOSS_MAX_S
     for vehicle_id in recovered.vehicles:
         assert played_again(recovered, vehicle_id) > ALOFT_TICKS
+
+
+def test_a_disk_that_is_full_is_told_and_ends_nothing(mission_file: Callable[..., str], tmp_path: Path) -> None:
+    log = tmp_path / "short.mcap"
+    command = [sys.executable, "-m", "gcs", "fly", mission_file("case2"), "--sitl", "--speed", "10", "--duration", "20"]
+    done = subprocess.run(
+        [*command, "--log", str(log)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_MAX_BYTES, FILE_MAX_BYTES)),
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("the log is not whole: File too large; the flight goes on\n") == 1
+    assert done.stderr.count("the log is not whole: File too large\n") == 1
+    assert f"log: {log} (0.2 MB)" in done.stderr
+    assert log.stat().st_size == FILE_MAX_BYTES
+    assert all(len(records) > ALOFT_TICKS for records in read_log(log).vehicles.values())
 
 
 def wait_for(condition: Callable[[], ValueT], timeout_s: float, what: str) -> ValueT:
