@@ -52,6 +52,18 @@ def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, .
     )
 
 
+def sighting_told(package: TargetPackage) -> Sighting:
+    """Return the sighting that a peer has told; raises ValueError for one that none can be."""
+    return Sighting(
+        package.time_s,
+        package.sender,
+        package.position_m,
+        package.covariance_m2,
+        package.importance,
+        package.threat,
+    )
+
+
 def command_answer(answer: CommandAnswer) -> Outgoing:
     """Tell operators what was made of a command."""
     return _outgoing(answer)

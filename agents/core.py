@@ -8,7 +8,7 @@ from math import hypot
 
 import numpy as np
 
-from agents.broadcast import command_answer, member_state, neighbour_angle, target_package
+from agents.broadcast import command_answer, member_state, neighbour_angle, sighting_told, target_package
 from agents.clock_watch import ClockWatch
 from agents.failsafe import Condition, FailsafeMonitor
 from agents.guard import Guard, Guarded, GuardStatus
@@ -295,14 +295,7 @@ class VehicleCore:
         if self._config.vehicle_id not in package.recipients:
             return
         try:
-            sighting = Sighting(
-                package.time_s,
-                package.sender,
-                package.position_m,
-                package.covariance_m2,
-                package.importance,
-                package.threat,
-            )
+            sighting = sighting_told(package)
         except ValueError:
             self._inbox.dropped += 1
             return

@@ -49,6 +49,7 @@ Log = Annotated[
     Path | None,
     Parameter(group=_RESULT, help="Record the flight in this file (MCAP), which must not exist yet."),
 ]
+LogFile = Annotated[Path, Parameter(help="A log that cordon recorded (MCAP).")]
 Timing = Annotated[
     bool | None,
     Parameter(
@@ -249,6 +250,31 @@ def recover(
     from gcs.logbook import recover_log  # noqa: PLC0415
 
     return recover_log(log, output)
+
+
+@app.command
+def replay(
+    log: LogFile,
+    *,
+    json: Json = False,
+    explain: Annotated[int | None, Parameter(help="Tell the story of this vehicle instead.")] = None,
+    changes: Annotated[
+        list[str] | None,
+        Parameter(
+            name="--set",
+            negative="",
+            help="Replay the filters instead, with another value: own_filter.KEY=VALUE or target_filter.KEY=VALUE, as "
+            "in a mission file; may be given again.",
+        ),
+    ] = None,
+) -> Exit:
+    """Feed a recorded flight to fresh agents: every decision has to be what it was. Exit code 1 when one is not.
+
+    Example: cordon replay flight.mcap --explain 2
+    """
+    from gcs.log_commands import replay_log  # noqa: PLC0415
+
+    return replay_log(log, json=json, explain=explain, changes=changes or [])
 
 
 def _tell(line: str) -> None:

@@ -109,11 +109,11 @@ def parse_mission(text: str, folder: Path, plant_texts: Mapping[str, str] | None
     except (ValueError, RecursionError) as error:  # also numbers and nesting beyond Python's limits
         raise MissionError([f"not TOML: {error}"]) from error
     faults = [
-        _unknown_key("", key, [*SECTIONS, "vehicles"]) for key in content if key not in SECTIONS and key != "vehicles"
+        unknown_key("", key, [*SECTIONS, "vehicles"]) for key in content if key not in SECTIONS and key != "vehicles"
     ]
     faults += [f"{name}: this section is missing" for name in _REQUIRED if name not in content]
     sections = {
-        name: _validated(model, content.get(name, {}), name, faults)
+        name: validated(model, content.get(name, {}), name, faults)
         for name, model in SECTIONS.items()
         if name in content or name not in _REQUIRED
     }
@@ -128,7 +128,8 @@ def parse_mission(text: str, folder: Path, plant_texts: Mapping[str, str] | None
     return Mission(**sections, vehicles=complete, text=text, plant_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
 
 
-def _validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
+def validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
+    """Return a section of a mission file, or None and add everything that is wrong with it to the faults."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -140,7 +141,7 @@ def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
     """Return a fault of a section in a user's words."""
     *parents, last = fault["loc"] or ("",)
     if fault["type"] == "extra_forbidden":
-        return _unknown_key(_place(path, parents), str(last), _known_keys(model, parents))
+        return unknown_key(_place(path, parents), str(last), _known_keys(model, parents))
     reason = _PLAIN_WORDS.get(fault["type"]) or fault["msg"].removeprefix("Value error, ").replace(
         "Input should be", "it must be"
     )
@@ -169,7 +170,8 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _unknown_key(parent: str, key: str, known: list[str]) -> str:
+def unknown_key(parent: str, key: str, known: list[str]) -> str:
+    """Return what to say of a key that is none of the known."""
     near = difflib.get_close_matches(key, known, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else f"; known keys: {', '.join(sorted(known))}"
     return f"{parent}{'.' if parent else ''}{key}: unknown key{hint}"
@@ -190,7 +192,7 @@ def _vehicle(entry: object, decision: object, shelf: PlantShelf, path: str, faul
         # A vehicle overrides single thresholds; the others are the mission's.
         own = entry.get("decision", {})
         entry = {**entry, "decision": {**decision, **own} if isinstance(own, dict) else own}
-    section = _validated(VehicleSection, entry, path, faults)
+    section = validated(VehicleSection, entry, path, faults)
     if section is None:
         return None
     try:

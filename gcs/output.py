@@ -31,6 +31,7 @@ class _Console(Console):
 STDERR = _Console(stderr=True)
 _PROGRESS_STEP_S = 1.0
 _PROGRESS_STEP_SHARE = 0.01
+_PROGRESS_STEP_TICKS = 100
 
 
 class _ProgressBar:
@@ -70,6 +71,15 @@ class SimulationProgress(_ProgressBar):
 
     def __init__(self, mission: str, duration_s: float) -> None:
         super().__init__(mission, "{task.completed:.0f} of {task.total:.0f} s flown", duration_s, _PROGRESS_STEP_S)
+
+
+class ReplayProgress(_ProgressBar):
+    """How many ticks of a log have been replayed."""
+
+    def __init__(self, mission: str, ticks: int) -> None:
+        super().__init__(
+            mission, "{task.completed:.0f} of {task.total:.0f} ticks replayed", ticks, _PROGRESS_STEP_TICKS
+        )
 
 
 class ReadingProgress(_ProgressBar):

@@ -1,0 +1,102 @@
+"""Whether two decisions are the same: bit for bit, or as nearly as other versions of what computes may make them."""
+
+import re
+from collections.abc import Callable, Iterator
+from math import inf
+from typing import Any, NamedTuple
+
+import msgspec
+
+from agents.messages import decode
+from gcs.flightlog.records import Decision, Run
+from gcs.flightlog.run import versions
+from gcs.flightlog.schema import plain
+
+TOLERANCE = 1e-3
+"""In metres, metres per second, radians: what solvers of other versions may leave open, and nothing that flies sees."""
+COVARIANCE_TOLERANCE = 1e-6
+"""In units of covariances: these hang on no solver."""
+
+Same = Callable[[str, Any, Any], bool]
+"""Whether a field, by its path, is the same in two decisions."""
+_NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
+
+
+class FieldDifference(NamedTuple):
+    """A field of a decision by its path, as it was recorded and as it came out this time."""
+
+    field: str
+    recorded: Any
+    replayed: Any
+
+
+def versions_that_differ(run: Run) -> tuple[str, ...]:
+    """Return in people's words what a computed number hangs on and is of another version now than in a run."""
+    recorded = {each.name: each.version for each in run.versions}
+    installed = {each.name: each.version for each in versions()}
+    return tuple(
+        f"{name} {recorded.get(name, 'unknown')} then, {installed.get(name, 'none')} now"
+        for name in sorted({*recorded, *installed})
+        if recorded.get(name) != installed.get(name)
+    )
+
+
+def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:
+    """Return every field in which two decisions are not the same."""
+    return list(_compared("", _readable(recorded), _readable(replayed), same))
+
+
+def identical(_: str, one: Any, other: Any) -> bool:
+    """Return whether two values are equal to the last bit."""
+    return repr(one) == repr(other)
+
+
+def close(field: str, one: Any, other: Any) -> bool:
+    """Return whether two values are equal within the tolerance; numbers in texts, within their last digit."""
+    if isinstance(one, bool) or isinstance(other, bool):
+        return one is other
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        tolerance = COVARIANCE_TOLERANCE if "covariance" in field else TOLERANCE
+        return abs(one - other) <= tolerance or repr(one) == repr(other)
+    if isinstance(one, str) and isinstance(other, str):
+        return _close_texts(one, other)
+    return bool(one == other)
+
+
+def _close_texts(one: str, other: str) -> bool:
+    if _NUMBER.sub("#", one) != _NUMBER.sub("#", other):
+        return False
+    pairs = zip(_NUMBER.finditer(one), _NUMBER.finditer(other), strict=True)
+    return all(abs(float(a[0]) - float(b[0])) <= max(TOLERANCE, _last_digit(a), _last_digit(b)) for a, b in pairs)
+
+
+def _last_digit(number: re.Match[str]) -> float:
+    """Return what the last digit of a number stands for, and a trifle; whole numbers are counts: nothing."""
+    return 1.001 * 10.0 ** -len(number[1] or "") if number[1] else -inf
+
+
+def _readable(decision: Decision) -> dict[str, Any]:
+    """Return a decision as plain data, with what it sent and heard spelled out."""
+    fields = plain(decision)
+    fields["sent"] = [{"topic": sent.topic, "message": _spelled_out(sent.payload)} for sent in decision.sent]
+    fields["answers"] = [_spelled_out(payload) for payload in decision.answers]
+    return fields
+
+
+def _spelled_out(payload: bytes) -> Any:
+    try:
+        message = decode(payload)
+    except ValueError:
+        return payload
+    return {name: msgspec.to_builtins(value) for name, value in msgspec.structs.asdict(message).items()}
+
+
+def _compared(path: str, one: Any, other: Any, same: Same) -> Iterator[FieldDifference]:
+    if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
+        for name, value in one.items():
+            yield from _compared(f"{path}.{name}" if path else name, value, other[name], same)
+    elif isinstance(one, list | tuple) and isinstance(other, list | tuple) and len(one) == len(other):
+        for index, (value, counterpart) in enumerate(zip(one, other, strict=True)):
+            yield from _compared(f"{path}[{index}]", value, counterpart, same)
+    elif not same(path, one, other):
+        yield FieldDifference(path, one, other)

@@ -1,0 +1,146 @@
+"""Playing the tapes of a log to fresh cores, and comparing every decision with the recorded one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from agents.core import VehicleCore
+from agents.outputs import TickOutput
+from agents.tape import CoreInput, Start, play
+from gcs.flightlog.reader import FlightLog
+from gcs.flightlog.records import Decision, decision_of
+from gcs.flightlog.schema import Codec
+from gcs.replay.comparison import FieldDifference, close, differences, identical, versions_that_differ
+from gcs.replay.playback import Gap, Turn, config_of, mission_flown, recorded_vehicles, tick_count, turns
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Where in a vehicle's flight something happened: its tick, counted from 1, and the time on its core's clock,
+    None where the log ends before the tick.
+
+    `start_s` is when its mission began, on the same clock, None if not yet; `inputs` are those since the tick before.
+    """
+
+    tick: int
+    time_s: float | None
+    start_s: float | None
+    inputs: tuple[CoreInput, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first decision of a vehicle that is not the recorded one."""
+
+    moment: Moment
+    fields: tuple[FieldDifference, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """An exception inside a core, the first of its vehicle; `recorded`: it failed when the log was written, too."""
+
+    moment: Moment
+    error: str
+    recorded: bool
+
+
+@dataclass(slots=True)
+class VehicleReplay:
+    """How the replay of a vehicle went: its ticks in the log, how many were compared, and how many were identical.
+
+    `gap` says from where on it cannot be compared, and why; empty if it can to the end.
+    """
+
+    vehicle_id: int
+    ticks: int
+    compared: int = 0
+    identical: int = 0
+    difference: Difference | None = None
+    failure: Failure | None = None
+    gap: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A whole log's: `other_versions` says which differ; with any, decisions are compared within the tolerance."""
+
+    mission: str
+    other_versions: tuple[str, ...]
+    vehicles: tuple[VehicleReplay, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing differs in what could be compared, and no core failed."""
+        return all(each.difference is None and each.failure is None for each in self.vehicles)
+
+
+def replay(log: FlightLog, on_tick: Callable[[], None] = lambda: None) -> Replay:
+    """Replay every vehicle of a log; raises LogError where it does not say what was flown."""
+    mission, other = mission_flown(log), versions_that_differ(log.run)
+    vehicles = []
+    for vehicle_id in recorded_vehicles(log):
+        core = VehicleCore(config_of(log, mission, vehicle_id))
+        player = _Player(vehicle_id, tick_count(log, vehicle_id), core, exact=not other)
+        for turn in turns(log, vehicle_id):
+            if not player.play(turn):
+                break
+            on_tick()
+        vehicles.append(player.result)
+    return Replay(log.run.mission, other, tuple(vehicles))
+
+
+class _Player:
+    """Plays one vehicle's tape to its core."""
+
+    def __init__(self, vehicle_id: int, ticks: int, core: VehicleCore, *, exact: bool) -> None:
+        self._core = core
+        self._same = identical if exact else close
+        self._codec = Codec(Decision)
+        self._tick = 0
+        self._start_s: float | None = None
+        self.result = VehicleReplay(vehicle_id, ticks)
+
+    def play(self, turn: Turn | Gap) -> bool:
+        """Play a turn and compare what comes out; return whether what follows can be compared."""
+        if isinstance(turn, Gap):
+            self.result.gap = f"{turn.reason}: from tick {self._tick + 1} on it cannot be compared"
+            return False
+        output, error = self._played(turn.inputs)
+        tick = turn.tick
+        self._tick += tick is not None
+        moment = Moment(self._tick, None if tick is None else tick.now_s, self._start_s, turn.inputs)
+        if error and self.result.failure is None:
+            self.result.failure = Failure(moment, error, recorded=turn.decision is None and tick is not None)
+        if tick is not None and not (turn.decision is None and turn.is_last):
+            self._compare(turn, None if output is None else decision_of(output), moment)
+        return True
+
+    def _played(self, inputs: tuple[CoreInput, ...]) -> tuple[TickOutput | None, str]:
+        """Return what comes out of the core, and the first exception: it flew on after one, and so it does here."""
+        output, failed = None, ""
+        for item in inputs:
+            if isinstance(item, Start):
+                self._start_s = item.at_s
+            try:
+                output = play(self._core, item)
+            except Exception as error:  # it is a finding about the flight, not the end of the replay
+                failed = failed or f"{type(error).__name__}: {error}"
+        return output, failed
+
+    def _compare(self, turn: Turn, replayed: Decision | None, moment: Moment) -> None:
+        result = self.result
+        result.compared += 1
+        if turn.decision is None or replayed is None:
+            found = [] if turn.decision is replayed else [FieldDifference("", *map(_named, (turn.decision, replayed)))]
+        elif self._codec.encode(replayed, turn.number) == turn.payload:
+            found = []
+        else:
+            found = differences(turn.decision, replayed, self._same)
+        if not found:
+            result.identical += 1
+        elif result.difference is None:
+            result.difference = Difference(moment, tuple(found))
+
+
+def _named(decision: Decision | None) -> str:
+    return "no decision" if decision is None else "a decision"

@@ -1,0 +1,164 @@
+"""A log's records of one vehicle, back as what went into its core and what came out of it."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import msgspec
+
+from agents.messages import OperatorCommand, decode
+from agents.settings import AgentConfig
+from agents.tape import (
+    Autopilot,
+    Bus,
+    Command,
+    CoreInput,
+    Killed,
+    LateTicks,
+    Message,
+    Patience,
+    Presence,
+    Start,
+    Tick,
+    Told,
+)
+from estimation.state import Sighting, Telemetry
+from gcs.exits import InputError
+from gcs.flightlog.reader import FlightLog, LogError
+from gcs.flightlog.records import Decision, Said
+from gcs.flightlog.run import mission_of
+from gcs.mission import Mission
+
+_ON_TAPE = {
+    Patience,
+    Start,
+    Told,
+    Autopilot,
+    LateTicks,
+    Bus,
+    Telemetry,
+    Sighting,
+    Message,
+    Said,
+    Killed,
+    Presence,
+    Tick,
+    Decision,
+}
+
+
+class Gap(NamedTuple):
+    """Records that are not there, or cannot be read: what is wrong."""
+
+    reason: str
+
+
+class Turn(NamedTuple):
+    """What went into a core up to a tick and with it, and the decision that came out.
+
+    There is none where the core failed, or the log ends before the next tick (`is_last`). `number` and `payload` are
+    the decision's, as it was recorded.
+    """
+
+    inputs: tuple[CoreInput, ...]
+    decision: Decision | None = None
+    number: int = 0
+    payload: bytes = b""
+    is_last: bool = False
+
+    @property
+    def tick(self) -> Tick | None:
+        """Its tick, None where the log ends before."""
+        return self.inputs[-1] if self.inputs and isinstance(self.inputs[-1], Tick) else None
+
+
+class _Played(NamedTuple):
+    number: int
+    item: CoreInput | Decision
+    payload: bytes
+
+
+def mission_flown(log: FlightLog) -> Mission:
+    """Return the mission of a log; raises LogError where this version refuses it."""
+    try:
+        return mission_of(log.run)
+    except InputError as error:
+        raise LogError([f"{log.path}: its mission: {fault}" for fault in error.faults]) from error
+
+
+def config_of(log: FlightLog, mission: Mission, vehicle_id: int) -> AgentConfig:
+    """Return what a recorded vehicle's core was told; raises LogError for one that the mission does not have."""
+    try:
+        return mission.agent_config(mission.vehicle(vehicle_id))
+    except KeyError as error:
+        raise LogError([f"{log.path}: it has records of vehicle {vehicle_id}, its mission has none"]) from error
+
+
+def recorded_vehicles(log: FlightLog) -> list[int]:
+    """Return the vehicles whose cores are on tape; raises LogError where there is none."""
+    ids = sorted(i for i, records in log.vehicles.items() if any(each.kind is Tick for each in records))
+    if not ids:
+        raise LogError([f"{log.path}: no vehicle's control loop was recorded"])
+    return ids
+
+
+def tick_count(log: FlightLog, vehicle_id: int) -> int:
+    """Return how many ticks of a vehicle a log holds."""
+    return sum(each.kind is Tick for each in log.vehicles.get(vehicle_id, ()))
+
+
+def turns(log: FlightLog, vehicle_id: int) -> Iterator[Turn | Gap]:
+    """Return what is on a vehicle's tape tick by tick, and a gap wherever something is missing."""
+    inputs: list[CoreInput] = []
+    for each in _played(log, vehicle_id):
+        if isinstance(each, Gap):
+            if inputs:
+                yield Turn(tuple(inputs), is_last=True)
+            yield each
+        elif isinstance(each.item, Decision):
+            yield Turn(tuple(inputs), each.item, each.number, each.payload)
+        else:
+            if inputs and isinstance(inputs[-1], Tick):
+                yield Turn(tuple(inputs))
+                inputs.clear()
+            inputs.append(each.item)
+            continue
+        inputs.clear()
+    if inputs:
+        yield Turn(tuple(inputs), is_last=True)
+
+
+def _played(log: FlightLog, vehicle_id: int) -> Iterator[_Played | Gap]:
+    """Return what is on a vehicle's tape in order, and a gap wherever something is missing."""
+    expected = 1
+    for record in log.vehicles.get(vehicle_id, ()):
+        try:
+            fields = record.plain()
+            number = int(fields["number"])
+            item = _item(record.kind, fields) if record.kind in _ON_TAPE else None
+        except (KeyError, ValueError, TypeError) as error:
+            yield Gap(f"record {expected} ({record.kind.__name__.lower()}) cannot be read: {error}")
+            expected += 1
+            continue
+        if number != expected:
+            yield Gap(_missing(expected, number))
+        expected = number + 1
+        if item is not None:
+            yield _Played(number, item, record.payload)
+
+
+def _item(kind: type[Any], fields: dict[str, Any]) -> CoreInput | Decision:
+    if kind is not Said:
+        item: CoreInput | Decision = msgspec.convert(fields, kind)
+        return item
+    said = msgspec.convert(fields, Said)
+    command = decode(said.payload)
+    if not isinstance(command, OperatorCommand):
+        raise ValueError("it is no operator's command")
+    return Command(said.now_s, command)
+
+
+def _missing(expected: int, number: int) -> str:
+    if number < expected:
+        return f"record {number} comes after record {expected - 1}"
+    one = number == expected + 1
+    return f"record {expected} is missing" if one else f"records {expected} to {number - 1} are missing"

@@ -1,0 +1,73 @@
+"""What one vehicle knows of its surroundings at a tick, from what its log holds."""
+
+from math import hypot, inf
+from typing import NamedTuple
+
+from agents.messages import BusMessage, MemberState, decode
+from agents.tape import CoreInput, LateTicks, Message, Patience, Start
+from estimation.state import Telemetry
+from gcs.flightlog.records import Decision
+from gcs.replay.playback import Turn
+
+
+class Neighbour(NamedTuple):
+    """A peer, and how far away it is, going on at the velocity that it told."""
+
+    vehicle_id: int
+    distance_m: float
+
+
+class Scene:
+    """Follows a vehicle's tape turn by turn."""
+
+    def __init__(self) -> None:
+        self.start_s: float | None = None
+        self.patience = 1.0
+        self.height_m = 0.0
+        self.late_ticks = 0
+        self.last: Decision | None = None
+        self.members: dict[int, MemberState] = {}
+
+    def take(self, turn: Turn) -> None:
+        """Take in the next turn."""
+        for item in turn.inputs:
+            match item:
+                case Start():
+                    self.start_s = item.at_s
+                case Patience():
+                    self.patience = item.factor
+                case LateTicks():
+                    self.late_ticks = item.count
+                case Telemetry():
+                    self.height_m = item.position_m[2]
+            message = heard(item)
+            if isinstance(message, MemberState):
+                self.members[message.sender] = message
+        self.last = turn.decision or self.last
+
+    def nearest(self, decision: Decision) -> Neighbour | None:
+        """Return the nearest of those that a decision counted on, None where it knew of nobody or not of itself."""
+        if decision.own is None:
+            return None
+        x, y = decision.own.mean[:2]
+        nearest = None
+        for member in (self.members[peer] for peer in decision.peers if peer in self.members):
+            age_s = decision.time_s - member.time_s
+            away_x, away_y = (
+                there + rate * age_s - here
+                for there, rate, here in zip(member.position_m, member.velocity_m_s, (x, y), strict=True)
+            )
+            distance_m = hypot(away_x, away_y, member.altitude_m - self.height_m)
+            if distance_m < (nearest.distance_m if nearest else inf):
+                nearest = Neighbour(member.sender, distance_m)
+        return nearest
+
+
+def heard(item: CoreInput) -> BusMessage | None:
+    """Return the message that an input is, None if it is none."""
+    if not isinstance(item, Message):
+        return None
+    try:
+        return decode(item.payload)
+    except ValueError:
+        return None

@@ -1,0 +1,254 @@
+"""What if the filters had had other parameters: both run again on what was recorded, side by side.
+
+They are fed what the core's filters were fed - its own telemetry, its own sightings and those told by peers - and the
+setpoints that were truly sent. Nothing is decided anew.
+"""
+
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.broadcast import sighting_told
+from agents.clock_watch import ClockWatch
+from agents.inbox import Inbox
+from agents.messages import OperatorCommand, TargetPackage
+from agents.settings import AgentConfig
+from agents.tactics import Tactic
+from agents.tape import Command, Message, Patience, Start, Told
+from estimation.own import OwnFilter
+from estimation.settings import OwnFilterSettings, TargetFilterSettings
+from estimation.state import MOTION, POSITION, VELOCITY, Sighting, Telemetry, Vector
+from estimation.target import TargetFilter
+from gcs.compose import target_motion
+from gcs.exits import InputError
+from gcs.flightlog.reader import FlightLog
+from gcs.flightlog.records import Decision, Truth
+from gcs.mission import Mission
+from gcs.mission_file import unknown_key, validated
+from gcs.replay.estimates import FilterFigures, Track, rms_difference
+from gcs.replay.playback import Gap, Turn, config_of, recorded_vehicles, turns
+
+FILTERS = ("own_filter", "target_filter")
+
+Fed = Telemetry | Sighting | Told | Command | OperatorCommand
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSettings:
+    """The parameters of both filters."""
+
+    own_filter: OwnFilterSettings
+    target_filter: TargetFilterSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A parameter by its path in a mission file, as it was flown with and as it is tried."""
+
+    key: str
+    recorded: object
+    tried: object
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One filter of one vehicle, with the recorded and with the tried parameters, and by how much they differ (rms)."""
+
+    vehicle_id: int
+    filter: str
+    recorded: FilterFigures
+    tried: FilterFigures
+    difference_m: float | None
+    difference_m_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class WhatIf:
+    """What was changed, and what came of it; `gaps` are what the log does not hold."""
+
+    mission: str
+    changes: tuple[Change, ...]
+    outcomes: tuple[Outcome, ...]
+    gaps: tuple[str, ...]
+
+
+def changed_filters(mission: Mission, changes: Sequence[str]) -> FilterSettings:
+    """Return a mission's filters with values of KEY=VALUE changed; raises InputError with every fault."""
+    faults: list[str] = []
+    contents = {name: getattr(mission, name).model_dump() for name in FILTERS}
+    for change in changes:
+        key, is_set, text = change.partition("=")
+        section, _, name = key.strip().partition(".")
+        if not is_set or not name:
+            faults.append(f"{change!r}: it must be KEY=VALUE, as own_filter.gate_sigma=4")
+        elif section not in FILTERS:
+            faults.append(unknown_key("", section, list(FILTERS)))
+        else:
+            try:
+                contents[section][name] = tomllib.loads(f"value = {text}")["value"]
+            except (ValueError, RecursionError, KeyError):
+                faults.append(f"{section}.{name}: {text!r} is no value")
+    own = validated(OwnFilterSettings, contents["own_filter"], "own_filter", faults)
+    target = validated(TargetFilterSettings, contents["target_filter"], "target_filter", faults)
+    if faults or own is None or target is None:
+        raise InputError([f"--set: {fault}" for fault in faults])
+    return FilterSettings(own, target)
+
+
+def what_if(
+    log: FlightLog, mission: Mission, tried: FilterSettings, on_tick: Callable[[], None] = lambda: None
+) -> WhatIf:
+    """Run every vehicle's filters again, as they were and as they are tried; raises LogError."""
+    outcomes, gaps = list[Outcome](), list[str]()
+    recorded = FilterSettings(mission.own_filter, mission.target_filter)
+    for vehicle_id in recorded_vehicles(log):
+        config = config_of(log, mission, vehicle_id)
+        feed, runs = Feed(config), [FilterRun(config, settings) for settings in (recorded, tried)]
+        for turn in turns(log, vehicle_id):
+            if isinstance(turn, Gap):
+                gaps.append(f"vehicle {vehicle_id}: {turn.reason}")
+                continue
+            inputs = list(feed.inputs(turn))
+            for run in runs:
+                run.take(turn, inputs)
+            on_tick()
+        truth = list(log.of_kind(vehicle_id, Truth))
+        outcomes += _outcomes(vehicle_id, mission, runs, truth, feed.start_s)
+    changes = tuple(_changes(recorded, tried))
+    concerned = {change.key.partition(".")[0] for change in changes}
+    told = tuple(outcome for outcome in outcomes if f"{outcome.filter}_filter" in concerned)
+    return WhatIf(log.run.mission, changes, told, tuple(gaps))
+
+
+class Feed:
+    """Turns what a core received into what its filters are fed."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._vehicle_id = config.vehicle_id
+        self._inbox = Inbox(config.vehicle_id, config.slots, ClockWatch(config.failsafe.clock_step_s))
+        self._patience = 1.0
+        self.start_s: float | None = None
+
+    def inputs(self, turn: Turn) -> Iterator[Fed]:
+        """Return what a turn feeds to the filters, and what may change the tactic, in order."""
+        for item in turn.inputs:
+            match item:
+                case Patience():
+                    self._patience = item.factor
+                case Start():
+                    self.start_s = item.at_s
+                case Telemetry() | Sighting() | Told() | Command():
+                    yield item
+                case Message():
+                    yield from self._told(item)
+
+    def _told(self, item: Message) -> Iterator[Fed]:
+        message = self._inbox.take(item.payload, item.now_s, self._patience)
+        if isinstance(message, OperatorCommand):
+            yield message
+        if isinstance(message, TargetPackage) and self._vehicle_id in message.recipients:
+            try:
+                yield sighting_told(message)
+            except ValueError:
+                return  # the core refused it as well
+
+
+class FilterRun:
+    """One vehicle's filters with one set of parameters, and how they fare."""
+
+    def __init__(self, config: AgentConfig, settings: FilterSettings) -> None:
+        self._own = OwnFilter(config.plant, settings.own_filter)
+        self._target = TargetFilter(settings.target_filter)
+        noise = settings.own_filter
+        self._noise = np.diag([noise.position_noise_m**2] * 2 + [noise.velocity_noise_m_s**2] * 2)
+        self._ring_rate_rad_s = config.encirclement.angular_rate_rad_s if noise.disturbance_turns else 0.0
+        self.own, self.target = Track(), Track()
+
+    def take(self, turn: Turn, inputs: Sequence[Fed]) -> None:
+        """Feed a turn to the filters, and look at the estimates at its tick."""
+        for item in inputs:
+            if isinstance(item, Telemetry):
+                self._measure(item)
+            elif isinstance(item, Sighting):
+                self._sight(item)
+            elif turn.decision is not None:
+                self._turn(turn.decision)
+        if turn.tick is None:
+            return
+        now_s = turn.tick.now_s
+        own, target = self._own.estimate(now_s), self._target.estimate(now_s)
+        if own is not None:
+            self.own.add(now_s, own.mean[MOTION])
+        if target is not None:
+            self.target.add(now_s, target.mean)
+        if turn.decision is not None:
+            self._turn(turn.decision)
+            if turn.decision.guard is not None:
+                self._own.command(now_s, np.array(turn.decision.guard.setpoint_m))
+
+    def _turn(self, decision: Decision) -> None:
+        self._own.turn_disturbance(self._ring_rate_rad_s if decision.tactic == Tactic.ENCIRCLE.value else 0.0)
+
+    def _measure(self, telemetry: Telemetry) -> None:
+        prior, refused = self._own.estimate(telemetry.time_s), self._own.refused
+        self._own.measure(telemetry)
+        accepted = self._own.refused == refused
+        innovation = None
+        if prior is not None and prior.time_s == telemetry.time_s:
+            measured = np.array([*telemetry.position_m[:2], *telemetry.velocity_m_s[:2]])
+            innovation = measured - prior.mean[MOTION], prior.covariance[MOTION, MOTION] + self._noise
+        self.own.innovate(accepted, innovation)
+
+    def _sight(self, sighting: Sighting) -> None:
+        prior, refused = self._target.estimate(sighting.time_s), self._target.refused
+        self._target.sight(sighting)
+        accepted = self._target.refused == refused
+        innovation = None
+        # One that is late is put where it belongs in time: there is no estimate of before to compare it with.
+        if prior is not None and prior.time_s == sighting.time_s:
+            xx, xy, yy = sighting.covariance_m2
+            spread = prior.covariance[POSITION, POSITION] + np.array([[xx, xy], [xy, yy]])
+            innovation = np.array(sighting.position_m) - prior.mean[POSITION], spread
+        self.target.innovate(accepted, innovation)
+
+
+def _outcomes(
+    vehicle_id: int, mission: Mission, runs: Sequence[FilterRun], truth: Sequence[Truth], start_s: float | None
+) -> Iterator[Outcome]:
+    true_s = np.array([each.time_s for each in truth])
+    place_m = np.array([each.position_m[:2] for each in truth])
+    recorded, tried = runs
+
+    def own_m(time_s: Vector) -> Vector:
+        columns = [np.interp(time_s, true_s, column, np.nan, np.nan) for column in place_m.T]
+        return np.column_stack(columns)
+
+    def target_m(time_s: Vector) -> Vector:
+        since_s = np.where(time_s >= (start_s or 0.0), time_s - (start_s or 0.0), np.nan)
+        motion = target_motion(mission)
+        place: Vector = np.array(motion.start_m) + np.outer(since_s, motion.velocity_m_s)
+        return place
+
+    known = bool(truth)
+    for name, one, other, true in (
+        ("own", recorded.own, tried.own, own_m if known else None),
+        ("target", recorded.target, tried.target, target_m if known and start_s is not None else None),
+    ):
+        yield Outcome(
+            vehicle_id,
+            name,
+            one.figures(true),
+            other.figures(true),
+            rms_difference(one, other, POSITION),
+            rms_difference(one, other, VELOCITY),
+        )
+
+
+def _changes(recorded: FilterSettings, tried: FilterSettings) -> Iterator[Change]:
+    for section in FILTERS:
+        before, after = getattr(recorded, section).model_dump(), getattr(tried, section).model_dump()
+        for name, value in after.items():
+            if value != before[name]:
+                yield Change(f"{section}.{name}", before[name], value)

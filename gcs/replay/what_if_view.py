@@ -1,0 +1,57 @@
+"""What people and machines see of filters with other parameters."""
+
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gcs.live import number
+from gcs.replay.estimates import FilterFigures
+from gcs.replay.what_if import WhatIf
+
+_COLUMNS = (
+    "NIS / dof\n(1 expected)",
+    "refused",
+    "prediction\nrms [m]",
+    "error\nrms [m]",
+    "differs by\nrms [m]",
+    "differs by\nrms [m/s]",
+)
+
+
+def what_if_view(what: WhatIf) -> RenderableType:
+    """Return the filters side by side for people."""
+    lines = [Text(f"{change.key}: {change.recorded} -> {change.tried}", style="bold") for change in what.changes]
+    if not lines:
+        return Text("nothing is changed: these are the values that were flown with", style="yellow")
+    gaps = [Text(f"{gap}: the filters go on without", style="yellow") for gap in what.gaps]
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("vehicle", "filter", ""):
+        table.add_column(name)
+    for name in _COLUMNS:
+        table.add_column(Text(name, justify="right"), justify="right")
+    for each in what.outcomes:
+        table.add_row(str(each.vehicle_id), each.filter, "recorded", *_cells(each.recorded))
+        apart = number(each.difference_m, ".4f"), number(each.difference_m_s, ".4f")
+        table.add_row("", "", "tried", *_cells(each.tried), *apart, style="cyan")
+    return Group(*lines, *gaps, table)
+
+
+def what_if_dict(what: WhatIf) -> dict[str, Any]:
+    """Return the same as plain data."""
+    return {
+        "changes": {change.key: {"recorded": change.recorded, "tried": change.tried} for change in what.changes},
+        "filters": [asdict(each) for each in what.outcomes],
+        "gaps": list(what.gaps),
+    }
+
+
+def _cells(figures: FilterFigures) -> tuple[str, ...]:
+    return (
+        number(figures.nis, ".3f"),
+        number(figures.refused, ".2%"),
+        number(figures.prediction_m, ".4f"),
+        number(figures.error_m, ".4f"),
+    )
