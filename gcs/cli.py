@@ -17,6 +17,11 @@ app = App(
     help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
     help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
 )
+logs = App(
+    name="log",
+    help="What can be done with flight logs, beside flying.\n\nExample: cordon log layout -o cordon-layout.json",
+)
+app.command(logs)
 _RESULT = Group("Result")
 
 MissionName = Annotated[
@@ -230,11 +235,7 @@ def watch(*, mission: RunningMission = "case2") -> Exit:
     return watch_team(mission)
 
 
-log = App(name="log", help="Look after the logs of flights.")
-app.command(log)
-
-
-@log.command
+@logs.command
 def recover(
     log: Annotated[Path, Parameter(help="A log that a killed process left, or that is damaged: it stays as it is.")],
     *,
@@ -275,6 +276,23 @@ def replay(
     from gcs.log_commands import replay_log  # noqa: PLC0415
 
     return replay_log(log, json=json, explain=explain, changes=changes or [])
+
+
+@logs.command
+def layout(
+    *,
+    output: Annotated[
+        Path, Parameter(name=["--output", "-o"], help="The file to write, which must not exist yet.")
+    ] = Path("cordon-layout.json"),
+) -> Exit:
+    """Write the layout by which Foxglove and Lichtblick show a flight: in 3-D, on a map, and in plots.
+
+    Example: cordon log layout -o cordon-layout.json
+    """
+    from gcs.logbook import write_layout  # noqa: PLC0415
+
+    write_layout(output)
+    return Exit.HOLDS
 
 
 def _tell(line: str) -> None:

@@ -1,6 +1,7 @@
 """The log of a command: opened before anything flies, told of afterwards, recovered after a crash."""
 
 from datetime import datetime
+from importlib.resources import files
 from pathlib import Path
 from time import time
 
@@ -47,6 +48,16 @@ def tell_of_log(writer: LogWriter | None) -> None:
     if writer.fault:
         _say(f"the log is not whole: {writer.fault}", "red")
     _say(f"log: {writer.path} ({writer.size_bytes / 1e6:.1f} MB)")
+
+
+def write_layout(path: Path) -> None:
+    """Write the layout for viewers; raises InputError when that is not possible, or when the file exists already."""
+    text = files("gcs.flightlog").joinpath("cordon-layout.json").read_text(encoding="utf-8")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise InputError([f"--output: {str(path)!r}: {error.strerror or error}"]) from error
 
 
 def _opened(path: Path) -> LogWriter:

@@ -140,7 +140,8 @@ def test_the_example_of_every_command_is_one_that_parses(command: str) -> None:
     docstring = app[command].help or ""
     example = docstring.partition("Example: ")[2].splitlines()[0].split()
     bound = app.parse_args(example[1:], exit_on_error=False, print_error=False)[1]
-    assert bound.arguments["mission"] in {"case1", "case2", "case2-field"}
+    if "mission" in bound.signature.parameters:
+        assert bound.arguments["mission"] in {"case1", "case2", "case2-field"}
 
 
 def test_no_command_at_all_is_a_plea_for_help() -> None:
