@@ -20,6 +20,7 @@ from gcs.findings import Finding, Grade
 from gcs.flight_plan import FlightPlan
 from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
 from gcs.flightlog.records import RunEnd, VehicleEnd
+from gcs.flightlog.scene import Scene
 from gcs.helm import Helm
 from gcs.journal import Journal
 from gcs.keys import Keys
@@ -71,7 +72,7 @@ async def fly(
     clock = MissionClock(plan.speed or 1.0)
     if plan.log is None:
         return await _fly(plan, clock, view, tell, supervision, Unrecorded())
-    with FlightRecording(plan.log, clock) as recording:
+    with FlightRecording(plan.log, clock, Scene(plan.log.context, plan.mission)) as recording:
         return await _fly(plan, clock, view, tell, supervision, recording)
 
 

@@ -11,6 +11,7 @@ from gcs.exits import Exit, InputError
 from gcs.flightlog.place import default_path
 from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.run import run_of
+from gcs.flightlog.scene import Scene
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.mission import Mission
@@ -24,7 +25,8 @@ def simulation_recording(
     if path is None:
         return None
     run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=time(), duration_s=duration_s)
-    return SimulationRecording(_opened(path), run)
+    writer = _opened(path)
+    return SimulationRecording(writer, run, Scene(writer.context, mission))
 
 
 def open_log(path: Path | None, mission: str, only: int | None) -> LogWriter | None:

@@ -85,8 +85,13 @@ class Recorder:
     def _write(self, vehicle_id: int, number: int, time_ns: int, item: object) -> None:
         record = recorded(item)
         self._writer.write(vehicle_id, number, time_ns, record)
-        if self._picture is not None:
+        if self._picture is None:
+            return
+        try:
             self._picture(vehicle_id, time_ns, record)
+        except Exception as error:  # a bug in what only viewers need must not cost the log
+            self._picture = None
+            self.fail(f"what only viewers need ended: {_words(error)}")
 
     def _overflow(self) -> None:
         self.fail("its disk is too slow: records are missing")

@@ -25,7 +25,7 @@ class LogWriter:
     def __init__(self, path: Path | None, context: Context, size_max_bytes: int = SIZE_MAX_BYTES) -> None:
         """Open the file, or write only to what else listens to the context; raises OSError when that fails."""
         self.path = path
-        self._context = context
+        self.context = context
         self._disk = None if path is None else Disk(path)
         self._size_max_bytes = size_max_bytes
         self._channels: dict[tuple[type, int], tuple[Channel, Codec]] = {}
@@ -74,6 +74,6 @@ class LogWriter:
         topic = f"/vehicle/{vehicle_id}/{VEHICLE_TOPICS[kind]}" if vehicle_id else f"/{RUN_TOPICS[kind]}"
         codec = Codec(kind)
         schema = Schema(name=codec.name, encoding="protobuf", data=codec.schema)
-        channel = Channel(topic, schema=schema, message_encoding="protobuf", context=self._context)
+        channel = Channel(topic, schema=schema, message_encoding="protobuf", context=self.context)
         self._channels[kind, vehicle_id] = channel, codec
         return channel, codec
