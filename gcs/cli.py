@@ -106,6 +106,14 @@ def fly(
             help="Whether the flight is recorded. It is unless told otherwise, in ~/.local/share/cordon/logs.",
         ),
     ] = True,
+    live: Annotated[
+        bool,
+        Parameter(negative="", group=_RESULT, help="Show the flight to viewers that look on: Foxglove or Lichtblick."),
+    ] = False,
+    live_address: Annotated[
+        str | None,
+        Parameter(group=_RESULT, help="Where --live listens, HOST:PORT, in place of 127.0.0.1:8765: here alone."),
+    ] = None,
     json: Json = False,
     plot: Plot = None,
 ) -> int:
@@ -116,6 +124,8 @@ def fly(
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
     """
     hold_back()
+    if live_address is not None and not live:
+        raise InputError(["--live-address: without --live nobody can look on, wherever that is"])
     from gcs.supervisor import is_supervised, supervise  # noqa: PLC0415
 
     if not is_supervised():
@@ -132,6 +142,7 @@ def fly(
         json=json,
         plot=plot,
         recorded=recorded,
+        live=(live_address or "127.0.0.1:8765") if live else None,
     )
 
 

@@ -71,9 +71,13 @@ def fly_mission(
     json: bool,
     plot: Path | None,
     recorded: bool = True,
+    live: str | None = None,
     equipment: "Equipment | None" = None,
 ) -> Exit:
-    """`cordon fly`; a drill brings equipment that can fail. It is recorded at `log`, or at the default place."""
+    """`cordon fly`; a drill brings equipment that can fail. It is recorded at `log`, or at the default place.
+
+    Viewers may look on at the address `live`.
+    """
     check_plot(plot)
     mission = load_mission(name)
     if sitl and only is not None:
@@ -82,15 +86,19 @@ def fly_mission(
     from gcs.flight_plan import FlightPlan  # noqa: PLC0415
     from gcs.lifeline import Lifeline  # noqa: PLC0415
     from gcs.live import LiveView  # noqa: PLC0415
-    from gcs.logbook import open_log, tell_of_log  # noqa: PLC0415
+    from gcs.logbook import flight_log, tell_of_log  # noqa: PLC0415
 
     vehicles = mission.vehicles if only is None else (_chosen(mission, only, "--only"),)
     speed = speed or (1.0 if sitl else None)
-    writer = open_log(log, mission.mission.name, only) if recorded else None
-    plan = FlightPlan(mission, duration or mission.mission.duration_s, vehicles, sitl, speed, equipment, writer)
+    duration = duration or mission.mission.duration_s
     orphaned = partial(_say, "this flight's supervisor is gone: the vehicles hold and land", "")
     try:
-        with Lifeline.inherited(orphaned) as lifeline, LiveView(STDERR) as view:
+        with (
+            flight_log(log, mission.mission.name, only, recorded=recorded, live=live) as writer,
+            Lifeline.inherited(orphaned) as lifeline,
+            LiveView(STDERR) as view,
+        ):
+            plan = FlightPlan(mission, duration, vehicles, sitl, speed, equipment, writer)
             flight = asyncio.run(fly(plan, view, partial(_show_alarms, mission), lifeline))
     except VehicleRefusedError as refusal:
         _say(refusal.reason, refusal.next_step)

@@ -1,5 +1,7 @@
 """The log of a command: opened before anything flies, told of afterwards, recovered after a crash."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
@@ -8,6 +10,7 @@ from time import time
 from foxglove import Context
 
 from gcs.exits import Exit, InputError
+from gcs.flightlog.onlookers import Address, onlookers
 from gcs.flightlog.place import default_path
 from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.run import run_of
@@ -25,22 +28,44 @@ def simulation_recording(
     if path is None:
         return None
     run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=time(), duration_s=duration_s)
-    writer = _opened(path)
+    writer = _opened(path, Context())
     return SimulationRecording(writer, run, Scene(writer.context, mission))
 
 
-def open_log(path: Path | None, mission: str, only: int | None) -> LogWriter | None:
-    """Open the log of a flight; raises InputError when that is not possible where it was told to be.
+@contextmanager
+def flight_log(
+    path: Path | None, mission: str, only: int | None, *, recorded: bool, live: str | None
+) -> Iterator[LogWriter | None]:
+    """Open the log of a flight, and show it at the address `live`; None if it is neither recorded nor shown.
 
-    Where it was not told, a flight without a log is better than none: that is said, and None returned.
+    Raises InputError when the log cannot be where it was told to be, or the address is none; VehicleRefusedError when
+    that is taken. Where nobody told, a flight without a log is better than none: that is said.
     """
+    context = Context()
+    if live is None:
+        yield _flight_writer(path, mission, only, context) if recorded else None
+        return
+    address = Address.parsed(live)
+    with onlookers(address, context):
+        writer = _flight_writer(path, mission, only, context) if recorded else None
+        _tell_of_address(address)
+        yield writer or LogWriter(None, context)
+
+
+def _flight_writer(path: Path | None, mission: str, only: int | None, context: Context) -> LogWriter | None:
     if path is not None:
-        return _opened(path)
+        return _opened(path, context)
     try:
-        return LogWriter(default_path(mission, only, datetime.now()), Context())
+        return LogWriter(default_path(mission, only, datetime.now()), context)
     except OSError as error:
         _say(f"this flight is not recorded: {error}", "yellow")
         return None
+
+
+def _tell_of_address(address: Address) -> None:
+    STDERR.print(f"live: {address.url} (open it in Foxglove or Lichtblick)", markup=False, highlight=False)
+    if not address.is_loopback:
+        STDERR.print("whoever reaches this computer can look on", style="yellow", markup=False, highlight=False)
 
 
 def tell_of_log(writer: LogWriter | None) -> None:
@@ -62,9 +87,9 @@ def write_layout(path: Path) -> None:
         raise InputError([f"--output: {str(path)!r}: {error.strerror or error}"]) from error
 
 
-def _opened(path: Path) -> LogWriter:
+def _opened(path: Path, context: Context) -> LogWriter:
     try:
-        return LogWriter(path, Context())
+        return LogWriter(path, context)
     except FileExistsError as error:
         raise InputError([f"--log: {str(path)!r} exists already: nothing is overwritten"]) from error
     except OSError as error:
