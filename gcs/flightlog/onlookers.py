@@ -3,6 +3,7 @@
 A viewer that is slow misses messages, the oldest first; one that dies is forgotten. Neither is waited for.
 """
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
@@ -18,6 +19,8 @@ SERVER_NAME = "cordon"
 _EXAMPLE = "127.0.0.1:8765"
 BACKLOG = 256
 """Messages that wait for a slow viewer: some seconds of a team's."""
+
+PARTING_S = 1.0
 
 
 class Address(NamedTuple):
@@ -70,4 +73,7 @@ def onlookers(address: Address, context: Context) -> Iterator[None]:
     try:
         yield
     finally:
-        server.stop()
+        # It waits for viewers to take their leave, and one that hangs never does.
+        parting = threading.Thread(target=server.stop, name="onlookers' leave", daemon=True)
+        parting.start()
+        parting.join(PARTING_S)
