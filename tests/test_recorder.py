@@ -20,7 +20,7 @@ from gcs.flightlog.reader import read_log
 from gcs.flightlog.recorder import Recorder, RecorderThread
 from gcs.flightlog.records import RunEnd
 from gcs.flightlog.writer import LogWriter
-from gcs.logbook import open_log, tell_of_log
+from gcs.logbook import flight_log, tell_of_log
 from tests.flight_logs import engaging, record_into
 
 DURATION_S = 20.0
@@ -224,7 +224,8 @@ def test_a_flight_that_was_not_told_where_is_flown_without_a_log_where_there_is_
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "file"))
-    assert open_log(None, "case2", None) is None
+    with flight_log(None, "case2", None, recorded=True, live=None) as log:
+        assert log is None
     assert "this flight is not recorded: " in capsys.readouterr().err
 
 
@@ -237,7 +238,8 @@ def test_a_home_that_nobody_knows_is_no_place(
     monkeypatch.delenv(FOLDER_VARIABLE)
     monkeypatch.delenv("XDG_DATA_HOME", raising=False)
     monkeypatch.setattr(Path, "home", fail)
-    assert open_log(None, "case2", None) is None
+    with flight_log(None, "case2", None, recorded=True, live=None) as log:
+        assert log is None
     assert f"{FOLDER_VARIABLE} may name a folder for logs" in capsys.readouterr().err
 
 
@@ -253,6 +255,9 @@ def test_a_home_that_nobody_knows_is_no_place(
 )
 def test_a_place_that_was_told_and_is_none_ends_in_bad_input(name: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(InputError, match=reason):
-        open_log(tmp_path / name, "case2", None)
+    with (
+        pytest.raises(InputError, match=reason),
+        flight_log(tmp_path / name, "case2", None, recorded=True, live=None),
+    ):
+        pass
     assert (tmp_path / "file").read_text() == "kept"
