@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.ring import RingPlace, ring_place, spaced_rate_rad_s
+from agents.ring import RingPlace, ring_place, spaced_rate_rad_s, spacing_decay_per_s
 from estimation.state import Vector
 
 RATE_RAD_S = 0.05
@@ -61,6 +61,12 @@ def test_the_fastest_mode_of_a_large_ring_stays_within_what_a_vehicle_can_follow
     fastest = modes_per_s(members, 0.3)[-1]
     assert fastest == pytest.approx(0.5 * (1.0 - cos(tau * (members // 2) / members)), abs=1e-7)
     assert fastest <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("members", range(2, 25))
+@pytest.mark.parametrize("gain", [0.05, 0.3, 1.5])
+def test_the_decay_told_of_a_ring_is_its_slowest_mode(members: int, gain: float) -> None:
+    assert spacing_decay_per_s(members, gain) == pytest.approx(modes_per_s(members, gain)[1], rel=1e-4)
 
 
 def test_a_disturbed_ring_of_three_settles_exponentially() -> None:

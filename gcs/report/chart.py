@@ -116,7 +116,7 @@ def over_time(axes: "Axes", label: str, time_s: Vector) -> None:
 
 def logarithmic(axes: "Axes", values: Vector, floor: float) -> None:
     """Make the vertical axis logarithmic, from the least value but not from below the floor, in plain numbers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: PLC0415
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: PLC0415
 
     known = values[np.isfinite(values) & (values > 0.0)]
     low = max(floor, 0.6 * float(known.min())) if known.size else floor
@@ -125,7 +125,7 @@ def logarithmic(axes: "Axes", values: Vector, floor: float) -> None:
     axes.set_ylim(low, high)
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0), numticks=7))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _plain(value: float) -> str:
