@@ -165,7 +165,7 @@ def draw_lyapunov(axes: "Axes", sheet: Sheet, stretches: Sequence[Decay]) -> Non
         shown = promised > 0.5 * low_rad2
         axes.plot(fine_s[shown], promised[shown], **_PROMISED, label="" if index else "promised")
     if stretches[0].decay_per_s is not None:
-        axes.legend(loc="upper right", frameon=False)
+        axes.legend(loc="upper right", edgecolor="none", framealpha=0.8)
 
 
 def draw_decays(axes: "Axes", sheet: Sheet, stretches: Sequence[Decay]) -> None:
@@ -186,4 +186,4 @@ def draw_decays(axes: "Axes", sheet: Sheet, stretches: Sequence[Decay]) -> None:
     for index, rate in enumerate(sorted({each.decay_per_s for each in falls if each.decay_per_s is not None})):
         since_s = np.array(axes.get_xlim())
         axes.plot(since_s, np.exp(-rate * since_s), **_PROMISED, label="" if index else "promised")
-    axes.legend(loc="upper right", frameon=False)
+    axes.legend(loc="upper right", edgecolor="none", framealpha=0.8)
