@@ -93,14 +93,23 @@ def page(ten_minutes: tuple[Path, float]) -> Page:
     return Page(ten_minutes[0].read_text(encoding="utf-8"))
 
 
+def longest_line(html: str) -> int:
+    """How many points the longest line of all charts has."""
+    paths: list[str] = re.findall(r' d="([^"]*)"', html)
+    return max(path.count("L") + 1 for path in paths)
+
+
 def test_ten_minutes_of_three_vehicles_are_small_and_soon_written(ten_minutes: tuple[Path, float]) -> None:
     path, took_s = ten_minutes
     assert path.stat().st_size < 3_000_000
     assert took_s < 10.0
+    assert longest_line(path.read_text(encoding="utf-8")) <= 1200
 
 
 def test_ten_minutes_of_sixteen_are_small_too() -> None:
-    assert len(report_html(*flown(16)).encode()) < 6_000_000
+    html = report_html(*flown(16))
+    assert len(html.encode()) < 6_000_000
+    assert longest_line(html) <= 600
 
 
 def test_the_parts_come_in_order_and_every_link_finds_its_part(page: Page) -> None:

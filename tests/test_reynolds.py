@@ -61,7 +61,8 @@ def test_one_of_three_that_flies_the_other_way_leaves_a_third_of_the_order() -> 
 
 
 def test_one_that_stands_still_has_no_direction() -> None:
-    figures = flocking(record(*(straight((x, 0.0), (v, 0.0)) for x, v in ((0.0, 0.2), (5.0, 0.2), (9.0, 0.001)))))
+    ways = ((0.2, 0.0), (0.2, 0.0), (-0.001, 0.001))
+    figures = flocking(record(*(straight((9.0 * x, 0.0), way) for x, way in enumerate(ways))))
     assert figures.order == pytest.approx(np.ones(TIME_S.size))
 
 

@@ -72,7 +72,7 @@ def decays(time_s: Vector, motion: RingMotion, gain_per_s: float | None) -> tupl
 
 def _decay(time_s: Vector, value_rad2: Vector, members: int, gain_per_s: float | None) -> Decay | None:
     known = np.flatnonzero(np.isfinite(value_rad2))
-    if members < 2 or not known.size:
+    if not known.size:
         return None
     start = int(known[0])
     above = known[value_rad2[known] > FALLEN_SHARE * value_rad2[start]]

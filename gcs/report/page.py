@@ -70,7 +70,7 @@ def key_of(record: FlightRecord) -> tuple[KeyLine, ...]:
 def _facts(evidence: FlightEvidence, result: FlightResult) -> dict[str, str]:
     return {
         **evidence.facts,
-        "flown": f"{result.source}, seed {result.seed}" if result.source != "flight" else "flight",
+        "source": f"{result.source}, seed {result.seed}" if result.source != "flight" else "flight",
         "duration": f"{result.duration_s:g} s at {result.loop.rate_hz:g} Hz",
         "vehicles": ", ".join(str(track.vehicle_id) for track in evidence.record.vehicles) or "none",
         "judged by": _REFERENCES.get(result.reference, result.reference),

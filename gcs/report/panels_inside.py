@@ -1,41 +1,22 @@
 """The panels of what went on inside: what vehicles believed, how long they computed, what they heard, their power."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.state import POSITION, Vector
+from estimation.state import Vector
+from gcs.report.beliefs import SIGMAS, Error
 from gcs.report.chart import level, logarithmic, over_time
-from gcs.report.evidence import Belief, FlightEvidence, Hearing
+from gcs.report.evidence import FlightEvidence, Hearing
 from gcs.report.panels import Sheet, title
 from gcs.report.style import FAIL, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SIGMAS = 3.0
 # The first estimates are no better than their priors: they would flatten all the rest.
 _SHOWN_SHARE = 99.0
-
-
-@dataclass(frozen=True, slots=True)
-class Error:
-    """How far one vehicle's belief is off at (K,) times: `error_m`, `sigma_m` (K, 2) in x and y; NaN: no comparison."""
-
-    row: int
-    time_s: Vector
-    error_m: Vector
-    sigma_m: Vector
-
-
-def belief_error(row: int, belief: Belief, time_s: Vector, position_m: Vector) -> Error:
-    """Compare a belief with positions (T, 2) at other times, as far as they are known around it."""
-    wanted_m = np.column_stack([np.interp(belief.time_s, time_s, column) for column in position_m.T])
-    inside = (belief.time_s >= time_s[0]) & (belief.time_s <= time_s[-1])
-    error_m = np.where(inside[:, None], belief.motion[:, POSITION] - wanted_m, np.nan)
-    return Error(row, belief.time_s, error_m, belief.sigma[:, POSITION])
 
 
 def draw_errors(axes: "Axes", sheet: Sheet, errors: Iterable[Error], axis: int, heading: str) -> None:

@@ -102,9 +102,8 @@ def draw_closest(axes: "Axes", sheet: Sheet, flocking: Flocking, asked: Asked) -
     known_m = np.where(np.isfinite(closest_m), closest_m, np.nan)
     axes.plot(*sheet.line(record.time_s, known_m), color=INK, linewidth=1.3)
     touches = closest_m[sample] < separation_m
-    axes.plot(
-        record.time_s[sample], closest_m[sample], "v", color=FAIL if touches else INK, markersize=8, clip_on=False
-    )
+    mark: dict[str, Any] = {"color": FAIL if touches else INK, "markersize": 8, "clip_on": False, "zorder": 10}
+    axes.plot(record.time_s[sample], closest_m[sample], "v", **mark)
     axes.set_ylim(0.0, 1.08 * max(float(np.nanmax(known_m)), 1.5 * separation_m))
     level(axes, separation_m, f"separation asked for: {separation_m:g} m")
 

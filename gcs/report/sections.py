@@ -9,11 +9,11 @@ import numpy as np
 from gcs.metrics import ring_motion
 from gcs.report import panels, panels_inside, panels_metrics, tables
 from gcs.report.asked import Asked
+from gcs.report.beliefs import Error, own_errors, target_errors
 from gcs.report.chart import WIDTH_IN, Chart, chart
 from gcs.report.evidence import FlightEvidence, VehicleEvidence
 from gcs.report.lyapunov import decays
 from gcs.report.panels import Sheet
-from gcs.report.panels_inside import Error, belief_error
 from gcs.report.panels_lanes import draw_lanes, key_rows, lanes_height_in
 from gcs.report.reynolds import Flocking, flocking
 from gcs.report.view import Section
@@ -154,18 +154,9 @@ def _events(flight: Flight) -> Section:
 def _estimates(flight: Flight) -> Section:
     record, vehicles = flight.sheet.record, flight.evidence.vehicles
     true = record.reference == "truth"
-    target = [
-        belief_error(row, v.target, record.time_s, record.target_position_m)
-        for row, v in enumerate(vehicles)
-        if v.target.time_s.size
-    ]
-    own = [
-        belief_error(row, v.own, record.time_s, record.vehicles[row].position_m)
-        for row, v in enumerate(vehicles)
-        if v.own.time_s.size
-    ]
-    what = "Target: error of the belief" if true else "Target: belief less the record's target"
-    drawn = [("target", what, target), ("own", "Own position: error of the estimate", own if true else [])]
+    words, target = target_errors(record, vehicles)
+    own = own_errors(record, vehicles)
+    drawn = [("target", f"Target: {words}", target), ("own", "Own position: error of the estimate", own)]
     missing = []
     if not target:
         missing.append("No vehicle's belief of the target was kept.")
@@ -177,7 +168,7 @@ def _estimates(flight: Flight) -> Section:
         "Errors along x and y, with the bounds of three standard deviations that each vehicle itself believed in "
         "(thin dashes): of honest beliefs 99.7 % of the errors lie between them. "
     )
-    held = "The truth is the simulator's." if true else "No truth is known: the target is where the record has it."
+    held = "The truth is the simulator's." if true else "No truth is known: each chart says what it compares with."
     shown = [(name, heading, errors) for name, heading, errors in drawn if errors]
     return Section(
         "estimates",

@@ -8,9 +8,10 @@ from estimation.state import Vector
 from gcs.live import number
 from gcs.metrics import Mask
 from gcs.record import FlightEvent, FlightRecord
+from gcs.report.beliefs import SIGMAS, Error
 from gcs.report.evidence import FlightEvidence, Hearing, VehicleEvidence
 from gcs.report.lyapunov import FALLEN_SHARE, Decay
-from gcs.report.panels_inside import SIGMAS, Error, intervals_ms
+from gcs.report.panels_inside import intervals_ms
 from gcs.report.reynolds import Flocking, condensed
 from gcs.report.view import Table
 from gcs.result import FlightResult
@@ -121,7 +122,7 @@ def decay_table(stretches: Sequence[Decay]) -> Table:
         for each in stretches
     )
     share = f"{FALLEN_SHARE:.0%}"
-    columns = ("from [s]", "members", "V then [rad²]", f"below {share} after [s]", "promised [s]")
+    columns = ("from [s]", "members", "V then [rad²]", f"stays below {share} after [s]", "promised [s]")
     return Table("How V fell after every change of the ring", columns, rows)
 
 
