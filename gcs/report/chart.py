@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from estimation.state import Vector
 from gcs.report.panels import said
-from gcs.report.style import STYLE
+from gcs.report.style import DESIRED, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,21 +137,17 @@ def _plain(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
-def level(axes: "Axes", value: float, words: str) -> None:
-    """Draw a level that something is held against, and say what it is."""
-    axes.axhline(value, color="#333333", linewidth=1.0, linestyle=(0, (4, 3)), zorder=4)
-    note(axes, words, value)
-
-
-def note(axes: "Axes", words: str, value: float) -> None:
-    """Write beside a level, at the right end of the axes."""
+def level(axes: "Axes", value: float, words: str, *, below: bool = False) -> None:
+    """Draw a level that something is held against, and say what it is, above or below the line's right end."""
+    axes.axhline(value, **DESIRED)
     axes.annotate(
         words,
         (1.0, value),
         xycoords=("axes fraction", "data"),
-        xytext=(-2, 3),
+        xytext=(-2, -3 if below else 3),
         textcoords="offset points",
         ha="right",
+        va="top" if below else "bottom",
         fontsize=9,
         color="#5C5C5C",
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},

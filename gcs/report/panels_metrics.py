@@ -105,7 +105,7 @@ def draw_closest(axes: "Axes", sheet: Sheet, flocking: Flocking, asked: Asked) -
     mark: dict[str, Any] = {"color": FAIL if touches else INK, "markersize": 8, "clip_on": False, "zorder": 10}
     axes.plot(record.time_s[sample], closest_m[sample], "v", **mark)
     axes.set_ylim(0.0, 1.08 * max(float(np.nanmax(known_m)), 1.5 * separation_m))
-    level(axes, separation_m, f"separation asked for: {separation_m:g} m")
+    level(axes, separation_m, f"separation asked for: {separation_m:g} m", below=True)
 
 
 def _pair(record: FlightRecord, flocking: Flocking, sample: int) -> str:
