@@ -47,7 +47,6 @@ class _Records:
     """The records of the wanted types: where each begins, and each type's format."""
 
     def __init__(self, log: LogFile) -> None:
-        self._log = log
         self._data = log.path.read_bytes()
         self._offsets: defaultdict[str, list[int]] = defaultdict(list)
         self._formats: dict[str, Any] = {}

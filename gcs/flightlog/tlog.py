@@ -6,6 +6,7 @@ So they come early by as long as the link took to bring that: tens of millisecon
 input delay that a ground station sees. Simulators that fly faster than the wall are read rightly, too.
 """
 
+import re
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -33,6 +34,7 @@ READ = {
         *("PARAM_VALUE", "AUTOPILOT_VERSION"),
     )
 }
+_MAGIC = re.compile(b"[%s]" % re.escape(bytes(MAVLINK_MAGICS)))
 V2, SIGNED = 0xFD, 0x01
 BAD_BYTES_MAX = 1_000_000
 REORDERED_MAX_US = 500_000
@@ -54,7 +56,6 @@ class _Packets:
     """The packets of a file; what is none is passed over."""
 
     def __init__(self, log: LogFile) -> None:
-        self._log = log
         self._data = log.path.read_bytes()
         self._parser = mavlink.MAVLink(None)
         self.notes: list[str] = []
@@ -70,7 +71,8 @@ class _Packets:
                 found = self._next(at + 1)
                 bad += found - at
                 if bad > BAD_BYTES_MAX:
-                    raise LogError([f"{self._log.name}: not a MAVLink log: nothing to be understood at byte {at}"])
+                    self.notes.append(f"too damaged to be read beyond byte {at}")
+                    return
                 at = found
                 continue
             if message is not True:
@@ -105,9 +107,8 @@ class _Packets:
 
     def _next(self, start: int) -> int:
         """Return where the next packet may begin; the end if nowhere."""
-        places = (self._data.find(bytes([magic]), start + STAMP_BYTES) for magic in MAVLINK_MAGICS)
-        found = min((place for place in places if place >= 0), default=-1)
-        return found - STAMP_BYTES if found >= 0 else len(self._data)
+        found = _MAGIC.search(self._data, start + STAMP_BYTES)
+        return found.start() - STAMP_BYTES if found else len(self._data)
 
 
 class _Vehicle:

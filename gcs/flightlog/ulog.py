@@ -26,6 +26,8 @@ ARMED = 2
 HEADER_BYTES = 3
 READ_AGAIN_MAX, READ_BYTES_MIN = 16, 1 << 24
 """So many times a log's bytes may be read, and a small one's so many bytes."""
+BYTES_A_READ_MIN, READS_MIN = 16, 200_000
+"""A sound log has more bytes than these for each time it is read from; zeros are read one by one."""
 
 FIELDS_MAX = 200_000
 """All topics' fields together: a log of PX4 has a tenth of them. A few bytes of formats can claim billions."""
@@ -77,14 +79,16 @@ class _Followed(BufferedReader):
         self._reached = 0
         self._cut_at: int | None = None
         self._left_bytes = READ_AGAIN_MAX * log.size_bytes + READ_BYTES_MIN
+        self._left_reads = log.size_bytes // BYTES_A_READ_MIN + READS_MIN
 
     def read(self, size: int | None = -1, /) -> bytes:
         begin = self.tell()
-        if self._left_bytes < 0:
+        if self._exhausted():
             self._reached = self._reached or begin
             return b""
         data = super().read(size)
-        self._left_bytes -= len(data) + 1
+        self._left_bytes -= len(data)
+        self._left_reads -= 1
         # A record is read in two steps: three bytes of header, then what it announces. None at all is a clean end.
         if size and len(data) < size and (data or size != HEADER_BYTES):
             self._cut_at = begin if size == HEADER_BYTES else begin - HEADER_BYTES
@@ -92,16 +96,19 @@ class _Followed(BufferedReader):
             self._cut_at = None
         return data
 
+    def _exhausted(self) -> bool:
+        return self._left_bytes < 0 or self._left_reads < 0
+
     def close(self) -> None:
         """Remember how far the reader came."""
-        if not self.closed and self._left_bytes >= 0:
+        if not self.closed and not self._exhausted():
             self._reached = self.tell()
         super().close()
 
     def told(self, corrupt: bool) -> list[str]:
         """Return what is to be told of the file's state."""
         notes = []
-        if self._left_bytes < 0:
+        if self._exhausted():
             notes.append(f"too damaged to be read beyond byte {self._reached} of {self._size_bytes}")
         elif self._cut_at is not None and self._reached >= self._size_bytes:
             notes.append(f"ends in the middle of a record at byte {self._cut_at}")
