@@ -11,6 +11,7 @@ ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_MAGIC = b"\xa3\x95\x80"
 MAVLINK_MAGICS = (0xFD, 0xFE)
 STAMP_BYTES = 8
+_HEAD_BYTES = 64
 STAMPS_US = range(946_684_800_000_000, 4_102_444_800_000_000)
 """Microseconds since 1970 from the year 2000 up to 2100: when a ground station may have stamped a packet."""
 
@@ -22,6 +23,16 @@ class Reader:
     format: str
     recognises: Callable[[bytes], bool]
     read: Callable[[LogFile], tuple[VehicleLog, ...]]
+
+
+def is_foreign(path: Path) -> bool:
+    """Return whether a file begins as a log of somebody else's does; one that cannot be opened does not."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD_BYTES)
+    except OSError:
+        return False
+    return any(reader.recognises(head) for reader in READERS)
 
 
 def read_vehicle_logs(path: Path) -> tuple[VehicleLog, ...]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gcs.compose import ring_reference
 from gcs.exits import Exit, InputError
+from gcs.flightlog.foreign import is_foreign
 from gcs.flightlog.reader import read_log
 from gcs.metrics import evaluate
 from gcs.output import STDERR, check_plot, present, print_result
@@ -16,9 +17,11 @@ from gcs.result import FlightResult
 
 
 def report_flight(paths: Sequence[Path], *, json: bool, html: Path | None, plot: Path | None) -> Exit:
-    """Show what the logs of a flight's processes hold; raises LogError and InputError."""
+    """Show what the logs of a flight's processes hold, or what another program's logs do; raises InputError."""
     check_plot(plot)
     _check_page(html, paths)
+    if is_foreign(paths[0]):
+        return _report_others(paths, json=json, html=html, plot=plot)
     flight = _read(paths)
     if html is not None:
         from gcs.report.page import write_report  # noqa: PLC0415
@@ -44,6 +47,25 @@ def compare_flights(first: Sequence[Path], second: Path, *, json: bool, html: Pa
     if json:
         print_result(json_text.dumps({"flights": [result.to_dict() for result in results]}, allow_nan=False))
     return Exit.HOLDS if all(result.all_hold for result in results) else Exit.VERDICT_FAILED
+
+
+def _report_others(paths: Sequence[Path], *, json: bool, html: Path | None, plot: Path | None) -> Exit:
+    """Show what logs of autopilots or ground stations hold: they know no mission, and so no verdict."""
+    from gcs.flightlog.foreign import read_vehicle_logs  # noqa: PLC0415
+    from gcs.flightlog.vehicle_log import describe  # noqa: PLC0415
+    from gcs.report.vehicle_page import summarised, write_vehicle_report  # noqa: PLC0415
+
+    if plot is not None:
+        raise InputError([f"--plot: {paths[0]} is no log of cordon's: --html shows what it holds"])
+    logs = [log for path in paths for log in read_vehicle_logs(path)]
+    for log in logs:
+        for line in describe(log):
+            STDERR.print(line, markup=False, highlight=False, soft_wrap=True)
+    if html is not None:
+        _write(html, lambda: write_vehicle_report(logs, html))
+    if json:
+        print_result(json_text.dumps({"logs": [summarised(log) for log in logs]}, allow_nan=False))
+    return Exit.HOLDS
 
 
 def _read(paths: Sequence[Path]) -> LoggedFlight:
