@@ -76,3 +76,11 @@ def test_alone_with_an_unknown_target_there_is_nothing_to_compare_with() -> None
     blind = replace(flight(TEAM[0]), target_position_m=np.full_like(TARGET_M, np.nan))
     (error,) = target_errors(blind, TEAM[:1])[1]
     assert np.isnan(error.error_m).all()
+
+
+def test_one_that_does_not_know_of_the_target_yet_is_no_part_of_the_others_mean() -> None:
+    blind = replace(flight(*TEAM), target_position_m=np.full_like(TARGET_M, np.nan))
+    later = VehicleEvidence(3, target=belief(TARGET_M[60:] + OFFSETS_M[2], TIME_S[60:]))
+    error = target_errors(blind, (*TEAM[:2], later))[1][0]
+    assert error.error_m[59] == pytest.approx(np.subtract(OFFSETS_M[0], OFFSETS_M[1]))
+    assert error.error_m[60] == pytest.approx(np.subtract(OFFSETS_M[0], np.mean(OFFSETS_M[1:], axis=0)))

@@ -84,8 +84,9 @@ def test_a_member_that_is_not_heard_leaves_a_gap_but_not_the_ring() -> None:
     assert len(decays(TIME_S, motion, GAMMA)) == 1
 
 
-def test_fewer_than_two_have_nothing_to_space() -> None:
-    motion = ring_motion(ring(0.0))
+@pytest.mark.parametrize("flight", [ring(0.0), ring(0.0, 2.5, joined_s=(1000.0, 1000.0))])
+def test_fewer_than_two_have_nothing_to_space(flight: FlightRecord) -> None:
+    motion = ring_motion(flight)
     assert np.isnan(lyapunov_rad2(motion)).all()
     assert decays(TIME_S, motion, GAMMA) == ()
 

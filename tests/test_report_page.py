@@ -167,6 +167,8 @@ def test_the_verdicts_say_sign_word_and_evidence_beside_the_tolerance() -> None:
     assert list(told) == ["C1", "C2", "C3", "formation", "separation"]
     assert (told["C1"].sign, told["C1"].word) == ("✓", "holds")
     assert told["C1"].evidence == ((f"{worst_m:.3f} m rms", "at most 0.2 m"),)
+    assert told["C2"].evidence[0][1] == "at most 0.002 rad/s"
+    assert told["C3"].evidence[0][1] == "at most 2°"
     assert len(told["formation"].evidence) == 2
     assert told["separation"].evidence == ((f"{result.closest_approach_m:.3f} m", "at least 3 m"),)
 
