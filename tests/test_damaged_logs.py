@@ -323,8 +323,15 @@ def test_a_claim_is_not_believed(claim: str, sample: Sample) -> None:
         assert held(log) == sample.total
 
 
-def test_a_file_of_a_hundred_gigabytes_of_nothing_is_no_matter(sample: Sample) -> None:
-    path = sample.written(sample.data[: len(sample.data) // 2])
+@pytest.mark.parametrize(
+    ("more", "end"),
+    [(-100, "within a record"), (0, "behind a record"), (9, "in a record that claims it all")],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_file_of_a_hundred_gigabytes_of_nothing_is_no_matter(more: int, end: str, sample: Sample) -> None:
+    half = chunks_of(sample.data)[10][0]
+    claim = record(CHUNK, b"", HUGE // 2) if more > 0 else b""
+    path = sample.written(sample.data[: half + min(more, 0)] + claim)
     try:
         with path.open("r+b") as file:
             file.truncate(HUGE)
@@ -334,7 +341,7 @@ def test_a_file_of_a_hundred_gigabytes_of_nothing_is_no_matter(sample: Sample) -
     log = read_log(path)
     path.unlink()
     assert time.perf_counter() - began_s < SECONDS_MAX
-    assert 0.2 * sample.total < held(log) < sample.total
+    assert 0.2 * sample.total < held(log) < sample.total, end
     assert log.faults
 
 

@@ -78,7 +78,8 @@ class FlightLog:
         """What was flown, as it was said last; raises LogError where it never was."""
         said = [each for each in self.run_records if each.kind is Run]
         if not said:
-            raise LogError([f"{self.path}: it does not say what was flown: it ends before that was known"])
+            reason = "it does not say what was flown: it ends before that was known, or that is damaged"
+            raise LogError([f"{self.path}: {each}" for each in (reason, *self.faults)])
         return said[-1].read(Run)
 
     @cached_property
