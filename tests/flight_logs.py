@@ -1,5 +1,8 @@
 """What the tests of flight logs share: a short simulated flight on record."""
 
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import inf
 from pathlib import Path
 
@@ -43,3 +46,14 @@ def record_into(
             writer.flush()
 
     return fly_simulated(mission, seed, duration_s, flush, recording)
+
+
+@contextmanager
+def files_up_to(size_bytes: int) -> Iterator[None]:
+    """No file of this process may grow larger; Python ignores the signal, and the writing fails."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

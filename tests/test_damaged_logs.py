@@ -24,11 +24,12 @@ from mcap.writer import Writer
 from agents.ports import FlightMode, VehicleStatus
 from agents.tape import Autopilot, Bus, Start, Tick
 from gcs.cli import main
+from gcs.exits import InputError
 from gcs.flightlog.reader import FlightLog, LogError, LogRecord, read_log
 from gcs.flightlog.records import FORMAT, Decision, Run, VehicleEnd
 from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.schema import Codec, Decoder
-from tests.flight_logs import engaging, record_simulation
+from tests.flight_logs import engaging, files_up_to, record_simulation
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked")  # `main` is, by these tests
 
@@ -554,6 +555,19 @@ def test_what_cannot_be_recovered_ends_in_exit_code_2_and_leaves_nothing(
     assert reason in said
     assert not (tmp_path / "new.mcap").exists()
     assert (tmp_path / "left.mcap").read_bytes() == left
+
+
+def test_nothing_is_left_of_a_recovery_that_finds_nothing(sample: Sample, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="it holds no record of cordon's"):
+        recover(sample.written(sample.data[:8]), tmp_path / "new.mcap", _nothing)
+    assert not (tmp_path / "new.mcap").exists()
+
+
+def test_nothing_is_left_of_a_recovery_whose_disk_is_full(sample: Sample, tmp_path: Path) -> None:
+    path = sample.written(sample.data[: len(sample.data) // 2])
+    with files_up_to(20_000), pytest.raises(InputError, match="File too large"):
+        recover(path, tmp_path / "new.mcap", _nothing)
+    assert not (tmp_path / "new.mcap").exists()
 
 
 def test_a_run_that_ended_before_it_was_known_says_so(sample: Sample) -> None:

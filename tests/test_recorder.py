@@ -1,11 +1,9 @@
 """The recorder when something is wrong with it: whoever flies does not notice, and the log says what is missing."""
 
-import resource
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -21,7 +19,7 @@ from gcs.flightlog.recorder import Recorder, RecorderThread
 from gcs.flightlog.records import RunEnd
 from gcs.flightlog.writer import LogWriter
 from gcs.logbook import flight_log, tell_of_log
-from tests.flight_logs import engaging, record_into
+from tests.flight_logs import engaging, files_up_to, record_into
 
 DURATION_S = 20.0
 TICKS = 200
@@ -60,17 +58,6 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 # A disk that is full
-
-
-@contextmanager
-def files_up_to(size_bytes: int) -> Iterator[None]:
-    """No file of this process may grow larger; Python ignores the signal, and the writing fails."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_file_that_cannot_grow_ends_the_log_and_not_the_flight(tmp_path: Path) -> None:
