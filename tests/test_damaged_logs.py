@@ -501,6 +501,15 @@ def test_a_log_that_was_never_closed_is_recovered_whole(sample: Sample, tmp_path
     assert read_log(tmp_path / "new.mcap").end == sample.log.end
 
 
+def test_a_closed_log_whose_beginning_is_damaged_is_recovered_from_there_on(sample: Sample, tmp_path: Path) -> None:
+    offset, length = chunks_of(sample.data)[0]
+    data = bytearray(sample.data)
+    data[offset + length // 2] ^= 0x10
+    recovery = recover(sample.written(bytes(data)), tmp_path / "new.mcap", _nothing)
+    assert recovery.records == sample.total - len(_messages(sample.data, 0))
+    assert len(by_index(tmp_path / "new.mcap")) == recovery.records
+
+
 def test_a_whole_log_is_said_to_be_whole(sample: Sample) -> None:
     recovery = examine(sample.written(sample.data), _nothing)
     assert recovery.faults == ()
