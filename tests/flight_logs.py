@@ -1,27 +1,35 @@
-"""What the tests of flight logs share: a short simulated flight on record."""
+"""What the tests of flight logs share: short simulated flights on record, and the same with something changed."""
 
 import resource
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
 from pathlib import Path
+from typing import Any
 
 from foxglove import Context
 
+from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.run import run_of
+from gcs.flightlog.schema import Codec
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.mission import Mission
 from gcs.record import FlightRecord
 from gcs.simulated import fly_simulated
 from tests.conftest import MISSIONS
-from tests.mission_text import content, parsed, put
+from tests.mission_text import Place, content, parsed, put
 
 
-def engaging() -> Mission:
-    """Return case2-field with its target near: all engage within seconds, in noise and with lost messages."""
-    mission = content((MISSIONS / "case2-field.toml").read_text(encoding="utf-8"))
-    return parsed(put(mission, ("target", "start_m"), [8.0, -5.0]))
+def engaging(name: str = "case2-field", *changes: tuple[Place, object]) -> Mission:
+    """Return a mission with its target near, and more of it changed: all engage within seconds.
+
+    In case2-field they do in noise and with lost messages.
+    """
+    mission = content((MISSIONS / f"{name}.toml").read_text(encoding="utf-8"))
+    for place, value in ((("target", "start_m"), [8.0, -5.0]), *changes):
+        mission = put(mission, place, value)
+    return parsed(mission)
 
 
 def record_simulation(
@@ -57,3 +65,24 @@ def files_up_to(size_bytes: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def reencoded(record: LogRecord, changed: Any, number: int | None = None) -> LogRecord:
+    """Return a record with other contents, and its old number unless another is given."""
+    number = record.plain()["number"] if number is None else number
+    return record._replace(payload=Codec(record.kind).encode(changed, number))
+
+
+def rewrite(log: FlightLog, path: Path, vehicle_id: int, change: Callable[[LogRecord], object]) -> FlightLog:
+    """Write a log anew and read that: what `change` returns takes the place of each of a vehicle's records.
+
+    With None nothing does; vehicle 0 is the run.
+    """
+    writer = LogWriter(path, Context())
+    for each_id, records in {0: log.run_records, **log.vehicles}.items():
+        for record in records:
+            changed = change(record) if each_id == vehicle_id else record.read(record.kind)
+            if changed is not None:
+                writer.write(each_id, record.plain()["number"], record.time_ns, changed)
+    writer.close()
+    return read_log(path)

@@ -84,7 +84,8 @@ def replay(log: FlightLog, on_tick: Callable[[], None] = lambda: None) -> Replay
         for turn in turns(log, vehicle_id):
             if not player.play(turn):
                 break
-            on_tick()
+            if isinstance(turn, Turn) and turn.tick is not None:
+                on_tick()
         vehicles.append(player.result)
     return Replay(log.run.mission, other, tuple(vehicles))
 

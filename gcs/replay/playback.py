@@ -135,7 +135,7 @@ def _played(log: FlightLog, vehicle_id: int) -> Iterator[_Played | Gap]:
             fields = record.plain()
             number = int(fields["number"])
             item = _item(record.kind, fields) if record.kind in _ON_TAPE else None
-        except (KeyError, ValueError, TypeError) as error:
+        except (LogError, msgspec.ValidationError, KeyError, ValueError, TypeError) as error:
             yield Gap(f"record {expected} ({record.kind.__name__.lower()}) cannot be read: {error}")
             expected += 1
             continue

@@ -87,8 +87,8 @@ def changed_filters(mission: Mission, changes: Sequence[str]) -> FilterSettings:
             faults.append(unknown_key("", section, list(FILTERS)))
         else:
             try:
-                contents[section][name] = tomllib.loads(f"value = {text}")["value"]
-            except (ValueError, RecursionError, KeyError):
+                (contents[section][name],) = tomllib.loads(f"value = {text}").values()
+            except (ValueError, RecursionError):  # also more than one value
                 faults.append(f"{section}.{name}: {text!r} is no value")
     own = validated(OwnFilterSettings, contents["own_filter"], "own_filter", faults)
     target = validated(TargetFilterSettings, contents["target_filter"], "target_filter", faults)
@@ -113,7 +113,8 @@ def what_if(
             inputs = list(feed.inputs(turn))
             for run in runs:
                 run.take(turn, inputs)
-            on_tick()
+            if turn.tick is not None:
+                on_tick()
         truth = list(log.of_kind(vehicle_id, Truth))
         outcomes += _outcomes(vehicle_id, mission, runs, truth, feed.start_s)
     changes = tuple(_changes(recorded, tried))
