@@ -96,13 +96,14 @@ class VehicleFacts:
 
     `unreachable` and `lost` hold (reason, next step) of a vehicle that is not to be talked to, and of one that does not
     know its place. Positions are in the mission frame [m], rates are in the autopilot's own time, `clock_ratio` is how
-    many times faster than the wall that runs. A parameter that could not be read is None, so are `estimator` and
-    `fence_areas`. Raises ValueError for numbers that are not finite.
+    many times faster than the wall that runs. `firmware` is a version, empty where it tells none. A parameter that
+    could not be read is None, so are `estimator` and `fence_areas`. Raises ValueError for numbers that are not finite.
     """
 
     vehicle_id: int
     unreachable: tuple[str, str] | None = None
     autopilot: AutopilotKind = AutopilotKind.OTHER
+    firmware: str = ""
     multicopter: bool = False
     status: VehicleStatus = field(default_factory=VehicleStatus)
     health: Mapping[str, bool] = field(default_factory=dict)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
+from mavsdk.plugins.info import Info, InfoError
 from mavsdk.plugins.telemetry import FixType
 from mavsdk.vehicle import Vehicle
 
@@ -37,6 +38,7 @@ GPS_PERIODS = 4.0
 """In periods of the status rate: what the receiver says comes half as often, and once may be lost."""
 CIRCLE_CORNERS = 36
 KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.ARDUPILOT}
+RELEASED = ("release", "unknown")
 DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
@@ -113,17 +115,19 @@ class _Asked(NamedTuple):
         """Ask and listen for so many wall seconds, all at once."""
         kind = KINDS.get(self.system.autopilot_type(), AutopilotKind.OTHER)
         wanted = parameters_wanted(kind)
-        (ratio, rate_hz), parameters, gps, areas, estimator = await asyncio.gather(
+        (ratio, rate_hz), parameters, gps, areas, estimator, firmware = await asyncio.gather(
             self._timing(listening_s),
             read_parameters(self.system, kind, wanted, parameters_timeout_s),
             self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_rate_hz),
             self.calls.run(_fence_areas, self.system, self.frame),
             self.calls.run(read_estimator, self.system, kind, parameters_timeout_s),
+            self.calls.run(_firmware, self.system),
         )
         feed = self.feed
         return VehicleFacts(
             vehicle_id=self.vehicle_id,
             autopilot=kind,
+            firmware=firmware,
             multicopter=self.system.vehicle_type() is Vehicle.MULTICOPTER,
             status=feed.status,
             health=feed.health(),
@@ -163,6 +167,23 @@ def _is_well(feed: VehicleFeed) -> bool:
     calm = feed.status.mode in CALM_MODES
     items = feed.health()
     return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
+
+
+def _firmware(system: Any) -> str:
+    """Return the version of the firmware, as 1.17.0-beta+0f1e2d3c; empty where it was not told.
+
+    MAVSDK asks for it when it meets a vehicle: nothing is waited for here.
+    """
+    plugin = Info(system)
+    try:
+        version = plugin.get_version()
+    except InfoError:
+        return ""
+    finally:
+        plugin.destroy()
+    kind, commit = version.flight_sw_version_type.name.lower(), version.flight_sw_git_hash
+    numbers = f"{version.flight_sw_major}.{version.flight_sw_minor}.{version.flight_sw_patch}"
+    return numbers + ("" if kind in RELEASED else f"-{kind}") + (f"+{commit}" if commit.strip("0") else "")
 
 
 def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:

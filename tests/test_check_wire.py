@@ -13,6 +13,7 @@ from mavsdk.plugins.geofence import Circle, FenceType, Geofence, GeofenceData, P
 from mavsdk.plugins.param import Param
 
 from gcs.cli import main
+from gcs.link_facts import gather_facts
 from gcs.link_hub import MavsdkHub
 from gcs.mission import Mission
 from gcs.mission_file import load_mission
@@ -85,6 +86,14 @@ def set_parameters(mission: Mission, vehicle_id: int, values: Mapping[str, int |
         await hub.close()
 
     asyncio.run(write())
+
+
+def test_every_vehicle_tells_the_version_of_its_firmware(mission: Callable[..., tuple[str, Mission]]) -> None:
+    _, two = mission()
+    configs = stub_configs(two)
+    with stubs([replace(configs[0], autopilot=AutopilotKind.ARDUPILOT), *configs[1:]]):
+        facts = asyncio.run(gather_facts(two))
+    assert [each.firmware for each in facts] == ["4.7.0-dev", "1.17.0", "1.17.0"]
 
 
 def upload_fence(mission: Mission, vehicle_id: int, half_m: float) -> None:
