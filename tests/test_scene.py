@@ -9,22 +9,27 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from foxglove import Context
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from pyproj import Geod
 from scipy.stats import chi2
 
 from agents.tape import Tick
+from gcs.flightlog.drawing import newest_target
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.recorder import Recorder
-from gcs.flightlog.records import VEHICLE_TOPICS
+from gcs.flightlog.records import VEHICLE_TOPICS, Decision, TargetBelief
 from gcs.flightlog.run import run_of
 from gcs.flightlog.scene import PERIOD_S, Scene
+from gcs.flightlog.seen import SeenVehicle
+from gcs.flightlog.shapes import ellipse
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.logbook import write_layout
 from gcs.simulated import fly_simulated
-from tests.conftest import MISSIONS
+from tests.conftest import CONFIG, MISSIONS
 from tests.mission_text import content, parsed, put
 
 VEHICLES = (1, 2, 3)
@@ -171,6 +176,34 @@ def test_the_ellipse_holds_95_percent_of_what_a_vehicle_believes(flight: Seen) -
                 along = np.array([cos(yaw_rad), sin(yaw_rad)])
                 assert abs(along @ directions[:, 1]) == pytest.approx(1.0, abs=1e-9)
     assert drawn > 100
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.01, 30.0), st.floats(1.1, 30.0))
+def test_an_ellipse_lies_along_the_larger_variance(yaw_rad: float, variance_m2: float, ratio: float) -> None:
+    turn = np.array([[cos(yaw_rad), -sin(yaw_rad)], [sin(yaw_rad), cos(yaw_rad)]])
+    covariance = turn @ np.diag([ratio * variance_m2, variance_m2]) @ turn.T
+    long_m, short_m, found_rad = ellipse((covariance[0, 0], covariance[0, 1], covariance[1, 1]))
+    half_axes_m = np.sqrt(chi2.ppf(0.95, 2) * variance_m2 * np.array([ratio, 1.0]))
+    assert (long_m, short_m) == pytest.approx(tuple(half_axes_m), rel=1e-6)
+    assert sin(found_rad - yaw_rad) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_of_several_beliefs_the_one_heard_of_last_is_shown() -> None:
+    def seen(vehicle_id: int, sighted_s: float | None) -> SeenVehicle:
+        belief = (
+            None
+            if sighted_s is None
+            else TargetBelief(9.0, (sighted_s, 0.0, 0.0, 0.0), (0.0,) * 16, sighted_s, 0.8, 0.2)
+        )
+        nothing = (None, None, None, None, None, "", (), (), (), (), 0)
+        decision = Decision(9.0, "encircle", 1.0, None, None, belief, *nothing)
+        return SeenVehicle(CONFIG, "#000000", decision=decision)
+
+    team = [seen(1, 3.0), seen(2, None), seen(3, 8.5), seen(4, 7.0)]
+    target = newest_target(team)
+    assert target is not None
+    assert target.mean[0] == 8.5
+    assert newest_target([seen(1, None)]) is None
 
 
 def test_bubbles_touch_at_the_separation_and_are_red_while_the_guard_intervenes(flight: Seen) -> None:
