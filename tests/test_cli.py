@@ -293,6 +293,26 @@ def test_a_drill_that_there_is_not_names_those_that_there_are(refused: Refused) 
     assert "killed-agent" in line
 
 
+@pytest.mark.parametrize(
+    "address", ["8765", "127.0.0.1", ":8765", "here:", "here:0", "here:65536", "::1:8765", "[::1", "here:-1"]
+)
+def test_viewers_cannot_look_on_at_what_is_no_address(refused: Refused, address: str) -> None:
+    assert refused("fly", "case1", "--sitl", "--no-log", "--live", f"--live-address={address}") == [
+        f"--live-address: an address is like 127.0.0.1:8765 or [::1]:8765 (given: '{address}')"
+    ]
+
+
+def test_where_viewers_look_on_says_nothing_without_looking_on(refused: Refused) -> None:
+    (line,) = refused("fly", "case1", "--sitl", "--no-log", "--live-address", "127.0.0.1:8765")
+    assert line == "--live-address: without --live nobody can look on, wherever that is"
+
+
+def test_a_layout_overwrites_nothing(refused: Refused, tmp_path: Path) -> None:
+    (tmp_path / "kept.json").write_text("kept")
+    assert refused("log", "layout", "-o", "kept.json") == ["--output: 'kept.json': File exists"]
+    assert (tmp_path / "kept.json").read_text() == "kept"
+
+
 def test_a_drill_of_an_unknown_mission_is_refused(refused: Refused) -> None:
     assert refused("drill", "nowhere")[0].startswith("nowhere: ")
 

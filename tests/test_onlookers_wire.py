@@ -74,6 +74,7 @@ async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_no
     assert flight.returncode in {0, 1}, err.decode()  # on a busy machine a verdict may fail; it flew to the end
     assert result["duration_s"] == pytest.approx(60.0, abs=1.0)
     assert f"live: ws://{LOOPBACK}:{port} (open it in Foxglove or Lichtblick)" in err.decode()
+    assert "client" not in err.decode(), "the server's words about a viewer are among those about the flight"
     assert viewer.info["capabilities"] == [], "viewers are told that they could do something"
     assert all(seen.values()), {topic: len(messages) for topic, messages in seen.items()}
     _agree(seen)

@@ -3,6 +3,7 @@
 A viewer that is slow misses messages, the oldest first; one that dies is forgotten. Neither is waited for.
 """
 
+import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +22,10 @@ BACKLOG = 256
 """Messages that wait for a slow viewer: some seconds of a team's."""
 
 PARTING_S = 1.0
+
+
+# What becomes of viewers is theirs to know: the server's words about it would tear the view of the flight apart.
+logging.getLogger("foxglove").addHandler(logging.NullHandler())
 
 
 class Address(NamedTuple):
