@@ -334,3 +334,17 @@ def test_the_layout_shows_topics_and_fields_that_there_are(flight: Seen, tmp_pat
 
 def _panels(node: Any) -> list[str]:
     return [node] if isinstance(node, str) else _panels(node["first"]) + _panels(node["second"])
+
+
+def test_a_mission_that_lies_nowhere_on_earth_has_no_places_there(tmp_path: Path) -> None:
+    near = content((MISSIONS / "case2.toml").read_text(encoding="utf-8"))
+    mission = parsed({**near, "frame": {"local": True}})
+    run = run_of(mission, mission.ids, seed=3, source="simulation", speed=1.0, began_s=0.0, duration_s=1.0)
+    context = Context()
+    recording = SimulationRecording(LogWriter(tmp_path / "log.mcap", context), run, Scene(context, mission))
+    fly_simulated(mission, 3, 1.0, lambda _: None, recording)
+    with (tmp_path / "log.mcap").open("rb") as stream:
+        topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
+    assert recording.writer.fault == ""
+    assert "/vehicle/1/pose" in topics
+    assert "/vehicle/1/location" not in topics
