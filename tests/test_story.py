@@ -243,6 +243,12 @@ def test_a_late_computer_is_counted_tick_by_tick() -> None:
     ]
 
 
+def test_ticks_beside_a_landing_are_not_late() -> None:
+    turns = [turn(1.0, LateTicks(2), tactic="land"), turn(1.1, tactic="land"), turn(1.2, tactic="land")]
+    (late,) = lines(LoopWitness(), turns)
+    assert late.text == "the computer was late: 2 ticks skipped in 0.0 s"
+
+
 def test_an_autopilot_is_told_of_when_more_changes_than_its_battery() -> None:
     def said(battery: float, mode: FlightMode) -> Autopilot:
         return Autopilot(VehicleStatus(connected=True, armed=True, in_air=True, mode=mode, battery=battery))

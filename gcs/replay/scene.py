@@ -4,6 +4,7 @@ from math import hypot, inf
 from typing import NamedTuple
 
 from agents.messages import BusMessage, MemberState, decode
+from agents.tactics import Tactic
 from agents.tape import CoreInput, LateTicks, Message, Patience, Start
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision
@@ -43,6 +44,8 @@ class Scene:
             message = heard(item)
             if isinstance(message, MemberState):
                 self.members[message.sender] = message
+        if self.last is not None and self.last.tactic == Tactic.LAND.value:
+            self.late_ticks = 0  # it ticks beside the landing, at no fixed rate: nobody counts any more
         self.last = turn.decision or self.last
 
     def nearest(self, decision: Decision) -> Neighbour | None:
