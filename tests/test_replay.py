@@ -315,10 +315,11 @@ def test_a_tick_without_a_decision_in_mid_flight_is_a_difference(copy: FlightLog
     del records[nth(records, Decision, 100)]
     for place, record in enumerate(records):
         records[place] = reencoded(record, record.read(record.kind), number=place + 1)
-    difference = of(copy, 2).difference
-    assert difference is not None
-    assert difference.moment.tick == 100
-    assert difference.fields[0].recorded == "no decision"
+    vehicle = of(copy, 2)
+    assert vehicle.difference is not None
+    assert vehicle.difference.moment.tick == 100
+    assert vehicle.difference.fields[0].recorded == "no decision"
+    assert (vehicle.compared, vehicle.identical) == (TICKS, TICKS - 1), "what comes after it is as it was"
 
 
 # Bad input

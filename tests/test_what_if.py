@@ -3,15 +3,19 @@
 import json
 import sys
 
+import msgspec
 import numpy as np
 import pytest
 
-from estimation.state import POSITION, Vector
+from agents.tactics import Event
+from agents.tape import Tick, Told
+from estimation.own import OwnFilter
+from estimation.state import POSITION, Telemetry, Vector
 from gcs.cli import main
 from gcs.compose import target_motion
 from gcs.exits import InputError
 from gcs.flightlog.reader import FlightLog, read_log
-from gcs.flightlog.records import Decision, Truth
+from gcs.flightlog.records import Decision, GuardWord, Truth
 from gcs.mission import Mission
 from gcs.replay.estimates import Track, rms_difference
 from gcs.replay.playback import Turn, config_of, turns
@@ -81,6 +85,32 @@ def test_with_the_recorded_parameters_the_estimates_are_the_recorded_ones(
     assert len(target) > 190
     assert {time_s: tuple(mean.tolist()) for time_s, mean in filters.own._motion.items()} == own
     assert {time_s: tuple(mean.tolist()) for time_s, mean in filters.target._motion.items()} == target
+
+
+def test_a_disturbance_turns_no_more_once_the_vehicle_is_told_to_leave_the_ring(turning: Flight) -> None:
+    """Told between two ticks, it has left the ring before the next samples."""
+    log, mission = turning
+    config = config_of(log, mission, 2)
+    filters, own = FilterRun(config, changed_filters(mission, [])), OwnFilter(config.plant, config.own_filter)
+    recorded = next(each for each in log.of_kind(2, Decision) if each.tactic == "encircle")
+    # It stands still though its setpoint is beside it: there is a disturbance.
+    on_ring = msgspec.structs.replace(recorded, guard=GuardWord((0.3, 0.0), "passed", (), None))
+    holds = msgspec.structs.replace(on_ring, tactic="hold")
+    samples = [Telemetry(i / 5.0, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)) for i in range(40)]
+    told = Told(Event.HOLD)
+    for sample in samples[:-2]:
+        filters.take(Turn((sample, Tick(sample.time_s)), on_ring), [sample])
+        own.measure(sample)
+        own.turn_disturbance(config.encirclement.angular_rate_rad_s)
+        own.command(sample.time_s, np.array([0.3, 0.0]))
+    last, now_s = samples[-2:], samples[-1].time_s
+    filters.take(Turn((told, *last, Tick(now_s)), holds), [told, *last])
+    own.turn_disturbance(0.0)
+    for sample in last:
+        own.measure(sample)
+    expected = own.estimate(now_s)
+    assert expected is not None
+    assert filters.own._motion[now_s].tolist() == expected.mean[:4].tolist()
 
 
 # Against the truth
