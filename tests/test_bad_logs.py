@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from gcs.exits import Exit, InputError
 from gcs.flightlog.foreign import read_vehicle_logs
-from gcs.flightlog.vehicle_log import LogError, VehicleLog
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.vehicle_log import VehicleLog
 from tests.telemetry_log import flight
 
 DATA = Path(__file__).parent / "data"

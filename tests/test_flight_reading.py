@@ -7,7 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from gcs.compose import formation_reference, ring_reference, verdict_tolerances
-from gcs.flightlog.reader import FlightLog, LogError, read_log
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, RunEnd
 from gcs.metrics import evaluate
 from gcs.mission import Mission

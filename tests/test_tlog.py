@@ -8,7 +8,8 @@ from pymavlink.dialects.v20 import ardupilotmega, common
 
 from estimation.state import Vector
 from gcs.flightlog.foreign import read_vehicle_logs
-from gcs.flightlog.vehicle_log import LogError, Series, VehicleLog
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.vehicle_log import Series, VehicleLog
 from tests.telemetry_log import BATTERY_FRACTION, BEGIN_US, Flown, Station, flight
 
 pytestmark = pytest.mark.filterwarnings("error")

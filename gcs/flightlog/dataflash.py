@@ -17,9 +17,10 @@ from pymavlink.DFReader import DFFormat, null_term
 from estimation.frames import Geodetic, MissionFrame, up_from_ned
 from estimation.state import Vector
 from gcs.flightlog.gathered import US, Gathered, Samples, stamps_us, vehicle_log
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.log_file import LogFile
 from gcs.flightlog.mode_names import copter_mode
-from gcs.flightlog.vehicle_log import LogError, VehicleLog
+from gcs.flightlog.vehicle_log import VehicleLog
 
 FORMAT = "ArduPilot log (.bin)"
 HEAD = b"\xa3\x95"

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.log_file import LogFile, open_log, quiet
-from gcs.flightlog.vehicle_log import LogError, VehicleLog
+from gcs.flightlog.vehicle_log import VehicleLog
 
 ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_MAGIC = b"\xa3\x95\x80"

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.state import Vector
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.mode_names import EXTERNAL
 from gcs.flightlog.plausible import unit_faults
 from gcs.flightlog.vehicle_log import (
     COLUMNS,
     SECONDS_MAX,
-    LogError,
     ModeSegment,
     Number,
     Series,

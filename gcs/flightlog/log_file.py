@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.flightlog.vehicle_log import LogError
+from gcs.flightlog.log_error import LogError
 
 BYTES_MAX = 1 << 30
 """A larger log is refused: reading goes over every byte, and some of the readers hold it in memory."""

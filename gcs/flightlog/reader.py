@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 from mcap.records import Channel, Schema
 
-from gcs.exits import InputError
 from gcs.flightlog.census import Census
 from gcs.flightlog.container import Container, Entry, Message, NoContainerError
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Run, RunEnd
 from gcs.flightlog.schema import PACKAGE, Decoder
 
@@ -22,10 +22,6 @@ KINDS: Mapping[str, type[Any]] = {name: kind for kind, name in VEHICLE_TOPICS.it
 RUN_KINDS: Mapping[str, type[Any]] = {name: kind for kind, name in RUN_TOPICS.items()}
 RecordT = TypeVar("RecordT")
 _VIEWERS = "for viewers"
-
-
-class LogError(InputError):
-    """A log cannot be read, or not used for what it was meant to be: the file, and why."""
 
 
 class LogRecord(NamedTuple):

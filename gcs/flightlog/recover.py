@@ -12,7 +12,8 @@ from mcap.writer import CompressionType, Writer
 from gcs.exits import InputError
 from gcs.flightlog.census import Census
 from gcs.flightlog.container import Container, Entry, Message
-from gcs.flightlog.reader import LogError, faults_of, open_container, topic_of
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.reader import faults_of, open_container, topic_of
 from gcs.flightlog.records import PROFILE
 
 _CHUNK_BYTES = 1 << 20

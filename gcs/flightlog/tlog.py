@@ -21,9 +21,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from estimation.frames import up_from_ned
 from gcs.flightlog.foreign import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US
 from gcs.flightlog.gathered import Gathered, Samples, Stamps, vehicle_log
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.log_file import LogFile
 from gcs.flightlog.mode_names import copter_mode, px4_mode
-from gcs.flightlog.vehicle_log import LogError, VehicleLog
+from gcs.flightlog.vehicle_log import VehicleLog
 
 FORMAT = "MAVLink telemetry log (.tlog)"
 SET, ECHO, LOCAL = "SET_POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_LOCAL_NED", "LOCAL_POSITION_NED"

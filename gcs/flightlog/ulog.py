@@ -14,9 +14,10 @@ from pyulog import ULog
 from estimation.frames import Geodetic, MissionFrame, euler_from_quaternion_rad, up_from_ned
 from estimation.state import Vector
 from gcs.flightlog.gathered import US, Gathered, Samples, Stamps, stamps_us, vehicle_log
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.log_file import LogFile
 from gcs.flightlog.mode_names import px4_state
-from gcs.flightlog.vehicle_log import LogError, VehicleLog
+from gcs.flightlog.vehicle_log import VehicleLog
 
 FORMAT = "PX4 log (.ulg)"
 SETPOINT, LOCAL, TRUTH = "trajectory_setpoint", "vehicle_local_position", "vehicle_local_position_groundtruth"

@@ -14,14 +14,10 @@ from types import MappingProxyType
 import numpy as np
 
 from estimation.state import Vector
-from gcs.exits import InputError
+from gcs.flightlog.log_error import LogError
 
 SECONDS_MAX = 7 * 86400.0
 """No flight lasts longer than this; a stamp farther from its log's first sample is not a time."""
-
-
-class LogError(InputError):
-    """A log that cannot be read as what it claims to be; its faults name the file, the topic and the time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,8 @@ from agents.tape import (
 )
 from estimation.state import Sighting, Telemetry
 from gcs.exits import InputError
-from gcs.flightlog.reader import FlightLog, LogError
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Said
 from gcs.flightlog.run import mission_of
 from gcs.mission import Mission

@@ -11,14 +11,7 @@ from gcs.live import number
 from gcs.replay.estimates import FilterFigures
 from gcs.replay.what_if import WhatIf
 
-_COLUMNS = (
-    "NIS / dof\n(1 expected)",
-    "refused",
-    "prediction\nrms [m]",
-    "error\nrms [m]",
-    "differs by\nrms [m]",
-    "differs by\nrms [m/s]",
-)
+_COLUMNS = ("NIS/dof\n", "refused\n", "prediction\nrms [m]", "error\nrms [m]", "apart\nrms [m]", "apart\n[m/s]")
 
 
 def what_if_view(what: WhatIf) -> RenderableType:
@@ -27,11 +20,11 @@ def what_if_view(what: WhatIf) -> RenderableType:
     if not lines:
         return Text("nothing is changed: these are the values that were flown with", style="yellow")
     gaps = [Text(f"{gap}: the filters go on without", style="yellow") for gap in what.gaps]
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("vehicle", "filter", ""):
-        table.add_column(name)
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    for name in ("", "filter", ""):
+        table.add_column(name, no_wrap=True)
     for name in _COLUMNS:
-        table.add_column(Text(name, justify="right"), justify="right")
+        table.add_column(Text(name, justify="right"), justify="right", no_wrap=True)
     for each in what.outcomes:
         table.add_row(str(each.vehicle_id), each.filter, "recorded", *_cells(each.recorded))
         apart = number(each.difference_m, ".4f"), number(each.difference_m_s, ".4f")

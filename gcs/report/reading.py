@@ -13,7 +13,8 @@ from agents.messages import CommandAnswer, MemberState, decode
 from agents.outputs import Note
 from agents.tape import Autopilot, LateTicks, Message, Start
 from estimation.state import MOTION, Telemetry, Vector
-from gcs.flightlog.reader import FlightLog, LogError, LogRecord
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, Run, Truth, VehicleEnd
 from gcs.flightlog.run import mission_of
 from gcs.journal import Journal
