@@ -21,6 +21,7 @@ from foxglove import Context
 from agents.guard import Guard
 from agents.neighbours import Neighbours
 from gcs.flightlog.run import run_of
+from gcs.flightlog.scene import Scene
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.mission import Mission
@@ -116,7 +117,8 @@ def print_recording(reference: float) -> None:
             plain.append(_tick_us(fly_simulated(mission, 0, PAIR_S, lambda _: None)))
             run = run_of(mission, mission.ids, seed=0, source="simulation", speed=1.0, began_s=0.0, duration_s=PAIR_S)
             path = Path(folder) / f"{pair}.mcap"
-            recording = TimedRecording(LogWriter(path, Context()), run)
+            writer = LogWriter(path, Context())
+            recording = TimedRecording(writer, run, Scene(writer.context, mission))
             taped.append(_tick_us(fly_simulated(mission, 0, PAIR_S, lambda _: None, recording)))
             written.append(recording.took_us / (PAIR_S * mission.mission.rate_hz * len(mission.ids)))
         megabytes = path.stat().st_size / 1e6 * 600.0 / PAIR_S
