@@ -119,9 +119,10 @@ async def test_three_peers_hear_each_other_and_not_themselves() -> None:
             await until(lambda: all(len(each.presence) == 2 for each in heard.values()), 2.0)
             assert time.monotonic() - started_s < 1.5
             await acquainted(buses, heard)
-            for own, bus in buses.items():
-                for number in range(20):
+            for number in range(20):
+                for own, bus in buses.items():
                     bus.publish("motion", f"{own}:{number}".encode())
+                await asyncio.sleep(0.01)  # the bus may drop what comes faster than it can carry on a busy machine
             await until(lambda: all(len(each.messages) >= 40 for each in heard.values()), 2.0)
             for own, each in heard.items():
                 assert sorted(each.presence) == [(peer, True) for peer in buses if peer != own]
