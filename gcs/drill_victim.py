@@ -14,7 +14,7 @@ from gcs.supervisor import is_supervised, supervise
 SOCKET = "CORDON_DRILL"
 """The environment variable that names the socket."""
 LOGS = "CORDON_DRILL_LOGS"
-"""The environment variable that names the folder for the flight's log; empty: it is not recorded."""
+"""The environment variable that names the folder for the flight's log; without it, or empty: it is not recorded."""
 
 
 def main() -> int:
@@ -27,7 +27,7 @@ def main() -> int:
     from gcs.flightlog.place import FOLDER_VARIABLE  # noqa: PLC0415
 
     mission, speed, duration = sys.argv[1:]
-    logs = os.environ[LOGS]
+    logs = os.environ.get(LOGS, "")
     os.environ[FOLDER_VARIABLE] = logs
     patient = Patient()
     patient.listen(os.environ[SOCKET])
