@@ -2,10 +2,12 @@
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import Field, ValidationError
 
+from estimation.identification import Identification
 from estimation.plant import Plant, PlantAxis
 from estimation.settings import Settings
 
@@ -29,6 +31,15 @@ class _PlantFile(Settings):
     x: _AxisSection
     y: _AxisSection
     delay_s: float = Field(0.0, ge=0.0, le=1.0)
+    identified: Identification | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlantFile:
+    """What a plant file says: the plant, and how it was identified where that is told."""
+
+    plant: Plant
+    identified: Identification | None = None
 
 
 def bundled_plants() -> list[str]:
@@ -53,13 +64,17 @@ class PlantShelf:
 
     def load(self, name: str) -> Plant:
         """Return a plant; raises PlantFileError."""
+        return self.open(name).plant
+
+    def open(self, name: str) -> PlantFile:
+        """Return all that a plant's file says; raises PlantFileError."""
         try:
             text = self.texts.get(name) or self._read(name)
             content = tomllib.loads(text)
         except (ValueError, RecursionError) as error:
             raise PlantFileError([f"'{name}' is not TOML: {error}"]) from error
         self.texts[name] = text
-        return _plant_of(name, content)
+        return _file_of(name, content)
 
     def _read(self, name: str) -> str:
         path = _BUNDLED / f"{name}.toml" if name in bundled_plants() else self._folder / name
@@ -73,7 +88,7 @@ class PlantShelf:
             raise PlantFileError([f"no plant file '{name}' ({reason}); bundled plants: {known}"]) from error
 
 
-def _plant_of(name: str, content: dict[str, object]) -> Plant:
+def _file_of(name: str, content: dict[str, object]) -> PlantFile:
     try:
         file = _PlantFile.model_validate(content)
     except ValidationError as error:
@@ -88,4 +103,4 @@ def _plant_of(name: str, content: dict[str, object]) -> Plant:
             faults.append(f"{name}: {axis}: {error}")
     if faults:
         raise PlantFileError(faults)
-    return Plant(axes["x"], axes["y"], file.delay_s)
+    return PlantFile(Plant(axes["x"], axes["y"], file.delay_s), file.identified)

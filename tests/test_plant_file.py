@@ -1,13 +1,34 @@
 """Plant files: what is bundled, what a user's own may say, and how its faults are told."""
 
+from datetime import date
 from pathlib import Path
 
 import pytest
 
+from estimation.identification import IdentifiedLog, Verdict
 from estimation.plant import Plant, PlantAxis
-from estimation.plant_file import PlantFileError, bundled_plants, load_plant
+from estimation.plant_file import PlantFileError, PlantShelf, bundled_plants, load_plant
 
 AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1\n"
+IDENTIFIED = f"""
+[identified]
+method = "output error 1"
+date = 2026-11-21
+vehicle = 3
+autopilot = "px4"
+firmware = "v1.17.0"
+setpoints = "held"
+duration_s = 148.3
+fit_x_percent = 86.0
+fit_y_percent = 79.0
+verdict = "usable"
+reasons = ["the estimator wandered"]
+covariance = {[[0.01 if row == column else 0.0 for column in range(5)] for row in range(5)]}
+
+[[identified.logs]]
+name = "flight.ulg"
+sha256 = "{"0a" * 32}"
+"""
 
 
 def test_the_bundled_plants_load(tmp_path: Path) -> None:
@@ -61,3 +82,38 @@ def test_all_faults_are_told_at_once(wrong: dict[str, str], tmp_path: Path) -> N
     with pytest.raises(PlantFileError) as caught:
         load_plant("own.toml", tmp_path)
     assert [fault.split(":")[1].strip()[0] for fault in caught.value.faults] == ["x", "y"]
+
+
+def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
+    file = PlantShelf(tmp_path).open("own.toml")
+    assert file.plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1))
+    identified = file.identified
+    assert identified is not None
+    assert (identified.verdict, identified.date, identified.vehicle) == (Verdict.USABLE, date(2026, 11, 21), 3)
+    assert identified.logs == (IdentifiedLog(name="flight.ulg", sha256="0a" * 32),)
+    assert [identified.covariance[at][at] for at in range(5)] == [0.01] * 5
+
+
+def test_a_file_without_that_section_tells_nothing_of_it(tmp_path: Path) -> None:
+    assert PlantShelf(tmp_path).open("stub").identified is None
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ('verdict = "usable"', 'verdict = "fine"', "identified.verdict: Input should be"),
+        ("vehicle = 3", "vehicle = 3\nextra = 1", "identified.extra: Extra inputs are not permitted"),
+        ("0a0a", "xyz0", "identified.logs.0.sha256: String should match pattern"),
+        ("[0.01, 0.0, 0.0, 0.0, 0.0], ", "", "identified: Value error, covariance must have 5 rows of 5 numbers"),
+        ("[[0.01", "[[-0.01", "identified: Value error, covariance has a negative variance"),
+    ],
+)
+def test_a_fault_in_how_it_was_identified_is_told_with_its_place(
+    right: str, wrong: str, fault: str, tmp_path: Path
+) -> None:
+    assert right in IDENTIFIED
+    (tmp_path / "own.toml").write_text(AXES + IDENTIFIED.replace(right, wrong, 1))
+    with pytest.raises(PlantFileError) as caught:
+        load_plant("own.toml", tmp_path)
+    assert [each.startswith(f"own.toml: {fault}") for each in caught.value.faults] == [True]

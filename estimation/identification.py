@@ -1,0 +1,68 @@
+"""Where the numbers of a plant file come from: what was identified, from which logs, and how far it can be trusted."""
+
+from datetime import date
+from enum import Enum
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from estimation.settings import Settings
+
+COVARIANCE_OF = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
+"""The rows and columns of `Identification.covariance`."""
+
+
+class Verdict(Enum):
+    """Whether a controller may be built on what was identified."""
+
+    GOOD = "good"
+    USABLE = "usable"
+    DO_NOT_FLY = "do not fly this"
+
+
+def _tuples(value: object) -> object:
+    """Return lists as tuples: TOML knows lists only, and strict validation takes no list for a tuple."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _verdict(value: object) -> object:
+    return next((verdict for verdict in Verdict if verdict.value == value), value)
+
+
+class IdentifiedLog(Settings):
+    """A log that was identified from: the name of its file, and the SHA-256 of its bytes."""
+
+    name: str
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+
+
+class Identification(Settings):
+    """The section `[identified]` of a plant file.
+
+    `method` names the method and its version; `setpoints` says what was taken to happen between two logged setpoints;
+    `vehicle` is the system id. `fit_x_percent` and `fit_y_percent` are the fit on a part of the flight that nothing was
+    fitted to: 100 (1 - rms error / rms motion). `covariance` is (5, 5) in the order of `COVARIANCE_OF`.
+    """
+
+    method: str
+    date: date
+    vehicle: int = Field(ge=0, le=255)
+    autopilot: str
+    firmware: str
+    logs: Annotated[tuple[IdentifiedLog, ...], BeforeValidator(_tuples), Field(min_length=1)]
+    setpoints: str
+    duration_s: float = Field(gt=0.0)
+    fit_x_percent: float = Field(le=100.0)
+    fit_y_percent: float = Field(le=100.0)
+    verdict: Annotated[Verdict, BeforeValidator(_verdict)]
+    reasons: Annotated[tuple[str, ...], BeforeValidator(_tuples)] = ()
+    covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]
+
+    @model_validator(mode="after")
+    def _is_square(self) -> "Identification":
+        size = len(COVARIANCE_OF)
+        if len(self.covariance) != size or any(len(row) != size for row in self.covariance):
+            raise ValueError(f"covariance must have {size} rows of {size} numbers, for {', '.join(COVARIANCE_OF)}")
+        if any(self.covariance[at][at] < 0.0 for at in range(size)):
+            raise ValueError("covariance has a negative variance on its diagonal")
+        return self
