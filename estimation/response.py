@@ -1,0 +1,159 @@
+"""The response of a linear plant to setpoints that change at any time, in closed form: for identification.
+
+Control and simulation step through time with `plant.exact_step`; a fit needs the same plant at measured times, with
+setpoints that take effect between them, for a delay of any size. Here it is as a sum over its poles:
+the unit step's response is 1 + sum c_i exp(p_i t).
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from estimation.state import Vector
+
+Poles = NDArray[np.complex128]
+
+_POLES_APART = 1e-4
+
+
+class Between(Enum):
+    """What is taken to happen between two setpoints of a log."""
+
+    HELD = "held from each until the next"
+    MIDWAY = "changed halfway between two"
+    LINEAR = "moved straight from each to the next"
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """A setpoint as a sum of steps or of ramps that begin at `time_s` (n,): `size` (n,) in m, or in m/s for ramps.
+
+    Before the first of them it is `before_m`.
+    """
+
+    time_s: Vector
+    size: Vector
+    before_m: float
+    ramps: bool
+
+
+def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> Steps:
+    """Return logged setpoints (n,) as what they are taken to have been between their times (n,)."""
+    before_m = float(setpoint_m[0])
+    if between is Between.LINEAR:
+        slopes = np.diff(setpoint_m) / np.diff(time_s)
+        changes = np.diff(slopes, prepend=0.0, append=0.0)
+        return Steps(time_s, changes, before_m, ramps=True)
+    at_s = time_s[1:] if between is Between.HELD else (time_s[1:] + time_s[:-1]) / 2.0
+    changes = np.diff(setpoint_m)
+    moved = changes != 0.0
+    return Steps(at_s[moved], changes[moved], before_m, ramps=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """A stable plant with unit steady gain: poles (k,) and the residues (k,) of its step response."""
+
+    poles: Poles
+    residues: Poles
+
+    def free(self, time_s: Vector) -> Vector:
+        """Return a basis of all motions without input at times from 0 (T,), shape (T, k)."""
+        if self.poles.size == 2:  # stays well conditioned where the poles meet
+            mean, half = self.poles.mean(), (self.poles[0] - self.poles[1]) / 2.0
+            envelope = np.exp(mean.real * time_s)
+            even = envelope * np.cosh(half * time_s).real
+            odd = envelope * (np.sinh(half * time_s) / half).real
+            return np.column_stack((even, odd))
+        powers = np.exp(np.outer(time_s, self.poles))
+        columns = [powers[:, at].real for at, pole in enumerate(self.poles) if pole.imag >= 0.0]
+        columns += [powers[:, at].imag for at, pole in enumerate(self.poles) if pole.imag > 0.0]
+        return np.column_stack(columns)
+
+    def step(self, time_s: Vector) -> Vector:
+        """Return the response to a unit step at times from 0 (T,)."""
+        return np.asarray(1.0 + (np.exp(np.outer(time_s, self.poles)) @ self.residues).real, dtype=np.float64)
+
+    def gain(self, rate_rad_s: Vector) -> Poles:
+        """Return the complex gain at angular rates (W,)."""
+        s = 1j * rate_rad_s
+        return np.asarray(1.0 + (s[:, None] / (s[:, None] - self.poles)) @ self.residues, dtype=np.complex128)
+
+    def forced(self, steps: Steps, delay_s: float, begin_s: float, step_s: float, count: int) -> Vector:
+        """Return the response (count,) to the setpoint from rest, at begin_s, begin_s + step_s and so on.
+
+        At rest it was where the setpoint stood at `begin_s`.
+        """
+        at_s = steps.time_s + delay_s - begin_s
+        late = at_s > 0.0
+        sizes = np.append(steps.size[~late].sum(), steps.size[late])  # what holds at the beginning, as one change
+        since_begin_s = np.append(0.0, at_s[late])
+        index = np.ceil(since_begin_s / step_s - 1e-9).astype(np.int64)
+        inside = index < count
+        change = _Changes(index[inside], since_begin_s[inside], sizes[inside])
+        if steps.ramps:
+            begin_m = steps.before_m - float(steps.size[~late] @ at_s[~late])
+            slope = change.summed(change.size, count)
+            level = begin_m + slope * np.arange(count) * step_s - change.summed(change.size * change.time_s, count)
+            return level + self._decaying(change, 1.0 / self.poles, slope, step_s, count)
+        level = steps.before_m + change.summed(change.size, count)
+        change.size[0] = 0.0  # it stirs nothing: the plant begins at rest
+        return level + self._decaying(change, np.ones_like(self.poles), 0.0, step_s, count)
+
+    def _decaying(self, change: "_Changes", weights: Poles, slope: Vector | float, step_s: float, count: int) -> Vector:
+        """Return what the changes still stir: sum over i of c_i w_i (sum of changes exp(p_i t) - slope), (count,)."""
+        total = np.zeros(count)
+        since_s = change.index * step_s - change.time_s
+        for pole, residue, weight in zip(self.poles, self.residues, weights, strict=True):
+            if pole.imag < 0.0:
+                continue  # the conjugate of another
+            stirred = change.size * np.exp(pole * since_s)
+            injected = change.arriving(stirred.real, count) + 1j * change.arriving(stirred.imag, count)
+            mode = lfilter([1.0], [1.0, -np.exp(pole * step_s)], injected)
+            total += (2.0 if pole.imag > 0.0 else 1.0) * (residue * weight * (mode - slope)).real
+        return total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Changes:
+    """Changes (n,) at times since the beginning, and the first point of the grid that knows of each."""
+
+    index: NDArray[np.int64]
+    time_s: Vector
+    size: Vector
+
+    def arriving(self, values: Vector, count: int) -> Vector:
+        """Return the sum of the values of the changes that arrive at each point of the grid (count,)."""
+        return np.bincount(self.index, values, count)
+
+    def summed(self, values: Vector, count: int) -> Vector:
+        """Return the sum of all that have arrived up to each point of the grid (count,)."""
+        return np.asarray(np.cumsum(self.arriving(values, count)), dtype=np.float64)
+
+
+def response_of(a0_per_s2: float, a1_per_s: float, lag_s: float = 0.0, lead_s: float = 0.0) -> Response:
+    """Return the response of lag x''' + x'' = a0 (X_d + lead X_d' - x) - a1 x'.
+
+    Without a lag of the actuators it is of second order; a lead is what a velocity beside the setpoint feeds forward.
+    """
+    denominator = np.array([1.0, a1_per_s, a0_per_s2])
+    if lag_s > 0.0:
+        denominator = np.append(lag_s, denominator)
+    poles = _parted(np.roots(denominator).astype(np.complex128))
+    others = np.array([np.prod(pole - np.delete(poles, at)) for at, pole in enumerate(poles)])
+    residues = a0_per_s2 / denominator[0] * (1.0 + lead_s * poles) / (poles * others)
+    return Response(poles, residues)
+
+
+def _parted(poles: Poles) -> Poles:
+    """Return poles at least a little apart: where two meet, the sum over poles has no terms of its own."""
+    poles = poles[np.argsort(poles.real, kind="stable")]
+    for at in range(poles.size - 1):
+        scale = abs(poles[at])
+        if abs(poles[at + 1] - poles[at]) < _POLES_APART * scale:
+            mean = (poles[at] + poles[at + 1]).real / 2.0
+            poles[at : at + 2] = mean + _POLES_APART * scale * np.array([-0.5, 0.5])
+    return poles
