@@ -1,0 +1,73 @@
+"""Errors that depend on those before them: whitening them for a fit, and what they do to its confidence."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from estimation.state import Vector
+
+ORDER_MAX = 4
+_SPREAD_S = 3.0
+
+
+def whitening_filter(errors: Sequence[Vector]) -> Vector:
+    """Return the filter (p + 1,) that makes stretches of errors as good as white, of variance 1.
+
+    It is the inverse of an autoregressive model; its order p is chosen by Schwarz' criterion.
+    """
+    best, best_score = np.array([1.0]), np.inf
+    scale = float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) or 1.0
+    count = sum(each.size - ORDER_MAX for each in errors)
+    for order in range(1, ORDER_MAX + 1):
+        past = np.concatenate(
+            [
+                np.column_stack([each[ORDER_MAX - lag : each.size - lag] for lag in range(1, order + 1)])
+                for each in errors
+            ]
+        )
+        present = np.concatenate([each[ORDER_MAX:] for each in errors])
+        weights, *_ = np.linalg.lstsq(past, present, rcond=None)
+        variance = max(float(np.mean((present - past @ weights) ** 2)), (1e-9 * scale) ** 2, 1e-24)
+        score = count * np.log(variance) + order * np.log(count)
+        if score < best_score:
+            best, best_score = np.append(1.0, -weights) / np.sqrt(variance), score
+    return np.asarray(best, dtype=np.float64)
+
+
+def whitened(whitening: Vector, values: Vector) -> Vector:
+    """Return values (T,) or (T, k) behind the filter, without those (p) that would need values before the first."""
+    return np.asarray(lfilter(whitening, [1.0], values, axis=0)[whitening.size - 1 :], dtype=np.float64)
+
+
+def long_run_covariance(scores: Sequence[Vector], step_s: float) -> Vector:
+    """Return the covariance (k, k) of the sum of stretches of scores (T, k) that may depend on their neighbours.
+
+    Newey and West (1987): the products of scores up to some seconds apart, weighted by Bartlett's window.
+    """
+    size = scores[0].shape[1]
+    total = np.zeros((size, size))
+    lags = max(1, round(_SPREAD_S / step_s))
+    for stretch in scores:
+        total += stretch.T @ stretch
+        for lag in range(1, min(lags, stretch.shape[0] - 1) + 1):
+            product = stretch[lag:].T @ stretch[:-lag]
+            total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    return total
+
+
+def autocorrelation(errors: Sequence[Vector], lags: int) -> Vector:
+    """Return the correlation of errors with those 1 to `lags` before them, (lags,)."""
+    energy = sum(float(each @ each) for each in errors) or 1.0
+    return np.array([sum(float(each[lag:] @ each[:-lag]) for each in errors) / energy for lag in range(1, lags + 1)])
+
+
+def whiteness(errors: Sequence[Vector], lags: int = 20) -> tuple[float, float]:
+    """Return the share of the first correlations that lie within the bounds of white noise, and those bounds (95 %)."""
+    count = sum(each.size for each in errors)
+    bound = 1.96 / np.sqrt(max(count, 1))
+    return float(np.mean(np.abs(autocorrelation(errors, lags)) <= bound)), float(bound)
+
+
+Stretch = NDArray[np.float64]

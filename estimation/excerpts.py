@@ -1,0 +1,98 @@
+"""What a fit is made from: the parts of flights that were flown by position setpoints, on an even grid of times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.response import Between, Steps, steps_of
+from estimation.state import Vector
+
+GRID_S = 0.1
+"""Plants of vehicles move by tenths of radians in that time; noise of estimators is no whiter when asked more often."""
+GAP_MAX_S = 0.5
+SETTLE_S = 1.0
+"""After a mode has changed, setpoints of the mode before may still have their effect."""
+EXCERPT_MIN_S = 8.0
+
+Spans = Sequence[tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """One vehicle's horizontal motion as a log has it: positions (T, 2) [m], setpoints (n, 2) [m], and their times [s].
+
+    `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` when its estimator moved its position
+    by itself. With `sampled`, the log holds what setpoint was in force at its times, and not when each was sent.
+    """
+
+    position_time_s: Vector
+    position_m: Vector
+    setpoint_time_s: Vector
+    setpoint_m: Vector
+    flown_s: Spans
+    resets_s: Sequence[float] = ()
+    sampled: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Excerpt:
+    """A part of a flight without a break: positions (T, 2) at begin_s, begin_s + GRID_S and so on, and all setpoints."""
+
+    begin_s: float
+    position_m: Vector
+    recording: Recording
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is."""
+        return self.position_m.shape[0] * GRID_S
+
+    @property
+    def time_s(self) -> Vector:
+        """Times of the positions (T,)."""
+        return self.begin_s + np.arange(self.position_m.shape[0]) * GRID_S
+
+    def setpoint_m(self) -> Vector:
+        """Return the setpoints that were held at the times of the positions, (T, 2)."""
+        recording = self.recording
+        at = np.searchsorted(recording.setpoint_time_s, self.time_s, side="right") - 1
+        return np.asarray(recording.setpoint_m[np.maximum(at, 0)], dtype=np.float64)
+
+    def steps(self, between: Between) -> tuple[Steps, Steps]:
+        """Return the setpoint of each axis as a sum of steps or ramps."""
+        recording = self.recording
+        x_m, y_m = recording.setpoint_m.T
+        return (
+            steps_of(recording.setpoint_time_s, x_m, between),
+            steps_of(recording.setpoint_time_s, y_m, between),
+        )
+
+
+def excerpts_of(recording: Recording) -> list[Excerpt]:
+    """Return the parts of a recording that a fit can be made from."""
+    time_s = recording.position_time_s
+    if recording.setpoint_time_s.size < 2 or time_s.size < 2:
+        return []
+    gaps = np.flatnonzero(np.diff(time_s) > GAP_MAX_S)
+    breaks = sorted({*recording.resets_s, *time_s[gaps].tolist(), *time_s[gaps + 1].tolist()})
+    first_s, last_s = max(time_s[0], recording.setpoint_time_s[0]), time_s[-1]
+    found = []
+    for begin_s, end_s in recording.flown_s:
+        begin_s, end_s = max(begin_s + SETTLE_S, first_s), min(end_s, last_s)  # noqa: PLW2901
+        inner = [at_s for at_s in breaks if begin_s < at_s < end_s]
+        for from_s, to_s in zip([begin_s, *inner], [*inner, end_s], strict=True):
+            if to_s - from_s >= EXCERPT_MIN_S and not _in_gap(time_s, gaps, from_s, to_s):
+                found.append(_excerpt(recording, from_s + 1e-6, to_s - 1e-6))
+    return found
+
+
+def _in_gap(time_s: Vector, gaps: Vector, from_s: float, to_s: float) -> bool:
+    middle_s = (from_s + to_s) / 2.0
+    return bool(((time_s[gaps] <= middle_s) & (middle_s <= time_s[gaps + 1])).any())
+
+
+def _excerpt(recording: Recording, from_s: float, to_s: float) -> Excerpt:
+    at_s = np.arange(from_s, to_s, GRID_S)
+    columns = [np.interp(at_s, recording.position_time_s, column) for column in recording.position_m.T]
+    return Excerpt(from_s, np.column_stack(columns), recording)

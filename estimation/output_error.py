@@ -1,0 +1,195 @@
+"""Fitting a plant to flights by its output error: simulated from the setpoints alone, held against the positions."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from estimation.coloured_noise import long_run_covariance, whitened, whitening_filter
+from estimation.excerpts import GRID_S, Excerpt
+from estimation.response import Between, Response, response_of
+from estimation.state import Vector
+
+DELAY_MIN_S, DELAY_MAX_S = -0.3, 0.6
+"""A delay below zero is no plant's, but a fit that wants one tells of clocks or sampling: it is not hidden from it."""
+A0_RANGE, A1_RANGE, LAG_RANGE_S, LEAD_RANGE_S = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
+PLANT_NAMES = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
+_ROUNDS = 3
+_TRAINING_MIN = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What is fitted beside a0, a1 and the delay, and what is taken to happen between setpoints."""
+
+    between: Between
+    lag: bool = False
+    lead: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the fitted parameters are called, in order."""
+        return PLANT_NAMES + ("lag_s",) * self.lag + ("lead_s",) * self.lead
+
+    def responses(self, parameters: Vector) -> tuple[Response, Response]:
+        """Return each axis' response; parameters are as fitted: a0 and a1 by their logarithms."""
+        extra = dict(zip(self.names[5:], parameters[5:].tolist(), strict=True))
+        lag_s = float(np.exp(extra["lag_s"])) if self.lag else 0.0
+        lead_s = extra.get("lead_s", 0.0)
+        x0, x1, y0, y1 = np.exp(parameters[:4]).tolist()
+        return response_of(x0, x1, lag_s, lead_s), response_of(y0, y1, lag_s, lead_s)
+
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Return the least and the greatest parameters as fitted."""
+        logs = [np.log(A0_RANGE), np.log(A1_RANGE)] * 2
+        rows = [*logs, np.array([DELAY_MIN_S, DELAY_MAX_S])]
+        rows += [np.log(LAG_RANGE_S)] * self.lag + [np.array(LEAD_RANGE_S)] * self.lead
+        low, high = np.array(rows, dtype=np.float64).T
+        return low, high
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """What was fitted: parameters (k,) as fitted, their covariance, the noise of each axis, and the cost.
+
+    `errors` are the whitened errors, one array for each axis and excerpt; `cost` is the sum of their squares.
+    """
+
+    model: Model
+    parameters: Vector
+    covariance: Vector
+    whitening: tuple[Vector, Vector]
+    errors: tuple[tuple[Vector, ...], ...]
+    cost: float
+    deviation: float = field(default=1.0)
+
+    @property
+    def count(self) -> int:
+        """How many errors there are."""
+        return sum(each.size for axis in self.errors for each in axis)
+
+
+def fit(
+    excerpts: Sequence[Excerpt],
+    model: Model,
+    start: Vector,
+    share: float = 1.0,
+    on_round: Callable[[], None] = lambda: None,
+) -> Fit:
+    """Fit the model to the first `share` of each excerpt, with whitening of the errors estimated in rounds.
+
+    What each excerpt began with, and a constant disturbance, are fitted beside for each excerpt and axis.
+    """
+    problem = _Problem(excerpts, model, share)
+    filters = (np.array([1.0]), np.array([1.0]))
+    parameters = start
+    low, high = model.bounds()
+    for _ in range(_ROUNDS):
+        solution = least_squares(
+            problem.residuals,
+            np.clip(parameters, low + 1e-6, high - 1e-6),
+            bounds=(low, high),
+            args=(filters,),
+            diff_step=1e-4,
+            x_scale=0.1,
+            xtol=1e-6,
+            ftol=1e-8,
+            max_nfev=40,
+        )
+        parameters = solution.x
+        plain = problem.errors(parameters, (np.array([1.0]), np.array([1.0])))
+        filters = (whitening_filter(plain[0]), whitening_filter(plain[1]))
+        on_round()
+    solution = least_squares(
+        problem.residuals, parameters, bounds=(low, high), args=(filters,), diff_step=1e-4, x_scale=0.1, xtol=1e-7
+    )
+    errors = problem.errors(solution.x, filters)
+    covariance = problem.covariance(solution.x, filters)
+    cost = float(sum(each @ each for axis in errors for each in axis))
+    return Fit(model, solution.x, covariance, filters, tuple(map(tuple, errors)), cost)
+
+
+def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> Vector:
+    """Return where to begin: the best of a coarse grid of plants, each axis by itself."""
+    problem = _Problem(excerpts, Model(model.between), share)
+    white = (np.array([1.0]), np.array([1.0]))
+    best: Vector = np.zeros(5)
+    least = [np.inf] * 3
+    for delay_s in (0.0, 0.15, 0.35):
+        axes, costs = np.zeros(5), [np.inf, np.inf]
+        axes[4] = delay_s
+        for a0 in (0.15, 0.4, 0.8, 1.6, 4.0, 10.0):
+            for damping in (0.35, 0.7, 1.2):
+                pair = np.log([a0, 2.0 * damping * np.sqrt(a0)])
+                errors = problem.errors(np.array([*pair, *pair, delay_s]), white)
+                for axis in range(2):
+                    cost = float(sum(each @ each for each in errors[axis]))
+                    if cost < costs[axis]:
+                        costs[axis], axes[2 * axis : 2 * axis + 2] = cost, pair
+        if sum(costs) < least[0]:
+            least[0], best = sum(costs), axes
+    extra = [np.log(0.1)] * model.lag + [0.0] * model.lead
+    return np.append(best, extra)
+
+
+class _Problem:
+    """The excerpts as the solver sees them; what is linear in the output is eliminated (Golub and Pereyra 1973)."""
+
+    def __init__(self, excerpts: Sequence[Excerpt], model: Model, share: float) -> None:
+        self._model = model
+        self._rows = []
+        for excerpt in excerpts:
+            count = max(_TRAINING_MIN, round(share * excerpt.position_m.shape[0]))
+            steps = excerpt.steps(model.between)
+            self._rows.append((excerpt.begin_s, excerpt.position_m[:count], steps))
+
+    def residuals(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        return np.concatenate([each for axis in self.errors(parameters, filters) for each in axis])
+
+    def errors(self, parameters: Vector, filters: tuple[Vector, Vector]) -> list[list[Vector]]:
+        """Return the whitened errors of each axis and excerpt, with what is linear fitted."""
+        delay_s = float(parameters[4])
+        found = []
+        for axis, response in enumerate(self._model.responses(parameters)):
+            longest = max(position_m.shape[0] for _, position_m, _ in self._rows)
+            free = _regressors(response, longest)
+            one_axis = []
+            for begin_s, position_m, steps in self._rows:
+                count = position_m.shape[0]
+                apart = position_m[:, axis] - response.forced(steps[axis], delay_s, begin_s, GRID_S, count)
+                error = whitened(filters[axis], apart)
+                basis, _ = np.linalg.qr(whitened(filters[axis], free[:count]))
+                one_axis.append(error - basis @ (basis.T @ error))
+            found.append(one_axis)
+        return found
+
+    def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        """Return the parameters' covariance, whatever of the errors' colour is left (the sandwich)."""
+        slopes = []
+        for at in range(parameters.size):
+            nudge = np.zeros(parameters.size)
+            nudge[at] = 1e-4
+            above, below = self.errors(parameters + nudge, filters), self.errors(parameters - nudge, filters)
+            slopes.append([[(a - b) / 2e-4 for a, b in zip(*pair, strict=True)] for pair in zip(above, below, strict=True)])
+        errors = self.errors(parameters, filters)
+        information = np.zeros((parameters.size, parameters.size))
+        scores = []
+        for excerpt in range(len(self._rows)):
+            both: list[Vector] = []
+            for axis in range(2):
+                jacobian = np.column_stack([slope[axis][excerpt] for slope in slopes])
+                information += jacobian.T @ jacobian
+                both.append(jacobian * errors[axis][excerpt][:, None])
+            shortest = min(each.shape[0] for each in both)
+            scores.append(both[0][-shortest:] + both[1][-shortest:])
+        inverse = np.linalg.pinv(information, hermitian=True)
+        count = sum(each.size for axis in errors for each in axis)
+        freedom = count / max(count - parameters.size - 6 * len(self._rows), 1)
+        sandwich = inverse @ long_run_covariance(scores, GRID_S) @ inverse
+        return np.asarray(freedom * sandwich, dtype=np.float64)
+
+
+def _regressors(response: Response, count: int) -> Vector:
+    time_s = np.arange(count) * GRID_S
+    return np.column_stack((np.ones(count), response.free(time_s)))
