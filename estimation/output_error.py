@@ -1,7 +1,7 @@
 """Fitting a plant to flights by its output error: simulated from the setpoints alone, held against the positions."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -12,10 +12,13 @@ from estimation.response import Between, Response, response_of
 from estimation.state import Vector
 
 DELAY_MIN_S, DELAY_MAX_S = -0.3, 0.6
-"""A delay below zero is no plant's, but a fit that wants one tells of clocks or sampling: it is not hidden from it."""
+"""A delay below zero is no plant's, but a fit that wants one tells of clocks or sampling: it may say so."""
+_NO_DELAY_S = 1e-5
 A0_RANGE, A1_RANGE, LAG_RANGE_S, LEAD_RANGE_S = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
 PLANT_NAMES = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
 _ROUNDS = 3
+_PLAIN = np.array([1.0])
+_NUDGE = 1e-4
 _TRAINING_MIN = 40
 
 
@@ -26,6 +29,7 @@ class Model:
     between: Between
     lag: bool = False
     lead: bool = False
+    delayed: bool = True
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -43,7 +47,9 @@ class Model:
     def bounds(self) -> tuple[Vector, Vector]:
         """Return the least and the greatest parameters as fitted."""
         logs = [np.log(A0_RANGE), np.log(A1_RANGE)] * 2
-        rows = [*logs, np.array([DELAY_MIN_S, DELAY_MAX_S])]
+        least_s = 0.0 if self.lag else DELAY_MIN_S
+        delay_range_s = (least_s, DELAY_MAX_S) if self.delayed else (-_NO_DELAY_S, _NO_DELAY_S)
+        rows = [*logs, np.array(delay_range_s)]
         rows += [np.log(LAG_RANGE_S)] * self.lag + [np.array(LEAD_RANGE_S)] * self.lead
         low, high = np.array(rows, dtype=np.float64).T
         return low, high
@@ -53,7 +59,8 @@ class Model:
 class Fit:
     """What was fitted: parameters (k,) as fitted, their covariance, the noise of each axis, and the cost.
 
-    `errors` are the whitened errors, one array for each axis and excerpt; `cost` is the sum of their squares.
+    `errors` are the whitened errors, one array for each axis and excerpt; `score` is -2 times the logarithm of their
+    likelihood. `wished_delay_s` is the delay that would have fitted best where it is less than any plant's.
     """
 
     model: Model
@@ -61,8 +68,19 @@ class Fit:
     covariance: Vector
     whitening: tuple[Vector, Vector]
     errors: tuple[tuple[Vector, ...], ...]
-    cost: float
-    deviation: float = field(default=1.0)
+    wished_delay_s: float | None = None
+
+    @property
+    def score(self) -> float:
+        """How unlikely the flights are by this fit."""
+        pairs = zip(self.errors, self.whitening, strict=True)
+        return float(
+            sum(each @ each - 2.0 * each.size * np.log(whitening[0]) for axis, whitening in pairs for each in axis)
+        )
+
+    def wished(self) -> float:
+        """Return the delay that fitted best [s], of a plant or not."""
+        return float(self.parameters[4]) if self.wished_delay_s is None else self.wished_delay_s
 
     @property
     def count(self) -> int:
@@ -75,6 +93,7 @@ def fit(
     model: Model,
     start: Vector,
     share: float = 1.0,
+    whiten: bool = True,
     on_round: Callable[[], None] = lambda: None,
 ) -> Fit:
     """Fit the model to the first `share` of each excerpt, with whitening of the errors estimated in rounds.
@@ -82,32 +101,24 @@ def fit(
     What each excerpt began with, and a constant disturbance, are fitted beside for each excerpt and axis.
     """
     problem = _Problem(excerpts, model, share)
-    filters = (np.array([1.0]), np.array([1.0]))
-    parameters = start
-    low, high = model.bounds()
-    for _ in range(_ROUNDS):
-        solution = least_squares(
-            problem.residuals,
-            np.clip(parameters, low + 1e-6, high - 1e-6),
-            bounds=(low, high),
-            args=(filters,),
-            diff_step=1e-4,
-            x_scale=0.1,
-            xtol=1e-6,
-            ftol=1e-8,
-            max_nfev=40,
-        )
-        parameters = solution.x
-        plain = problem.errors(parameters, (np.array([1.0]), np.array([1.0])))
+    filters = (_PLAIN, _PLAIN)
+    parameters = problem.solved(start, filters)
+    for _ in range(_ROUNDS if whiten else 0):
+        plain = problem.errors(parameters, (_PLAIN, _PLAIN))
         filters = (whitening_filter(plain[0]), whitening_filter(plain[1]))
+        parameters = problem.solved(parameters, filters)
         on_round()
-    solution = least_squares(
-        problem.residuals, parameters, bounds=(low, high), args=(filters,), diff_step=1e-4, x_scale=0.1, xtol=1e-7
-    )
-    errors = problem.errors(solution.x, filters)
-    covariance = problem.covariance(solution.x, filters)
-    cost = float(sum(each @ each for axis in errors for each in axis))
-    return Fit(model, solution.x, covariance, filters, tuple(map(tuple, errors)), cost)
+    if not whiten:
+        plain = problem.errors(parameters, filters)
+        filters = (_levelled(plain[0]), _levelled(plain[1]))
+    errors = problem.errors(parameters, filters)
+    covariance = problem.covariance(parameters, filters)
+    return Fit(model, parameters, covariance, filters, (tuple(errors[0]), tuple(errors[1])))
+
+
+def _levelled(errors: Sequence[Vector]) -> Vector:
+    """Return the filter that makes errors of variance 1, and leaves their colour."""
+    return _PLAIN / max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 1e-9)
 
 
 def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> Vector:
@@ -164,25 +175,45 @@ class _Problem:
             found.append(one_axis)
         return found
 
-    def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
-        """Return the parameters' covariance, whatever of the errors' colour is left (the sandwich)."""
-        slopes = []
+    def solved(self, start: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        """Return the parameters of the least sum of squares."""
+        low, high = self._model.bounds()
+        solution = least_squares(
+            self.residuals,
+            np.clip(start, low + 1e-6, high - 1e-6),
+            jac=self.jacobian,
+            bounds=(low, high),
+            args=(filters,),
+            x_scale=0.1,
+            xtol=1e-6,
+            ftol=1e-8,
+            max_nfev=40,
+        )
+        parameters = np.asarray(solution.x, dtype=np.float64)
+        if not self._model.delayed:
+            parameters[4] = 0.0
+        return parameters
+
+    def jacobian(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        """Return how the errors change with the parameters, (N, k)."""
+        columns = []
         for at in range(parameters.size):
             nudge = np.zeros(parameters.size)
-            nudge[at] = 1e-4
-            above, below = self.errors(parameters + nudge, filters), self.errors(parameters - nudge, filters)
-            slopes.append([[(a - b) / 2e-4 for a, b in zip(*pair, strict=True)] for pair in zip(above, below, strict=True)])
+            nudge[at] = _NUDGE
+            above, below = self.residuals(parameters + nudge, filters), self.residuals(parameters - nudge, filters)
+            columns.append((above - below) / (2.0 * _NUDGE))
+        return np.column_stack(columns)
+
+    def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        """Return the parameters' covariance, whatever of the errors' colour is left (the sandwich)."""
         errors = self.errors(parameters, filters)
-        information = np.zeros((parameters.size, parameters.size))
+        jacobian = self.jacobian(parameters, filters)
+        information = jacobian.T @ jacobian
+        parts = np.split(jacobian, np.cumsum([each.size for axis in errors for each in axis])[:-1])
         scores = []
-        for excerpt in range(len(self._rows)):
-            both: list[Vector] = []
-            for axis in range(2):
-                jacobian = np.column_stack([slope[axis][excerpt] for slope in slopes])
-                information += jacobian.T @ jacobian
-                both.append(jacobian * errors[axis][excerpt][:, None])
-            shortest = min(each.shape[0] for each in both)
-            scores.append(both[0][-shortest:] + both[1][-shortest:])
+        for x, y, x_errors, y_errors in zip(parts, parts[len(self._rows) :], *errors, strict=False):
+            shortest = min(x.shape[0], y.shape[0])
+            scores.append((x * x_errors[:, None])[-shortest:] + (y * y_errors[:, None])[-shortest:])
         inverse = np.linalg.pinv(information, hermitian=True)
         count = sum(each.size for axis in errors for each in axis)
         freedom = count / max(count - parameters.size - 6 * len(self._rows), 1)

@@ -78,5 +78,10 @@ def recorded(
     sampled_s = np.arange(random.uniform(0.0, 1.0 / setpoints_hz), time_s[-1], 1.0 / setpoints_hz)
     held = np.floor(sampled_s / SENT_S + 1e-9).astype(int)
     return Recording(
-        time_s, position_m + np.column_stack(noise), sampled_s, sent_m[held], [(0.0, float(time_s[-1]))], sampled=sampled
+        time_s,
+        position_m + np.column_stack(noise),
+        sampled_s,
+        sent_m[held],
+        [(0.0, float(time_s[-1]))],
+        sampled=sampled,
     )

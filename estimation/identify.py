@@ -1,0 +1,163 @@
+"""System identification: from recordings of flights to a plant, how sure it is, and whether to fly by it.
+
+The plant is fitted by its output error (Ljung, System Identification, 1999, ch. 7 and 10): simulated from the setpoints
+alone. Two weightings are tried. Whitening of the errors is efficient if the plant is of the assumed kind and the rest
+is noise; equal weights give the plant that simulates best even where it is not. When the two disagree by more than
+their uncertainty allows (Hausman 1978), the second is taken.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.coloured_noise import whiteness
+from estimation.excerpts import Excerpt, Recording, excerpts_of
+from estimation.identified import AxisResult, Found, Identified, Interval, Order, Validation
+from estimation.least_squares_start import Baseline, baseline_of
+from estimation.output_error import Fit, Model, fit, start_of
+from estimation.response import Between
+from estimation.shaping import Shaping, shaping_of
+from estimation.simulated import fit_percent, simulated
+from estimation.state import Vector
+from estimation.trust import judged, refused
+
+TRAINED_SHARE = 0.7
+_Z95 = 1.96
+_HAUSMAN_MAX = 20.5
+"""The 99.9 % quantile of chi square for the five parameters of a plant."""
+_STAGES = 9
+
+
+@dataclass(slots=True)
+class _Counter:
+    """How much of the work is done, told as a share."""
+
+    on_progress: Callable[[float], None]
+    done: int = 0
+
+    def step(self) -> None:
+        self.done += 1
+        self.on_progress(min(1.0, self.done / _STAGES))
+
+
+def identify(recordings: Sequence[Recording], on_progress: Callable[[float], None] = lambda _: None) -> Identified:
+    """Return what can be learnt of one vehicle from recordings of its flights; bad ones get a verdict, not an error."""
+    excerpts = [excerpt for recording in recordings for excerpt in excerpts_of(recording)]
+    if (refusal := refused(recordings, excerpts)) is not None:
+        return refusal
+    counter = _Counter(on_progress)
+    between, start = _between(recordings, excerpts)
+    counter.step()
+    best, whitened = _weighted(excerpts, Model(between), start, 1.0, counter)
+    trained = fit(excerpts, Model(between), best.parameters, TRAINED_SHARE, whitened)
+    counter.step()
+    baseline = baseline_of(excerpts, TRAINED_SHARE)
+    order = _order(excerpts, trained)
+    counter.step()
+    shaping = shaping_of(excerpts, best)
+    counter.step()
+    parts = _Parts(excerpts, best, whitened, trained, baseline, order, shaping)
+    counter.step()
+    return _result(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    excerpts: Sequence[Excerpt]
+    best: Fit
+    whitened: bool
+    trained: Fit
+    baseline: Baseline | None
+    order: Order
+    shaping: Shaping
+
+
+def _between(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> tuple[Between, Vector]:
+    """Return what happened between setpoints, and where to begin: known, or what simulates the flights better."""
+    sampled = any(recording.sampled for recording in recordings)
+    candidates = (Between.MIDWAY, Between.LINEAR) if sampled else (Between.HELD,)
+    fits = [fit(excerpts, Model(each), start_of(excerpts, Model(each)), whiten=False) for each in candidates]
+    best = min(fits, key=lambda each: each.score)
+    return best.model.between, best.parameters
+
+
+def _weighted(
+    excerpts: Sequence[Excerpt], model: Model, start: Vector, share: float, counter: _Counter
+) -> tuple[Fit, bool]:
+    plain = fit(excerpts, model, start, share, whiten=False)
+    counter.step()
+    white = fit(excerpts, model, plain.parameters, share, whiten=True, on_round=counter.step)
+    apart = white.parameters - plain.parameters
+    statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
+    best, whitened = (white, True) if statistic <= _HAUSMAN_MAX else (plain, False)
+    if best.parameters[4] < 0.0:  # no plant answers before it is asked
+        at_zero = fit(excerpts, replace(model, delayed=False), best.parameters, share, whitened)
+        best = replace(at_zero, covariance=best.covariance, wished_delay_s=float(best.parameters[4]))
+    return best, whitened
+
+
+def _order(excerpts: Sequence[Excerpt], trained: Fit) -> Order:
+    """Return what a third order - a lag of the actuators - would give beyond the second."""
+    model = replace(trained.model, lag=True)
+    third = fit(excerpts, model, np.append(trained.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
+    plain = fit(excerpts, trained.model, trained.parameters, TRAINED_SHARE, whiten=False)
+    second_percent, third_percent = (float(np.mean(_held_out(excerpts, each))) for each in (plain, third))
+    return Order(
+        lag_s=float(np.exp(third.parameters[5])),
+        fit_second_percent=second_percent,
+        fit_third_percent=third_percent,
+        error_ratio=float(np.exp((third.score - plain.score) / 2.0 / max(third.count, 1))),
+    )
+
+
+def _held_out(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, float]:
+    x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE)) for axis in range(2))
+    return x, y
+
+
+def _result(parts: _Parts) -> Identified:
+    best = parts.best
+    deviation = np.sqrt(np.diag(best.covariance))
+    logs = best.parameters[:4]
+    a0_x, a1_x, a0_y, a1_y = (_positive(value, error) for value, error in zip(logs, deviation[:4], strict=True))
+    delay_s = float(best.parameters[4])
+    delay = Interval(
+        delay_s,
+        max(0.0, min(best.wished(), delay_s) - _Z95 * deviation[4]),
+        max(delay_s, best.wished() + _Z95 * deviation[4]),
+    )
+    fits = _held_out(parts.excerpts, parts.trained)
+    axes = []
+    for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
+        own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
+        damping_deviation = float(np.sqrt(own[1, 1] + own[0, 0] / 4.0 - own[0, 1]))
+        frequency = _positive(np.log(a0.value) / 2.0, deviation[2 * axis] / 2.0)
+        damping = _positive(np.log(a1.value) - np.log(4.0 * a0.value) / 2.0, damping_deviation)
+        apart = simulated(parts.excerpts, best, axis, 1.0)
+        rms_m = float(np.sqrt(np.mean(np.concatenate([each.error_m for each in apart]) ** 2)))
+        axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
+    baseline_fit = None
+    if parts.baseline is not None:
+        baseline_fit = _held_out(parts.excerpts, replace(parts.trained, parameters=parts.baseline.parameters()))
+    scale = np.append(np.exp(logs), 1.0)
+    found = Found(
+        axes=(axes[0], axes[1]),
+        delay_s=delay,
+        covariance=best.covariance * np.outer(scale, scale),
+        between=best.model.between,
+        whitened=parts.whitened,
+        order=parts.order,
+        shaping=parts.shaping,
+        baseline=parts.baseline,
+        baseline_fit_percent=baseline_fit,
+        validation=Validation(tuple(parts.excerpts), best, parts.trained),
+    )
+    verdict, reasons = judged(found, best.wished(), float(deviation[4]))
+    duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
+    return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)
+
+
+def _positive(log_value: float, log_deviation: float) -> Interval:
+    spread = min(_Z95 * float(log_deviation), 20.0)
+    return Interval(float(np.exp(log_value)), float(np.exp(log_value - spread)), float(np.exp(log_value + spread)))

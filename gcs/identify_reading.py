@@ -1,0 +1,45 @@
+"""From logs to what identification is made from: one vehicle's recordings."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimation.excerpts import Recording
+from gcs.exits import InputError
+from gcs.flightlog.vehicle_log import VehicleLog
+
+SAMPLED_TOPICS = frozenset({"trajectory_setpoint", "POSITION_TARGET_LOCAL_NED"})
+"""Topics that hold what setpoint was in force now and then; all others hold each setpoint when it was sent."""
+
+
+def recording_of(log: VehicleLog) -> Recording:
+    """Return a log as a recording; raises LogError where it lacks what is needed."""
+    flown_s = [(mode.span.begin_s, mode.span.end_s) for mode in log.modes if mode.external]
+    if not flown_s:
+        nothing = np.empty((0, 2))
+        return Recording(np.empty(0), nothing, np.empty(0), nothing, [])
+    log.require("setpoint", "position")
+    assert log.setpoint is not None
+    assert log.position is not None
+    setpoint_m = log.setpoint.values[:, :2]
+    given = np.isfinite(setpoint_m).all(axis=1)
+    return Recording(
+        log.position.time_s,
+        log.position.values[:, :2],
+        log.setpoint.time_s[given],
+        setpoint_m[given],
+        flown_s,
+        log.position_resets_s,
+        sampled=log.setpoint.topic in SAMPLED_TOPICS,
+    )
+
+
+def chosen(logs: Sequence[VehicleLog], vehicle: int | None) -> list[VehicleLog]:
+    """Return the logs of the one vehicle asked for, or of the only one there is; raises InputError."""
+    known = sorted({log.system_id for log in logs})
+    told = ", ".join(map(str, known))
+    if vehicle is None and len(known) > 1:
+        raise InputError([f"--vehicle: the logs hold vehicles {told}: say which of them is to be identified"])
+    if vehicle is not None and vehicle not in known:
+        raise InputError([f"--vehicle: the logs have no vehicle {vehicle} (they have {told})"])
+    return [log for log in logs if vehicle is None or log.system_id == vehicle]
