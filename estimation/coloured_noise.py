@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from estimation.state import Vector
 
 ORDER_MAX = 4
-_SPREAD_S = 3.0
 
 
 def whitening_filter(errors: Sequence[Vector]) -> Vector:
@@ -41,20 +39,19 @@ def whitened(whitening: Vector, values: Vector) -> Vector:
     return np.asarray(lfilter(whitening, [1.0], values, axis=0)[whitening.size - 1 :], dtype=np.float64)
 
 
-def long_run_covariance(scores: Sequence[Vector], step_s: float) -> Vector:
-    """Return the covariance (k, k) of the sum of stretches of scores (T, k) that may depend on their neighbours.
+def jackknifed(jacobians: Sequence[Vector], errors: Sequence[Vector]) -> tuple[Vector, int]:
+    """Return the covariance (k, k) of a fit, and of how many blocks: what comes of leaving out one after the other.
 
-    Newey and West (1987): the products of scores up to some seconds apart, weighted by Bartlett's window.
+    Jacobians (T, k) and errors (T,) of blocks of time. Within a block, errors may depend on each other as they like;
+    and blocks that much depends on are not trusted to be typical (MacKinnon and Webb 2023, CV3).
     """
-    size = scores[0].shape[1]
-    total = np.zeros((size, size))
-    lags = max(1, round(_SPREAD_S / step_s))
-    for stretch in scores:
-        total += stretch.T @ stretch
-        for lag in range(1, min(lags, stretch.shape[0] - 1) + 1):
-            product = stretch[lag:].T @ stretch[:-lag]
-            total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    return total
+    information = np.sum([each.T @ each for each in jacobians], axis=0)
+    moves = [
+        np.linalg.pinv(information - each.T @ each, hermitian=True) @ (each.T @ error)
+        for each, error in zip(jacobians, errors, strict=True)
+    ]
+    count = len(moves)
+    return (count - 1) / count * np.sum([np.outer(move, move) for move in moves], axis=0), count
 
 
 def autocorrelation(errors: Sequence[Vector], lags: int) -> Vector:
@@ -68,6 +65,3 @@ def whiteness(errors: Sequence[Vector], lags: int = 20) -> tuple[float, float]:
     count = sum(each.size for each in errors)
     bound = 1.96 / np.sqrt(max(count, 1))
     return float(np.mean(np.abs(autocorrelation(errors, lags)) <= bound)), float(bound)
-
-
-Stretch = NDArray[np.float64]

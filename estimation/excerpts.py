@@ -37,7 +37,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excerpt:
-    """A part of a flight without a break: positions (T, 2) at begin_s, begin_s + GRID_S and so on, and all setpoints."""
+    """A part of a flight without a break: positions (T, 2) every GRID_S from begin_s on, and all setpoints."""
 
     begin_s: float
     position_m: Vector

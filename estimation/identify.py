@@ -3,7 +3,7 @@
 The plant is fitted by its output error (Ljung, System Identification, 1999, ch. 7 and 10): simulated from the setpoints
 alone. Two weightings are tried. Whitening of the errors is efficient if the plant is of the assumed kind and the rest
 is noise; equal weights give the plant that simulates best even where it is not. When the two disagree by more than
-their uncertainty allows (Hausman 1978), the second is taken.
+their uncertainty allows (Hausman 1978), or the second foretells markedly better what was not fitted, it is taken.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,15 +17,16 @@ from estimation.identified import AxisResult, Found, Identified, Interval, Order
 from estimation.least_squares_start import Baseline, baseline_of
 from estimation.output_error import Fit, Model, fit, start_of
 from estimation.response import Between
-from estimation.shaping import Shaping, shaping_of
+from estimation.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.simulated import fit_percent, simulated
 from estimation.state import Vector
 from estimation.trust import judged, refused
 
 TRAINED_SHARE = 0.7
-_Z95 = 1.96
 _HAUSMAN_MAX = 20.5
 """The 99.9 % quantile of chi square for the five parameters of a plant."""
+_PLAIN_BETTER_PERCENT = 2.0
+_MISFIT_PERCENT = 80.0
 _STAGES = 9
 
 
@@ -49,13 +50,11 @@ def identify(recordings: Sequence[Recording], on_progress: Callable[[float], Non
     counter = _Counter(on_progress)
     between, start = _between(recordings, excerpts)
     counter.step()
-    best, whitened = _weighted(excerpts, Model(between), start, 1.0, counter)
-    trained = fit(excerpts, Model(between), best.parameters, TRAINED_SHARE, whitened)
-    counter.step()
+    best, trained, whitened = _weighted(excerpts, Model(between), start, counter)
     baseline = baseline_of(excerpts, TRAINED_SHARE)
     order = _order(excerpts, trained)
     counter.step()
-    shaping = shaping_of(excerpts, best)
+    shaping = shaping_of(excerpts, best) if _is_misfit(excerpts, trained, whitened) else UNSHAPED
     counter.step()
     parts = _Parts(excerpts, best, whitened, trained, baseline, order, shaping)
     counter.step()
@@ -82,19 +81,28 @@ def _between(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> tu
     return best.model.between, best.parameters
 
 
-def _weighted(
-    excerpts: Sequence[Excerpt], model: Model, start: Vector, share: float, counter: _Counter
-) -> tuple[Fit, bool]:
-    plain = fit(excerpts, model, start, share, whiten=False)
+def _weighted(excerpts: Sequence[Excerpt], model: Model, start: Vector, counter: _Counter) -> tuple[Fit, Fit, bool]:
+    """Return the fit to everything, that to the first part, and whether errors were whitened."""
+    plain = fit(excerpts, model, start, whiten=False)
     counter.step()
-    white = fit(excerpts, model, plain.parameters, share, whiten=True, on_round=counter.step)
+    white = fit(excerpts, model, plain.parameters, on_round=counter.step)
+    plain_trained = fit(excerpts, model, plain.parameters, TRAINED_SHARE, whiten=False)
+    white_trained = fit(excerpts, model, white.parameters, TRAINED_SHARE)
+    counter.step()
     apart = white.parameters - plain.parameters
     statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
-    best, whitened = (white, True) if statistic <= _HAUSMAN_MAX else (plain, False)
-    if best.parameters[4] < 0.0:  # no plant answers before it is asked
-        at_zero = fit(excerpts, replace(model, delayed=False), best.parameters, share, whitened)
-        best = replace(at_zero, covariance=best.covariance, wished_delay_s=float(best.parameters[4]))
-    return best, whitened
+    gain_percent = np.mean(_held_out(excerpts, plain_trained)) - np.mean(_held_out(excerpts, white_trained))
+    whitened = statistic <= _HAUSMAN_MAX and gain_percent < _PLAIN_BETTER_PERCENT
+    best, trained = (white, white_trained) if whitened else (plain, plain_trained)
+    return _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened), whitened
+
+
+def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
+    """Return a fit whose delay is not below 0: no plant answers before it is asked."""
+    if best.parameters[4] >= 0.0:
+        return best
+    at_zero = fit(excerpts, replace(best.model, delayed=False), best.parameters, share, whitened)
+    return replace(at_zero, covariance=best.covariance, wished_delay_s=float(best.parameters[4]))
 
 
 def _order(excerpts: Sequence[Excerpt], trained: Fit) -> Order:
@@ -111,6 +119,11 @@ def _order(excerpts: Sequence[Excerpt], trained: Fit) -> Order:
     )
 
 
+def _is_misfit(excerpts: Sequence[Excerpt], trained: Fit, whitened: bool) -> bool:
+    """Return whether the plant explains so little that it is worth looking for bounds of speed and acceleration."""
+    return not whitened or min(_held_out(excerpts, trained)) < _MISFIT_PERCENT
+
+
 def _held_out(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, float]:
     x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE)) for axis in range(2))
     return x, y
@@ -118,22 +131,18 @@ def _held_out(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, float]:
 
 def _result(parts: _Parts) -> Identified:
     best = parts.best
-    deviation = np.sqrt(np.diag(best.covariance))
+    half = best.deviations95
     logs = best.parameters[:4]
-    a0_x, a1_x, a0_y, a1_y = (_positive(value, error) for value, error in zip(logs, deviation[:4], strict=True))
-    delay_s = float(best.parameters[4])
-    delay = Interval(
-        delay_s,
-        max(0.0, min(best.wished(), delay_s) - _Z95 * deviation[4]),
-        max(delay_s, best.wished() + _Z95 * deviation[4]),
-    )
+    a0_x, a1_x, a0_y, a1_y = (_positive(value, spread) for value, spread in zip(logs, half[:4], strict=True))
+    delay_s, wished_s = float(best.parameters[4]), best.wished()
+    delay = Interval(delay_s, max(0.0, wished_s - float(half[4])), max(delay_s, wished_s + float(half[4])))
     fits = _held_out(parts.excerpts, parts.trained)
     axes = []
     for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
         own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
-        damping_deviation = float(np.sqrt(own[1, 1] + own[0, 0] / 4.0 - own[0, 1]))
-        frequency = _positive(np.log(a0.value) / 2.0, deviation[2 * axis] / 2.0)
-        damping = _positive(np.log(a1.value) - np.log(4.0 * a0.value) / 2.0, damping_deviation)
+        damping_spread = best.quantile95 * float(np.sqrt(max(own[1, 1] + own[0, 0] / 4.0 - own[0, 1], 0.0)))
+        frequency = _positive(np.log(a0.value) / 2.0, half[2 * axis] / 2.0)
+        damping = _positive(np.log(a1.value) - np.log(4.0 * a0.value) / 2.0, damping_spread)
         apart = simulated(parts.excerpts, best, axis, 1.0)
         rms_m = float(np.sqrt(np.mean(np.concatenate([each.error_m for each in apart]) ** 2)))
         axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
@@ -153,11 +162,11 @@ def _result(parts: _Parts) -> Identified:
         baseline_fit_percent=baseline_fit,
         validation=Validation(tuple(parts.excerpts), best, parts.trained),
     )
-    verdict, reasons = judged(found, best.wished(), float(deviation[4]))
+    verdict, reasons = judged(found, wished_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
     return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)
 
 
-def _positive(log_value: float, log_deviation: float) -> Interval:
-    spread = min(_Z95 * float(log_deviation), 20.0)
-    return Interval(float(np.exp(log_value)), float(np.exp(log_value - spread)), float(np.exp(log_value + spread)))
+def _positive(log_value: float, log_spread: float) -> Interval:
+    value, factor = float(np.exp(log_value)), float(np.exp(min(log_spread, 20.0)))
+    return Interval(value, value / factor, value * factor)

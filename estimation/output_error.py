@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import t as student
 
-from estimation.coloured_noise import long_run_covariance, whitened, whitening_filter
+from estimation.coloured_noise import jackknifed, whitened, whitening_filter
 from estimation.excerpts import GRID_S, Excerpt
 from estimation.response import Between, Response, response_of
 from estimation.state import Vector
@@ -16,6 +17,11 @@ DELAY_MIN_S, DELAY_MAX_S = -0.3, 0.6
 _NO_DELAY_S = 1e-5
 A0_RANGE, A1_RANGE, LAG_RANGE_S, LEAD_RANGE_S = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
 PLANT_NAMES = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
+BLOCK_S = 8.0
+"""Errors this far apart are taken to be independent when confidence is computed."""
+SENT_S = 0.05
+"""Setpoints are sent at 20 Hz or more: MAVSDK sees to that. A log that samples them may be in step with the sender, and
+then all its setpoints are late by the same unknown part of that time."""
 _ROUNDS = 3
 _PLAIN = np.array([1.0])
 _NUDGE = 1e-4
@@ -57,7 +63,7 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """What was fitted: parameters (k,) as fitted, their covariance, the noise of each axis, and the cost.
+    """What was fitted: parameters (k,) as fitted, their covariance from so many blocks, and the noise of each axis.
 
     `errors` are the whitened errors, one array for each axis and excerpt; `score` is -2 times the logarithm of their
     likelihood. `wished_delay_s` is the delay that would have fitted best where it is less than any plant's.
@@ -68,6 +74,7 @@ class Fit:
     covariance: Vector
     whitening: tuple[Vector, Vector]
     errors: tuple[tuple[Vector, ...], ...]
+    blocks: int
     wished_delay_s: float | None = None
 
     @property
@@ -77,6 +84,16 @@ class Fit:
         return float(
             sum(each @ each - 2.0 * each.size * np.log(whitening[0]) for axis, whitening in pairs for each in axis)
         )
+
+    @property
+    def deviations95(self) -> Vector:
+        """Half the width of the parameters' 95 % intervals (k,)."""
+        return np.asarray(self.quantile95 * np.sqrt(np.diag(self.covariance)), dtype=np.float64)
+
+    @property
+    def quantile95(self) -> float:
+        """How many standard deviations a 95 % interval reaches to either side, by Student's distribution."""
+        return float(student.ppf(0.975, max(self.blocks - 1, 1)))
 
     def wished(self) -> float:
         """Return the delay that fitted best [s], of a plant or not."""
@@ -112,8 +129,10 @@ def fit(
         plain = problem.errors(parameters, filters)
         filters = (_levelled(plain[0]), _levelled(plain[1]))
     errors = problem.errors(parameters, filters)
-    covariance = problem.covariance(parameters, filters)
-    return Fit(model, parameters, covariance, filters, (tuple(errors[0]), tuple(errors[1])))
+    covariance, blocks = problem.covariance(parameters, filters)
+    if any(excerpt.recording.sampled for excerpt in excerpts):
+        covariance[4, 4] += SENT_S**2 / 12.0
+    return Fit(model, parameters, covariance, filters, (tuple(errors[0]), tuple(errors[1])), blocks)
 
 
 def _levelled(errors: Sequence[Vector]) -> Vector:
@@ -204,21 +223,17 @@ class _Problem:
             columns.append((above - below) / (2.0 * _NUDGE))
         return np.column_stack(columns)
 
-    def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
-        """Return the parameters' covariance, whatever of the errors' colour is left (the sandwich)."""
+    def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> tuple[Vector, int]:
+        """Return the parameters' covariance, whatever of the errors' colour is left, and from how many blocks."""
         errors = self.errors(parameters, filters)
         jacobian = self.jacobian(parameters, filters)
-        information = jacobian.T @ jacobian
         parts = np.split(jacobian, np.cumsum([each.size for axis in errors for each in axis])[:-1])
-        scores = []
+        blocks: list[tuple[Vector, Vector]] = []
         for x, y, x_errors, y_errors in zip(parts, parts[len(self._rows) :], *errors, strict=False):
-            shortest = min(x.shape[0], y.shape[0])
-            scores.append((x * x_errors[:, None])[-shortest:] + (y * y_errors[:, None])[-shortest:])
-        inverse = np.linalg.pinv(information, hermitian=True)
-        count = sum(each.size for axis in errors for each in axis)
-        freedom = count / max(count - parameters.size - 6 * len(self._rows), 1)
-        sandwich = inverse @ long_run_covariance(scores, GRID_S) @ inverse
-        return np.asarray(freedom * sandwich, dtype=np.float64)
+            count = max(1, round(min(x_errors.size, y_errors.size) * GRID_S / BLOCK_S))
+            cut = [np.array_split(each, count) for each in (x, y, x_errors, y_errors)]
+            blocks += [(np.vstack(each[:2]), np.concatenate(each[2:])) for each in zip(*cut, strict=True)]
+        return jackknifed([each for each, _ in blocks], [each for _, each in blocks])
 
 
 def _regressors(response: Response, count: int) -> Vector:

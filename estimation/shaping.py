@@ -15,10 +15,9 @@ from estimation.output_error import Fit
 from estimation.response import Steps
 from estimation.state import Vector
 
-_FINE = 2
+_FINE = 1
 _STEP_S = GRID_S / _FINE
-_SAMPLES_MAX = 6000
-_UNBOUNDED = 0.99
+_SAMPLES_MAX = 3000
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +39,10 @@ class Shaping:
         return self.error_ratio < 0.85
 
 
+UNSHAPED = Shaping(np.inf, 0.0, np.inf, 0.0, 1.0)
+"""No bounds."""
+
+
 def shaping_of(excerpts: Sequence[Excerpt], linear: Fit) -> Shaping:
     """Fit bounds of speed and acceleration beside the plant, beginning from the plant without them."""
     problem = _Bounded(excerpts, linear)
@@ -47,9 +50,11 @@ def shaping_of(excerpts: Sequence[Excerpt], linear: Fit) -> Shaping:
     speed, acceleration = problem.greatest
     best, least = None, np.inf
     unbounded = problem.errors(np.array([x0, x1, y0, y1, delay_s, np.log(50.0), np.log(50.0)]))
-    for begin in ((0.6, 0.6), (0.5, 2.0), (2.0, 0.4)):
+    for begin in ((0.8, 0.8), (0.9, 3.0)):
         start = np.array([x0, x1, y0, y1, delay_s, np.log(begin[0] * speed), np.log(begin[1] * acceleration)])
-        solution = least_squares(problem.errors, start, jac=problem.jacobian, bounds=_BOUNDS, x_scale=0.1, max_nfev=25)
+        solution = least_squares(
+            problem.errors, start, jac=problem.jacobian, bounds=_BOUNDS, x_scale=0.1, max_nfev=15, ftol=1e-4
+        )
         if solution.cost < least:
             best, least = solution.x, solution.cost
     assert best is not None

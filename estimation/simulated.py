@@ -12,7 +12,7 @@ from estimation.state import Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
-    """One axis of an excerpt: times (T,), measured and simulated positions (T,); from `held_out` on nothing was fitted."""
+    """One axis of an excerpt: times, measured and simulated positions (T,); from `held_out` on nothing was fitted."""
 
     time_s: Vector
     measured_m: Vector

@@ -15,7 +15,7 @@ MOTION_SHARE_MIN = 0.15
 WIDE_GOOD, WIDE_USABLE = 0.15, 0.5
 DELAY_WIDE_GOOD_S, DELAY_WIDE_USABLE_S = 0.08, 0.2
 FIT_GOOD_PERCENT, FIT_USABLE_PERCENT = 70.0, 40.0
-SPEED_SHARE_MAX, SHAPED_SHARE_MAX = 0.1, 0.25
+SPEED_SHARE_MAX, SATURATED_RATIO = 0.1, 0.6
 _AXES = ("x", "y")
 
 Reasons = list[tuple[Verdict, str]]
@@ -85,7 +85,7 @@ def _of_shaping(found: Found) -> Reasons:
         return []
     reasons: Reasons = []
     if shaping.speed_share > 0.03:
-        grave = shaping.speed_share > SPEED_SHARE_MAX
+        grave = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
         reasons.append(
             (
                 Verdict.DO_NOT_FLY if grave else Verdict.USABLE,
@@ -98,7 +98,7 @@ def _of_shaping(found: Found) -> Reasons:
             (
                 Verdict.USABLE,
                 f"acceleration was held at {shaping.acceleration_max_m_s2:.1f} m/s2 for "
-                f"{100 * shaping.acceleration_share:.0f} % of the time: the numbers are true of motions like these only",
+                f"{100 * shaping.acceleration_share:.0f} % of the time: true of motions like these only",
             )
         )
     return reasons
@@ -107,14 +107,14 @@ def _of_shaping(found: Found) -> Reasons:
 def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
     delay = found.delay_s
     if delay.value > DELAY_MAX_S - 0.01:
-        return [(Verdict.DO_NOT_FLY, f"the delay is at its bound of {DELAY_MAX_S:g} s: clocks of different origin, or a "
-                 "vehicle that was not flown by these setpoints")]  # fmt: skip
+        words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
+        return [(Verdict.DO_NOT_FLY, f"{words}: other clocks, or a vehicle that was not flown by these setpoints")]
     if wished_s < min(-0.05, -3.0 * deviation_s):
         return [
             (
                 Verdict.USABLE,
-                f"the vehicle seems to move {-wished_s:.2f} s before it is asked to: its log stamps setpoints late, or "
-                "the vehicle is shaped; the delay was taken as 0",
+                f"the vehicle seems to move {-wished_s:.2f} s before it is asked to: its log stamps setpoints late, "
+                "or it is shaped; the delay was taken as 0",
             )
         ]
     half_s = max(delay.high - delay.value, delay.value - delay.low)
@@ -131,7 +131,8 @@ def _of_axes(found: Found) -> Reasons:
             if interval.relative > WIDE_GOOD:
                 verdict = Verdict.DO_NOT_FLY if interval.relative > WIDE_USABLE else Verdict.USABLE
                 within = f"{100 * interval.relative:.0f} %" if interval.relative < 10.0 else "nothing"
-                reasons.append((verdict, f"{parameter} along {name} is known to within {within}: too little excitation, or too much noise"))  # fmt: skip # noqa: E501
+                why = "too little excitation, or too much noise"
+                reasons.append((verdict, f"{parameter} along {name} is known to within {within}: {why}"))
         if axis.fit_percent < FIT_GOOD_PERCENT:
             verdict = Verdict.DO_NOT_FLY if axis.fit_percent < FIT_USABLE_PERCENT else Verdict.USABLE
             reasons.append((verdict, f"along {name} the fit on what was not fitted is {axis.fit_percent:.0f} %"))
