@@ -120,20 +120,24 @@ def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
     half_s = max(delay.high - delay.value, delay.value - delay.low)
     if half_s > DELAY_WIDE_GOOD_S:
         verdict = Verdict.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else Verdict.USABLE
-        return [(verdict, f"the delay is known to within {half_s:.2f} s only: too little excitation")]
+        return [(verdict, f"too little excitation for so much noise: the delay is known to {half_s:.2f} s")]
     return []
 
 
 def _of_axes(found: Found) -> Reasons:
     reasons: Reasons = []
+    wide = []
     for name, axis in zip(_AXES, found.axes, strict=True):
-        for parameter, interval in (("a0", axis.a0_per_s2), ("a1", axis.a1_per_s)):
-            if interval.relative > WIDE_GOOD:
-                verdict = Verdict.DO_NOT_FLY if interval.relative > WIDE_USABLE else Verdict.USABLE
-                within = f"{100 * interval.relative:.0f} %" if interval.relative < 10.0 else "nothing"
-                why = "too little excitation, or too much noise"
-                reasons.append((verdict, f"{parameter} along {name} is known to within {within}: {why}"))
+        wide += [
+            (interval.relative, f"{parameter} along {name} to {100 * min(interval.relative, 9.99):.0f} %")
+            for parameter, interval in (("a0", axis.a0_per_s2), ("a1", axis.a1_per_s))
+            if interval.relative > WIDE_GOOD
+        ]
         if axis.fit_percent < FIT_GOOD_PERCENT:
             verdict = Verdict.DO_NOT_FLY if axis.fit_percent < FIT_USABLE_PERCENT else Verdict.USABLE
             reasons.append((verdict, f"along {name} the fit on what was not fitted is {axis.fit_percent:.0f} %"))
+    if wide:
+        verdict = Verdict.DO_NOT_FLY if max(relative for relative, _ in wide) > WIDE_USABLE else Verdict.USABLE
+        words = ", ".join(words for _, words in wide)
+        reasons.append((verdict, f"too little excitation for so much noise: known are {words}"))
     return reasons

@@ -170,6 +170,28 @@ def report(
 
 
 @app.command
+def identify(
+    logs: Annotated[list[Path], Parameter(help="Flight logs of one vehicle: .mcap, .ulg, .bin or .tlog.")],
+    /,
+    *,
+    output: Annotated[
+        Path | None,
+        Parameter(name=["--output", "-o"], group=_RESULT, help="The plant file to write, which must not exist yet."),
+    ] = None,
+    vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, where logs hold several vehicles.")] = None,
+    json: Json = False,
+    html: Annotated[Path | None, Parameter(group=_RESULT, help="Write the figures, a page for any browser.")] = None,
+) -> Exit:
+    """Identify a vehicle from its flights: a plant with confidence intervals, and whether to fly by it.
+
+    Example: cordon identify flight.ulg -o my-vehicle.toml --html my-vehicle.html
+    """
+    from gcs.identify_command import identify_plant  # noqa: PLC0415
+
+    return identify_plant(logs, output=output, vehicle=vehicle, json=json, html=html)
+
+
+@app.command
 def check(mission: MissionName, *, json: Json = False) -> Exit:
     """Preflight, without arming: is the mission feasible, are its vehicles fit to fly it? Parameters are only read.
 

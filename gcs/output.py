@@ -89,6 +89,13 @@ class ReadingProgress(_ProgressBar):
         super().__init__(path.name, "{task.percentage:.0f} % read", 1.0, _PROGRESS_STEP_SHARE)
 
 
+class IdentifyProgress(_ProgressBar):
+    """How much of an identification is done, as a share."""
+
+    def __init__(self, vehicle: str) -> None:
+        super().__init__(vehicle, "{task.percentage:.0f} % identified", 1.0, _PROGRESS_STEP_SHARE)
+
+
 def check_plot(path: Path | None) -> None:
     """Refuse, before anything flies, a figure that could not be written; raises InputError."""
     if path is None:

@@ -1,4 +1,4 @@
-"""The one door to everybody's flight logs: what a file is, is told by its first bytes and not by its name."""
+"""The one door to everybody's flight logs, cordon's own too: what a file is, is told by its first bytes alone."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from gcs.flightlog.vehicle_log import VehicleLog
 
 ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_MAGIC = b"\xa3\x95\x80"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 MAVLINK_MAGICS = (0xFD, 0xFE)
 STAMP_BYTES = 8
 _HEAD_BYTES = 64
@@ -33,7 +34,7 @@ def is_foreign(path: Path) -> bool:
             head = stream.read(_HEAD_BYTES)
     except OSError:
         return False
-    return any(reader.recognises(head) for reader in READERS)
+    return any(reader.recognises(head) for reader in FOREIGN)
 
 
 def read_vehicle_logs(path: Path) -> tuple[VehicleLog, ...]:
@@ -78,14 +79,23 @@ def _read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
     return read_tlog(log)
 
 
+def _read_own(log: LogFile) -> tuple[VehicleLog, ...]:
+    from gcs.flightlog.own_log import read_own_log  # noqa: PLC0415
+
+    return read_own_log(log)
+
+
 def _is_tlog(head: bytes) -> bool:
     stamp_us = int.from_bytes(head[:STAMP_BYTES], "big")
     return len(head) > STAMP_BYTES and head[STAMP_BYTES] in MAVLINK_MAGICS and stamp_us in STAMPS_US
 
 
-READERS = (
+FOREIGN = (
     Reader("PX4 log (.ulg)", lambda head: head.startswith(ULOG_MAGIC), _read_ulog),
     Reader("ArduPilot log (.bin)", lambda head: head.startswith(DATAFLASH_MAGIC), _read_dataflash),
     Reader("MAVLink telemetry log (.tlog)", _is_tlog, _read_tlog),
 )
-"""Every format, in the order in which they are asked; another one is another row."""
+"""Other programs' formats, in the order in which they are asked; another one is another row."""
+
+READERS = (*FOREIGN, Reader("log of cordon (.mcap)", lambda head: head.startswith(MCAP_MAGIC), _read_own))
+"""Every format."""

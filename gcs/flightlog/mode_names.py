@@ -2,7 +2,9 @@
 
 from types import MappingProxyType
 
-EXTERNAL = frozenset({"offboard", "guided"})
+CORDON = "cordon"
+"""Flown by cordon itself, as its own log knows."""
+EXTERNAL = frozenset({"offboard", "guided", CORDON})
 
 PX4_STATES = MappingProxyType(
     {
