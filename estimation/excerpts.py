@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.response import Between, Steps, steps_of
 from estimation.state import Vector
@@ -16,6 +17,11 @@ SETTLE_S = 1.0
 EXCERPT_MIN_S = 8.0
 
 Spans = Sequence[tuple[float, float]]
+
+
+def grid_s(count: int) -> Vector:
+    """Return the first `count` times of the grid, from 0."""
+    return np.arange(count, dtype=np.float64) * GRID_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,12 +52,12 @@ class Excerpt:
     @property
     def duration_s(self) -> float:
         """How long it is."""
-        return self.position_m.shape[0] * GRID_S
+        return float(self.position_m.shape[0] * GRID_S)
 
     @property
     def time_s(self) -> Vector:
         """Times of the positions (T,)."""
-        return self.begin_s + np.arange(self.position_m.shape[0]) * GRID_S
+        return self.begin_s + grid_s(self.position_m.shape[0])
 
     def setpoint_m(self) -> Vector:
         """Return the setpoints that were held at the times of the positions, (T, 2)."""
@@ -87,7 +93,7 @@ def excerpts_of(recording: Recording) -> list[Excerpt]:
     return found
 
 
-def _in_gap(time_s: Vector, gaps: Vector, from_s: float, to_s: float) -> bool:
+def _in_gap(time_s: Vector, gaps: NDArray[np.intp], from_s: float, to_s: float) -> bool:
     middle_s = (from_s + to_s) / 2.0
     return bool(((time_s[gaps] <= middle_s) & (middle_s <= time_s[gaps + 1])).any())
 

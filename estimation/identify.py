@@ -92,7 +92,7 @@ def _weighted(excerpts: Sequence[Excerpt], model: Model, start: Vector, counter:
     apart = white.parameters - plain.parameters
     statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
     gain_percent = np.mean(_held_out(excerpts, plain_trained)) - np.mean(_held_out(excerpts, white_trained))
-    whitened = statistic <= _HAUSMAN_MAX and gain_percent < _PLAIN_BETTER_PERCENT
+    whitened = bool(statistic <= _HAUSMAN_MAX and gain_percent < _PLAIN_BETTER_PERCENT)
     best, trained = (white, white_trained) if whitened else (plain, plain_trained)
     return _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened), whitened
 

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from estimation.coloured_noise import jackknifed, whitened, whitening_filter
-from estimation.excerpts import GRID_S, Excerpt
+from estimation.excerpts import GRID_S, Excerpt, grid_s
 from estimation.response import Between, Response, response_of
 from estimation.state import Vector
 
@@ -237,5 +237,4 @@ class _Problem:
 
 
 def _regressors(response: Response, count: int) -> Vector:
-    time_s = np.arange(count) * GRID_S
-    return np.column_stack((np.ones(count), response.free(time_s)))
+    return np.column_stack((np.ones(count), response.free(grid_s(count))))

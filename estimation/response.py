@@ -127,7 +127,7 @@ class _Changes:
 
     def arriving(self, values: Vector, count: int) -> Vector:
         """Return the sum of the values of the changes that arrive at each point of the grid (count,)."""
-        return np.bincount(self.index, values, count)
+        return np.asarray(np.bincount(self.index, values, count), dtype=np.float64)
 
     def summed(self, values: Vector, count: int) -> Vector:
         """Return the sum of all that have arrived up to each point of the grid (count,)."""

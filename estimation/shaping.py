@@ -52,9 +52,7 @@ def shaping_of(excerpts: Sequence[Excerpt], linear: Fit) -> Shaping:
     unbounded = problem.errors(np.array([x0, x1, y0, y1, delay_s, np.log(50.0), np.log(50.0)]))
     for begin in ((0.8, 0.8), (0.9, 3.0)):
         start = np.array([x0, x1, y0, y1, delay_s, np.log(begin[0] * speed), np.log(begin[1] * acceleration)])
-        solution = least_squares(
-            problem.errors, start, jac=problem.jacobian, bounds=_BOUNDS, x_scale=0.1, max_nfev=15, ftol=1e-4
-        )
+        solution = least_squares(problem.errors, start, jac=problem.jacobian, bounds=_BOUNDS, x_scale=0.1, max_nfev=15)
         if solution.cost < least:
             best, least = solution.x, solution.cost
     assert best is not None
@@ -89,7 +87,7 @@ class _Bounded:
 
     def errors(self, parameters: Vector) -> Vector:
         """Return measured minus simulated positions of all flights, each without its mean."""
-        return self._errors(parameters[None, :])[0]
+        return np.asarray(self._errors(parameters[None, :])[0], dtype=np.float64)
 
     def jacobian(self, parameters: Vector) -> Vector:
         nudges = 1e-3 * np.eye(parameters.size)

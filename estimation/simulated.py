@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.excerpts import GRID_S, Excerpt
+from estimation.excerpts import GRID_S, Excerpt, grid_s
 from estimation.output_error import Fit
 from estimation.state import Vector
 
@@ -37,7 +37,7 @@ def simulated(excerpts: Sequence[Excerpt], plant: Fit, axis: int, share: float) 
         count, trained = measured_m.size, round(share * measured_m.size)
         steps = excerpt.steps(plant.model.between)[axis]
         forced_m = response.forced(steps, float(plant.parameters[4]), excerpt.begin_s, GRID_S, count)
-        basis = np.column_stack((np.ones(count), response.free(np.arange(count) * GRID_S)))
+        basis = np.column_stack((np.ones(count), response.free(grid_s(count))))
         weights, *_ = np.linalg.lstsq(basis[:trained], (measured_m - forced_m)[:trained], rcond=None)
         found.append(Simulated(excerpt.time_s, measured_m, forced_m + basis @ weights, trained))
     return found

@@ -8,6 +8,7 @@ from estimation.excerpts import Excerpt, Recording
 from estimation.identification import Verdict
 from estimation.identified import Found, Identified
 from estimation.output_error import DELAY_MAX_S
+from estimation.state import Vector
 
 DURATION_MIN_S = 30.0
 SETPOINT_MOTION_MIN_M = 0.3
@@ -52,10 +53,8 @@ def _refusal(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], durat
     return None
 
 
-def _centred(
-    values: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return values - values.mean(axis=0)
+def _centred(values: Vector) -> Vector:
+    return np.asarray(values - values.mean(axis=0), dtype=np.float64)
 
 
 def judged(found: Found, wished_delay_s: float, delay_deviation_s: float) -> tuple[Verdict, tuple[str, ...]]:

@@ -34,9 +34,9 @@ def identify_plant(
     if output is not None:
         _write_plant(identified, logs, output)
     if html is not None:
-        from gcs.report.identified_page import write_identified_page  # noqa: PLC0415
+        from gcs.report.identified_page import identified_html  # noqa: PLC0415
 
-        _write(html, write_identified_page(identified, logs), "--html")
+        _write(html, identified_html(identified, logs), "--html")
     if json:
         print_result(json_text.dumps(identified_dict(identified, logs), allow_nan=False))
     return Exit.VERDICT_FAILED if identified.verdict is Verdict.DO_NOT_FLY else Exit.HOLDS

@@ -56,10 +56,8 @@ def _table(found: Found) -> Table:
     for words, x, y, digits in parameter_rows(found):
         cells = [cell for axis in (x, y) for cell in (f"{axis.value:.{digits}f}", bounds_words(axis, digits))]
         table.add_row(Text(words), *cells)
-    x_axis, y_axis = found.axes
-    table.add_row(
-        Text("fit on what was not fitted [%]"), f"{x_axis.fit_percent:.1f}", "", f"{y_axis.fit_percent:.1f}", ""
-    )
+    fits = [f"{axis.fit_percent:.1f}" for axis in found.axes]
+    table.add_row(Text("fit on what was not fitted [%]"), fits[0], "", fits[1], "")
     if found.baseline is not None and found.baseline_fit_percent is not None:
         x_fit, y_fit = found.baseline_fit_percent
         table.add_row(Text("  of plain least squares [%]"), f"{x_fit:.1f}", "", f"{y_fit:.1f}", "", style="dim")
@@ -69,7 +67,7 @@ def _table(found: Found) -> Table:
 def remarks(found: Found) -> list[str]:
     """Return what else is worth knowing, in words: the setpoints, the errors, the order."""
     x, y = found.axes
-    order = found.order
+    order, enough = found.order, "enough" if found.order.second_is_enough else "not enough"
     lines = [
         f"setpoints: {found.between.value}",
         f"errors: {x.error_rms_m:.2f} m along x, {y.error_rms_m:.2f} m along y (rms); "
@@ -78,8 +76,8 @@ def remarks(found: Found) -> list[str]:
             if found.whitened
             else "not whitened: the plant that simulates best"
         ),
-        f"order: with a lag of {order.lag_s:.2f} s as a third, the fit would be {order.fit_third_percent:.1f} % instead "
-        f"of {order.fit_second_percent:.1f} %: a second order is {'enough' if order.second_is_enough else 'not enough'}",
+        f"order: with a lag of {order.lag_s:.2f} s as a third, the fit would be {order.fit_third_percent:.1f} % "
+        f"instead of {order.fit_second_percent:.1f} %: a second order is {enough}",
     ]
     if found.baseline is not None:
         (x0, y0), (x1, y1), delay_s = found.baseline.a0_per_s2, found.baseline.a1_per_s, found.baseline.delay_s

@@ -1,4 +1,4 @@
-"""`python -m tests.identification_draws 100`: does identification find plants that are known, and know how well it does?
+"""`python -m tests.identification_draws 100`: are plants found that are known?
 
 Draws plants within 50 % of those that cordon comes with and delays of 0 to 0.4 s, flies 150 s of random steps and a
 swept circle, adds coloured noise of 0.05 to 0.3 m, logs setpoints at 5 or 20 Hz, and identifies. It fails when the 95 %
@@ -80,8 +80,8 @@ def main(count: int) -> int:
             if some:
                 errors = np.abs([draw.errors for draw in some])
                 print(
-                    f"{noise_m:.2f} m, {rate_hz:2.0f} Hz: median error of a0 and a1 {100 * np.median(errors[:, :4]):.2f} %,"
-                    f" of the delay {np.median(errors[:, 4]):.3f} s;"
+                    f"{noise_m:.2f} m, {rate_hz:2.0f} Hz: median error of a0 and a1"
+                    f" {100 * np.median(errors[:, :4]):.2f} %, of the delay {np.median(errors[:, 4]):.3f} s;"
                     f" covered {100 * np.mean([draw.covered for draw in some]):.0f} %"
                 )
     quiet = np.abs([draw.errors[:4] for draw in draws if draw.noise_m == NOISES_M[0]])

@@ -22,7 +22,7 @@ def test_held_setpoints_on_the_grid_are_answered_as_by_the_exact_step(a0: float,
     for setpoint in setpoint_m:
         positions.append(state[0])
         state = step.advance(state, np.array([setpoint, 0.0]), np.zeros(2))
-    steps = steps_of(np.arange(240) * 0.1, setpoint_m, Between.HELD)
+    steps = steps_of(np.linspace(0.0, 23.9, 240), setpoint_m, Between.HELD)
     assert response_of(a0, a1).forced(steps, 0.0, 0.0, 0.1, 240) == pytest.approx(np.array(positions), abs=1e-7)
 
 
@@ -66,6 +66,6 @@ def test_free_motion_spans_that_of_the_exact_step(a0: float, a1: float) -> None:
     for _ in range(100):
         positions.append(state[0])
         state = step.advance(state, np.zeros(2), np.zeros(2))
-    basis = response_of(a0, a1).free(np.arange(100) * 0.1)
+    basis = response_of(a0, a1).free(np.linspace(0.0, 9.9, 100))
     coefficients, *_ = np.linalg.lstsq(basis, np.array(positions), rcond=None)
     assert basis @ coefficients == pytest.approx(np.array(positions), abs=1e-7)
