@@ -45,9 +45,10 @@ class Model:
     def responses(self, parameters: Vector) -> tuple[Response, Response]:
         """Return each axis' response; parameters are as fitted: a0 and a1 by their logarithms."""
         extra = dict(zip(self.names[5:], parameters[5:].tolist(), strict=True))
-        lag_s = float(np.exp(extra["lag_s"])) if self.lag else 0.0
         lead_s = extra.get("lead_s", 0.0)
         x0, x1, y0, y1 = np.exp(parameters[:4]).tolist()
+        # A longer lag would be unstable (Hurwitz).
+        lag_s = min(float(np.exp(extra["lag_s"])), 0.95 * x1 / x0, 0.95 * y1 / y0) if self.lag else 0.0
         return response_of(x0, x1, lag_s, lead_s), response_of(y0, y1, lag_s, lead_s)
 
     def bounds(self) -> tuple[Vector, Vector]:

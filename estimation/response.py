@@ -63,11 +63,9 @@ class Response:
     def free(self, time_s: Vector) -> Vector:
         """Return a basis of all motions without input at times from 0 (T,), shape (T, k)."""
         if self.poles.size == 2:  # stays well conditioned where the poles meet
-            mean, half = self.poles.mean(), (self.poles[0] - self.poles[1]) / 2.0
-            envelope = np.exp(mean.real * time_s)
-            even = envelope * np.cosh(half * time_s).real
-            odd = envelope * (np.sinh(half * time_s) / half).real
-            return np.column_stack((even, odd))
+            first, second = (np.exp(pole * time_s) for pole in self.poles)
+            apart = self.poles[0] - self.poles[1]
+            return np.column_stack((((first + second) / 2.0).real, ((first - second) / apart).real))
         powers = np.exp(np.outer(time_s, self.poles))
         columns = [powers[:, at].real for at, pole in enumerate(self.poles) if pole.imag >= 0.0]
         columns += [powers[:, at].imag for at, pole in enumerate(self.poles) if pole.imag > 0.0]

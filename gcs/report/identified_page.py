@@ -74,16 +74,16 @@ def _held_out(found: Found) -> Section:
     flights = [simulated(validation.excerpts, validation.trained, axis, TRAINED_SHARE) for axis in range(2)]
     longest = max(range(len(validation.excerpts)), key=lambda at: validation.excerpts[at].duration_s)
     setpoint_m = validation.excerpts[longest].setpoint_m()
-    charts = [
-        chart(
-            f"held-out-{axis}",
-            partial(
-                _draw_held_out, flight=flights[axis][longest], setpoint_m=setpoint_m[:, axis], found=found, axis=axis
-            ),
-            f"Measured and simulated positions along {_AXES[axis]}, on the part that nothing was fitted to.",
+    charts = []
+    for axis in range(2):
+        flight, asked_m = flights[axis][longest], setpoint_m[:, axis]
+        charts.append(
+            chart(
+                f"held-out-{axis}",
+                partial(_draw_held_out, flight=flight, setpoint_m=asked_m, found=found, axis=axis),
+                f"Measured and simulated positions along {_AXES[axis]}, on the part that nothing was fitted to.",
+            )
         )
-        for axis in range(2)
-    ]
     share = f"{100 * TRAINED_SHARE:.0f} %"
     lead = f"A plant fitted to the first {share} alone, simulated on from there by setpoints only; seconds of the log."
     return Section("held-out", "On what was not fitted", lead, tuple(charts))
