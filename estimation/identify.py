@@ -73,10 +73,12 @@ class _Parts:
 
 
 def _between(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> tuple[Between, Vector]:
-    """Return what happened between setpoints, and where to begin: known, or what simulates the flights better."""
-    sampled = any(recording.sampled for recording in recordings)
-    candidates = (Between.MIDWAY, Between.LINEAR) if sampled else (Between.HELD,)
-    fits = [fit(excerpts, Model(each), start_of(excerpts, Model(each)), whiten=False) for each in candidates]
+    """Return what happened between setpoints, and where to begin: known, or what makes the flights likeliest."""
+    if not any(recording.sampled for recording in recordings):
+        model = Model(Between.HELD)
+        return Between.HELD, start_of(excerpts, model)
+    start = start_of(excerpts, Model(Between.MIXED))
+    fits = [fit(excerpts, Model(each), start) for each in (Between.MIXED, Between.LINEAR, Between.MIDWAY)]
     best = min(fits, key=lambda each: each.score)
     return best.model.between, best.parameters
 

@@ -17,6 +17,8 @@ from estimation.state import Vector
 Poles = NDArray[np.complex128]
 
 _POLES_APART = 1e-4
+_JUMP_S, _JUMP_SHARE = 1e-3, 0.2
+"""A change is a jump if those before and after it are less than this share of it."""
 
 
 class Between(Enum):
@@ -25,6 +27,7 @@ class Between(Enum):
     HELD = "held from each until the next"
     MIDWAY = "changed halfway between two"
     LINEAR = "moved straight from each to the next"
+    MIXED = "changed halfway between two where it stood before and after, moved straight elsewhere"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +46,9 @@ class Steps:
 def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> Steps:
     """Return logged setpoints (n,) as what they are taken to have been between their times (n,)."""
     before_m = float(setpoint_m[0])
-    if between is Between.LINEAR:
+    if between is Between.MIXED:
+        time_s, setpoint_m = _with_jumps(time_s, setpoint_m)
+    if between in (Between.LINEAR, Between.MIXED):
         slopes = np.diff(setpoint_m) / np.diff(time_s)
         changes = np.diff(slopes, prepend=0.0, append=0.0)
         return Steps(time_s, changes, before_m, ramps=True)
@@ -51,6 +56,18 @@ def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> Steps:
     changes = np.diff(setpoint_m)
     moved = changes != 0.0
     return Steps(at_s[moved], changes[moved], before_m, ramps=False)
+
+
+def _with_jumps(time_s: Vector, setpoint_m: Vector) -> tuple[Vector, Vector]:
+    """Return setpoints with two more where they jumped: just before the middle as they were, and just after as new."""
+    change = np.diff(setpoint_m)
+    around = np.maximum(np.abs(np.append(0.0, change[:-1])), np.abs(np.append(change[1:], 0.0)))
+    jumps = np.flatnonzero(np.abs(change) * _JUMP_SHARE > around)
+    middle_s = (time_s[jumps] + time_s[jumps + 1]) / 2.0
+    times_s = np.concatenate((time_s, middle_s - _JUMP_S / 2.0, middle_s + _JUMP_S / 2.0))
+    values_m = np.concatenate((setpoint_m, setpoint_m[jumps], setpoint_m[jumps + 1]))
+    order = np.argsort(times_s)
+    return times_s[order], values_m[order]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

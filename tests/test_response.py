@@ -26,7 +26,7 @@ def test_held_setpoints_on_the_grid_are_answered_as_by_the_exact_step(a0: float,
     assert response_of(a0, a1).forced(steps, 0.0, 0.0, 0.1, 240) == pytest.approx(np.array(positions), abs=1e-7)
 
 
-@pytest.mark.parametrize("between", Between)
+@pytest.mark.parametrize("between", [Between.HELD, Between.MIDWAY, Between.LINEAR])
 @pytest.mark.parametrize(("lag_s", "lead_s"), [(0.0, 0.0), (0.15, 0.0), (0.0, 0.4)])
 def test_setpoints_at_any_time_are_answered_as_a_solver_has_it(between: Between, lag_s: float, lead_s: float) -> None:
     random = np.random.default_rng(2)
@@ -69,3 +69,22 @@ def test_free_motion_spans_that_of_the_exact_step(a0: float, a1: float) -> None:
     basis = response_of(a0, a1).free(np.linspace(0.0, 9.9, 100))
     coefficients, *_ = np.linalg.lstsq(basis, np.array(positions), rcond=None)
     assert basis @ coefficients == pytest.approx(np.array(positions), abs=1e-7)
+
+
+def test_a_jump_between_samples_is_one_and_a_ramp_is_another() -> None:
+    """Sampled: stood at 0, jumped to 2 and stood, then rose steadily by 1 a second; simulated as it was."""
+    time_s = np.linspace(0.0, 8.0, 41)
+    setpoint_m = np.where(time_s < 1.9, 0.0, 2.0) + np.maximum(time_s - 5.0, 0.0)
+    response = response_of(1.4, 1.1)
+    grid_s = np.linspace(0.0, 7.9, 80)
+    found = response.forced(steps_of(time_s, setpoint_m, Between.MIXED), 0.0, 0.0, 0.1, 80)
+    jump, ramp = response.step(np.maximum(grid_s - 1.9, 0.0)), np.maximum(grid_s - 5.0, 0.0)
+    solved = solve_ivp(
+        lambda t, state: [state[1], 1.4 * (max(t - 5.0, 0.0) - state[0]) - 1.1 * state[1]],
+        (0.0, 8.0),
+        [0.0, 0.0],
+        t_eval=grid_s,
+        max_step=0.01,
+    )
+    assert ramp.max() > 2.0
+    assert found == pytest.approx(2.0 * jump + solved.y[0], abs=2e-3)

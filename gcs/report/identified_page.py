@@ -154,14 +154,25 @@ def _gains(draws: Vector, axis: int) -> tuple[Vector, "np.ndarray[tuple[int, ...
 def _draw_gain(axes: "Axes", draws: Vector, axis: int) -> None:
     rate_rad_s, gains = _gains(draws, axis)
     title(axes, f"Bode plot along {_AXES[axis]}", "")
-    axes.set(xscale="log", ylabel="gain [dB]", xlim=_BODE_RAD_S)
+    axes.set(ylabel="gain [dB]")
+    _over_rates(axes)
     _draw_band(axes, rate_rad_s, 20.0 * np.log10(np.abs(gains)))
 
 
 def _draw_phase(axes: "Axes", draws: Vector, axis: int) -> None:
     rate_rad_s, gains = _gains(draws, axis)
-    axes.set(xscale="log", xlabel="rate [rad/s]", ylabel="phase [degrees]", xlim=_BODE_RAD_S)
+    axes.set(xlabel="rate [rad/s]", ylabel="phase [degrees]")
+    _over_rates(axes)
     _draw_band(axes, rate_rad_s, np.degrees(np.unwrap(np.angle(gains), axis=1)))
+
+
+def _over_rates(axes: "Axes") -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: PLC0415
+
+    axes.set(xscale="log", xlim=_BODE_RAD_S)
+    axes.xaxis.set_major_locator(LogLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_band(axes: "Axes", at: Vector, rows: Vector) -> None:
