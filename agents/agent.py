@@ -206,7 +206,7 @@ class Agent:
         """
         self._core.on_event(Event.END)
         while not (stop.hurried.is_set() or self._stood_down):
-            if self._core.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE):
+            if self._core.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE):
                 self._core.on_event(Event.END)
             await self._sleep(self._period_s)
 

@@ -245,7 +245,8 @@ class VehicleCore:
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
             self._notes.append(Note(self._now_s, "failsafe", f"resume refused: {reason}"))
             return
-        after = next_tactic(self._tactic, event)
+        excites = self._config.excitation is not None and event in (Event.START, Event.RESUME)
+        after = next_tactic(self._tactic, Event.EXCITE if excites else event)
         if after is self._tactic:
             return
         text = f"{self._tactic.value} -> {after.value}: {event.value}"

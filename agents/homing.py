@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.messages import MemberState
 from agents.settings import AgentConfig
-from agents.situation import Situation, Wish
+from agents.situation import Situation, Wish, towards
 from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY, Vector
 
@@ -61,7 +61,7 @@ class Homing:
         if risen and situation.now_s - self._began_s > self._rising_s:
             self._rising = False
         goal = self._from_m if self._rising else self._goal
-        setpoint = _towards(goal, situation.acting_motion[POSITION], self._lead_m)
+        setpoint = towards(goal, situation.acting_motion[POSITION], self._lead_m)
         return Wish(setpoint - self._compensation(situation), setpoint, np.zeros(2))
 
     def may_land(self, situation: Situation, peers: Iterable[MemberState], patience: float) -> bool:
@@ -136,9 +136,3 @@ def assembled(
         elif dist(peer.position_m, (here_x, here_y)) < APART * config.safety.separation_m:
             return False
     return True
-
-
-def _towards(goal: Vector, position: Vector, at_most_m: float) -> Vector:
-    way = goal - position
-    distance_m = hypot(*way.tolist())
-    return goal if distance_m <= at_most_m else position + way * (at_most_m / distance_m)

@@ -34,6 +34,7 @@ _NOTHING_NEW: dict[tuple[_Steering, Tactic], str] = {
     ("resume", Tactic.STANDBY): "was waiting for the start already",
     ("resume", Tactic.FORMATION): "was on its mission already",
     ("resume", Tactic.ENCIRCLE): "was on its mission already",
+    ("resume", Tactic.EXCITE): "was on its mission already",
     ("land", Tactic.LAND): "was landing already",
     ("rtl", Tactic.COME_DOWN): "was coming down already",
 }

@@ -5,6 +5,7 @@ from math import cos, sin
 import numpy as np
 
 from agents.encirclement import EncirclementPlanner
+from agents.exciting import Exciter
 from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
 from agents.homing import Homing
 from agents.linearize import polar_from_motion
@@ -28,6 +29,7 @@ class Planner:
         self._formation = FormationPlanner(config)
         self._encirclement = EncirclementPlanner(config)
         self.homing = Homing(config)
+        self._exciter = None if config.excitation is None else Exciter(config, config.excitation)
         self._start_s = np.inf
         self._engaged_s = -np.inf
         self._leaving_m: Vector | None = None
@@ -35,8 +37,10 @@ class Planner:
         self._predecessor_id: int | None = None
 
     def start(self, at_s: float) -> None:
-        """Let the mission's line begin at `at_s`."""
+        """Let the mission's line, or the programme of a flight for identification, begin at `at_s`."""
         self._start_s = at_s
+        if self._exciter is not None:
+            self._exciter.start(at_s)
 
     def begin(self, tactic: Tactic, *, to_home: bool) -> None:
         """Begin a tactic anew, with nothing left of what was planned before; coming down may have to be `to_home`."""
@@ -45,6 +49,8 @@ class Planner:
             self._formation.reset()
         if tactic is Tactic.ENCIRCLE:
             self._encirclement.reset()
+        if tactic is Tactic.EXCITE and self._exciter is not None:
+            self._exciter.reset()
         if tactic is Tactic.COME_DOWN:
             self.homing.reset(to_home=to_home)
 
@@ -67,6 +73,8 @@ class Planner:
             ring = self._encircle(situation, situation.acting_target)
             share = self.mixing_share(tactic, situation.now_s)
             return ring if share >= 1.0 else mixed(self._left_behind(situation), ring, share)
+        if tactic is Tactic.EXCITE and self._exciter is not None:
+            return self._exciter.plan(situation)
         if tactic is Tactic.STOOD_DOWN:
             # Somebody else flies: all that is known of the vehicle's input is that it is near where the vehicle is.
             return _resting(situation.own.mean[POSITION])

@@ -135,6 +135,28 @@ class ChoreographySettings(Settings):
     landing_order: Annotated[tuple[Annotated[int, Field(ge=1, le=254)], ...], BeforeValidator(_ids)] = ()
 
 
+class ExcitationSettings(Settings):
+    """The flight for identification (`cordon excite`): steps between random levels, then swept sines, on x, on y and on
+    both. It stays in a box, `half_width_m` to all four sides of its centre, which is `offset_m` from the vehicle's start,
+    and below its own speed, also on a plant whose numbers are `plant_doubt` off the plant file; on the plant file's it
+    stays below its acceleration. Every level lasts between its two times, and `rest_s` passes before every part.
+    """
+
+    offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = (12.0, 0.0)
+    half_width_m: float = Field(5.0, ge=1.0, le=100.0)
+    speed_max_m_s: float = Field(2.0, ge=0.1, le=20.0)
+    acceleration_max_m_s2: float = Field(3.0, ge=0.1, le=20.0)
+    plant_doubt: float = Field(0.3, ge=0.0, le=0.6)
+    steps_s: float = Field(30.0, ge=5.0, le=600.0)
+    level_shortest_s: float = Field(1.5, ge=0.5, le=60.0)
+    level_longest_s: float = Field(6.0, ge=0.5, le=60.0)
+    sweep_s: float = Field(30.0, ge=5.0, le=600.0)
+    sweep_from_hz: float = Field(0.05, ge=0.01, le=5.0)
+    sweep_to_hz: float = Field(0.5, ge=0.01, le=5.0)
+    rest_s: float = Field(4.0, ge=1.0, le=60.0)
+    seed: int = Field(0, ge=0)
+
+
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
     """Everything one agent is told before it flies.
@@ -143,6 +165,7 @@ class AgentConfig:
     mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
     messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
     layer's height (None: the flying height), `slots_m` the vehicles' places in a formation that is no line abreast.
+    With `excitation` there is no mission: it flies for identification.
     """
 
     vehicle_id: int
@@ -163,6 +186,7 @@ class AgentConfig:
     home_m: tuple[float, float] | None = None
     layers_from_m: float | None = None
     slots_m: tuple[tuple[float, float], ...] = ()
+    excitation: ExcitationSettings | None = None
 
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
         """Return where `vehicle_id` belongs relative to another member: line abreast, the first slot farthest left."""

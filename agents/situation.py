@@ -1,6 +1,6 @@
 """What a tick decides on, and what comes of it: the situation and the wish, and how both are carried and mixed."""
 
-from math import sqrt
+from math import hypot, sqrt
 
 import msgspec
 import numpy as np
@@ -57,6 +57,13 @@ def shifted(wish: Wish, setpoint_m: Vector) -> Wish:
         return wish
     undisturbed = wish.undisturbed_m + (setpoint_m - wish.setpoint_m)
     return Wish(setpoint_m, undisturbed, wish.rate_m_s, wish.place, wish.approach, wish.qp)
+
+
+def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
+    """Return the goal (2,), or what lies on the way to it, `at_most_m` from a position."""
+    way = goal_m - position_m
+    distance_m = hypot(*way.tolist())
+    return goal_m if distance_m <= at_most_m else position_m + way * (at_most_m / distance_m)
 
 
 def extrapolated(member: MemberState, at_s: float) -> Predecessor:

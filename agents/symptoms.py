@@ -15,7 +15,7 @@ from estimation.target import TargetFilter
 
 SAME_HEIGHT_M = 1.0
 """Vehicles less than this, or than half a layer, apart in height are at the same height."""
-_IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.ASIDE, Tactic.HOLD)
+_IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 """On the way up and down vehicles keep apart by layers and turns, and may be near each other."""
 
 Found = dict[Condition, Symptom]

@@ -13,6 +13,7 @@ class Tactic(Enum):
     STANDBY = "standby"
     FORMATION = "formation"
     ENCIRCLE = "encircle"
+    EXCITE = "excite"
     ASIDE = "aside"
     HOLD = "hold"
     COME_DOWN = "come down"
@@ -25,6 +26,7 @@ class Event(Enum):
 
     START = "start"
     ENGAGE = "engage"
+    EXCITE = "excite"
     STEP_ASIDE = "step aside"
     HOLD = "hold"
     RESUME = "resume"
@@ -69,6 +71,16 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
     (Tactic.ASIDE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.HOLD, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
     (Tactic.STOOD_DOWN, Event.RESUME): Tactic.FORMATION,
+    # A flight for identification: this event stands for its start, and for every resume.
+    (Tactic.STANDBY, Event.EXCITE): Tactic.EXCITE,
+    (Tactic.HOLD, Event.EXCITE): Tactic.EXCITE,
+    (Tactic.STOOD_DOWN, Event.EXCITE): Tactic.EXCITE,
+    (Tactic.EXCITE, Event.HOLD): Tactic.HOLD,
+    (Tactic.EXCITE, Event.STEP_ASIDE): Tactic.HOLD,
+    (Tactic.EXCITE, Event.LAND): Tactic.LAND,
+    (Tactic.EXCITE, Event.END): Tactic.COME_DOWN,
+    (Tactic.EXCITE, Event.RETURN): Tactic.COME_DOWN,
+    (Tactic.EXCITE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
 }
 
 

@@ -147,6 +147,47 @@ def fly(
 
 
 @app.command
+def excite(
+    mission: MissionName,
+    *,
+    vehicle: Annotated[int | None, Parameter(help="The vehicle to fly; otherwise the mission's first.")] = None,
+    sitl: Annotated[bool, Parameter(negative="", help="Bring a stub vehicle along: no hardware is needed.")] = False,
+    speed: Speed = None,
+    preview: Annotated[
+        bool, Parameter(negative="", group=_RESULT, help="Show what it would take - space, time, speed - and fly nothing.")
+    ] = False,
+    log: Log = None,
+    recorded: Annotated[
+        bool,
+        Parameter(
+            name="--recorded",
+            negative="--no-log",
+            show_default=False,
+            group=_RESULT,
+            help="Whether the flight is recorded. It is unless told otherwise, in ~/.local/share/cordon/logs.",
+        ),
+    ] = True,
+    json: Json = False,
+) -> int:
+    """Fly one vehicle so that it can be identified: steps and swept sines inside a box, as `[excitation]` says.
+
+    Guard, failsafes, preflight and Ctrl-C are those of `cordon fly`. The log is what identification reads.
+
+    Example: cordon excite px4-trio --vehicle 1 --preview
+    """
+    hold_back()
+    from gcs.supervisor import is_supervised, supervise  # noqa: PLC0415
+
+    if not (preview or is_supervised()):
+        return supervise(_tell)
+    from gcs.excite import excite_vehicle  # noqa: PLC0415
+
+    return excite_vehicle(
+        mission, vehicle, sitl=sitl, speed=speed, preview_only=preview, log=log, recorded=recorded, json=json
+    )
+
+
+@app.command
 def report(
     logs: Annotated[list[Path], Parameter(help="A flight's log, or several: one of each process of a flight.")],
     /,

@@ -1,7 +1,7 @@
 """What the commands do once the command line is parsed: load, fly, show, and say how it went."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from gcs.signals import pending
 
 if TYPE_CHECKING:
     from gcs.equipment import Equipment
+    from gcs.record import FlightRecord
 
 _SPEED_KEPT_SHARE = 0.97
 _MISSED_SHARE = 0.01
@@ -82,15 +83,47 @@ def fly_mission(
     mission = load_mission(name)
     if sitl and only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
+    duration = duration or mission.mission.duration_s
+
+    def shown(record: "FlightRecord") -> Exit:
+        return present(mission, record, json=json, plot=plot)
+
+    return fly_loaded(
+        mission,
+        duration,
+        shown,
+        sitl=sitl,
+        speed=speed,
+        only=only,
+        log=log,
+        recorded=recorded,
+        live=live,
+        equipment=equipment,
+    )
+
+
+def fly_loaded(
+    mission: Mission,
+    duration: float,
+    shown: Callable[["FlightRecord"], Exit],
+    *,
+    sitl: bool,
+    speed: float | None,
+    only: int | None,
+    log: Path | None,
+    recorded: bool,
+    live: str | None = None,
+    equipment: "Equipment | None" = None,
+) -> Exit:
+    """Fly a mission that is loaded, and return how it went: `shown` is told its record, and says whether it holds."""
     from gcs.flight import fly  # noqa: PLC0415
     from gcs.flight_plan import FlightPlan  # noqa: PLC0415
     from gcs.lifeline import Lifeline  # noqa: PLC0415
     from gcs.live import LiveView  # noqa: PLC0415
     from gcs.logbook import flight_log, tell_of_log  # noqa: PLC0415
 
-    vehicles = mission.vehicles if only is None else (_chosen(mission, only, "--only"),)
+    vehicles = mission.vehicles if only is None else (chosen(mission, only, "--only"),)
     speed = speed or (1.0 if sitl else None)
-    duration = duration or mission.mission.duration_s
     orphaned = partial(_say, "this flight's supervisor is gone: the vehicles hold and land", "")
     try:
         with (
@@ -105,7 +138,7 @@ def fly_mission(
         return Exit.REFUSED
     verdict = Exit.VERDICT_FAILED
     if flight.record is not None:
-        verdict = present(mission, flight.record, json=json, plot=plot)
+        verdict = shown(flight.record)
         _warn_of_lateness(flight.record.loop.missed, flight.record.loop.ticks, flight.speed, flight.speed_kept)
     tell_of_log(writer)
     return _judged(flight.outcomes, verdict)
@@ -192,7 +225,7 @@ def command_team(verb: Verb, vehicle: int | None, mission_name: str, *, yes: boo
     from gcs.operator import Operator  # noqa: PLC0415
 
     mission = load_mission(mission_name)
-    vehicles = mission.ids if vehicle is None else (_chosen(mission, vehicle, "--vehicle").id,)
+    vehicles = mission.ids if vehicle is None else (chosen(mission, vehicle, "--vehicle").id,)
     if verb == "kill" and not yes and not confirmed(_kill_question(vehicles, mission)):
         _say("nothing was said to anybody", "")
         return Exit.REFUSED
@@ -216,7 +249,8 @@ def _kill_question(vehicles: Sequence[int], mission: Mission) -> str:
     return f"Cut the motors of {named} of {mission.mission.name}, and let them fall?"
 
 
-def _chosen(mission: Mission, vehicle_id: int, option: str) -> MissionVehicle:
+def chosen(mission: Mission, vehicle_id: int, option: str) -> MissionVehicle:
+    """Return one of a mission's vehicles; raises InputError that names the option."""
     try:
         return mission.vehicle(vehicle_id)
     except KeyError as error:

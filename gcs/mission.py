@@ -12,6 +12,7 @@ from agents.settings import (
     ChoreographySettings,
     DecisionSettings,
     EncirclementSettings,
+    ExcitationSettings,
     FailsafeSettings,
     FormationSettings,
     SafetySettings,
@@ -185,7 +186,10 @@ class MissionVehicle:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A whole mission, checked: every section, and the vehicles with their plants; and what it was read from."""
+    """A whole mission, checked: every section, and the vehicles with their plants; and what it was read from.
+
+    One that `excites` is the flight by which its only vehicle is identified.
+    """
 
     mission: MissionSection
     frame: FrameSection
@@ -199,11 +203,13 @@ class Mission:
     network: NetworkSection
     link: LinkSection
     choreography: ChoreographySettings
+    excitation: ExcitationSettings
     simulation: SimulationSection
     verdicts: VerdictSection
     vehicles: tuple[MissionVehicle, ...]
     text: str = field(compare=False)
     plant_texts: Mapping[str, str] = field(compare=False)
+    excites: bool = False
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -245,4 +251,5 @@ class Mission:
             home_m=vehicle.section.start_m,
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
+            excitation=self.excitation if self.excites else None,
         )

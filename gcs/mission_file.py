@@ -19,6 +19,7 @@ from agents.settings import (
     ChoreographySettings,
     DecisionSettings,
     EncirclementSettings,
+    ExcitationSettings,
     FailsafeSettings,
     FormationSettings,
     SafetySettings,
@@ -26,6 +27,7 @@ from agents.settings import (
 from estimation.plant import Plant, PlantAxis
 from estimation.plant_file import PlantFileError, PlantShelf
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+from gcs.excitation import excitation_faults, excited, limits_rise
 from gcs.exits import InputError
 from gcs.mission import (
     FrameSection,
@@ -42,6 +44,8 @@ from gcs.mission import (
 from gcs.mission_geometry import IndexedVehicles, altitudes_fit, fence_fits, limits_agree, slots_fit
 
 LAYER_LEAST_M = 1.0
+EXCITES = "excite"
+"""The key above all sections by which a mission is the flight for identification of the vehicle of that id."""
 _BUNDLED = Path(__file__).parent / "missions"
 SECTIONS: dict[str, type[Settings]] = {
     "mission": MissionSection,
@@ -57,6 +61,7 @@ SECTIONS: dict[str, type[Settings]] = {
     "network": NetworkSection,
     "link": LinkSection,
     "choreography": ChoreographySettings,
+    "excitation": ExcitationSettings,
     "simulation": SimulationSection,
     "verdicts": VerdictSection,
 }
@@ -108,6 +113,7 @@ def parse_mission(text: str, folder: Path, plant_texts: Mapping[str, str] | None
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers and nesting beyond Python's limits
         raise MissionError([f"not TOML: {error}"]) from error
+    excites = content.pop(EXCITES, None)
     faults = [
         unknown_key("", key, [*SECTIONS, "vehicles"]) for key in content if key not in SECTIONS and key != "vehicles"
     ]
@@ -125,7 +131,26 @@ def parse_mission(text: str, folder: Path, plant_texts: Mapping[str, str] | None
         raise MissionError(faults)
     sections.pop("decision")
     complete = tuple(_resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
-    return Mission(**sections, vehicles=complete, text=text, plant_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
+    mission = Mission(**sections, vehicles=complete, text=text, plant_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
+    return mission if excites is None else _excited(mission, excites)
+
+
+def excitation_mission(mission: Mission, vehicle_id: int) -> Mission:
+    """Return the flight for identification of one of a mission's vehicles; raises MissionError with every fault.
+
+    Its text is the mission's, with a first line that says so: whoever reads it has the same flight.
+    """
+    return parse_mission(f"{EXCITES} = {vehicle_id}\n{mission.text}", Path(), mission.plant_texts)
+
+
+def _excited(mission: Mission, vehicle_id: object) -> Mission:
+    vehicle = next((each for each in mission.vehicles if each.id == vehicle_id), None)
+    if vehicle is None:
+        ids = ", ".join(map(str, mission.ids))
+        raise MissionError([f"{EXCITES}: no vehicle has the id {_shown(vehicle_id)} (ids: {ids})"])
+    if faults := list(excitation_faults(mission, vehicle)):
+        raise MissionError(faults)
+    return excited(mission, vehicle)
 
 
 def validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
@@ -233,6 +258,7 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
     yield from _kept_up(sections.get("mission"), sections.get("link"))
     yield from _way_home(known, sections.get("choreography"))
     yield from _in_order(sections.get("failsafe"))
+    yield from limits_rise(sections.get("excitation"))
     target = sections.get("target")
     if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
         highest = formation.speed_max_m_s

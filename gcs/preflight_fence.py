@@ -40,8 +40,10 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
 
 
 def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
-    """Return places [m] that the mission may take a vehicle to: its line to the end, and the ring all along."""
+    """Return places [m] that the mission may take a vehicle to: its line to the end and the ring all along; or its box."""
     start_x, start_y = vehicle.section.start_m
+    if mission.excites:
+        return [(start_x, start_y), *mission.safety.fence_m]
     x_rate, y_rate = mission.target.velocity_m_s
     radius_m, duration_s = mission.encirclement.radius_m, mission.mission.duration_s
     places = [(start_x, start_y)]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from math import hypot, sqrt
 
 from agents.encirclement import chord_m
+from agents.excitation import preview
 from gcs.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, limited
 from gcs.mission import Mission, MissionVehicle
 
@@ -24,7 +25,9 @@ ACCELERATION_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
 
 
 def feasibility(mission: Mission) -> Iterator[Finding]:
-    """Check the mission against its own limits, before any vehicle is asked."""
+    """Check the mission against its own limits, before any vehicle is asked; an excitation is planned within them."""
+    if mission.excites:
+        return
     if len(mission.vehicles) > 1:
         yield _ring_gap(mission)
         yield _line_gap(mission)
@@ -38,8 +41,12 @@ def feasibility(mission: Mission) -> Iterator[Finding]:
 def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]:
     """Check what the mission asks of one vehicle against its autopilot's limits."""
     speed_m_s = max(ring_speed_m_s(mission), mission.formation.speed_m_s)
+    acceleration_m_s2 = ring_acceleration_m_s2(mission)
+    if mission.excites:
+        planned = preview(mission.agent_config(mission.vehicles[0]))
+        speed_m_s, acceleration_m_s2 = planned.speed_m_s, planned.acceleration_m_s2
     yield _within(facts, "speed", speed_m_s, "m/s", SPEED_LIMITS[facts.autopilot])
-    yield _within(facts, "acceleration", ring_acceleration_m_s2(mission), "m/s²", ACCELERATION_LIMITS[facts.autopilot])
+    yield _within(facts, "acceleration", acceleration_m_s2, "m/s²", ACCELERATION_LIMITS[facts.autopilot])
 
 
 def ring_speed_m_s(mission: Mission) -> float:
@@ -53,8 +60,10 @@ def ring_acceleration_m_s2(mission: Mission) -> float:
 
 
 def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
-    """Return how far from its start a vehicle may get: to the end of its line, or around the target's whole path."""
+    """Return how far from its start a vehicle may get: to the end of its line, around the target, or in its box."""
     x, y = vehicle.section.start_m
+    if mission.excites:
+        return max(hypot(corner_x - x, corner_y - y) for corner_x, corner_y in mission.safety.fence_m)
     duration_s = mission.mission.duration_s
     target, velocity = mission.target.start_m, mission.target.velocity_m_s
     ends = (target, (target[0] + velocity[0] * duration_s, target[1] + velocity[1] * duration_s))

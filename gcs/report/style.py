@@ -10,6 +10,7 @@ TACTIC_COLOURS = {
     "standby": "#DDDDDD",
     "formation": "#99DDFF",
     "encircle": "#BBCC33",
+    "excite": "#44BB99",
     "aside": "#FFAABB",
     "hold": "#EEDD88",
     "come down": "#77AADD",

@@ -1,0 +1,149 @@
+"""`cordon excite`: what the flight will take, the flight, and what it took."""
+
+import json as json_text
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from agents.excitation import Preview, preview, programme
+from agents.tactics import Tactic
+from gcs.commands import chosen, fly_loaded
+from gcs.excitation import box_m
+from gcs.exits import Exit
+from gcs.mission import Mission
+from gcs.mission_file import excitation_mission, load_mission
+from gcs.output import STDERR, print_result
+from gcs.record import FlightRecord
+
+_FLOWN_SHARE = 0.95
+"""Of its time: a part that was excited for less was held, or never begun."""
+
+
+def excite_vehicle(
+    name: str,
+    vehicle_id: int | None,
+    *,
+    sitl: bool,
+    speed: float | None,
+    preview_only: bool,
+    log: Path | None,
+    recorded: bool,
+    json: bool,
+) -> Exit:
+    """`cordon excite`; raises InputError."""
+    whole = load_mission(name)
+    vehicle = whole.vehicles[0] if vehicle_id is None else chosen(whole, vehicle_id, "--vehicle")
+    mission = excitation_mission(whole, vehicle.id)
+    planned = preview(mission.agent_config(mission.vehicles[0]))
+    STDERR.print(preview_view(mission, planned))
+    if preview_only:
+        if json:
+            print_result(json_text.dumps(_json(mission, planned)))
+        return Exit.HOLDS
+    shown = partial(_show, mission, planned, json=json)
+    return fly_loaded(
+        mission, mission.mission.duration_s, shown, sitl=sitl, speed=speed, only=None, log=log, recorded=recorded
+    )
+
+
+def preview_view(mission: Mission, planned: Preview) -> RenderableType:
+    """Return what a flight for identification will take, for people."""
+    vehicle, settings = mission.vehicles[0], mission.excitation
+    (x_low, y_low), _, (x_high, y_high), _ = box_m(settings, vehicle.section.start_m)
+    start_x, start_y = vehicle.section.start_m
+    limits = f"at most {settings.speed_max_m_s:g} m/s, also where the plant file is {settings.plant_doubt:.0%} off"
+    rows = {
+        "vehicle": f"{vehicle.id}, plant file '{vehicle.section.plant}', from its start at ({start_x:g}, {start_y:g}) m",
+        "box": f"x from {x_low:g} to {x_high:g} m, y from {y_low:g} to {y_high:g} m, "
+        f"{vehicle.section.altitude_m:g} m high; the guard's fence is around it and the way there",
+        "time": f"{planned.duration_s:.0f} s, take-off and landing not counted",
+        "speed": f"{planned.speed_m_s:.2f} m/s foreseen, {limits}",
+        "acceleration": f"{planned.acceleration_m_s2:.2f} m/s² foreseen",
+        "reach": f"{planned.reach_m:.2f} m from the middle of the box foreseen, {settings.half_width_m:g} m are allowed",
+        "distance": f"{planned.distance_m:.0f} m foreseen",
+    }
+    table = Table.grid(padding=(0, 2))
+    for name, words in rows.items():
+        table.add_row(Text(name), Text(words, style="dim"))
+    parts = Table.grid(padding=(0, 2))
+    for part in programme(mission.agent_config(vehicle)).parts:
+        times, amplitude = f"{part.begin_s:.0f} to {part.end_s:.0f} s", f"up to {part.amplitude_m:.2f} m"
+        parts.add_row(Text(part.name), Text(times, style="dim"), Text(amplitude, style="dim"))
+    return Group(Text(f"{mission.mission.name}: flight for identification", style="bold"), table, Text(), parts)
+
+
+def _show(mission: Mission, planned: Preview, record: FlightRecord, *, json: bool) -> Exit:
+    """Show what the flight was beside what was foreseen; without all its parts it does not hold."""
+    flown = flown_figures(mission, record)
+    table = Table.grid(padding=(0, 2))
+    for name, unit, foreseen in (
+        ("speed", "m/s", planned.speed_m_s),
+        ("reach", "m", planned.reach_m),
+        ("distance", "m", planned.distance_m),
+    ):
+        value = flown[f"{name}_m_s" if name == "speed" else f"{name}_m"]
+        table.add_row(Text(name), Text(f"{value:.2f} {unit}"), Text(f"{foreseen:.2f} {unit} foreseen", style="dim"))
+    STDERR.print(table)
+    missing = flown["parts_missing"]
+    guarded = flown["guard_interventions"]
+    STDERR.print(f"setpoints changed by the guard: {guarded}", style="dim", markup=False, highlight=False)
+    if isinstance(missing, list) and missing:
+        STDERR.print(
+            f"not flown, or not as a whole: {', '.join(missing)}", style="yellow", markup=False, highlight=False
+        )
+    if json:
+        print_result(json_text.dumps({**_json(mission, planned), "flown": flown}))
+    return Exit.VERDICT_FAILED if missing else Exit.HOLDS
+
+
+def flown_figures(mission: Mission, record: FlightRecord) -> dict[str, object]:
+    """Return what a flight for identification was: its greatest speed and reach, its way, and the parts it lacks."""
+    track, settings = record.vehicles[0], mission.excitation
+    excited = track.tactic == Tactic.EXCITE.value
+    start_x, start_y = mission.vehicles[0].section.start_m
+    whole = programme(mission.agent_config(mission.vehicles[0]))
+    in_box = excited & (record.time_s >= whole.parts[0].begin_s)
+    away_m = track.position_m[in_box] - (start_x + settings.offset_m[0], start_y + settings.offset_m[1])
+    steps_m = np.diff(track.position_m[excited], axis=0)
+    missing = []
+    for part in whole.parts:
+        during = (record.time_s >= part.begin_s) & (record.time_s < part.end_s)
+        least = _FLOWN_SHARE * (part.end_s - part.begin_s) * mission.mission.rate_hz
+        if np.count_nonzero(excited & during) < least:
+            missing.append(part.name)
+    return {
+        "duration_s": float(np.count_nonzero(excited) / mission.mission.rate_hz),
+        "speed_m_s": _largest(np.hypot(*track.velocity_m_s[excited].T)),
+        "reach_m": _largest(np.abs(away_m)),
+        "distance_m": float(np.hypot(*steps_m.T).sum()),
+        "parts_missing": missing,
+        "guard_interventions": None if record.guard is None else record.guard.interventions,
+    }
+
+
+def _largest(values: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> float:
+    return float(values.max()) if values.size else 0.0
+
+
+def _json(mission: Mission, planned: Preview) -> Mapping[str, object]:
+    vehicle = mission.vehicles[0]
+    return {
+        "mission": mission.mission.name,
+        "vehicle": vehicle.id,
+        "plant": vehicle.section.plant,
+        "box_m": box_m(mission.excitation, vehicle.section.start_m),
+        "altitude_m": vehicle.section.altitude_m,
+        "speed_max_m_s": mission.excitation.speed_max_m_s,
+        "preview": {
+            "duration_s": planned.duration_s,
+            "speed_m_s": planned.speed_m_s,
+            "acceleration_m_s2": planned.acceleration_m_s2,
+            "reach_m": planned.reach_m,
+            "distance_m": planned.distance_m,
+        },
+    }
