@@ -28,6 +28,8 @@ class Exciter:
         self._middle_m: Vector = np.array([home_x + settings.offset_m[0], home_y + settings.offset_m[1]])
         self._near_m = max(NEAR_M, NEAR_SHARE * settings.half_width_m)
         self._lead_m = approach_lead_m(config, settings.speed_max_m_s)
+        self._stiffness_per_s2 = config.plant.a0_per_s2
+        self._against_wind_m: Vector = np.zeros(2)
         self._start_s = inf
         self._ready = False
 
@@ -46,7 +48,9 @@ class Exciter:
         if part is None:
             self._ready = hypot(*(situation.own.mean[POSITION] - self._middle_m).tolist()) < self._near_m
         if part is None or not self._ready:
+            # What compensates the wind stands still during a part: only the programme moves the setpoint.
+            self._against_wind_m = -situation.disturbance / self._stiffness_per_s2
             setpoint = towards(self._middle_m, situation.acting_motion[POSITION], self._lead_m)
         else:
             setpoint = self._middle_m + np.array(part.offset_m(time_s))
-        return Wish(setpoint, setpoint, np.zeros(2))
+        return Wish(setpoint + self._against_wind_m, setpoint, np.zeros(2))

@@ -145,7 +145,7 @@ class ExcitationSettings(Settings):
     offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = (12.0, 0.0)
     half_width_m: float = Field(5.0, ge=1.0, le=100.0)
     speed_max_m_s: float = Field(2.0, ge=0.1, le=20.0)
-    acceleration_max_m_s2: float = Field(2.4, ge=0.1, le=20.0)
+    acceleration_max_m_s2: float = Field(2.3, ge=0.1, le=20.0)
     plant_doubt: float = Field(0.3, ge=0.0, le=0.6)
     steps_s: float = Field(30.0, ge=5.0, le=600.0)
     level_shortest_s: float = Field(1.5, ge=0.5, le=60.0)

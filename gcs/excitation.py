@@ -13,6 +13,8 @@ from gcs.preflight_vehicle import PLACE_TOLERANCE_M
 
 ACCELERATION_NOISE_M_S2 = 1.0
 """What is flown to find out a plant must not rest on it: the filter believes what is measured instead."""
+UNSEEN_M = 1e-3
+"""How far the sensor of a target sees that has nothing to do with the flight."""
 SAMPLES_PER_PERIOD = 5.0
 _EDGE_STEP_M = 0.25
 
@@ -84,8 +86,10 @@ def excited(mission: Mission, vehicle: MissionVehicle) -> Mission:
         "guard": True,
         "keep_out_m": 0.0,
     }
+    unseen = mission.target.sensor.model_copy(update={"range_m": UNSEEN_M})
     alone = replace(
         mission,
+        target=mission.target.model_copy(update={"sensor": unseen}),
         formation=formation.model_copy(update={**slowly, "leader": vehicle.id, "start_m": None}),
         safety=mission.safety.model_copy(update=limits),
         own_filter=mission.own_filter.model_copy(update=noise),

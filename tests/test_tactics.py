@@ -20,10 +20,12 @@ EVENTS = (
     Event.END,
     Event.RETURN,
     Event.STEP_ASIDE,
+    Event.EXCITE,
 )
 LETTERS = {
     "F": Tactic.FORMATION,
     "E": Tactic.ENCIRCLE,
+    "X": Tactic.EXCITE,
     "A": Tactic.ASIDE,
     "H": Tactic.HOLD,
     "D": Tactic.COME_DOWN,
@@ -31,14 +33,15 @@ LETTERS = {
     "S": Tactic.STOOD_DOWN,
 }
 TABLE = {
-    Tactic.STANDBY: "F.H.LSDD.",
-    Tactic.FORMATION: ".EH.LSDDA",
-    Tactic.ENCIRCLE: "..H.LSDDA",
-    Tactic.ASIDE: "..HFLSDD.",
-    Tactic.HOLD: "...FLSDD.",
-    Tactic.COME_DOWN: "..H.LS...",
-    Tactic.LAND: ".........",
-    Tactic.STOOD_DOWN: "...F.....",
+    Tactic.STANDBY: "F.H.LSDD.X",
+    Tactic.FORMATION: ".EH.LSDDA.",
+    Tactic.ENCIRCLE: "..H.LSDDA.",
+    Tactic.EXCITE: "..H.LSDDH.",
+    Tactic.ASIDE: "..HFLSDD..",
+    Tactic.HOLD: "...FLSDD.X",
+    Tactic.COME_DOWN: "..H.LS....",
+    Tactic.LAND: "..........",
+    Tactic.STOOD_DOWN: "...F.....X",
 }
 
 
