@@ -1,8 +1,9 @@
 """The programme of a flight for identification: which setpoint when, and what the vehicle is foreseen to do with it.
 
-Steps between random levels say most about delay and stiffness, swept sines about damping and about what a second order
-leaves out. Each axis is excited alone, then both together by signals of their own. The plant is linear, and so one flight
-at unit amplitude, simulated, says how large a part may be for the box and the speed - also where the plant file is wrong.
+Steps between random levels say most about delay and stiffness, swept sines about damping and about what a second
+order leaves out. Each axis is excited alone, then both together by signals of their own. The plant is linear, and so
+one flight at unit amplitude, simulated, says how large a part may be for box and speed - also where the plant file is
+wrong.
 """
 
 from bisect import bisect_right
@@ -42,7 +43,7 @@ class Steps(msgspec.Struct, frozen=True):
 
 
 class Sweep(msgspec.Struct, frozen=True):
-    """A sine whose frequency rises, or falls, exponentially; above `knee_hz` its amplitude falls as its speed would rise."""
+    """A sine whose frequency rises, or falls, exponentially; above `knee_hz` its amplitude falls, not to be faster."""
 
     from_hz: float
     to_hz: float
@@ -87,7 +88,7 @@ class Programme(msgspec.Struct, frozen=True):
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """The greatest that a motion holds: how far along either axis, speed, acceleration, the setpoint's lead; its length."""
+    """The greatest in a motion: its reach along either axis, speed, acceleration, the setpoint's lead; its length."""
 
     reach_m: float
     speed_m_s: float
@@ -198,8 +199,8 @@ def _amplitude_m(
 def _doubted(plant: Plant, doubt: float) -> Iterator[Plant]:
     """Return the plant, and those whose numbers are as far off as they may be."""
     for stiffer, damped in ((1.0, 1.0), *product((1.0 - doubt, 1.0 + doubt), repeat=2)):
-        axes = (PlantAxis(axis.a0_per_s2 * stiffer, axis.a1_per_s * damped) for axis in (plant.x, plant.y))
-        yield Plant(*axes)
+        x, y = (PlantAxis(axis.a0_per_s2 * stiffer, axis.a1_per_s * damped) for axis in (plant.x, plant.y))
+        yield Plant(x, y)
 
 
 def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:

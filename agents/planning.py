@@ -80,9 +80,7 @@ class Planner:
             return _resting(situation.own.mean[POSITION])
         if tactic is Tactic.COME_DOWN:
             return self.homing.plan(situation, height_m)
-        if tactic is Tactic.ASIDE:
-            return self._step_aside(situation)
-        return self._hold(situation)
+        return self._step_aside(situation) if tactic is Tactic.ASIDE else self._hold(situation)
 
     def _left_behind(self, situation: Situation) -> Wish:
         """Return what a vehicle would do had it not engaged."""

@@ -137,9 +137,9 @@ class ChoreographySettings(Settings):
 
 class ExcitationSettings(Settings):
     """The flight for identification (`cordon excite`): steps between random levels, then swept sines, on x, on y and on
-    both. It stays in a box, `half_width_m` to all four sides of its centre, which is `offset_m` from the vehicle's start,
-    and below its own speed, also on a plant whose numbers are `plant_doubt` off the plant file; on the plant file's it
-    stays below its acceleration. Every level lasts between its two times, and `rest_s` passes before every part.
+    both. It stays in a box, `half_width_m` to all four sides of its middle, which is `offset_m` from the vehicle's
+    start, and below `speed_max_m_s`, also on a plant whose numbers are `plant_doubt` (a share) off the plant file; with
+    the plant file's it stays below the acceleration. A level lasts between its two times; `rest_s` pass before a part.
     """
 
     offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = (12.0, 0.0)

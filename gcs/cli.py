@@ -154,7 +154,8 @@ def excite(
     sitl: Annotated[bool, Parameter(negative="", help="Bring a stub vehicle along: no hardware is needed.")] = False,
     speed: Speed = None,
     preview: Annotated[
-        bool, Parameter(negative="", group=_RESULT, help="Show what it would take - space, time, speed - and fly nothing.")
+        bool,
+        Parameter(negative="", group=_RESULT, help="Show what it would take - space, time, speed - and fly nothing."),
     ] = False,
     log: Log = None,
     recorded: Annotated[

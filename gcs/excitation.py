@@ -57,17 +57,18 @@ def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str
         fence = Fence(safety.fence_m)
         room_m, (x, y) = min((fence.clearance_m(place), place) for place in _along(space))
         if room_m < 0.0:
-            yield f"excitation.half_width_m: the box and the way there are {-room_m:.2f} m outside of safety.fence_m at " + (
-                f"({x:.1f}, {y:.1f}): move it by excitation.offset_m, or make it smaller"
+            yield (
+                f"excitation.half_width_m: the box and the way there are {-room_m:.2f} m outside of safety.fence_m at "
+                + (f"({x:.1f}, {y:.1f}): move it by excitation.offset_m, or make it smaller")
             )
     for other in mission.vehicles:
         away_m = -Fence(space).clearance_m(other.section.start_m)
         if other is not vehicle and away_m < safety.separation_m:
             where = f"{away_m:.2f} m from" if away_m > 0.0 else "in"
             yield (
-                f"excitation.offset_m: vehicle {other.id} starts {where} the box of vehicle {vehicle.id} or the way there, "
-                f"less than safety.separation_m = {safety.separation_m:g} m away: move the box by excitation.offset_m, or "
-                "make it smaller by half_width_m"
+                f"excitation.offset_m: vehicle {other.id} starts {where} the box of vehicle {vehicle.id} or the way "
+                f"there, less than safety.separation_m = {safety.separation_m:g} m away: move the box by excitation.offset_m, "
+                "or make it smaller by half_width_m"
             )
 
 

@@ -2,16 +2,19 @@
 
 import json as json_text
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from agents.excitation import Preview, preview, programme
+from agents.excitation import Part, Preview, preview, programme
 from agents.tactics import Tactic
+from estimation.state import Vector
 from gcs.commands import chosen, fly_loaded
 from gcs.excitation import box_m
 from gcs.exits import Exit
@@ -58,13 +61,13 @@ def preview_view(mission: Mission, planned: Preview) -> RenderableType:
     start_x, start_y = vehicle.section.start_m
     limits = f"at most {settings.speed_max_m_s:g} m/s, also where the plant file is {settings.plant_doubt:.0%} off"
     rows = {
-        "vehicle": f"{vehicle.id}, plant file '{vehicle.section.plant}', from its start at ({start_x:g}, {start_y:g}) m",
+        "vehicle": f"{vehicle.id}, plant file '{vehicle.section.plant}', which starts at ({start_x:g}, {start_y:g}) m",
         "box": f"x from {x_low:g} to {x_high:g} m, y from {y_low:g} to {y_high:g} m, "
         f"{vehicle.section.altitude_m:g} m high; the guard's fence is around it and the way there",
         "time": f"{planned.duration_s:.0f} s, take-off and landing not counted",
         "speed": f"{planned.speed_m_s:.2f} m/s foreseen, {limits}",
         "acceleration": f"{planned.acceleration_m_s2:.2f} m/s² foreseen",
-        "reach": f"{planned.reach_m:.2f} m from the middle of the box foreseen, {settings.half_width_m:g} m are allowed",
+        "reach": f"{planned.reach_m:.2f} m from the middle of the box foreseen; {settings.half_width_m:g} m allowed",
         "distance": f"{planned.distance_m:.0f} m foreseen",
     }
     table = Table.grid(padding=(0, 2))
@@ -77,56 +80,64 @@ def preview_view(mission: Mission, planned: Preview) -> RenderableType:
     return Group(Text(f"{mission.mission.name}: flight for identification", style="bold"), table, Text(), parts)
 
 
+@dataclass(frozen=True, slots=True)
+class FlownExcitation:
+    """What a flight for identification was, while it excited the vehicle: its figures, and the parts it lacks."""
+
+    duration_s: float
+    speed_m_s: float
+    reach_m: float
+    distance_m: float
+    parts_missing: tuple[str, ...]
+    guard_interventions: int | None
+
+
 def _show(mission: Mission, planned: Preview, record: FlightRecord, *, json: bool) -> Exit:
     """Show what the flight was beside what was foreseen; without all its parts it does not hold."""
-    flown = flown_figures(mission, record)
+    flown = flown_excitation(mission, record)
     table = Table.grid(padding=(0, 2))
-    for name, unit, foreseen in (
-        ("speed", "m/s", planned.speed_m_s),
-        ("reach", "m", planned.reach_m),
-        ("distance", "m", planned.distance_m),
+    for name, unit, value, foreseen in (
+        ("speed", "m/s", flown.speed_m_s, planned.speed_m_s),
+        ("reach", "m", flown.reach_m, planned.reach_m),
+        ("distance", "m", flown.distance_m, planned.distance_m),
     ):
-        value = flown[f"{name}_m_s" if name == "speed" else f"{name}_m"]
         table.add_row(Text(name), Text(f"{value:.2f} {unit}"), Text(f"{foreseen:.2f} {unit} foreseen", style="dim"))
+    table.add_row(Text("guard"), Text(f"{flown.guard_interventions} setpoints changed"))
     STDERR.print(table)
-    missing = flown["parts_missing"]
-    guarded = flown["guard_interventions"]
-    STDERR.print(f"setpoints changed by the guard: {guarded}", style="dim", markup=False, highlight=False)
-    if isinstance(missing, list) and missing:
-        STDERR.print(
-            f"not flown, or not as a whole: {', '.join(missing)}", style="yellow", markup=False, highlight=False
-        )
+    if flown.parts_missing:
+        told = f"not flown, or not as a whole: {', '.join(flown.parts_missing)}"
+        STDERR.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
     if json:
-        print_result(json_text.dumps({**_json(mission, planned), "flown": flown}))
-    return Exit.VERDICT_FAILED if missing else Exit.HOLDS
+        print_result(json_text.dumps({**_json(mission, planned), "flown": asdict(flown)}))
+    return Exit.VERDICT_FAILED if flown.parts_missing else Exit.HOLDS
 
 
-def flown_figures(mission: Mission, record: FlightRecord) -> dict[str, object]:
-    """Return what a flight for identification was: its greatest speed and reach, its way, and the parts it lacks."""
+def flown_excitation(mission: Mission, record: FlightRecord) -> FlownExcitation:
+    """Return what a flight for identification was."""
     track, settings = record.vehicles[0], mission.excitation
     excited = track.tactic == Tactic.EXCITE.value
     start_x, start_y = mission.vehicles[0].section.start_m
-    whole = programme(mission.agent_config(mission.vehicles[0]))
-    in_box = excited & (record.time_s >= whole.parts[0].begin_s)
+    parts = programme(mission.agent_config(mission.vehicles[0])).parts
+    in_box = excited & (record.time_s >= parts[0].begin_s)
     away_m = track.position_m[in_box] - (start_x + settings.offset_m[0], start_y + settings.offset_m[1])
     steps_m = np.diff(track.position_m[excited], axis=0)
-    missing = []
-    for part in whole.parts:
+    rate_hz = mission.mission.rate_hz
+
+    def lacks(part: Part) -> bool:
         during = (record.time_s >= part.begin_s) & (record.time_s < part.end_s)
-        least = _FLOWN_SHARE * (part.end_s - part.begin_s) * mission.mission.rate_hz
-        if np.count_nonzero(excited & during) < least:
-            missing.append(part.name)
-    return {
-        "duration_s": float(np.count_nonzero(excited) / mission.mission.rate_hz),
-        "speed_m_s": _largest(np.hypot(*track.velocity_m_s[excited].T)),
-        "reach_m": _largest(np.abs(away_m)),
-        "distance_m": float(np.hypot(*steps_m.T).sum()),
-        "parts_missing": missing,
-        "guard_interventions": None if record.guard is None else record.guard.interventions,
-    }
+        return bool(np.count_nonzero(excited & during) < _FLOWN_SHARE * (part.end_s - part.begin_s) * rate_hz)
+
+    return FlownExcitation(
+        duration_s=np.count_nonzero(excited) / rate_hz,
+        speed_m_s=_largest(np.hypot(*track.velocity_m_s[excited].T)),
+        reach_m=_largest(np.abs(away_m)),
+        distance_m=float(np.hypot(*steps_m.T).sum()),
+        parts_missing=tuple(part.name for part in parts if lacks(part)),
+        guard_interventions=None if record.guard is None else record.guard.interventions,
+    )
 
 
-def _largest(values: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> float:
+def _largest(values: Vector) -> float:
     return float(values.max()) if values.size else 0.0
 
 
@@ -139,11 +150,5 @@ def _json(mission: Mission, planned: Preview) -> Mapping[str, object]:
         "box_m": box_m(mission.excitation, vehicle.section.start_m),
         "altitude_m": vehicle.section.altitude_m,
         "speed_max_m_s": mission.excitation.speed_max_m_s,
-        "preview": {
-            "duration_s": planned.duration_s,
-            "speed_m_s": planned.speed_m_s,
-            "acceleration_m_s2": planned.acceleration_m_s2,
-            "reach_m": planned.reach_m,
-            "distance_m": planned.distance_m,
-        },
+        "preview": structs.asdict(planned),
     }

@@ -40,7 +40,7 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
 
 
 def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
-    """Return places [m] that the mission may take a vehicle to: its line to the end and the ring all along; or its box."""
+    """Return places [m] that the mission may take a vehicle to: its line to the end, the ring all along; or its box."""
     start_x, start_y = vehicle.section.start_m
     if mission.excites:
         return [(start_x, start_y), *mission.safety.fence_m]

@@ -281,6 +281,30 @@ def test_only_asks_for_a_vehicle_of_the_mission(refused: Refused) -> None:
     assert refused("fly", "case1", "--only", "9") == ["--only: the mission has no vehicle 9 (it has 1, 2, 3)"]
 
 
+def test_excite_asks_for_a_vehicle_of_the_mission(refused: Refused) -> None:
+    assert refused("excite", "case1", "--vehicle", "9") == ["--vehicle: the mission has no vehicle 9 (it has 1, 2, 3)"]
+
+
+def test_a_box_that_is_in_the_way_is_bad_input(mission: Callable[..., str], refused: Refused) -> None:
+    path = mission(("[target]\n", "[excitation]\noffset_m = [0.0, 0.0]\nhalf_width_m = 3.0\n\n[target]\n"))
+    [fault] = refused("excite", path)
+    assert fault.startswith("excitation.offset_m: vehicle 2 starts 1.00 m from the box of vehicle 1")
+    [fault] = refused("excite", path, "--preview")
+    assert fault.startswith("excitation.offset_m: vehicle 2 starts 1.00 m from the box of vehicle 1")
+
+
+def test_a_preview_tells_the_space_and_the_time_and_flies_nothing() -> None:
+    ran = cordon("excite", "case2", "--vehicle", "3", "--preview", "--json")
+    assert ran.code == 0
+    told = json.loads(ran.out)
+    assert told["vehicle"] == 3
+    assert told["box_m"] == [[7.0, -9.0], [17.0, -9.0], [17.0, 1.0], [7.0, 1.0]]
+    assert list(told["preview"]) == ["duration_s", "reach_m", "speed_m_s", "acceleration_m_s2", "distance_m"]
+    assert 200.0 < told["preview"]["duration_s"] < 300.0
+    assert "box" in ran.err
+    assert "looking for the vehicles" not in ran.err
+
+
 def test_sitl_and_only_exclude_each_other(refused: Refused) -> None:
     (line,) = refused("fly", "case1", "--sitl", "--only", "1")
     assert line.startswith("--only: with --sitl ")
