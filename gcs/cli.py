@@ -174,7 +174,7 @@ def excite(
 
     Guard, failsafes, preflight and Ctrl-C are those of `cordon fly`. The log is what identification reads.
 
-    Example: cordon excite px4-trio --vehicle 1 --preview
+    Example: cordon excite case2 --vehicle 1 --preview
     """
     hold_back()
     from gcs.supervisor import is_supervised, supervise  # noqa: PLC0415

@@ -67,8 +67,8 @@ def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str
             where = f"{away_m:.2f} m from" if away_m > 0.0 else "in"
             yield (
                 f"excitation.offset_m: vehicle {other.id} starts {where} the box of vehicle {vehicle.id} or the way "
-                f"there, less than safety.separation_m = {safety.separation_m:g} m away: move the box by excitation.offset_m, "
-                "or make it smaller by half_width_m"
+                f"there, less than safety.separation_m = {safety.separation_m:g} m away: move the box by "
+                "excitation.offset_m, or make it smaller by half_width_m"
             )
 
 
