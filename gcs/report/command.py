@@ -3,6 +3,7 @@
 import json as json_text
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from gcs.compose import ring_reference
@@ -12,6 +13,7 @@ from gcs.flightlog.reader import read_log
 from gcs.metrics import evaluate
 from gcs.output import STDERR, check_plot, present, print_result
 from gcs.report.asked import asked_of
+from gcs.report.plants import plant_facts
 from gcs.report.reading import LoggedFlight, read_flight
 from gcs.result import FlightResult
 
@@ -23,11 +25,16 @@ def report_flight(paths: Sequence[Path], *, json: bool, html: Path | None, plot:
     if is_foreign(paths[0]):
         return _report_others(paths, json=json, html=html, plot=plot)
     flight = _read(paths)
+    plants = plant_facts(flight.mission, flight.evidence)
     if html is not None:
         from gcs.report.page import write_report  # noqa: PLC0415
 
-        _write(html, lambda: write_report(flight.evidence, _result(flight), asked_of(flight.mission), html))
-    return present(flight.mission, flight.evidence.record, json=json, plot=plot)
+        evidence = replace(flight.evidence, facts={**flight.evidence.facts, **plants})
+        _write(html, lambda: write_report(evidence, _result(flight), asked_of(flight.mission), html))
+    verdict = present(flight.mission, flight.evidence.record, json=json, plot=plot)
+    for name, words in plants.items():
+        STDERR.print(f"{name}: {words}", style="dim", markup=False, highlight=False, soft_wrap=True)
+    return verdict
 
 
 def compare_flights(first: Sequence[Path], second: Path, *, json: bool, html: Path | None) -> Exit:

@@ -68,6 +68,7 @@ class VehicleEvidence:
 
     `telemetry` is what its own autopilot said; `peers` what each other vehicle said of itself, by its id; `dropped` is
     how many messages it refused. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is over `own.time_s`.
+    `samples` (K, 3) are times, and places x and y that its autopilot said it was at.
     """
 
     vehicle_id: int
@@ -79,6 +80,7 @@ class VehicleEvidence:
     peers: dict[int, Hearing] = field(default_factory=dict)
     dropped: int = 0
     battery: Vector = field(default_factory=_no_pairs)
+    samples: Vector = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True, slots=True)

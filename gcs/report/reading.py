@@ -133,7 +133,7 @@ class _Pass:
         self._log = log
         self._journal = journal
         self._rows = _Columns()
-        self._telemetry: list[tuple[float, float, float]] = []
+        self._telemetry: list[tuple[float, float, float, float, float]] = []
         self._heard: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
         self._peers: dict[int, MemberState] = {}
         self._battery: list[tuple[float, float]] = []
@@ -180,10 +180,10 @@ class _Pass:
 
     def evidence(self, start_s: float, speed: float) -> VehicleEvidence:
         """Return what is known of the vehicle, with times since `start_s`; ages are in wall seconds."""
-        rows, telemetry = self._rows, np.array(self._telemetry).reshape(-1, 3)
+        rows, telemetry = self._rows, np.array(self._telemetry).reshape(-1, 5)
         own_s = np.array(rows.own_s)
         heard_s, sampled_s = telemetry[:, 0], telemetry[:, 1]
-        altitude_m = np.interp(own_s, sampled_s, telemetry[:, 2]) if len(telemetry) else np.full(own_s.size, np.nan)
+        altitude_m = np.interp(own_s, sampled_s, telemetry[:, 4]) if len(telemetry) else np.full(own_s.size, np.nan)
         battery = np.array(self._battery).reshape(-1, 2) - [start_s, 0.0]
         return VehicleEvidence(
             self.vehicle_id,
@@ -198,6 +198,7 @@ class _Pass:
                 np.array(rows.guard, dtype="<U16"),
                 np.array(rows.setpoint_m).reshape(-1, 3),
             ),
+            samples=telemetry[:, 1:4] - [start_s, 0.0, 0.0],
             telemetry=Hearing(heard_s - start_s, (heard_s - sampled_s) / speed),
             peers={peer: _hearing(heard, start_s, speed) for peer, heard in sorted(self._heard.items())},
             dropped=self._dropped,
@@ -243,7 +244,7 @@ class _Pass:
     def _sample(self, record: LogRecord) -> None:
         sample = record.message()
         heard_s = record.time_ns * 1e-9 * self._log.run.speed
-        self._telemetry.append((heard_s, sample.time_s, sample.position_m[2]))
+        self._telemetry.append((heard_s, sample.time_s, *sample.position_m))
 
     def _message(self, record: LogRecord) -> None:
         heard = record.message()
