@@ -1,8 +1,8 @@
 """Whether a plant still explains how its vehicle flies: prediction from the setpoints, held against what happened.
 
 The filter's innovations hardly tell: its disturbance follows whatever the plant leaves unexplained. Here nothing
-follows. The flight is cut into windows; in each, the plant answers the setpoints that were sent, and only where it began,
-how fast, and one steady disturbance are free. What is then left is held against what other plants would leave.
+follows. The flight is cut into windows. In each, the plant answers the setpoints that were sent; free are where it
+began, how fast, and one steady disturbance. What is then left is held against what other plants would leave.
 """
 
 from collections.abc import Iterator, Sequence

@@ -49,7 +49,9 @@ def _keys(path: Place, annotation: Any) -> Iterator[tuple[Place, object]]:
 
 
 SECTIONS: dict[str, type[BaseModel]] = {
-    name: kind for name, kind in get_type_hints(Mission).items() if name not in ("vehicles", "text", "plant_texts")
+    name: kind
+    for name, kind in get_type_hints(Mission).items()
+    if name not in ("vehicles", "text", "plant_texts", "excites")
 } | {"decision": DecisionSettings}
 KEYS = [
     *(key for name, model in SECTIONS.items() for key in keys(model, (name,))),
