@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -159,7 +160,7 @@ def check_mission(name: str, *, json: bool) -> Exit:
     from gcs.preflight import preflight  # noqa: PLC0415
 
     mission = load_mission(name)
-    findings = preflight(mission, asyncio.run(gather_facts(mission)))
+    findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today())
     STDERR.print(findings_view(mission.mission.name, findings))
     if json:
         print_result(findings_json(mission.mission.name, findings))

@@ -5,6 +5,7 @@ import traceback
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
+from datetime import date
 from functools import partial
 from math import degrees
 from time import perf_counter
@@ -209,7 +210,7 @@ async def _check(team: Sequence[_Member], mission: Mission, tell: Tell, recordin
     facts = await asyncio.gather(*(member.link.facts(member.vehicle.id) for member in team))
     for each in facts:
         recording.meet(each)
-    findings = preflight(mission, facts)
+    findings = preflight(mission, facts, date.today())
     tell(findings)
     refused = sum(finding.grade is Grade.REFUSE for finding in findings)
     if refused:

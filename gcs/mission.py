@@ -19,6 +19,7 @@ from agents.settings import (
     pair,
 )
 from estimation.frames import Geodetic, MissionFrame, Triple
+from estimation.identification import Identification
 from estimation.plant import Plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 
@@ -161,12 +162,16 @@ class VehicleSection(Settings):
 
 @dataclass(frozen=True, slots=True)
 class MissionVehicle:
-    """A vehicle of the mission with its plant loaded: what its agent believes, and what the simulation flies."""
+    """A vehicle of the mission with its plant loaded: what its agent believes, and what the simulation flies.
+
+    `identified` is where that plant is from, None where its file does not say.
+    """
 
     section: VehicleSection
     plant: Plant
     true_plant: Plant
     decision: DecisionSettings
+    identified: Identification | None = None
 
     @property
     def id(self) -> int:

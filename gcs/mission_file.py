@@ -25,7 +25,7 @@ from agents.settings import (
     SafetySettings,
 )
 from estimation.plant import Plant, PlantAxis
-from estimation.plant_file import PlantFileError, PlantShelf
+from estimation.plant_file import PlantFile, PlantFileError, PlantShelf
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.excitation import excitation_faults, excited, limits_rise
 from gcs.exits import InputError
@@ -202,7 +202,7 @@ def unknown_key(parent: str, key: str, known: list[str]) -> str:
     return f"{parent}{'.' if parent else ''}{key}: unknown key{hint}"
 
 
-_LoadedVehicle = tuple[VehicleSection, Plant]
+_LoadedVehicle = tuple[VehicleSection, PlantFile]
 
 
 def _vehicles(content: object, decision: object, shelf: PlantShelf, faults: list[str]) -> list[_LoadedVehicle | None]:
@@ -221,20 +221,20 @@ def _vehicle(entry: object, decision: object, shelf: PlantShelf, path: str, faul
     if section is None:
         return None
     try:
-        return section, shelf.load(section.plant)
+        return section, shelf.open(section.plant)
     except PlantFileError as error:
         faults += [f"{path}.plant: {fault}" for fault in error.faults]
         return None
 
 
-def _resolved(section: VehicleSection, plant: Plant) -> MissionVehicle:
-    scale = section.true_scale
+def _resolved(section: VehicleSection, file: PlantFile) -> MissionVehicle:
+    scale, plant = section.true_scale, file.plant
 
     def true(axis: PlantAxis) -> PlantAxis:
         return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
 
     true_plant = Plant(true(plant.x), true(plant.y), plant.delay_s)
-    return MissionVehicle(section, plant, true_plant, section.decision or DecisionSettings())
+    return MissionVehicle(section, plant, true_plant, section.decision or DecisionSettings(), file.identified)
 
 
 def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedVehicle | None]) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """The preflight: from a mission and what its vehicles say of themselves to graded findings."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from datetime import date
 
 from gcs.findings import Finding, Grade, VehicleFacts
 from gcs.mission import Mission, MissionVehicle
@@ -8,6 +9,7 @@ from gcs.preflight_estimator import estimator
 from gcs.preflight_fence import fence_areas
 from gcs.preflight_mission import autopilot_limits, feasibility
 from gcs.preflight_parameters import JUDGES, failsafes, fence, station
+from gcs.preflight_plant import plant_file
 from gcs.preflight_vehicle import at_rest, battery, clock, gps, health, identity, place, telemetry, together
 
 Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
@@ -35,11 +37,14 @@ AUTOPILOT_CHECKS: tuple[Check, ...] = (
 _ORDER = list(Grade)
 
 
-def preflight(mission: Mission, team: Sequence[VehicleFacts]) -> tuple[Finding, ...]:
-    """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not."""
+def preflight(mission: Mission, team: Sequence[VehicleFacts], today: date | None = None) -> tuple[Finding, ...]:
+    """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not.
+
+    Without `today` nobody knows how old a plant file is.
+    """
     findings = [*feasibility(mission), *together(mission, team)]
     for facts in team:
-        findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id))
+        findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))
 
 
@@ -48,7 +53,9 @@ def worst(findings: Iterable[Finding]) -> Grade:
     return min((finding.grade for finding in findings), key=_ORDER.index, default=Grade.PASS)
 
 
-def _of_vehicle(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
+def _of_vehicle(
+    facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, today: date | None
+) -> Iterator[Finding]:
     if facts.unreachable is not None:
         found, step = facts.unreachable
         why = "commands would go to nobody, or to another vehicle than the one meant"
@@ -59,3 +66,4 @@ def _of_vehicle(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
     )
     for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot in JUDGES else ()):
         yield from check(facts, mission, vehicle)
+    yield from plant_file(facts, mission, vehicle, today)
