@@ -10,12 +10,13 @@ from estimation.frames import MissionFrame, Triple, up_from_ned
 from estimation.state import Telemetry, Vector
 from gcs.exits import InputError
 from gcs.flightlog.gathered import US, Gathered, Samples, Stamps, vehicle_log
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.log_file import LogFile
 from gcs.flightlog.mode_names import CORDON
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, Truth, Vehicle
 from gcs.flightlog.run import mission_of
-from gcs.flightlog.vehicle_log import LogError, VehicleLog
+from gcs.flightlog.vehicle_log import VehicleLog
 from gcs.mission import Mission, MissionVehicle
 
 FORMAT = "log of cordon (.mcap)"
