@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from functools import lru_cache
 from itertools import pairwise, product
 from math import exp, hypot, log, pi, sin
-from random import Random
 
 import msgspec
 import numpy as np
@@ -112,7 +111,7 @@ def programme(config: AgentConfig) -> Programme:
     """Return the programme of a flight for identification; `config` has to be one's."""
     settings = config.excitation
     assert settings is not None
-    random = Random(settings.seed)
+    random = np.random.default_rng(settings.seed)
     begin_s, parts = _approach_s(settings), []
     for name, signals, seconds in _signals(settings, random):
         amplitude_m = _amplitude_m(config, settings, signals, seconds)
@@ -147,7 +146,9 @@ def _approach_s(settings: ExcitationSettings) -> float:
     return 1.5 * hypot(*settings.offset_m) / (APPROACH_SHARE * settings.speed_max_m_s) + 2.0 * settings.rest_s
 
 
-def _signals(settings: ExcitationSettings, random: Random) -> Iterator[tuple[str, tuple[Signal, Signal], float]]:
+def _signals(
+    settings: ExcitationSettings, random: np.random.Generator
+) -> Iterator[tuple[str, tuple[Signal, Signal], float]]:
     def steps() -> Steps:
         return _steps(settings, random)
 
@@ -162,15 +163,15 @@ def _signals(settings: ExcitationSettings, random: Random) -> Iterator[tuple[str
     yield "sweep along both", (up, down), settings.sweep_s
 
 
-def _steps(settings: ExcitationSettings, random: Random) -> Steps:
+def _steps(settings: ExcitationSettings, random: np.random.Generator) -> Steps:
     highest = LEVELS // 2
     levels = [k / highest for k in range(-highest, highest + 1)]
     times_s, chosen, now_s, level = [], [], 0.0, 0.0
     while now_s < settings.steps_s:
-        level = random.choice([each for each in levels if 0.0 < abs(each - level) <= STEP_LARGEST])
+        level = float(random.choice([each for each in levels if 0.0 < abs(each - level) <= STEP_LARGEST]))
         times_s.append(now_s)
         chosen.append(level)
-        now_s += random.uniform(settings.level_shortest_s, settings.level_longest_s)
+        now_s += float(random.uniform(settings.level_shortest_s, settings.level_longest_s))
     return Steps(tuple(times_s), tuple(chosen))
 
 

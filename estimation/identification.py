@@ -1,6 +1,5 @@
 """Where the numbers of a plant file come from: what was identified, from which logs, and how far it can be trusted."""
 
-from datetime import date
 from enum import Enum
 from typing import Annotated
 
@@ -29,6 +28,11 @@ def _verdict(value: object) -> object:
     return next((verdict for verdict in Verdict if verdict.value == value), value)
 
 
+def _iso(value: object) -> object:
+    """Return a date of TOML's as text: nothing here reckons with it."""
+    return value.isoformat() if hasattr(value, "isoformat") else value
+
+
 class IdentifiedLog(Settings):
     """A log that was identified from: the name of its file, and the SHA-256 of its bytes."""
 
@@ -39,13 +43,14 @@ class IdentifiedLog(Settings):
 class Identification(Settings):
     """The section `[identified]` of a plant file.
 
-    `method` names the method and its version; `setpoints` says what was taken to happen between two logged setpoints;
-    `vehicle` is the system id. `fit_x_percent` and `fit_y_percent` are the fit on a part of the flight that nothing was
-    fitted to: 100 (1 - rms error / rms motion). `covariance` is (5, 5) in the order of `COVARIANCE_OF`.
+    `method` names the method and its version, `date` is the ISO date; `setpoints` says what was taken to happen between
+    two logged setpoints; `vehicle` is the system id. `fit_x_percent` and `fit_y_percent` are the fit on a part of the
+    flight that nothing was fitted to: 100 (1 - rms error / rms motion). `covariance` is (5, 5) in the order of
+    `COVARIANCE_OF`.
     """
 
     method: str
-    date: date
+    date: Annotated[str, BeforeValidator(_iso), Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
     vehicle: int = Field(ge=0, le=255)
     autopilot: str
     firmware: str

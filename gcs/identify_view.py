@@ -124,7 +124,7 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
     """Return where a plant comes from, as its file tells."""
     return Identification(
         method=METHOD,
-        date=today,
+        date=today.isoformat(),
         vehicle=logs[0].system_id,
         autopilot=logs[0].autopilot,
         firmware=logs[0].firmware,
@@ -168,8 +168,6 @@ def _toml(value: object) -> str:
     match value:
         case Verdict():
             return dumps(value.value)
-        case date():
-            return value.isoformat()
         case str():
             return dumps(value, ensure_ascii=False)
         case tuple():

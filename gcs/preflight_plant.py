@@ -29,7 +29,7 @@ def _doubts(identified: Identification, facts: VehicleFacts, today: date | None)
     if identified.verdict is Verdict.DO_NOT_FLY:
         reasons = "".join(f", {reason}" for reason in identified.reasons)
         yield f"its own verdict is '{identified.verdict.value}'{reasons}"
-    days = 0 if today is None else (today - identified.date).days
+    days = 0 if today is None else (today - date.fromisoformat(identified.date)).days
     if days > OLD_DAYS:
         yield f"it is {days} days old"
     if identified.autopilot.lower() != facts.autopilot.value.lower():

@@ -1,6 +1,5 @@
 """Plant files: what is bundled, what a user's own may say, and how its faults are told."""
 
-from datetime import date
 from pathlib import Path
 
 import pytest
@@ -90,7 +89,7 @@ def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
     assert file.plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1))
     identified = file.identified
     assert identified is not None
-    assert (identified.verdict, identified.date, identified.vehicle) == (Verdict.USABLE, date(2026, 11, 21), 3)
+    assert (identified.verdict, identified.date, identified.vehicle) == (Verdict.USABLE, "2026-11-21", 3)
     assert identified.logs == (IdentifiedLog(name="flight.ulg", sha256="0a" * 32),)
     assert [identified.covariance[at][at] for at in range(5)] == [0.01] * 5
 
