@@ -19,7 +19,6 @@ from estimation.output_error import Fit, Model, fit, start_of
 from estimation.response import Between
 from estimation.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.simulated import fit_percent, simulated
-from estimation.state import Vector
 from estimation.trust import judged, refused
 
 TRAINED_SHARE = 0.7
@@ -27,7 +26,7 @@ _HAUSMAN_MAX = 20.5
 """The 99.9 % quantile of chi square for the five parameters of a plant."""
 _PLAIN_BETTER_PERCENT = 2.0
 _MISFIT_PERCENT = 80.0
-_STAGES = 9
+_STAGES = 8
 
 
 @dataclass(slots=True)
@@ -48,17 +47,24 @@ def identify(recordings: Sequence[Recording], on_progress: Callable[[float], Non
     if (refusal := refused(recordings, excerpts)) is not None:
         return refusal
     counter = _Counter(on_progress)
-    between, start = _between(recordings, excerpts)
-    counter.step()
-    best, trained, whitened = _weighted(excerpts, Model(between), start, counter)
+    white = _likeliest(recordings, excerpts, counter)
+    chosen = _weighted(excerpts, white, counter)
     baseline = baseline_of(excerpts, TRAINED_SHARE)
-    order = _order(excerpts, trained)
+    order = _order(excerpts, chosen.plain_trained)
     counter.step()
-    shaping = shaping_of(excerpts, best) if _is_misfit(excerpts, trained, whitened) else UNSHAPED
+    shaping = shaping_of(excerpts, chosen.best) if _is_misfit(excerpts, chosen) else UNSHAPED
     counter.step()
-    parts = _Parts(excerpts, best, whitened, trained, baseline, order, shaping)
-    counter.step()
-    return _result(parts)
+    return _result(_Parts(excerpts, chosen.best, chosen.whitened, chosen.trained, baseline, order, shaping))
+
+
+@dataclass(frozen=True, slots=True)
+class _Chosen:
+    """The fit to everything, that to the first part, whether errors were whitened, and the latter without whitening."""
+
+    best: Fit
+    trained: Fit
+    whitened: bool
+    plain_trained: Fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,31 +78,33 @@ class _Parts:
     shaping: Shaping
 
 
-def _between(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> tuple[Between, Vector]:
-    """Return what happened between setpoints, and where to begin: known, or what makes the flights likeliest."""
-    if not any(recording.sampled for recording in recordings):
-        model = Model(Between.HELD)
-        return Between.HELD, start_of(excerpts, model)
-    start = start_of(excerpts, Model(Between.MIXED))
-    fits = [fit(excerpts, Model(each), start) for each in (Between.MIXED, Between.LINEAR, Between.MIDWAY)]
-    best = min(fits, key=lambda each: each.score)
-    return best.model.between, best.parameters
-
-
-def _weighted(excerpts: Sequence[Excerpt], model: Model, start: Vector, counter: _Counter) -> tuple[Fit, Fit, bool]:
-    """Return the fit to everything, that to the first part, and whether errors were whitened."""
-    plain = fit(excerpts, model, start, whiten=False)
+def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
+    """Return the whitened fit, with what is known to have happened between setpoints, or what makes it likeliest."""
+    sampled = any(recording.sampled for recording in recordings)
+    candidates = (Between.MIXED, Between.LINEAR, Between.MIDWAY) if sampled else (Between.HELD,)
+    start = start_of(excerpts, Model(candidates[0]))
     counter.step()
-    white = fit(excerpts, model, plain.parameters, on_round=counter.step)
-    plain_trained = fit(excerpts, model, plain.parameters, TRAINED_SHARE, whiten=False)
-    white_trained = fit(excerpts, model, white.parameters, TRAINED_SHARE)
+    fits = []
+    for between in candidates:
+        fits.append(fit(excerpts, Model(between), start))
+        start = fits[0].parameters
+        counter.step()
+    return min(fits, key=lambda each: each.score)
+
+
+def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Chosen:
+    plain = fit(excerpts, white.model, white.parameters, whiten=False)
+    plain_trained = fit(excerpts, white.model, plain.parameters, TRAINED_SHARE, whiten=False)
+    counter.step()
+    white_trained = fit(excerpts, white.model, white.parameters, TRAINED_SHARE)
     counter.step()
     apart = white.parameters - plain.parameters
     statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
     gain_percent = np.mean(_held_out(excerpts, plain_trained)) - np.mean(_held_out(excerpts, white_trained))
     whitened = bool(statistic <= _HAUSMAN_MAX and gain_percent < _PLAIN_BETTER_PERCENT)
     best, trained = (white, white_trained) if whitened else (plain, plain_trained)
-    return _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened), whitened
+    best, trained = _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened)
+    return _Chosen(best, trained, whitened, plain_trained)
 
 
 def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
@@ -107,11 +115,10 @@ def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool
     return replace(at_zero, covariance=best.covariance, wished_delay_s=float(best.parameters[4]))
 
 
-def _order(excerpts: Sequence[Excerpt], trained: Fit) -> Order:
+def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
     """Return what a third order - a lag of the actuators - would give beyond the second."""
-    model = replace(trained.model, lag=True)
-    third = fit(excerpts, model, np.append(trained.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
-    plain = fit(excerpts, trained.model, trained.parameters, TRAINED_SHARE, whiten=False)
+    model = replace(plain.model, lag=True)
+    third = fit(excerpts, model, np.append(plain.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
     second_percent, third_percent = (float(np.mean(_held_out(excerpts, each))) for each in (plain, third))
     return Order(
         lag_s=float(np.exp(third.parameters[5])),
@@ -121,9 +128,9 @@ def _order(excerpts: Sequence[Excerpt], trained: Fit) -> Order:
     )
 
 
-def _is_misfit(excerpts: Sequence[Excerpt], trained: Fit, whitened: bool) -> bool:
+def _is_misfit(excerpts: Sequence[Excerpt], chosen: _Chosen) -> bool:
     """Return whether the plant explains so little that it is worth looking for bounds of speed and acceleration."""
-    return not whitened or min(_held_out(excerpts, trained)) < _MISFIT_PERCENT
+    return not chosen.whitened or min(_held_out(excerpts, chosen.trained)) < _MISFIT_PERCENT
 
 
 def _held_out(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, float]:

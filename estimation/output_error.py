@@ -1,6 +1,6 @@
 """Fitting a plant to flights by its output error: simulated from the setpoints alone, held against the positions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +22,7 @@ BLOCK_S = 8.0
 SENT_S = 0.05
 """Setpoints are sent at 20 Hz or more: MAVSDK sees to that. A log that samples them may be in step with the sender, and
 then all its setpoints are late by the same unknown part of that time."""
-_ROUNDS = 3
+_ROUNDS = 2
 _PLAIN = np.array([1.0])
 _NUDGE = 1e-4
 _TRAINING_MIN = 40
@@ -112,7 +112,6 @@ def fit(
     start: Vector,
     share: float = 1.0,
     whiten: bool = True,
-    on_round: Callable[[], None] = lambda: None,
 ) -> Fit:
     """Fit the model to the first `share` of each excerpt, with whitening of the errors estimated in rounds.
 
@@ -125,7 +124,6 @@ def fit(
         plain = problem.errors(parameters, (_PLAIN, _PLAIN))
         filters = (whitening_filter(plain[0]), whitening_filter(plain[1]))
         parameters = problem.solved(parameters, filters)
-        on_round()
     if not whiten:
         plain = problem.errors(parameters, filters)
         filters = (_levelled(plain[0]), _levelled(plain[1]))

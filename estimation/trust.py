@@ -59,7 +59,7 @@ def _centred(values: Vector) -> Vector:
 
 def judged(found: Found, wished_delay_s: float, delay_deviation_s: float) -> tuple[Verdict, tuple[str, ...]]:
     """Return whether to fly by what was found, with the reasons, the gravest first."""
-    reasons = [*_of_shaping(found), *_of_delay(found, wished_delay_s, delay_deviation_s), *_of_axes(found)]
+    reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, wished_delay_s, delay_deviation_s)]
     if not found.order.second_is_enough:
         reasons.append(
             (
@@ -125,7 +125,7 @@ def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
 
 def _of_axes(found: Found) -> Reasons:
     reasons: Reasons = []
-    wide = []
+    wide: list[tuple[float, str]] = []
     for name, axis in zip(_AXES, found.axes, strict=True):
         wide += [
             (interval.relative, f"{parameter} along {name} to {100 * min(interval.relative, 9.99):.0f} %")
@@ -138,5 +138,5 @@ def _of_axes(found: Found) -> Reasons:
     if wide:
         verdict = Verdict.DO_NOT_FLY if max(relative for relative, _ in wide) > WIDE_USABLE else Verdict.USABLE
         words = ", ".join(words for _, words in wide)
-        reasons.append((verdict, f"too little excitation for so much noise: known are {words}"))
+        reasons.insert(0, (verdict, f"too little excitation for so much noise: known are {words}"))
     return reasons

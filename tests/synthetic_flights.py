@@ -43,15 +43,16 @@ def coloured(random: np.random.Generator, count: int, step_s: float, deviation_m
     return np.asarray(deviation_m * lfilter([1.0], [1.0, -keep], white))
 
 
-def flown(truth: Truth, setpoint_m: Vector) -> tuple[Vector, Vector]:
-    """Return times and positions (T, 2) at FINE_S of the plant that gets setpoints every SENT_S."""
+def flown(truth: Truth, setpoint_m: Vector, lag_s: float = 0.0) -> tuple[Vector, Vector]:
+    """Return times and positions (T, 2) at FINE_S of the plant, with a lag if any, that gets setpoints every SENT_S."""
     count = round(setpoint_m.shape[0] * SENT_S / FINE_S)
     time_s = np.arange(count) * FINE_S
     at = np.clip(np.floor((time_s - truth.delay_s) / SENT_S + 1e-9).astype(int), 0, setpoint_m.shape[0] - 1)
     columns = []
     for axis in range(2):
         a0, a1 = truth.a0[axis], truth.a1[axis]
-        above, below, _ = cont2discrete(([a0], [1.0, a1, a0]), FINE_S)[:3]
+        denominator = [lag_s, 1.0, a1, a0] if lag_s else [1.0, a1, a0]
+        above, below, _ = cont2discrete(([a0], denominator), FINE_S)[:3]
         held = setpoint_m[at, axis]
         columns.append(held[0] + lfilter(above.ravel(), below, held - held[0]))
     return time_s, np.column_stack(columns)
@@ -67,15 +68,17 @@ def recorded(
     positions_hz: float = 50.0,
     setpoint_m: Vector | None = None,
     sampled: bool = True,
+    lag_s: float = 0.0,
 ) -> Recording:
     """Return what a log holds of an excitation flight: noisy positions, and setpoints sampled now and then."""
     random = np.random.default_rng(seed)
     sent_m = excitation_m(random) if setpoint_m is None else setpoint_m
-    time_s, position_m = flown(truth, sent_m)
+    time_s, position_m = flown(truth, sent_m, lag_s)
     every = round(1.0 / positions_hz / FINE_S)
     time_s, position_m = time_s[::every], position_m[::every]
     noise = [coloured(random, time_s.size, 1.0 / positions_hz, noise_m, memory_s) for _ in range(2)]
-    sampled_s = np.arange(random.uniform(0.0, 1.0 / setpoints_hz), time_s[-1], 1.0 / setpoints_hz)
+    begin_s = random.uniform(0.0, 1.0 / setpoints_hz) if sampled else 0.0
+    sampled_s = np.arange(begin_s, time_s[-1], 1.0 / setpoints_hz)
     held = np.floor(sampled_s / SENT_S + 1e-9).astype(int)
     return Recording(
         time_s,
@@ -85,3 +88,24 @@ def recorded(
         [(0.0, float(time_s[-1]))],
         sampled=sampled,
     )
+
+
+def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
+    """Return what a log holds of a flight in which the vehicle's speed was bounded along each axis."""
+    random = np.random.default_rng(seed)
+    sent_m = excitation_m(random)
+    step_s, late = 0.01, round(truth.delay_s / 0.01)
+    a0, a1 = np.array(truth.a0), np.array(truth.a1)
+    position, velocity, path = sent_m[0].copy(), np.zeros(2), []
+    for at in range(round(sent_m.shape[0] * SENT_S / step_s)):
+        path.append(position)
+        asked = sent_m[max(0, at - late) * sent_m.shape[0] // round(sent_m.shape[0] * SENT_S / step_s)]
+        wished = np.clip(a0 / a1 * (asked - position), -speed_max_m_s, speed_max_m_s)
+        velocity = velocity + a1 * (wished - velocity) * step_s
+        position = position + velocity * step_s
+    every = round(0.02 / step_s)
+    position_m = np.array(path)[::every]
+    noise = np.column_stack([coloured(random, position_m.shape[0], 0.02, 0.05, 1.0) for _ in range(2)])
+    time_s = np.arange(position_m.shape[0]) * 0.02
+    sent_s = np.arange(sent_m.shape[0]) * SENT_S
+    return Recording(time_s, position_m + noise, sent_s, sent_m, [(0.0, float(time_s[-1]))])
