@@ -24,7 +24,7 @@ SENT_S = 0.05
 then all its setpoints are late by the same unknown part of that time."""
 _ROUNDS = 2
 _PLAIN = np.array([1.0])
-_NUDGE = 1e-4
+_NUDGE = 1e-5
 _TRAINING_MIN = 40
 
 
@@ -203,9 +203,9 @@ class _Problem:
             bounds=(low, high),
             args=(filters,),
             x_scale=0.1,
-            xtol=1e-6,
-            ftol=1e-8,
-            max_nfev=40,
+            xtol=1e-4,
+            ftol=1e-6,
+            max_nfev=25,
         )
         parameters = np.asarray(solution.x, dtype=np.float64)
         if not self._model.delayed:
@@ -215,11 +215,11 @@ class _Problem:
     def jacobian(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
         """Return how the errors change with the parameters, (N, k)."""
         columns = []
+        here = self.residuals(parameters, filters)
         for at in range(parameters.size):
             nudge = np.zeros(parameters.size)
             nudge[at] = _NUDGE
-            above, below = self.residuals(parameters + nudge, filters), self.residuals(parameters - nudge, filters)
-            columns.append((above - below) / (2.0 * _NUDGE))
+            columns.append((self.residuals(parameters + nudge, filters) - here) / _NUDGE)
         return np.column_stack(columns)
 
     def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> tuple[Vector, int]:
