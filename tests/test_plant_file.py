@@ -12,7 +12,7 @@ AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1
 IDENTIFIED = f"""
 [identified]
 method = "output error 1"
-date = 2026-11-21
+date = "2026-11-21"
 vehicle = 3
 autopilot = "px4"
 firmware = "v1.17.0"
@@ -103,6 +103,7 @@ def test_a_file_without_that_section_tells_nothing_of_it(tmp_path: Path) -> None
     [
         ('verdict = "usable"', 'verdict = "fine"', "identified.verdict: Input should be"),
         ("vehicle = 3", "vehicle = 3\nextra = 1", "identified.extra: Extra inputs are not permitted"),
+        ("2026-11-21", "2026-13-21", "identified.date: String should match pattern"),
         ("0a0a", "xyz0", "identified.logs.0.sha256: String should match pattern"),
         ("[0.01, 0.0, 0.0, 0.0, 0.0], ", "", "identified: Value error, covariance must have 5 rows of 5 numbers"),
         ("[[0.01", "[[-0.01", "identified: Value error, covariance has a negative variance"),

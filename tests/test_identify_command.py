@@ -1,0 +1,161 @@
+"""`cordon identify` as users and scripts meet it: files, exit codes, tables, JSON, a plant file and a page."""
+
+import json
+import re
+import sys
+from dataclasses import replace
+from datetime import date
+from hashlib import sha256
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+import gcs.identify_command
+from estimation.identification import COVARIANCE_OF, Verdict
+from estimation.plant_file import PlantShelf
+from gcs.cli import main
+from gcs.flightlog.vehicle_log import ModeSegment, Series, Span, VehicleLog
+from tests.synthetic_flights import Truth, recorded
+
+pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
+
+TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
+DATA = Path(__file__).parent / "data"
+
+
+def log_of(name: str = "flight.ulg", system_id: int = 3, **changes: object) -> VehicleLog:
+    """Return a log as a reader of PX4's would."""
+    recording = recorded(TRUTH, 5)
+
+    def series(topic: str, time_s: np.ndarray, values: np.ndarray) -> Series:  # type: ignore[type-arg]
+        return Series(topic, ("x", "y", "z"), time_s, np.column_stack((values, np.full(time_s.size, 8.0))))
+
+    log = VehicleLog(
+        path=name,
+        format="PX4 log (.ulg)",
+        sha256=sha256(name.encode()).hexdigest(),
+        autopilot="px4",
+        firmware='v1.17 "alpha"',
+        system_id=system_id,
+        duration_s=150.0,
+        setpoint=series("trajectory_setpoint", recording.setpoint_time_s, recording.setpoint_m),
+        position=series("vehicle_local_position", recording.position_time_s, recording.position_m),
+        modes=(ModeSegment(Span(0.0, 150.0), "offboard", external=True),),
+        parameters=MappingProxyType({}),
+    )
+    return replace(log, **changes)
+
+
+@pytest.fixture
+def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> "Runner":
+    return Runner(tmp_path, monkeypatch, capsys)
+
+
+class Runner:
+    """Runs the command in this process, on logs that are at hand or in files."""
+
+    def __init__(self, folder: Path, patch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self.folder, self._patch, self._capsys = folder, patch, capsys
+        patch.chdir(folder)
+
+    def hold(self, *logs: VehicleLog) -> None:
+        """Let these logs be what files of their names hold."""
+        read = gcs.identify_command.read_vehicle_logs
+        names = {log.path for log in logs}
+
+        def held(path: Path) -> tuple[VehicleLog, ...]:
+            return tuple(log for log in logs if log.path == str(path)) if str(path) in names else read(path)
+
+        self._patch.setattr(gcs.identify_command, "read_vehicle_logs", held)
+
+    def __call__(self, *arguments: str) -> tuple[int, str, str]:
+        self._patch.setattr(sys, "argv", ["cordon", "identify", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = self._capsys.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, out, err
+
+
+def test_a_flight_becomes_a_plant_file_that_flies_and_says_where_it_is_from(ran: Runner) -> None:
+    ran.hold(log := log_of())
+    code, out, err = ran(log.path, "-o", "own.toml", "--json", "--html", "own.html")
+    assert code == 0
+    assert "verdict: good" in err
+    file = PlantShelf(ran.folder).open("own.toml")
+    told, result = file.identified, json.loads(out)
+    assert told is not None
+    plant = (file.plant.x.a0_per_s2, file.plant.x.a1_per_s, file.plant.y.a0_per_s2, file.plant.y.a1_per_s)
+    assert plant == pytest.approx((1.5, 1.9, 1.1, 1.6), rel=0.05)
+    assert file.plant.delay_s == pytest.approx(0.2, abs=0.03)
+    assert (told.vehicle, told.autopilot, told.firmware, told.date) == (
+        3,
+        "px4",
+        'v1.17 "alpha"',
+        date.today().isoformat(),
+    )
+    assert [(each.name, each.sha256) for each in told.logs] == [(log.path, log.sha256)]
+    assert told.verdict is Verdict.GOOD
+    deviations = np.sqrt([told.covariance[at][at] for at in range(len(COVARIANCE_OF))])
+    assert (np.abs(np.subtract((*plant, file.plant.delay_s), (1.5, 1.9, 1.1, 1.6, 0.2))) < 4.0 * deviations).all()
+    assert result["verdict"] == "good"
+    assert result["plant"]["x"]["a0_per_s2"]["value"] == pytest.approx(plant[0], rel=1e-3)
+    assert re.search(rf"a0 \[1/s²\] +{result['plant']['x']['a0_per_s2']['value']:.3f} ", err)
+    page = (ran.folder / "own.html").read_text(encoding="utf-8")
+    assert page.count('role="img"') == 10
+    assert f"{result['plant']['x']['fit_percent']:.1f}" in page
+    assert "nothing speaks against it" in page
+
+
+def test_a_flight_that_teaches_nothing_ends_in_1_with_the_reason_and_no_file(ran: Runner) -> None:
+    wrong = log_of(modes=(ModeSegment(Span(0.0, 150.0), "mission", external=False),))
+    ran.hold(wrong)
+    code, out, err = ran(wrong.path, "-o", "own.toml", "--json", "--html", "own.html")
+    assert code == 1
+    assert "wrong mode: at no time" in err
+    assert json.loads(out)["plant"] is None
+    assert not (ran.folder / "own.toml").exists()
+    assert "wrong mode: at no time" in (ran.folder / "own.html").read_text(encoding="utf-8")
+
+
+def test_a_short_log_of_real_firmware_is_told_to_be_too_short(ran: Runner) -> None:
+    code, _, err = ran(str(DATA / "px4-quad.ulg"))
+    assert code == 1
+    assert "too short: 18 s were flown" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("nowhere.ulg",), "nowhere.ulg: cannot be read: No such file or directory"),
+        (("a.ulg", "a.ulg"), "a.ulg: given more than once"),
+        (("a.ulg", "-o", "own.txt"), "--output: 'own.txt' must end in .toml"),
+        (("a.ulg", "-o", "here.toml"), "--output: 'here.toml' exists already"),
+        (("a.ulg", "-o", "no/own.toml"), "--output: no folder 'no' to write into"),
+        (("a.ulg", "--html", "own.pdf"), "--html: 'own.pdf' must end in .html"),
+        (("a.ulg", "--vehicle", "9"), "--vehicle: the logs have no vehicle 9 (they have 3)"),
+        (("a.ulg", "b.ulg"), "--vehicle: the logs hold vehicles 3, 4: say which of them is to be identified"),
+        (("a.ulg", "c.bin"), "the logs are of different autopilots, and one plant cannot be both"),
+        (("d.ulg",), "d.ulg: vehicle 3: the log has no setpoint; looked for trajectory_setpoint"),
+    ],
+)
+def test_bad_input_is_told_before_anything_is_done(ran: Runner, arguments: tuple[str, ...], complaint: str) -> None:
+    ran.hold(
+        log_of("a.ulg"),
+        log_of("b.ulg", 4),
+        log_of("c.bin", autopilot="ardupilot"),
+        log_of("d.ulg", setpoint=None, missing=("trajectory_setpoint",)),
+    )
+    (ran.folder / "here.toml").touch()
+    code, out, err = ran(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith(complaint)
+
+
+def test_one_of_several_vehicles_is_chosen(ran: Runner) -> None:
+    ran.hold(log_of("a.ulg"), log_of("b.ulg", 4, modes=()))
+    code, _, err = ran("a.ulg", "b.ulg", "--vehicle", "4")
+    assert code == 1
+    assert "vehicle 4, px4" in err
