@@ -106,6 +106,6 @@ def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
     every = round(0.02 / step_s)
     position_m = np.array(path)[::every]
     noise = np.column_stack([coloured(random, position_m.shape[0], 0.02, 0.05, 1.0) for _ in range(2)])
-    time_s = np.arange(position_m.shape[0]) * 0.02
-    sent_s = np.arange(sent_m.shape[0]) * SENT_S
+    time_s = np.arange(position_m.shape[0], dtype=np.float64) * 0.02
+    sent_s = np.arange(sent_m.shape[0], dtype=np.float64) * SENT_S
     return Recording(time_s, position_m + noise, sent_s, sent_m, [(0.0, float(time_s[-1]))])

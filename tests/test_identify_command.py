@@ -8,6 +8,7 @@ from datetime import date
 from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ import pytest
 import gcs.identify_command
 from estimation.identification import COVARIANCE_OF, Verdict
 from estimation.plant_file import PlantShelf
+from estimation.state import Vector
 from gcs.cli import main
+from gcs.flightlog.foreign import read_vehicle_logs
 from gcs.flightlog.vehicle_log import ModeSegment, Series, Span, VehicleLog
 from tests.synthetic_flights import Truth, recorded
 
@@ -25,11 +28,11 @@ TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
 DATA = Path(__file__).parent / "data"
 
 
-def log_of(name: str = "flight.ulg", system_id: int = 3, **changes: object) -> VehicleLog:
+def log_of(name: str = "flight.ulg", system_id: int = 3, **changes: Any) -> VehicleLog:
     """Return a log as a reader of PX4's would."""
     recording = recorded(TRUTH, 5)
 
-    def series(topic: str, time_s: np.ndarray, values: np.ndarray) -> Series:  # type: ignore[type-arg]
+    def series(topic: str, time_s: Vector, values: Vector) -> Series:
         return Series(topic, ("x", "y", "z"), time_s, np.column_stack((values, np.full(time_s.size, 8.0))))
 
     log = VehicleLog(
@@ -62,7 +65,7 @@ class Runner:
 
     def hold(self, *logs: VehicleLog) -> None:
         """Let these logs be what files of their names hold."""
-        read = gcs.identify_command.read_vehicle_logs
+        read = read_vehicle_logs
         names = {log.path for log in logs}
 
         def held(path: Path) -> tuple[VehicleLog, ...]:
