@@ -60,11 +60,18 @@ def answers(setpoints: Vector, a0: Vector, a1: Vector) -> tuple[Vector, Vector]:
     return np.array(places), np.array(speeds)
 
 
+NARROW = {"half_width_m": 1.5, "speed_max_m_s": 5.0}
+
+
+@pytest.mark.parametrize("changes", [{}, NARROW])
 @pytest.mark.parametrize("name", NAMES)
-def test_box_and_speed_hold_on_every_plant_that_is_as_far_off_as_it_may_be(name: str) -> None:
-    config = config_of(excited(name))
-    settings, random = config.excitation, np.random.default_rng(3)
-    assert settings is not None
+def test_box_and_speed_hold_on_every_plant_that_is_as_far_off_as_it_may_be(
+    name: str, changes: dict[str, float]
+) -> None:
+    config, random = config_of(excited(name)), np.random.default_rng(3)
+    assert config.excitation is not None
+    settings = config.excitation.model_copy(update=changes)
+    config = replace(config, excitation=settings)
     doubt = settings.plant_doubt
     corners = np.array([(-doubt, -doubt), (-doubt, doubt), (doubt, -doubt), (doubt, doubt)])
     shares = 1.0 + np.vstack([corners, random.uniform(-doubt, doubt, (20, 2))])
