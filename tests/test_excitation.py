@@ -9,7 +9,8 @@ import pytest
 
 from agents.core import VehicleCore
 from agents.excitation import BOX_RESERVE, Steps, preview, programme
-from agents.settings import AgentConfig
+from agents.fence import Fence
+from agents.settings import AgentConfig, ExcitationSettings
 from agents.tactics import Event, Tactic
 from estimation.plant import Plant, PlantAxis, exact_step
 from estimation.state import Telemetry, Vector
@@ -261,8 +262,8 @@ def test_the_mission_of_the_log_is_the_mission_that_flew() -> None:
 
 
 def test_alone_it_needs_no_layers_and_no_target() -> None:
-    mission = excited("px4-trio", 3)
-    config = config_of(mission)
+    avoids = put(put(content((MISSIONS / "px4-trio.toml").read_text()), ("safety", "keep_out_m"), 2.0), ("excite",), 3)
+    config = config_of(parsed(avoids))
     assert config.take_off_altitude_m == config.return_altitude_m == config.altitude_m
     assert (config.formation.leader, config.safety.keep_out_m, config.safety.guard) == (3, 0.0, True)
 
@@ -312,6 +313,28 @@ def test_what_cannot_be_flown_is_refused(changes: dict[tuple[str | int, ...], ob
     assert len(told) == len(expected), told
     for fault, wanted in zip(told, expected, strict=True):
         assert fault.startswith(wanted)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_guard_keeps_it_in_its_box_on_its_way_and_below_its_speed(name: str) -> None:
+    mission = excited(name, 2)
+    fence, safety = Fence(mission.safety.fence_m), mission.safety
+    for corner in ((7.1, -4.9), (16.9, -4.9), (16.9, 4.9), (7.1, 4.9), (0.0, 0.0), (5.0, 0.0)):
+        assert fence.contains(corner)
+    for outside in ((17.1, 0.0), (12.0, 5.1), (12.0, -5.1), (0.0, 4.0), (0.0, -4.0), (-2.1, 0.0)):
+        assert not fence.contains(outside)
+    assert safety.speed_max_m_s == 2.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_by_its_plant_file_it_stays_below_its_acceleration(name: str) -> None:
+    config = config_of(excited(name))
+    gentle = ExcitationSettings(acceleration_max_m_s2=0.8)
+    setpoints = signal(replace(config, excitation=gentle))
+    a0, a1 = np.array([config.plant.x.a0_per_s2]), np.array([config.plant.x.a1_per_s])
+    places, speeds = answers(setpoints, a0, a1)
+    pushed = a0 * (setpoints[1:, :, None] - places[:-1]) - a1 * speeds[:-1]
+    assert 0.75 < float(np.hypot(pushed[:, 0], pushed[:, 1]).max()) < 0.81
 
 
 def test_a_box_over_a_neighbours_place_is_refused() -> None:
