@@ -15,9 +15,10 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.identify import identify
 from estimation.state import Telemetry
 from gcs.flightlog.foreign import is_foreign, read_vehicle_logs
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.records import Decision, Parameter, Vehicle
 from gcs.flightlog.run import run_of
-from gcs.flightlog.vehicle_log import LogError, VehicleLog
+from gcs.flightlog.vehicle_log import VehicleLog
 from gcs.flightlog.writer import LogWriter
 from gcs.identify_reading import recording_of
 from tests.conftest import MISSIONS
