@@ -140,6 +140,8 @@ def excitation_mission(mission: Mission, vehicle_id: int) -> Mission:
 
     Its text is the mission's, with a first line that says so: whoever reads it has the same flight.
     """
+    if mission.excites:
+        return mission
     return parse_mission(f"{EXCITES} = {vehicle_id}\n{mission.text}", Path(), mission.plant_texts)
 
 

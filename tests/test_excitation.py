@@ -261,6 +261,11 @@ def test_the_mission_of_the_log_is_the_mission_that_flew() -> None:
     assert again.ids == (3,)
 
 
+def test_a_mission_that_is_such_a_flight_already_stays_what_it_is() -> None:
+    mission = excited("px4-trio", 3)
+    assert excitation_mission(mission, 3) is mission
+
+
 def test_alone_it_needs_no_layers_and_no_target() -> None:
     avoids = put(put(content((MISSIONS / "px4-trio.toml").read_text()), ("safety", "keep_out_m"), 2.0), ("excite",), 3)
     config = config_of(parsed(avoids))
