@@ -70,13 +70,15 @@ def test_several_flights_are_one_identification() -> None:
         random = np.random.default_rng(seed)
         flight = recorded(TRUTH, seed, setpoint_m=excitation_m(random, 45.0, 0.0), noise_m=0.02)
         offset_m = random.uniform(-40.0, 40.0, 2)
-        wind_m = random.uniform(-0.5, 0.5, 2)
+        wind_m = random.uniform(2.0, 4.0, 2)
         flights.append(
             replace(flight, position_m=flight.position_m + offset_m + wind_m, setpoint_m=flight.setpoint_m + offset_m)
         )
     identified = identify(flights)
     assert identified.excerpts == 2
-    assert values(found_in(identified)) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2], rel=0.06)
+    found = found_in(identified)
+    assert values(found) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2], rel=0.06)
+    assert max(interval.relative for interval in intervals_of(found)[:4]) < 0.06
 
 
 def test_a_good_flight_is_called_good() -> None:
@@ -150,7 +152,7 @@ def test_a_flight_with_little_in_it_leaves_little_certainty() -> None:
     ramp_m = np.column_stack([np.linspace(0.0, 20.0, round(60.0 / SENT_S))] * 2)
     identified = identify([recorded(TRUTH, 10, noise_m=0.1, setpoint_m=ramp_m)])
     assert identified.verdict is Verdict.DO_NOT_FLY
-    assert "too little excitation" in identified.reasons[0]
+    assert identified.reasons[0].startswith("too little excitation for so much noise: known are a0 along x to ")
 
 
 def test_another_order_is_noticed() -> None:
