@@ -24,6 +24,8 @@ SENT_S = 0.05
 then all its setpoints are late by the same unknown part of that time."""
 _ROUNDS = 2
 _PLAIN = np.array([1.0])
+_PRIOR_DEVIATION = 3.0
+"""Of parameters as fitted, before anything is known: a factor of twenty either way."""
 _NUDGE = 1e-5
 _TRAINING_MIN = 40
 
@@ -232,7 +234,19 @@ class _Problem:
             count = max(1, round(min(x_errors.size, y_errors.size) * GRID_S / BLOCK_S))
             cut = [np.array_split(each, count) for each in (x, y, x_errors, y_errors)]
             blocks += [(np.vstack(each[:2]), np.concatenate(each[2:])) for each in zip(*cut, strict=True)]
-        return jackknifed([each for each, _ in blocks], [each for _, each in blocks])
+        covariance, count = jackknifed([each for each, _ in blocks], [each for _, each in blocks])
+        return _at_least(covariance, jacobian), count
+
+
+def _at_least(covariance: Vector, jacobian: Vector) -> Vector:
+    """Return a covariance that is large where nothing in the flight told of a parameter: leaving out blocks does not."""
+    prior = np.eye(covariance.shape[0]) / _PRIOR_DEVIATION**2
+    expected = np.diag(np.linalg.inv(jacobian.T @ jacobian + prior))
+    found = np.diag(covariance)
+    scale = np.where(expected > 4.0 * found, np.sqrt(expected / np.maximum(found, 1e-12)), 1.0)
+    widened = covariance * np.outer(scale, scale)
+    np.fill_diagonal(widened, np.where(expected > 4.0 * found, expected, found))
+    return np.asarray(widened, dtype=np.float64)
 
 
 def _regressors(response: Response, count: int) -> Vector:
