@@ -239,7 +239,7 @@ class _Problem:
 
 
 def _at_least(covariance: Vector, jacobian: Vector) -> Vector:
-    """Return a covariance that is large where nothing in the flight told of a parameter: leaving out blocks does not."""
+    """Return a covariance that is large where the flight told nothing: leaving out blocks does not show that."""
     prior = np.eye(covariance.shape[0]) / _PRIOR_DEVIATION**2
     expected = np.diag(np.linalg.inv(jacobian.T @ jacobian + prior))
     found = np.diag(covariance)

@@ -119,8 +119,12 @@ def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
     half_s = max(delay.high - delay.value, delay.value - delay.low)
     if half_s > DELAY_WIDE_GOOD_S:
         verdict = Verdict.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else Verdict.USABLE
-        return [(verdict, f"too little excitation for so much noise: the delay is known to {half_s:.2f} s")]
+        return [(verdict, f"{_why_wide(found)}: the delay is known to {half_s:.2f} s")]
     return []
+
+
+def _why_wide(found: Found) -> str:
+    return "too little excitation for so much noise" if found.whitened else "uncertain, as it is not quite of this kind"
 
 
 def _of_axes(found: Found) -> Reasons:
@@ -138,5 +142,5 @@ def _of_axes(found: Found) -> Reasons:
     if wide:
         verdict = Verdict.DO_NOT_FLY if max(relative for relative, _ in wide) > WIDE_USABLE else Verdict.USABLE
         words = ", ".join(words for _, words in wide)
-        reasons.insert(0, (verdict, f"too little excitation for so much noise: known are {words}"))
+        reasons.insert(0, (verdict, f"{_why_wide(found)}: known are {words}"))
     return reasons
