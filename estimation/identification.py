@@ -9,6 +9,7 @@ from estimation.settings import Settings
 
 COVARIANCE_OF = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
 """The rows and columns of `Identification.covariance`."""
+_DATE = r"^\d{4}-((0[13578]|1[02])-(0[1-9]|[12]\d|3[01])|(0[469]|11)-(0[1-9]|[12]\d|30)|02-(0[1-9]|[12]\d))$"
 
 
 class Verdict(Enum):
@@ -50,7 +51,7 @@ class Identification(Settings):
     """
 
     method: str
-    date: Annotated[str, BeforeValidator(_iso), Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
+    date: Annotated[str, BeforeValidator(_iso), Field(pattern=_DATE)]
     vehicle: int = Field(ge=0, le=255)
     autopilot: str
     firmware: str
