@@ -118,82 +118,82 @@ class TapedCore(VehicleCore):
 
     def __init__(self, config: AgentConfig, tape: Tape) -> None:
         super().__init__(config)
-        self._tape = tape
+        self._write = tape.write
         self._autopilot: VehicleStatus | None = None
         self._late_ticks = 0
         self._bus_alive = True
 
     def set_patience(self, factor: float) -> None:
         """See VehicleCore."""
-        self._tape.write(Patience(factor))
+        self._write(Patience(factor))
         super().set_patience(factor)
 
     def start(self, at_s: float) -> None:
         """See VehicleCore."""
-        self._tape.write(Start(at_s))
+        self._write(Start(at_s))
         super().start(at_s)
 
     def on_event(self, event: Event) -> None:
         """See VehicleCore."""
-        self._tape.write(Told(event))
+        self._write(Told(event))
         super().on_event(event)
 
     def on_vehicle(self, status: VehicleStatus) -> None:
         """See VehicleCore."""
         if status != self._autopilot:
             self._autopilot = status
-            self._tape.write(Autopilot(status))
+            self._write(Autopilot(status))
         super().on_vehicle(status)
 
     def on_loop(self, late_ticks: int) -> None:
         """See VehicleCore."""
         if late_ticks != self._late_ticks:
             self._late_ticks = late_ticks
-            self._tape.write(LateTicks(late_ticks))
+            self._write(LateTicks(late_ticks))
         super().on_loop(late_ticks)
 
     def on_bus(self, alive: bool) -> None:
         """See VehicleCore."""
         if alive != self._bus_alive:
             self._bus_alive = alive
-            self._tape.write(Bus(alive))
+            self._write(Bus(alive))
         super().on_bus(alive)
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """See VehicleCore."""
-        self._tape.write(telemetry)
+        self._write(telemetry)
         super().on_telemetry(telemetry)
 
     def on_sighting(self, sighting: Sighting) -> None:
         """See VehicleCore."""
-        self._tape.write(sighting)
+        self._write(sighting)
         super().on_sighting(sighting)
 
     def on_message(self, payload: bytes, now_s: float) -> None:
         """See VehicleCore."""
-        self._tape.write(Message(now_s, payload))
+        self._write(Message(now_s, payload))
         super().on_message(payload, now_s)
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """See VehicleCore."""
-        self._tape.write(Command(now_s, command))
+        self._write(Command(now_s, command))
         super().on_command(command, now_s)
 
     def on_killed(self, refusal: str, now_s: float) -> None:
         """See VehicleCore."""
-        self._tape.write(Killed(now_s, refusal))
+        self._write(Killed(now_s, refusal))
         super().on_killed(refusal, now_s)
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
         """See VehicleCore."""
-        self._tape.write(Presence(vehicle_id, present))
+        self._write(Presence(vehicle_id, present))
         super().on_presence(vehicle_id, present)
 
     def tick(self, now_s: float) -> TickOutput:
         """See VehicleCore."""
-        self._tape.write(Tick(now_s))
+        self._write(Tick(now_s))
         output = super().tick(now_s)
-        self._tape.write(output)
+        self._write(output)
         return output
 
 

@@ -197,7 +197,6 @@ def test_a_recorder_that_fails_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(writer, "flush", fail)
     recording = recorder_of(writer)
     with RecorderThread(recording):
-        recording.urgent.set()
         until(lambda: bool(recording.fault))
         recording.note(0, 0, RunEnd(1.0, 1.0))
     assert recording.fault == "the recorder ended: RuntimeError: out of order"

@@ -13,7 +13,7 @@ from typing import Self
 
 from agents.outputs import TickOutput
 from agents.tape import CoreInput
-from gcs.flightlog.records import recorded
+from gcs.flightlog.records import Decision, recorded
 from gcs.flightlog.writer import LogWriter, Picture
 
 CLOSING_TIMEOUT_S = 10.0
@@ -43,7 +43,7 @@ class Recorder:
         self._speed = speed
         self._picture = picture
         self._queue: deque[_Item] = deque()
-        self.urgent = threading.Event()
+        self._eventful = False
 
     @property
     def fault(self) -> str:
@@ -52,7 +52,7 @@ class Recorder:
 
     def tape(self, vehicle_id: int) -> "VehicleTape":
         """Return the tape of a vehicle's core."""
-        return VehicleTape(vehicle_id, self._queue, self._now_s, self.urgent, self._overflow)
+        return VehicleTape(vehicle_id, self._queue, self._now_s, self._overflow)
 
     def note(self, vehicle_id: int, number: int, record: object, time_s: float | None = None) -> None:
         """Take a record, of now unless a time is given; never blocks, never raises."""
@@ -63,7 +63,13 @@ class Recorder:
         self._writer.fail(reason)
 
     def drain(self) -> None:
-        """Write all that has been taken so far."""
+        """Write all that has been taken so far; what people are told of outlives this process from then on."""
+        self._drain()
+        if self._eventful:
+            self._eventful = False
+            self._writer.flush()
+
+    def _drain(self) -> None:
         queue, speed = self._queue, self._speed()
         while queue:
             vehicle_id, number, time_s, item = queue.popleft()
@@ -74,16 +80,18 @@ class Recorder:
 
     def flush(self) -> None:
         """Write all that has been taken so far, so that it outlives this process."""
-        self.drain()
+        self._drain()
+        self._eventful = False
         self._writer.flush()
 
     def close(self) -> None:
         """Write what is left, and complete the log."""
-        self.drain()
+        self._drain()
         self._writer.close()
 
     def _write(self, vehicle_id: int, number: int, time_ns: int, item: object) -> None:
         record = recorded(item)
+        self._eventful |= type(record) is Decision and bool(record.notes)
         self._writer.write(vehicle_id, number, time_ns, record)
         if self._picture is None:
             return
@@ -104,7 +112,7 @@ class RecorderThread:
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._ended = False
+        self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="flight recorder", daemon=True)
 
     def __enter__(self) -> Self:
@@ -116,8 +124,7 @@ class RecorderThread:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Write what is left, and complete the log, unless the disk hangs for seconds."""
-        self._ended = True
-        self._recorder.urgent.set()
+        self._ended.set()
         self._thread.join(CLOSING_TIMEOUT_S)
         if self._thread.is_alive():
             self._recorder.fail(f"its disk has not answered for {CLOSING_TIMEOUT_S:g} s: it is not closed")
@@ -130,11 +137,9 @@ class RecorderThread:
 
     def _record(self) -> None:
         flushed_s = monotonic()
-        while not self._ended:
-            urgent = self._recorder.urgent.wait(DRAIN_PERIOD_S)
-            self._recorder.urgent.clear()
+        while not self._ended.wait(DRAIN_PERIOD_S):
             self._recorder.drain()
-            if urgent or monotonic() - flushed_s >= FLUSH_PERIOD_S:
+            if monotonic() - flushed_s >= FLUSH_PERIOD_S:
                 self._recorder.flush()
                 flushed_s = monotonic()
         self._recorder.close()
@@ -148,21 +153,22 @@ class VehicleTape:
         vehicle_id: int,
         queue: deque[_Item],
         now_s: Callable[[], float],
-        urgent: threading.Event,
         overflow: Callable[[], None],
     ) -> None:
         self._vehicle_id = vehicle_id
         self._queue = queue
         self._now_s = now_s
-        self._urgent = urgent
         self._overflow = overflow
         self._number = 0
 
     def write(self, item: CoreInput | TickOutput) -> None:
         """Take the next item; never blocks, never raises."""
-        self.note(item)
-        if type(item) is TickOutput and item.status.notes:
-            self._urgent.set()
+        self._number += 1
+        queue = self._queue
+        if len(queue) < QUEUE_MAX:
+            queue.append((self._vehicle_id, self._number, self._now_s(), item))
+        else:
+            self._overflow()
 
     def note(self, record: object, time_s: float | None = None) -> None:
         """Take any record, of now unless a time is given."""
