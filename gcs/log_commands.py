@@ -9,9 +9,10 @@ from typing import Any
 
 from gcs.exits import Exit, InputError
 from gcs.flightlog.reader import FlightLog, read_log
+from gcs.flightlog.run import mission_of
 from gcs.output import STDERR, ReplayProgress, print_result
 from gcs.replay.cores import replay as replayed
-from gcs.replay.playback import mission_flown, recorded_vehicles, tick_count
+from gcs.replay.playback import recorded_vehicles, tick_count
 from gcs.replay.story import story_of
 from gcs.replay.story_view import story_dict, story_view
 from gcs.replay.view import replay_dict, replay_view
@@ -31,7 +32,7 @@ def replay_log(path: Path, *, json: bool, explain: int | None, changes: Sequence
     result: dict[str, Any] = {"log": str(path)}
     verdict = Exit.HOLDS
     if changes:
-        mission = mission_flown(log)
+        mission = mission_of(log)
         tried = changed_filters(mission, changes)
         with _counting(log, vehicles) as on_tick:
             comparison = what_if(log, mission, tried, on_tick)

@@ -49,7 +49,7 @@ def test_a_vehicle_is_excited_alone_inside_its_box_and_its_log_can_be_replayed(
 
     recorded = read_log(log)
     assert set(recorded.vehicles) == {1}
-    mission = mission_of(recorded.run)
+    mission = mission_of(recorded)
     config = mission.agent_config(mission.vehicles[0])
     assert mission.excites
     assert mission.mission.duration_s == programme(config).duration_s == told["preview"]["duration_s"]

@@ -116,7 +116,7 @@ def ticks(path: Path) -> int:
 
 def played_again(log: FlightLog, vehicle_id: int) -> int:
     """Play a vehicle's tape to a fresh core; every decision must be as it was. Return how many there were."""
-    mission = mission_of(log.run)
+    mission = mission_of(log)
     core = VehicleCore(mission.agent_config(mission.vehicle(vehicle_id)))
     output: TickOutput | None = None
     decisions = 0

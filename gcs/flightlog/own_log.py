@@ -8,9 +8,7 @@ from agents.ports import FlightMode
 from agents.tape import Autopilot
 from estimation.frames import MissionFrame, Triple, up_from_ned
 from estimation.state import Telemetry, Vector
-from gcs.exits import InputError
 from gcs.flightlog.gathered import US, Gathered, Samples, Stamps, vehicle_log
-from gcs.flightlog.log_error import LogError
 from gcs.flightlog.log_file import LogFile
 from gcs.flightlog.mode_names import CORDON
 from gcs.flightlog.reader import FlightLog, read_log
@@ -24,16 +22,11 @@ DECISION, TELEMETRY, TRUTH, AUTOPILOT = "decision", "telemetry", "truth", "autop
 
 
 def read_own_log(log: LogFile) -> tuple[VehicleLog, ...]:
-    """Return the log of each vehicle that was flown from here; raises vehicle_log.LogError when it cannot be read."""
-    try:
-        flight = read_log(log.path)
-        mission = mission_of(flight.run)
-        flown = [vehicle for vehicle in mission.vehicles if vehicle.id in flight.vehicles]
-        logs = [_vehicle(log, flight, mission, vehicle) for vehicle in flown]
-    except LogError:
-        raise
-    except InputError as error:
-        raise LogError(error.faults) from error
+    """Return the log of each vehicle that was flown from here; raises LogError when it cannot be read."""
+    flight = read_log(log.path)
+    mission = mission_of(flight)
+    flown = [vehicle for vehicle in mission.vehicles if vehicle.id in flight.vehicles]
+    logs = [_vehicle(log, flight, mission, vehicle) for vehicle in flown]
     return tuple(sorted(logs, key=lambda each: each.system_id))
 
 

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import FORMAT, PlantText, Run, Version
 from gcs.mission import Mission
-from gcs.mission_file import parse_mission
+from gcs.mission_file import MissionError, parse_mission
 
 _COMPUTES = ("cordon-gcs", "numpy", "osqp", "scipy", "filterpy", "msgspec")
 """What a computed number may depend on."""
@@ -46,6 +48,10 @@ def run_of(
     )
 
 
-def mission_of(run: Run) -> Mission:
-    """Return the mission that was flown, with its own plants; raises MissionError where this version refuses it."""
-    return parse_mission(run.mission_text, Path(), {plant.name: plant.text for plant in run.plants})
+def mission_of(log: FlightLog) -> Mission:
+    """Return the mission that was flown, with its own plants; raises LogError where this version refuses it."""
+    run = log.run
+    try:
+        return parse_mission(run.mission_text, Path(), {plant.name: plant.text for plant in run.plants})
+    except MissionError as error:
+        raise LogError([f"{log.path}: its mission: {fault}" for fault in error.faults]) from error

@@ -8,9 +8,10 @@ from agents.outputs import TickOutput
 from agents.tape import CoreInput, Start, play
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, decision_of
+from gcs.flightlog.run import mission_of
 from gcs.flightlog.schema import Codec
 from gcs.replay.comparison import FieldDifference, close, differences, identical, versions_that_differ
-from gcs.replay.playback import Gap, Turn, config_of, mission_flown, recorded_vehicles, tick_count, turns
+from gcs.replay.playback import Gap, Turn, config_of, recorded_vehicles, tick_count, turns
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ class Replay:
 
 def replay(log: FlightLog, on_tick: Callable[[], None] = lambda: None) -> Replay:
     """Replay every vehicle of a log; raises LogError where it does not say what was flown."""
-    mission, other = mission_flown(log), versions_that_differ(log.run)
+    mission, other = mission_of(log), versions_that_differ(log.run)
     vehicles = []
     for vehicle_id in recorded_vehicles(log):
         core = VehicleCore(config_of(log, mission, vehicle_id))

@@ -22,11 +22,9 @@ from agents.tape import (
     Told,
 )
 from estimation.state import Sighting, Telemetry
-from gcs.exits import InputError
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Said
-from gcs.flightlog.run import mission_of
 from gcs.mission import Mission
 
 _ON_TAPE = {
@@ -76,14 +74,6 @@ class _Played(NamedTuple):
     number: int
     item: CoreInput | Decision
     payload: bytes
-
-
-def mission_flown(log: FlightLog) -> Mission:
-    """Return the mission of a log; raises LogError where this version refuses it."""
-    try:
-        return mission_of(log.run)
-    except InputError as error:
-        raise LogError([f"{log.path}: its mission: {fault}" for fault in error.faults]) from error
 
 
 def config_of(log: FlightLog, mission: Mission, vehicle_id: int) -> AgentConfig:

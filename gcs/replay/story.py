@@ -9,7 +9,8 @@ from agents.tape import Autopilot
 from estimation.state import Telemetry
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision
-from gcs.replay.playback import Gap, Turn, config_of, mission_flown, turns
+from gcs.flightlog.run import mission_of
+from gcs.replay.playback import Gap, Turn, config_of, turns
 from gcs.replay.scene import Neighbour, Scene
 from gcs.replay.witnesses import (
     AutopilotWitness,
@@ -60,7 +61,7 @@ class Story:
 
 def story_of(log: FlightLog, vehicle_id: int) -> Story:
     """Tell the story of a recorded vehicle; raises LogError where the log does not say what was flown."""
-    config = config_of(log, mission_flown(log), vehicle_id)
+    config = config_of(log, mission_of(log), vehicle_id)
     witnesses: tuple[Witness, ...] = (
         AutopilotWitness(),
         Peers(),

@@ -37,7 +37,7 @@ class LoggedFlight:
 def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     """Put the logs of a flight's processes together; raises LogError when they are not of one flight."""
     _require_one_flight(logs)
-    mission = mission_of(logs[0].run)
+    mission = mission_of(logs[0])
     journal = Journal(mission)
     passes = [_Pass(log, vehicle_id, journal) for log in logs for vehicle_id in log.run.vehicles]
     starts_s = [each.start_s for each in passes if each.start_s is not None]
