@@ -13,7 +13,7 @@ from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS
 from gcs.flightlog.schema import Codec
 
 SIZE_MAX_BYTES = 2_000_000_000
-"""A log that has grown to this ends there: a day of three vehicles on the ring at 10 Hz."""
+"""A log that has grown to this ends there: eight hours of three vehicles at 20 Hz."""
 
 Picture = Callable[[int, int, Any], None]
 """Shows a record as viewers know it: the vehicle, the time [ns], and the record."""
