@@ -1,8 +1,10 @@
 """Check everything: format, lint, types, import contracts, tests. Further arguments go to pytest."""
 
+import signal
 import subprocess
 import sys
 import sysconfig
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -23,6 +25,8 @@ STAGES = (
     ("alone",),
 )
 """What runs side by side: those with sockets mostly wait, but for too long where too many compute beside them."""
+STAGE_MAX_S = 900.0
+"""A test that hangs is ended by pytest's own bound; this one is for a process that hangs outside of its tests."""
 
 
 def main() -> int:
@@ -46,12 +50,22 @@ def _run_side_by_side(parts: Sequence[str]) -> int:
             subprocess.Popen([SCRIPTS / "pytest", "-m", part], cwd=ROOT, stdout=output, stderr=output)
             for part, output in zip(parts, outputs, strict=True)
         ]
+        end_s = time.monotonic() + STAGE_MAX_S
         for part, output, run in zip(parts, outputs, runs, strict=True):
             print(f"--- pytest -m '{part}'", flush=True)
-            run.wait()
+            _wait(run, end_s)
             output.seek(0)
             sys.stdout.buffer.write(output.read())
     return int(any(run.wait() for run in runs))
+
+
+def _wait(run: subprocess.Popen[bytes], end_s: float) -> None:
+    try:
+        run.wait(max(0.0, end_s - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        print(f"hangs: aborted after {STAGE_MAX_S:g} s", flush=True)
+        run.send_signal(signal.SIGABRT)  # pytest's fault handler tells where each of its threads stands
+        run.wait()
 
 
 def _run(tool: str, *arguments: str) -> int:

@@ -3,7 +3,8 @@
 import asyncio
 import os
 import pty
-import signal
+import select
+import subprocess
 import sys
 import termios
 import time
@@ -15,6 +16,7 @@ import pytest
 from gcs.keys import HINT, KILL_CONFIRMED_WITHIN_S, KeyMeaning, Keys
 
 ROOT = Path(__file__).parents[1]
+WAIT_S = 20.0
 
 
 @pytest.mark.parametrize(
@@ -77,11 +79,10 @@ def test_a_terminal_that_is_another_jobs_is_left_alone(terminal: tuple[int, int]
 
 
 PROGRAM = """
-import asyncio, sys
+import asyncio, fcntl, sys, termios
 from gcs.keys import Keys
 
 async def main():
-    pressed = []
     done = asyncio.Event()
     def press(key):
         print("pressed", key, flush=True)
@@ -96,49 +97,56 @@ async def main():
         print("active", keys.active, flush=True)
         await done.wait()
 
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 asyncio.run(main())
 """
 
 
 @pytest.mark.wire
 @pytest.mark.parametrize(("ending", "code"), [("q", 0), ("x", 7), ("e", 1)])
-def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: int) -> None:
-    child, person = pty.fork()
-    if child == 0:  # its own session, with this terminal as its own
-        os.environ["PYTHONPATH"] = str(ROOT)
-        os.execv(sys.executable, [sys.executable, "-c", PROGRAM])
-    try:
-        before = settings(person)
-        heard = _read_until(person, "active True")
-        assert settings(person) != before, "keys would come line by line"
-        os.write(person, b"h")
-        heard += _read_until(person, "pressed h")
-        os.write(person, b"kkkkkkkk")  # pasted
-        time.sleep(0.2)
-        os.write(person, b"\x1b[A")  # an arrow
-        time.sleep(0.2)
-        os.write(person, ending.encode())
-        heard += _read_until(person, f"pressed {ending}")
-        _, status = os.waitpid(child, 0)
-        child = 0
-        assert os.waitstatus_to_exitcode(status) == code
-        assert settings(person) == before
-        assert "pressed k" not in heard
-        assert "pressed A" not in heard
-    finally:
-        if child:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-        os.close(person)
+def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: int, terminal: tuple[int, int]) -> None:
+    person, program = terminal
+    before = settings(person)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", PROGRAM]
+    with subprocess.Popen(  # its own session, with this terminal as its own
+        command, stdin=program, stdout=program, stderr=program, env=environment, start_new_session=True
+    ) as child:
+        try:
+            heard = _read_until(person, "active True")
+            assert settings(person) != before, "keys would come line by line"
+            os.write(person, b"h")
+            heard += _read_until(person, "pressed h")
+            os.write(person, b"kkkkkkkk")  # pasted
+            os.write(person, b"\x1b[A")  # an arrow
+            heard += _press_until(person, ending, f"pressed {ending}")
+            assert child.wait(WAIT_S) == code
+        finally:
+            child.kill()
+    assert settings(person) == before
+    assert "pressed k" not in heard
+    assert "pressed A" not in heard
+
+
+def _press_until(fd: int, key: str, text: str) -> str:
+    """Press a key again and again: read together with what was pasted before it, it would count as pasted too."""
+    heard = ""
+    end_s = time.monotonic() + WAIT_S
+    while text not in heard:
+        assert time.monotonic() < end_s, heard
+        os.write(fd, key.encode())
+        heard += _heard(fd, 0.2)
+    return heard
 
 
 def _read_until(fd: int, text: str) -> str:
     heard = ""
-    end_s = time.monotonic() + 20.0
-    while text not in heard and time.monotonic() < end_s:
-        try:
-            heard += os.read(fd, 4096).decode(errors="replace")
-        except OSError:  # the other end has gone
-            break
-    assert text in heard, heard
+    end_s = time.monotonic() + WAIT_S
+    while text not in heard:
+        assert time.monotonic() < end_s, heard
+        heard += _heard(fd, 0.2)
     return heard
+
+
+def _heard(fd: int, within_s: float) -> str:
+    return os.read(fd, 4096).decode(errors="replace") if select.select([fd], [], [], within_s)[0] else ""

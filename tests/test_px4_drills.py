@@ -16,6 +16,7 @@ class Silent:
 
 
 @pytest.mark.px4
+@pytest.mark.timeout(3600)
 async def test_every_drill_holds_on_px4() -> None:
     try:
         px4_build()
