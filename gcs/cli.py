@@ -6,9 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import App, CycloptsError, Group, Parameter
-from cyclopts.validators import Number
+from cyclopts import App, CycloptsError, Parameter
 
+from gcs.cli_logs import identify, logs, replay, report
+from gcs.cli_options import RESULT, Duration, Json, Log, MissionName, Plot, RunningMission, Seed, Speed, Timing
 from gcs.exits import Exit, InputError
 from gcs.signals import hold_back
 
@@ -17,51 +18,8 @@ app = App(
     help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
     help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
 )
-logs = App(
-    name="log",
-    help="What can be done with flight logs, beside flying.\n\nExample: cordon log layout -o cordon-layout.json",
-)
-app.command(logs)
-_RESULT = Group("Result")
-
-MissionName = Annotated[
-    str,
-    Parameter(
-        help="A bundled mission (case1, case2, case2-field, ardupilot-trio, px4-trio, mixed-team), or a TOML file."
-    ),
-]
-RunningMission = Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")]
-Seed = Annotated[
-    int | None,
-    Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
-]
-Duration = Annotated[
-    float | None,
-    Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0, lte=86400)),
-]
-Speed = Annotated[
-    float | None,
-    Parameter(help="How many times faster than the wall simulated time passes.", validator=Number(gte=0.1, lte=50)),
-]
-Json = Annotated[
-    bool, Parameter(name="--json", negative="", group=_RESULT, help="Print the result as one JSON object.")
-]
-Plot = Annotated[
-    Path | None,
-    Parameter(group=_RESULT, help="Draw the flight, the paper's figures 1 to 6, into a .png, .svg or .pdf."),
-]
-Log = Annotated[
-    Path | None,
-    Parameter(group=_RESULT, help="Record the flight in this file (MCAP), which must not exist yet."),
-]
-LogFile = Annotated[Path, Parameter(help="A log that cordon recorded (MCAP).")]
-Timing = Annotated[
-    bool | None,
-    Parameter(
-        group=_RESULT,
-        help="Whether the JSON holds wall times. It does unless a seed is given: one seed, one result, byte for byte.",
-    ),
-]
+for _command in (logs, report, identify, replay):
+    app.command(_command)
 
 
 @app.command
@@ -102,17 +60,17 @@ def fly(
             name="--recorded",
             negative="--no-log",
             show_default=False,
-            group=_RESULT,
+            group=RESULT,
             help="Whether the flight is recorded. It is unless told otherwise, in ~/.local/share/cordon/logs.",
         ),
     ] = True,
     live: Annotated[
         bool,
-        Parameter(negative="", group=_RESULT, help="Show the flight to viewers that look on: Foxglove or Lichtblick."),
+        Parameter(negative="", group=RESULT, help="Show the flight to viewers that look on: Foxglove or Lichtblick."),
     ] = False,
     live_address: Annotated[
         str | None,
-        Parameter(group=_RESULT, help="Where --live listens, HOST:PORT, in place of 127.0.0.1:8765: here alone."),
+        Parameter(group=RESULT, help="Where --live listens, HOST:PORT, in place of 127.0.0.1:8765: here alone."),
     ] = None,
     json: Json = False,
     plot: Plot = None,
@@ -155,7 +113,7 @@ def excite(
     speed: Speed = None,
     preview: Annotated[
         bool,
-        Parameter(negative="", group=_RESULT, help="Show what it would take - space, time, speed - and fly nothing."),
+        Parameter(negative="", group=RESULT, help="Show what it would take - space, time, speed - and fly nothing."),
     ] = False,
     log: Log = None,
     recorded: Annotated[
@@ -164,7 +122,7 @@ def excite(
             name="--recorded",
             negative="--no-log",
             show_default=False,
-            group=_RESULT,
+            group=RESULT,
             help="Whether the flight is recorded. It is unless told otherwise, in ~/.local/share/cordon/logs.",
         ),
     ] = True,
@@ -186,51 +144,6 @@ def excite(
     return excite_vehicle(
         mission, vehicle, sitl=sitl, speed=speed, preview_only=preview, log=log, recorded=recorded, json=json
     )
-
-
-@app.command
-def report(
-    logs: Annotated[list[Path], Parameter(help="A flight's log, or several: one of each process of a flight.")],
-    /,
-    *,
-    html: Annotated[Path | None, Parameter(group=_RESULT, help="Write the report, a page for any browser.")] = None,
-    compare: Annotated[
-        Path | None, Parameter(group=_RESULT, help="Show this log's flight beside the other, and what differs.")
-    ] = None,
-    json: Json = False,
-    plot: Plot = None,
-) -> Exit:
-    """Evaluate a flight from its log: the metrics and verdicts, the paper's figures, and what happened.
-
-    Example: cordon report flight.mcap --html flight.html
-    """
-    from gcs.report.command import compare_flights, report_flight  # noqa: PLC0415
-
-    if compare is not None:
-        return compare_flights(logs, compare, json=json, html=html)
-    return report_flight(logs, json=json, html=html, plot=plot)
-
-
-@app.command
-def identify(
-    logs: Annotated[list[Path], Parameter(help="Flight logs of one vehicle: .mcap, .ulg, .bin or .tlog.")],
-    /,
-    *,
-    output: Annotated[
-        Path | None,
-        Parameter(name=["--output", "-o"], group=_RESULT, help="The plant file to write, which must not exist yet."),
-    ] = None,
-    vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, where logs hold several vehicles.")] = None,
-    json: Json = False,
-    html: Annotated[Path | None, Parameter(group=_RESULT, help="Write the figures, a page for any browser.")] = None,
-) -> Exit:
-    """Identify a vehicle from its flights: a plant with confidence intervals, and whether to fly by it.
-
-    Example: cordon identify flight.ulg -o my-vehicle.toml --html my-vehicle.html
-    """
-    from gcs.identify_command import identify_plant  # noqa: PLC0415
-
-    return identify_plant(logs, output=output, vehicle=vehicle, json=json, html=html)
 
 
 @app.command
@@ -265,7 +178,7 @@ def drill(
         Parameter(negative="", help="Only this fault, as killed-agent or foreign-mode; may be given again."),
     ] = None,
     log: Annotated[
-        Path | None, Parameter(group=_RESULT, help="Record the flights in this folder, a log for each flight.")
+        Path | None, Parameter(group=RESULT, help="Record the flights in this folder, a log for each flight.")
     ] = None,
     json: Json = False,
 ) -> Exit:
@@ -308,66 +221,6 @@ def watch(*, mission: RunningMission = "case2") -> Exit:
     from gcs.commands import watch_team  # noqa: PLC0415
 
     return watch_team(mission)
-
-
-@logs.command
-def recover(
-    log: Annotated[Path, Parameter(help="A log that a killed process left, or that is damaged: it stays as it is.")],
-    *,
-    output: Annotated[
-        Path | None,
-        Parameter(name=["--output", "-o"], help="Write here, in place of LOG-recovered.mcap; nothing is overwritten."),
-    ] = None,
-) -> Exit:
-    """Make an unclosed or damaged log readable: copy all of it that is whole, and say what is not.
-
-    Example: cordon log recover 2026-05-04_10-00-00-case2.mcap
-    """
-    from gcs.logbook import recover_log  # noqa: PLC0415
-
-    return recover_log(log, output)
-
-
-@app.command
-def replay(
-    log: LogFile,
-    *,
-    json: Json = False,
-    explain: Annotated[int | None, Parameter(help="Tell the story of this vehicle instead.")] = None,
-    changes: Annotated[
-        list[str] | None,
-        Parameter(
-            name="--set",
-            negative="",
-            help="Replay the filters instead, with another value: own_filter.KEY=VALUE or target_filter.KEY=VALUE, as "
-            "in a mission file; may be given again.",
-        ),
-    ] = None,
-) -> Exit:
-    """Feed a recorded flight to fresh agents: every decision has to be what it was. Exit code 1 when one is not.
-
-    Example: cordon replay flight.mcap --explain 2
-    """
-    from gcs.log_commands import replay_log  # noqa: PLC0415
-
-    return replay_log(log, json=json, explain=explain, changes=changes or [])
-
-
-@logs.command
-def layout(
-    *,
-    output: Annotated[
-        Path, Parameter(name=["--output", "-o"], help="The file to write, which must not exist yet.")
-    ] = Path("cordon-layout.json"),
-) -> Exit:
-    """Write the layout by which Foxglove and Lichtblick show a flight: in 3-D, on a map, and in plots.
-
-    Example: cordon log layout -o cordon-layout.json
-    """
-    from gcs.logbook import write_layout  # noqa: PLC0415
-
-    write_layout(output)
-    return Exit.HOLDS
 
 
 def _tell(line: str) -> None:

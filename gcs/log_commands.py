@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.resources import files
 from itertools import count
 from json import dumps
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import Any
 
 from gcs.exits import Exit, InputError
 from gcs.flightlog.reader import FlightLog, read_log
+from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.run import mission_of
-from gcs.output import STDERR, ReplayProgress, print_result
+from gcs.output import STDERR, ReadingProgress, ReplayProgress, print_result
 from gcs.replay.cores import replay as replayed
 from gcs.replay.playback import recorded_vehicles, tick_count
 from gcs.replay.story import story_of
@@ -28,7 +30,7 @@ def replay_log(path: Path, *, json: bool, explain: int | None, changes: Sequence
         known = ", ".join(map(str, vehicles))
         raise InputError([f"--explain: the log has no records of a vehicle {explain} (it has {known})"])
     for fault in log.faults:
-        STDERR.print(f"{path}: {fault}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        _say(f"{path}: {fault}", "yellow")
     result: dict[str, Any] = {"log": str(path)}
     verdict = Exit.HOLDS
     if changes:
@@ -60,3 +62,33 @@ def _counting(log: FlightLog, vehicles: Sequence[int]) -> Iterator[Callable[[], 
     done = count(1)
     with ReplayProgress(log.run.mission, ticks) as progress:
         yield lambda: progress.update(next(done))
+
+
+def recover_log(path: Path, output: Path | None) -> Exit:
+    """`cordon log recover`; raises InputError."""
+    target = output or recovered_path(path)
+    with ReadingProgress(path) as progress:
+        found = examine(path, progress.update)
+    if not found.faults:
+        _say(f"{path}: it is whole: {found.records} records of {found.seconds:.1f} s; nothing is to be recovered")
+        return Exit.HOLDS
+    with ReadingProgress(path) as progress:
+        recovered = recover(path, target, progress.update)
+    _say(f"{target}: {recovered.records} records of {recovered.seconds:.1f} s are recovered; {path} is as it was")
+    for fault in recovered.faults:
+        _say(f"not whole: {fault}", "yellow")
+    return Exit.HOLDS
+
+
+def write_layout(path: Path) -> None:
+    """Write the layout for viewers; raises InputError when that is not possible, or when the file exists already."""
+    text = files("gcs.flightlog").joinpath("cordon-layout.json").read_text(encoding="utf-8")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise InputError([f"--output: {str(path)!r}: {error.strerror or error}"]) from error
+
+
+def _say(text: str, style: str = "") -> None:
+    STDERR.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -1,24 +1,22 @@
-"""The log of a command: opened before anything flies, told of afterwards, recovered after a crash."""
+"""The log of a command: opened before anything flies, told of afterwards."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
-from importlib.resources import files
 from pathlib import Path
 from time import time
 
 from foxglove import Context
 
-from gcs.exits import Exit, InputError
+from gcs.exits import InputError
 from gcs.flightlog.onlookers import Address, onlookers
 from gcs.flightlog.place import default_path
-from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.run import run_of
 from gcs.flightlog.scene import Scene
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.mission import Mission
-from gcs.output import STDERR, ReadingProgress
+from gcs.output import STDERR
 
 
 def simulation_recording(
@@ -77,16 +75,6 @@ def tell_of_log(writer: LogWriter | None) -> None:
     _say(f"log: {writer.path} ({writer.size_bytes / 1e6:.1f} MB)")
 
 
-def write_layout(path: Path) -> None:
-    """Write the layout for viewers; raises InputError when that is not possible, or when the file exists already."""
-    text = files("gcs.flightlog").joinpath("cordon-layout.json").read_text(encoding="utf-8")
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except OSError as error:
-        raise InputError([f"--output: {str(path)!r}: {error.strerror or error}"]) from error
-
-
 def _opened(path: Path, context: Context) -> LogWriter:
     try:
         return LogWriter(path, context)
@@ -94,22 +82,6 @@ def _opened(path: Path, context: Context) -> LogWriter:
         raise InputError([f"--log: {str(path)!r} exists already: nothing is overwritten"]) from error
     except OSError as error:
         raise InputError([f"--log: {str(path)!r}: {error.strerror or error}"]) from error
-
-
-def recover_log(path: Path, output: Path | None) -> Exit:
-    """`cordon log recover`; raises InputError."""
-    target = output or recovered_path(path)
-    with ReadingProgress(path) as progress:
-        found = examine(path, progress.update)
-    if not found.faults:
-        _say(f"{path}: it is whole: {found.records} records of {found.seconds:.1f} s; nothing is to be recovered")
-        return Exit.HOLDS
-    with ReadingProgress(path) as progress:
-        recovered = recover(path, target, progress.update)
-    _say(f"{target}: {recovered.records} records of {recovered.seconds:.1f} s are recovered; {path} is as it was")
-    for fault in recovered.faults:
-        _say(f"not whole: {fault}", "yellow")
-    return Exit.HOLDS
 
 
 def _say(text: str, style: str = "") -> None:

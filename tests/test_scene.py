@@ -27,7 +27,7 @@ from gcs.flightlog.seen import SeenVehicle
 from gcs.flightlog.shapes import ellipse
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
-from gcs.logbook import write_layout
+from gcs.log_commands import write_layout
 from gcs.simulated import fly_simulated
 from tests.conftest import CONFIG, MISSIONS
 from tests.mission_text import content, parsed, put
