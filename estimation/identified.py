@@ -77,7 +77,8 @@ class Validation:
 class Found:
     """The numbers of a plant, x and y, with their covariance (5, 5) in the order of `COVARIANCE_OF`.
 
-    `whitened` says whether errors were whitened; they are not where the plant is not quite of the assumed kind.
+    `whitened` says whether errors were whitened; they are not where that foretells markedly worse. `consistent` says
+    whether it makes no difference beyond the uncertainty.
     """
 
     axes: tuple[AxisResult, AxisResult]
@@ -85,6 +86,7 @@ class Found:
     covariance: Vector
     between: Between
     whitened: bool
+    consistent: bool
     order: Order
     shaping: Shaping
     baseline: Baseline | None

@@ -2,8 +2,9 @@
 
 The plant is fitted by its output error (Ljung, System Identification, 1999, ch. 7 and 10): simulated from the setpoints
 alone. Two weightings are tried. Whitening of the errors is efficient if the plant is of the assumed kind and the rest
-is noise; equal weights give the plant that simulates best even where it is not. When the two disagree by more than
-their uncertainty allows (Hausman 1978), or the second foretells markedly better what was not fitted, it is taken.
+is noise; equal weights give the plant that simulates best even where it is not, but take the slow wander of an
+estimator for motion. They are used where they foretell markedly better what was not fitted. That the two disagree by
+more than their uncertainty allows (Hausman 1978) is told: slow and quick motions then ask for different numbers.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +25,8 @@ from estimation.trust import judged, refused
 TRAINED_SHARE = 0.7
 _HAUSMAN_MAX = 20.5
 """The 99.9 % quantile of chi square for the five parameters of a plant."""
-_PLAIN_BETTER_PERCENT = 2.0
+_PLAIN_ERRORS_MAX = 0.85
+"""Of what the whitened fit leaves unexplained; less than that and the fit with equal weights is taken."""
 _MISFIT_PERCENT = 80.0
 _STAGES = 8
 
@@ -54,25 +56,27 @@ def identify(recordings: Sequence[Recording], on_progress: Callable[[float], Non
     counter.step()
     shaping = shaping_of(excerpts, chosen.best) if _is_misfit(excerpts, chosen) else UNSHAPED
     counter.step()
-    return _result(_Parts(excerpts, chosen.best, chosen.whitened, chosen.trained, baseline, order, shaping))
+    return _result(_Parts(excerpts, chosen, baseline, order, shaping))
 
 
 @dataclass(frozen=True, slots=True)
 class _Chosen:
-    """The fit to everything, that to the first part, whether errors were whitened, and the latter without whitening."""
+    """The fit to everything, that to the first part, and the latter without whitening.
+
+    `whitened` says whether errors were whitened, `consistent` whether it makes no difference beyond the uncertainty.
+    """
 
     best: Fit
     trained: Fit
     whitened: bool
+    consistent: bool
     plain_trained: Fit
 
 
 @dataclass(frozen=True, slots=True)
 class _Parts:
     excerpts: Sequence[Excerpt]
-    best: Fit
-    whitened: bool
-    trained: Fit
+    chosen: _Chosen
     baseline: Baseline | None
     order: Order
     shaping: Shaping
@@ -100,11 +104,11 @@ def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Ch
     counter.step()
     apart = white.parameters - plain.parameters
     statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
-    gain_percent = np.mean(_held_out(excerpts, plain_trained)) - np.mean(_held_out(excerpts, white_trained))
-    whitened = bool(statistic <= _HAUSMAN_MAX and gain_percent < _PLAIN_BETTER_PERCENT)
+    left_plain, left_white = (100.0 - np.mean(_held_out(excerpts, each)) for each in (plain_trained, white_trained))
+    whitened = bool(left_plain > _PLAIN_ERRORS_MAX * left_white)
     best, trained = (white, white_trained) if whitened else (plain, plain_trained)
     best, trained = _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened)
-    return _Chosen(best, trained, whitened, plain_trained)
+    return _Chosen(best, trained, whitened, statistic <= _HAUSMAN_MAX, plain_trained)
 
 
 def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
@@ -139,13 +143,13 @@ def _held_out(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, float]:
 
 
 def _result(parts: _Parts) -> Identified:
-    best = parts.best
+    best, trained = parts.chosen.best, parts.chosen.trained
     half = best.deviations95
     logs = best.parameters[:4]
     a0_x, a1_x, a0_y, a1_y = (_positive(value, spread) for value, spread in zip(logs, half[:4], strict=True))
     delay_s, wished_s = float(best.parameters[4]), best.wished()
     delay = Interval(delay_s, max(0.0, wished_s - float(half[4])), max(delay_s, wished_s + float(half[4])))
-    fits = _held_out(parts.excerpts, parts.trained)
+    fits = _held_out(parts.excerpts, trained)
     axes = []
     for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
         own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
@@ -157,19 +161,20 @@ def _result(parts: _Parts) -> Identified:
         axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
     baseline_fit = None
     if parts.baseline is not None:
-        baseline_fit = _held_out(parts.excerpts, replace(parts.trained, parameters=parts.baseline.parameters()))
+        baseline_fit = _held_out(parts.excerpts, replace(trained, parameters=parts.baseline.parameters()))
     scale = np.append(np.exp(logs), 1.0)
     found = Found(
         axes=(axes[0], axes[1]),
         delay_s=delay,
         covariance=best.covariance * np.outer(scale, scale),
         between=best.model.between,
-        whitened=parts.whitened,
+        whitened=parts.chosen.whitened,
+        consistent=parts.chosen.consistent,
         order=parts.order,
         shaping=parts.shaping,
         baseline=parts.baseline,
         baseline_fit_percent=baseline_fit,
-        validation=Validation(tuple(parts.excerpts), best, parts.trained),
+        validation=Validation(tuple(parts.excerpts), best, trained),
     )
     verdict, reasons = judged(found, wished_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)

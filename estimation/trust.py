@@ -68,7 +68,7 @@ def judged(found: Found, wished_delay_s: float, delay_deviation_s: float) -> tup
                 f"{found.order.fit_third_percent:.0f} % instead of {found.order.fit_second_percent:.0f} %",
             )
         )
-    if not found.whitened:
+    if not found.consistent:
         reasons.append(
             (Verdict.USABLE, "the vehicle is not quite of this kind: slow and quick motions ask for different numbers")
         )
@@ -124,7 +124,9 @@ def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
 
 
 def _why_wide(found: Found) -> str:
-    return "too little excitation for so much noise" if found.whitened else "uncertain, as it is not quite of this kind"
+    return (
+        "too little excitation for so much noise" if found.consistent else "uncertain, as it is not quite of this kind"
+    )
 
 
 def _of_axes(found: Found) -> Reasons:

@@ -112,6 +112,7 @@ def _found_dict(found: Found) -> dict[str, Any]:
         "covariance": found.covariance.tolist(),
         "setpoints": found.between.value,
         "whitened": found.whitened,
+        "consistent": found.consistent,
         "third_order": {**asdict(found.order), "second_is_enough": found.order.second_is_enough},
         "bounds": shaping,
         "least_squares": None
