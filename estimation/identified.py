@@ -1,10 +1,10 @@
 """What an identification has found: values with intervals, and whether to fly by them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from estimation.excerpts import Excerpt
 from estimation.identification import Verdict
-from estimation.least_squares_start import Baseline
 from estimation.output_error import Fit
 from estimation.plant import Plant, PlantAxis
 from estimation.response import Between
@@ -78,7 +78,8 @@ class Found:
     """The numbers of a plant, x and y, with their covariance (5, 5) in the order of `COVARIANCE_OF`.
 
     `whitened` says whether errors were whitened; they are not where that foretells markedly worse. `consistent` says
-    whether it makes no difference beyond the uncertainty.
+    whether it makes no difference beyond the uncertainty. `baseline` is the plant by plain least squares, None where
+    that is unstable; fits of other plants go by their names.
     """
 
     axes: tuple[AxisResult, AxisResult]
@@ -89,8 +90,9 @@ class Found:
     consistent: bool
     order: Order
     shaping: Shaping
-    baseline: Baseline | None
+    baseline: Plant | None
     baseline_fit_percent: tuple[float, float] | None
+    others_fit_percent: Mapping[str, tuple[float, float]]
     validation: Validation
 
     @property

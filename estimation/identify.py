@@ -7,16 +7,18 @@ estimator for motion. They are used where they foretell markedly better what was
 more than their uncertainty allows (Hausman 1978) is told: slow and quick motions then ask for different numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from estimation.coloured_noise import whiteness
 from estimation.excerpts import Excerpt, Recording, excerpts_of
 from estimation.identified import AxisResult, Found, Identified, Interval, Order, Validation
-from estimation.least_squares_start import Baseline, baseline_of
-from estimation.output_error import Fit, Model, fit, start_of
+from estimation.least_squares_start import baseline_of
+from estimation.output_error import Fit, Model, fit, parameters_of, start_of
+from estimation.plant import Plant
 from estimation.response import Between
 from estimation.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.simulated import fit_percent, simulated
@@ -43,8 +45,15 @@ class _Counter:
         self.on_progress(min(1.0, self.done / _STAGES))
 
 
-def identify(recordings: Sequence[Recording], on_progress: Callable[[float], None] = lambda _: None) -> Identified:
-    """Return what can be learnt of one vehicle from recordings of its flights; bad ones get a verdict, not an error."""
+def identify(
+    recordings: Sequence[Recording],
+    on_progress: Callable[[float], None] = lambda _: None,
+    others: Mapping[str, Plant] = MappingProxyType({}),
+) -> Identified:
+    """Return what can be learnt of one vehicle from recordings of its flights; bad ones get a verdict, not an error.
+
+    Other plants, by name, are held against the same part of the flights as the one that is found.
+    """
     excerpts = [excerpt for recording in recordings for excerpt in excerpts_of(recording)]
     if (refusal := refused(recordings, excerpts)) is not None:
         return refusal
@@ -56,7 +65,7 @@ def identify(recordings: Sequence[Recording], on_progress: Callable[[float], Non
     counter.step()
     shaping = shaping_of(excerpts, chosen.best) if _is_misfit(excerpts, chosen) else UNSHAPED
     counter.step()
-    return _result(_Parts(excerpts, chosen, baseline, order, shaping))
+    return _result(_Parts(excerpts, chosen, baseline, order, shaping, others))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +86,10 @@ class _Chosen:
 class _Parts:
     excerpts: Sequence[Excerpt]
     chosen: _Chosen
-    baseline: Baseline | None
+    baseline: Plant | None
     order: Order
     shaping: Shaping
+    others: Mapping[str, Plant]
 
 
 def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
@@ -161,7 +171,11 @@ def _result(parts: _Parts) -> Identified:
         axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
     baseline_fit = None
     if parts.baseline is not None:
-        baseline_fit = _held_out(parts.excerpts, replace(trained, parameters=parts.baseline.parameters()))
+        baseline_fit = _held_out(parts.excerpts, replace(trained, parameters=parameters_of(parts.baseline)))
+    others_fit = {
+        name: _held_out(parts.excerpts, replace(trained, parameters=parameters_of(plant)))
+        for name, plant in parts.others.items()
+    }
     scale = np.append(np.exp(logs), 1.0)
     found = Found(
         axes=(axes[0], axes[1]),
@@ -174,6 +188,7 @@ def _result(parts: _Parts) -> Identified:
         shaping=parts.shaping,
         baseline=parts.baseline,
         baseline_fit_percent=baseline_fit,
+        others_fit_percent=others_fit,
         validation=Validation(tuple(parts.excerpts), best, trained),
     )
     verdict, reasons = judged(found, wished_s, float(half[4]) / 2.0)

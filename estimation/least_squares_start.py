@@ -4,31 +4,16 @@ It is biased by noise in the positions: they stand on both sides of the equation
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from estimation.excerpts import GRID_S, Excerpt
-from estimation.state import Vector
+from estimation.plant import Plant, PlantAxis
 
 _DELAYS = range(7)
 
 
-@dataclass(frozen=True, slots=True)
-class Baseline:
-    """The plant by plain least squares: a0 [1/s2] and a1 [1/s] of x and y, and a delay of whole steps [s]."""
-
-    a0_per_s2: tuple[float, float]
-    a1_per_s: tuple[float, float]
-    delay_s: float
-
-    def parameters(self) -> Vector:
-        """Return them as a fit has them."""
-        pairs = [np.log(pair) for pair in zip(self.a0_per_s2, self.a1_per_s, strict=True)]
-        return np.append(np.concatenate(pairs), self.delay_s)
-
-
-def baseline_of(excerpts: Sequence[Excerpt], share: float) -> Baseline | None:
+def baseline_of(excerpts: Sequence[Excerpt], share: float) -> Plant | None:
     """Return the plant by plain least squares over the first share of each excerpt; None if that is no stable plant."""
     best, least = None, np.inf
     for delay in _DELAYS:
@@ -39,7 +24,7 @@ def baseline_of(excerpts: Sequence[Excerpt], share: float) -> Baseline | None:
     if best is None or any(plant is None for plant in best[1]):
         return None
     (x0, x1), (y0, y1) = (plant for plant in best[1] if plant is not None)
-    return Baseline((x0, y0), (x1, y1), best[0] * GRID_S)
+    return Plant(PlantAxis(x0, x1), PlantAxis(y0, y1), best[0] * GRID_S)
 
 
 def _axis(excerpts: Sequence[Excerpt], share: float, delay: int, axis: int) -> tuple[float, tuple[float, float] | None]:

@@ -9,6 +9,7 @@ from scipy.stats import t as student
 
 from estimation.coloured_noise import jackknifed, whitened, whitening_filter
 from estimation.excerpts import GRID_S, Excerpt, grid_s
+from estimation.plant import Plant
 from estimation.response import Between, Response, response_of
 from estimation.state import Vector
 
@@ -106,6 +107,12 @@ class Fit:
     def count(self) -> int:
         """How many errors there are."""
         return sum(each.size for axis in self.errors for each in axis)
+
+
+def parameters_of(plant: Plant) -> Vector:
+    """Return a plant's parameters as fitted, (5,)."""
+    (x0, y0), (x1, y1) = np.log(plant.a0_per_s2), np.log(plant.a1_per_s)
+    return np.array([x0, x1, y0, y1, plant.delay_s])
 
 
 def fit(

@@ -45,6 +45,10 @@ def identify(
         Parameter(name=["--output", "-o"], group=RESULT, help="The plant file to write, which must not exist yet."),
     ] = None,
     vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, where logs hold several vehicles.")] = None,
+    against: Annotated[
+        list[str] | None,
+        Parameter(negative="", help="Also tell the fit of this plant, bundled or a file; may be given again."),
+    ] = None,
     json: Json = False,
     html: Annotated[Path | None, Parameter(group=RESULT, help="Write the figures, a page for any browser.")] = None,
 ) -> Exit:
@@ -54,7 +58,7 @@ def identify(
     """
     from gcs.identify_command import identify_plant  # noqa: PLC0415
 
-    return identify_plant(logs, output=output, vehicle=vehicle, json=json, html=html)
+    return identify_plant(logs, output=output, vehicle=vehicle, against=against or [], json=json, html=html)
 
 
 @logs.command

@@ -9,6 +9,8 @@ from pathlib import Path
 from estimation.identification import Verdict
 from estimation.identified import Identified
 from estimation.identify import identify
+from estimation.plant import Plant
+from estimation.plant_file import PlantFileError, load_plant
 from gcs.exits import Exit, InputError
 from gcs.flightlog.foreign import read_vehicle_logs
 from gcs.flightlog.vehicle_log import VehicleLog
@@ -18,10 +20,17 @@ from gcs.output import STDERR, IdentifyProgress, print_result
 
 
 def identify_plant(
-    paths: Sequence[Path], *, output: Path | None, vehicle: int | None, json: bool, html: Path | None
+    paths: Sequence[Path],
+    *,
+    output: Path | None,
+    vehicle: int | None,
+    against: Sequence[str],
+    json: bool,
+    html: Path | None,
 ) -> Exit:
     """Identify one vehicle from logs; raises InputError, and LogError that names file, topic and time."""
     _check_files(output, html, paths)
+    others = {name: _plant(name) for name in against}
     logs = chosen([log for path in paths for log in read_vehicle_logs(path)], vehicle)
     _check_same(logs)
     for log in logs:
@@ -29,7 +38,7 @@ def identify_plant(
             STDERR.print(f"{log.path}: {note}", style="yellow", markup=False, highlight=False, soft_wrap=True)
     recordings = [recording_of(log) for log in logs]
     with IdentifyProgress(f"vehicle {logs[0].system_id}") as progress:
-        identified = identify(recordings, progress.update)
+        identified = identify(recordings, progress.update, others)
     STDERR.print(identified_view(identified, logs), soft_wrap=True)
     if output is not None:
         _write_plant(identified, logs, output)
@@ -40,6 +49,13 @@ def identify_plant(
     if json:
         print_result(json_text.dumps(identified_dict(identified, logs), allow_nan=False))
     return Exit.VERDICT_FAILED if identified.verdict is Verdict.DO_NOT_FLY else Exit.HOLDS
+
+
+def _plant(name: str) -> Plant:
+    try:
+        return load_plant(name, Path())
+    except PlantFileError as error:
+        raise InputError([f"--against: {fault}" for fault in error.faults]) from error
 
 
 def _write_plant(identified: Identified, logs: Sequence[VehicleLog], output: Path) -> None:

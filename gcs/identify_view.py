@@ -32,6 +32,15 @@ def parameter_rows(found: Found) -> list[tuple[str, Interval, Interval, int]]:
     ]
 
 
+def fit_rows(found: Found) -> list[tuple[str, float, float]]:
+    """Return the fits on what was not fitted, x and y, by the words for them: the plant's own first."""
+    x, y = found.axes
+    rows = [("fit on what was not fitted [%]", x.fit_percent, y.fit_percent)]
+    if found.baseline_fit_percent is not None:
+        rows.append(("  of plain least squares [%]", *found.baseline_fit_percent))
+    return rows + [(f"  of '{name}' [%]", *fits) for name, fits in found.others_fit_percent.items()]
+
+
 def bounds_words(interval: Interval, digits: int) -> str:
     """Return the bounds of an interval."""
     return f"{interval.low:.{digits}f} to {interval.high:.{digits}f}"
@@ -56,11 +65,8 @@ def _table(found: Found) -> Table:
     for words, x, y, digits in parameter_rows(found):
         cells = [cell for axis in (x, y) for cell in (f"{axis.value:.{digits}f}", bounds_words(axis, digits))]
         table.add_row(Text(words), *cells)
-    fits = [f"{axis.fit_percent:.1f}" for axis in found.axes]
-    table.add_row(Text("fit on what was not fitted [%]"), fits[0], "", fits[1], "")
-    if found.baseline is not None and found.baseline_fit_percent is not None:
-        x_fit, y_fit = found.baseline_fit_percent
-        table.add_row(Text("  of plain least squares [%]"), f"{x_fit:.1f}", "", f"{y_fit:.1f}", "", style="dim")
+    for at, (words, x_fit, y_fit) in enumerate(fit_rows(found)):
+        table.add_row(Text(words), f"{x_fit:.1f}", "", f"{y_fit:.1f}", "", style="dim" if at else "")
     return table
 
 
@@ -117,7 +123,13 @@ def _found_dict(found: Found) -> dict[str, Any]:
         "bounds": shaping,
         "least_squares": None
         if found.baseline is None
-        else {**asdict(found.baseline), "fit_percent": found.baseline_fit_percent},
+        else {
+            "a0_per_s2": found.baseline.a0_per_s2.tolist(),
+            "a1_per_s": found.baseline.a1_per_s.tolist(),
+            "delay_s": found.baseline.delay_s,
+            "fit_percent": found.baseline_fit_percent,
+        },
+        "others_fit_percent": dict(found.others_fit_percent),
     }
 
 

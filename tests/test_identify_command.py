@@ -112,6 +112,25 @@ def test_a_flight_becomes_a_plant_file_that_flies_and_says_where_it_is_from(ran:
     assert "nothing speaks against it" in page
 
 
+def test_other_plants_are_held_against_the_same_flight(ran: Runner) -> None:
+    ran.hold(log := log_of())
+    text = "delay_s = 0.2\n[x]\na0_per_s2 = 1.5\na1_per_s = 1.9\n[y]\na0_per_s2 = 1.1\na1_per_s = 1.6\n"
+    (ran.folder / "truth.toml").write_text(text, encoding="utf-8")
+    code, out, err = ran(log.path, "--against", "truth.toml", "--against", "stub", "--json", "--html", "own.html")
+    assert code == 0
+    plant = json.loads(out)["plant"]
+    truth, stub = plant["others_fit_percent"]["truth.toml"], plant["others_fit_percent"]["stub"]
+    assert min(truth) > 90.0
+    assert truth == pytest.approx([plant[axis]["fit_percent"] for axis in "xy"], abs=2.0)
+    assert max(stub) < 75.0, "another vehicle"
+    told = [rf"of '{name}' \[%\] +{x:.1f} +{y:.1f}" for name, (x, y) in (("truth.toml", truth), ("stub", stub))]
+    assert all(re.search(words, err) for words in told), err
+    assert f"{stub[0]:.1f}" in (ran.folder / "own.html").read_text(encoding="utf-8")
+    code, _, err = ran(log.path, "--against", "missing.toml")
+    assert code == 2
+    assert err.startswith("--against: no plant file 'missing.toml'")
+
+
 def test_a_flight_that_teaches_nothing_ends_in_1_with_the_reason_and_no_file(ran: Runner) -> None:
     wrong = log_of(modes=(ModeSegment(Span(0.0, 150.0), "mission", external=False),))
     ran.hold(wrong)

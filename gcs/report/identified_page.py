@@ -15,7 +15,7 @@ from estimation.response import response_of
 from estimation.simulated import Simulated, simulated
 from estimation.state import Vector
 from gcs.flightlog.vehicle_log import VehicleLog
-from gcs.identify_view import bounds_words, parameter_rows, remarks
+from gcs.identify_view import bounds_words, fit_rows, parameter_rows, remarks
 from gcs.report.chart import chart, level, over_time
 from gcs.report.page import KeyLine, render
 from gcs.report.panels import title
@@ -62,8 +62,7 @@ def _verdict(identified: Identified) -> Section:
         for words, x, y, digits in parameter_rows(identified.found):
             cells = [cell for axis in (x, y) for cell in (f"{axis.value:.{digits}f}", bounds_words(axis, digits))]
             rows.append((words, *cells))
-        fits = [f"{axis.fit_percent:.1f}" for axis in identified.found.axes]
-        rows.append(("fit on what was not fitted [%]", fits[0], "", fits[1], ""))
+        rows += [(words, f"{x:.1f}", "", f"{y:.1f}", "") for words, x, y in fit_rows(identified.found)]
         tables.append(Table("Parameters", ("", "x", "95 %", "y", "95 %"), tuple(rows)))
         tables.append(Table("More", ("remarks",), tuple((line,) for line in remarks(identified.found))))
     return Section("verdict", "Parameters and verdict", tables=tuple(tables), keyed=False)
