@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,8 @@ GAP_MAX_S = 0.5
 SETTLE_S = 1.0
 """After a mode has changed, setpoints of the mode before may still have their effect."""
 EXCERPT_MIN_S = 8.0
+EXCERPT_MAX_S = 60.0
+"""Longer parts are cut: each has a last third that is foretold, and begins anew where an estimator has wandered to."""
 
 Spans = Sequence[tuple[float, float]]
 
@@ -89,7 +93,8 @@ def excerpts_of(recording: Recording) -> list[Excerpt]:
         inner = [at_s for at_s in breaks if begin_s < at_s < end_s]
         for from_s, to_s in zip([begin_s, *inner], [*inner, end_s], strict=True):
             if to_s - from_s >= EXCERPT_MIN_S and not _in_gap(time_s, gaps, from_s, to_s):
-                found.append(_excerpt(recording, from_s + 1e-6, to_s - 1e-6))
+                edges_s = np.linspace(from_s, to_s, ceil((to_s - from_s) / EXCERPT_MAX_S) + 1).tolist()
+                found += [_excerpt(recording, one + 1e-6, other - 1e-6) for one, other in pairwise(edges_s)]
     return found
 
 

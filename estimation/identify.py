@@ -9,6 +9,7 @@ more than their uncertainty allows (Hausman 1978) is told: slow and quick motion
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from types import MappingProxyType
 
 import numpy as np
@@ -21,7 +22,7 @@ from estimation.output_error import Fit, Model, fit, parameters_of, start_of
 from estimation.plant import Plant
 from estimation.response import Between
 from estimation.shaping import UNSHAPED, Shaping, shaping_of
-from estimation.simulated import fit_percent, simulated
+from estimation.simulated import FORETOLD_S, fit_percent, simulated
 from estimation.trust import judged, refused
 
 TRAINED_SHARE = 0.7
@@ -114,7 +115,9 @@ def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Ch
     counter.step()
     apart = white.parameters - plain.parameters
     statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
-    left_plain, left_white = (100.0 - np.mean(_held_out(excerpts, each)) for each in (plain_trained, white_trained))
+    left_plain, left_white = (
+        100.0 - np.mean(_foretold(excerpts, each, inf)) for each in (plain_trained, white_trained)
+    )
     whitened = bool(left_plain > _PLAIN_ERRORS_MAX * left_white)
     best, trained = (white, white_trained) if whitened else (plain, plain_trained)
     best, trained = _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened)
@@ -133,7 +136,7 @@ def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
     """Return what a third order - a lag of the actuators - would give beyond the second."""
     model = replace(plain.model, lag=True)
     third = fit(excerpts, model, np.append(plain.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
-    second_percent, third_percent = (float(np.mean(_held_out(excerpts, each))) for each in (plain, third))
+    second_percent, third_percent = (float(np.mean(_foretold(excerpts, each))) for each in (plain, third))
     return Order(
         lag_s=float(np.exp(third.parameters[5])),
         fit_second_percent=second_percent,
@@ -144,11 +147,12 @@ def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
 
 def _is_misfit(excerpts: Sequence[Excerpt], chosen: _Chosen) -> bool:
     """Return whether the plant explains so little that it is worth looking for bounds of speed and acceleration."""
-    return not chosen.whitened or min(_held_out(excerpts, chosen.trained)) < _MISFIT_PERCENT
+    return not chosen.whitened or min(_foretold(excerpts, chosen.trained)) < _MISFIT_PERCENT
 
 
-def _held_out(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, float]:
-    x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE)) for axis in range(2))
+def _foretold(excerpts: Sequence[Excerpt], trained: Fit, window_s: float = FORETOLD_S) -> tuple[float, float]:
+    """Return the fits, x and y, on what was not fitted: foretold so far at a time."""
+    x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE, window_s)) for axis in range(2))
     return x, y
 
 
@@ -159,7 +163,7 @@ def _result(parts: _Parts) -> Identified:
     a0_x, a1_x, a0_y, a1_y = (_positive(value, spread) for value, spread in zip(logs, half[:4], strict=True))
     delay_s, wished_s = float(best.parameters[4]), best.wished()
     delay = Interval(delay_s, max(0.0, wished_s - float(half[4])), max(delay_s, wished_s + float(half[4])))
-    fits = _held_out(parts.excerpts, trained)
+    fits = _foretold(parts.excerpts, trained)
     axes = []
     for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
         own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
@@ -171,9 +175,9 @@ def _result(parts: _Parts) -> Identified:
         axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
     baseline_fit = None
     if parts.baseline is not None:
-        baseline_fit = _held_out(parts.excerpts, replace(trained, parameters=parameters_of(parts.baseline)))
+        baseline_fit = _foretold(parts.excerpts, replace(trained, parameters=parameters_of(parts.baseline)))
     others_fit = {
-        name: _held_out(parts.excerpts, replace(trained, parameters=parameters_of(plant)))
+        name: _foretold(parts.excerpts, replace(trained, parameters=parameters_of(plant)))
         for name, plant in parts.others.items()
     }
     scale = np.append(np.exp(logs), 1.0)

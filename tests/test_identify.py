@@ -10,6 +10,7 @@ from estimation.identification import Verdict
 from estimation.identified import Found, Identified
 from estimation.identify import identify
 from estimation.response import Between
+from estimation.simulated import fit_percent, simulated
 from estimation.state import Vector
 from tests.identification_draws import drawn, intervals_of
 from tests.synthetic_flights import SENT_S, Truth, excitation_m, recorded, saturated
@@ -163,6 +164,17 @@ def test_another_order_is_noticed() -> None:
     assert order.lag_s == pytest.approx(0.5, rel=0.3)
     assert any(reason.startswith("a second order is not quite enough") for reason in identified.reasons)
     assert found_in(identify([recorded(TRUTH, 11, noise_m=0.02)])).order.second_is_enough
+
+
+def test_what_an_estimator_wanders_in_a_minute_is_not_held_against_the_plant() -> None:
+    recording = recorded(TRUTH, 13, noise_m=0.02)
+    wander_m = 0.6 * np.sin(2.0 * np.pi * recording.position_time_s / 80.0)
+    found = found_in(identify([replace(recording, position_m=recording.position_m + wander_m[:, None])]))
+    assert min(axis.fit_percent for axis in found.axes) > 90.0
+    validation = found.validation
+    through = [fit_percent(simulated(validation.excerpts, validation.trained, axis, 0.7)) for axis in range(2)]
+    assert max(through) < 80.0
+    assert [axis.a0_per_s2.value for axis in found.axes] == pytest.approx(TRUTH.a0, rel=0.05)
 
 
 def test_plain_least_squares_is_told_beside_and_is_worse() -> None:

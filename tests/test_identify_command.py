@@ -122,7 +122,7 @@ def test_other_plants_are_held_against_the_same_flight(ran: Runner) -> None:
     truth, stub = plant["others_fit_percent"]["truth.toml"], plant["others_fit_percent"]["stub"]
     assert min(truth) > 90.0
     assert truth == pytest.approx([plant[axis]["fit_percent"] for axis in "xy"], abs=2.0)
-    assert max(stub) < 75.0, "another vehicle"
+    assert max(stub) < min(truth) - 10.0, "another vehicle"
     told = [rf"of '{name}' \[%\] +{x:.1f} +{y:.1f}" for name, (x, y) in (("truth.toml", truth), ("stub", stub))]
     assert all(re.search(words, err) for words in told), err
     assert f"{stub[0]:.1f}" in (ran.folder / "own.html").read_text(encoding="utf-8")

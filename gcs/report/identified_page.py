@@ -12,7 +12,7 @@ from estimation.excerpts import GRID_S, grid_s
 from estimation.identified import Found, Identified
 from estimation.identify import TRAINED_SHARE
 from estimation.response import response_of
-from estimation.simulated import Simulated, simulated
+from estimation.simulated import FORETOLD_S, Simulated, simulated
 from estimation.state import Vector
 from gcs.flightlog.vehicle_log import VehicleLog
 from gcs.identify_view import bounds_words, fit_rows, parameter_rows, remarks
@@ -70,7 +70,7 @@ def _verdict(identified: Identified) -> Section:
 
 def _held_out(found: Found) -> Section:
     validation = found.validation
-    flights = [simulated(validation.excerpts, validation.trained, axis, TRAINED_SHARE) for axis in range(2)]
+    flights = [simulated(validation.excerpts, validation.trained, axis, TRAINED_SHARE, FORETOLD_S) for axis in range(2)]
     longest = max(range(len(validation.excerpts)), key=lambda at: validation.excerpts[at].duration_s)
     setpoint_m = validation.excerpts[longest].setpoint_m()
     charts = []
@@ -84,7 +84,10 @@ def _held_out(found: Found) -> Section:
             )
         )
     share = f"{100 * TRAINED_SHARE:.0f} %"
-    lead = f"A plant fitted to the first {share} alone, simulated on from there by setpoints only; seconds of the log."
+    lead = (
+        f"A plant fitted to the first {share} of each part of the flight alone foretells the rest from setpoints only, "
+        f"{FORETOLD_S:g} s at a time; seconds of the log."
+    )
     return Section("held-out", "On what was not fitted", lead, tuple(charts))
 
 
