@@ -1,5 +1,6 @@
 """Check everything: format, lint, types, import contracts, tests. Further arguments go to pytest."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -25,6 +26,8 @@ STAGES = (
     ("alone",),
 )
 """What runs side by side: those with sockets mostly wait, but for too long where too many compute beside them."""
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+"""Matrices here are small: more threads only spin, in the way of the other processes."""
 STAGE_MAX_S = 900.0
 """A test that hangs is ended by pytest's own bound; this one is for a process that hangs outside of its tests."""
 
@@ -47,7 +50,7 @@ def _run_side_by_side(parts: Sequence[str]) -> int:
     with ExitStack() as stack:
         outputs = [stack.enter_context(TemporaryFile()) for _ in parts]
         runs = [
-            subprocess.Popen([SCRIPTS / "pytest", "-m", part], cwd=ROOT, stdout=output, stderr=output)
+            subprocess.Popen([SCRIPTS / "pytest", "-m", part], cwd=ROOT, env=ENVIRONMENT, stdout=output, stderr=output)
             for part, output in zip(parts, outputs, strict=True)
         ]
         end_s = time.monotonic() + STAGE_MAX_S

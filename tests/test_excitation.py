@@ -50,7 +50,7 @@ def signal(config: AgentConfig) -> Vector:
 
 def answers(setpoints: Vector, a0: Vector, a1: Vector) -> tuple[Vector, Vector]:
     """Integrate many plants at once in small steps: positions and velocities (T, 2, N)."""
-    place, speed = np.zeros((2, 2, a0.size))
+    place, speed = np.zeros((2, 2, a0.shape[-1]))
     places, speeds = [], []
     for setpoint in setpoints:
         middle = speed + STEP_S / 2.0 * (a0 * (setpoint[:, None] - place) - a1 * speed)
@@ -336,7 +336,7 @@ def test_by_its_plant_file_it_stays_below_its_acceleration(name: str) -> None:
     config = config_of(excited(name))
     gentle = ExcitationSettings(acceleration_max_m_s2=0.8)
     setpoints = signal(replace(config, excitation=gentle))
-    a0, a1 = np.array([config.plant.x.a0_per_s2]), np.array([config.plant.x.a1_per_s])
+    a0, a1 = config.plant.a0_per_s2[:, None], config.plant.a1_per_s[:, None]
     places, speeds = answers(setpoints, a0, a1)
     pushed = a0 * (setpoints[1:, :, None] - places[:-1]) - a1 * speeds[:-1]
     assert 0.75 < float(np.hypot(pushed[:, 0], pushed[:, 1]).max()) < 0.81

@@ -88,12 +88,13 @@ def test_all_that_is_tried_is_another_plant() -> None:
 
 
 @pytest.mark.parametrize(
-    ("a0", "expected"),
-    [(1.7, "it explains the flight"), (0.9, "identify it again (cordon excite)")],
+    ("stiffer", "expected"),
+    [(1.0, "it explains the flight"), (0.55, "identify it again (cordon excite)")],
 )
-def test_the_report_says_when_to_identify_again(a0: float, expected: str) -> None:
+def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -> None:
     mission = load_mission("px4-trio")
-    setpoints, samples = flown(a0, 1.8, 0.2)
+    plant = mission.vehicles[0].plant
+    setpoints, samples = flown(stiffer * plant.x.a0_per_s2, plant.x.a1_per_s, plant.delay_s)
     sent = np.column_stack([setpoints[:, 1:], np.full(len(setpoints), 8.0)])
     seen = VehicleEvidence(1, loop=Loop(time_s=setpoints[:, 0], setpoint_m=sent), samples=samples)
     empty = np.empty((0, 2))
