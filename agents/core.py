@@ -11,6 +11,7 @@ import numpy as np
 from agents.broadcast import command_answer, member_state, neighbour_angle, sighting_told, target_package
 from agents.clock_watch import ClockWatch
 from agents.failsafe import Condition, FailsafeMonitor
+from agents.feedforward import FeedForward
 from agents.guard import Guard, Guarded, GuardStatus
 from agents.homing import assembled
 from agents.inbox import Inbox
@@ -51,6 +52,7 @@ class VehicleCore:
         self._team = Team()
         self._patience = 1.0
         self._guard = Guard(config)
+        self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
         self._neighbours = Neighbours(config)
         self._planner = Planner(config, self._team)
         clocks = ClockWatch(config.failsafe.clock_step_s)
@@ -166,11 +168,11 @@ class VehicleCore:
         guarded = self._guarded(situation, wish)
         self._note_guard(now_s, wish, guarded)
         self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
-        wish, setpoint_m = shifted(wish, guarded.setpoint_m), guarded.setpoint_m
-        self._own.command(now_s, setpoint_m)
-        x, y = setpoint_m.tolist()
+        setpoint = None if self._tactic is Tactic.STOOD_DOWN else self._setpoint(situation, wish, guarded)
+        wish = shifted(wish, guarded.setpoint_m)
+        self._own.command(now_s, guarded.setpoint_m)
         return TickOutput(
-            None if self._tactic is Tactic.STOOD_DOWN else Setpoint((x, y, self._guard.altitude_m(self._altitude_m))),
+            setpoint,
             (*answers, *self._messages(situation, wish)),
             self._status(now_s, situation, wish, guarded),
         )
@@ -269,6 +271,10 @@ class VehicleCore:
         lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
         bodies = self._neighbours.bodies(situation, self._height_m, self._team.members(), lost)
         return self._guard.check(situation, wish.setpoint_m, bodies)
+
+    def _setpoint(self, situation: Situation, wish: Wish, guarded: Guarded) -> Setpoint:
+        (x, y), velocity = self._feedforward.split(situation, wish, guarded)
+        return Setpoint((x, y, self._guard.altitude_m(self._altitude_m)), velocity_m_s=velocity)
 
     def _note_guard(self, now_s: float, wish: Wish, guarded: Guarded) -> None:
         """Note when the guard begins to change setpoints, and why; not again while it goes on and off."""

@@ -143,4 +143,4 @@ class Planner:
 
 
 def _resting(place_m: Vector) -> Wish:
-    return Wish(place_m, place_m, np.zeros(2))
+    return Wish(place_m, place_m, np.zeros(2), velocity_m_s=(0.0, 0.0))

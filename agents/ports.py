@@ -45,15 +45,19 @@ class VehicleStatus:
 class Setpoint(msgspec.Struct, frozen=True):
     """A position setpoint in the mission frame, and the yaw counter-clockwise from its x axis.
 
+    `velocity_m_s` is the velocity (x, y, z) that goes with the position, to be fed forward; empty where none is sent.
     Raises ValueError when a number is not finite: nothing else may reach a wire.
     """
 
     position_m: Triple
     yaw_rad: float = 0.0
+    velocity_m_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not all(map(isfinite, (*self.position_m, self.yaw_rad))):
-            raise ValueError(f"setpoint {self.position_m}, {self.yaw_rad} is not finite")
+        if not all(map(isfinite, (*self.position_m, self.yaw_rad, *self.velocity_m_s))):
+            raise ValueError(f"setpoint {self.position_m}, {self.yaw_rad}, {self.velocity_m_s} is not finite")
+        if len(self.velocity_m_s) not in (0, 3):
+            raise ValueError(f"setpoint velocity {self.velocity_m_s}: it must have three parts, or none")
 
 
 class VehicleRefusedError(Exception):

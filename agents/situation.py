@@ -5,6 +5,7 @@ from math import hypot, sqrt
 import msgspec
 import numpy as np
 
+from agents.barriers import Pair
 from agents.encirclement import Approach
 from agents.formation import Predecessor
 from agents.linearize import Polar
@@ -34,7 +35,11 @@ class Situation(msgspec.Struct, frozen=True):
 
 
 class Wish(msgspec.Struct, frozen=True):
-    """The setpoint (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about."""
+    """The aim (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about.
+
+    The aim is the setpoint itself unless the plant takes a velocity beside it; `velocity_m_s` is the one to send then,
+    None: the one that the plan leads to.
+    """
 
     setpoint_m: Vector
     undisturbed_m: Vector
@@ -42,6 +47,7 @@ class Wish(msgspec.Struct, frozen=True):
     place: RingPlace | None = None
     approach: Approach | None = None
     qp: QpStatus | None = None
+    velocity_m_s: Pair | None = None
 
 
 def moved(motion: Vector, by_s: float) -> Vector:
@@ -56,7 +62,7 @@ def shifted(wish: Wish, setpoint_m: Vector) -> Wish:
     if setpoint_m is wish.setpoint_m:
         return wish
     undisturbed = wish.undisturbed_m + (setpoint_m - wish.setpoint_m)
-    return Wish(setpoint_m, undisturbed, wish.rate_m_s, wish.place, wish.approach, wish.qp)
+    return Wish(setpoint_m, undisturbed, wish.rate_m_s, wish.place, wish.approach, wish.qp, wish.velocity_m_s)
 
 
 def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:

@@ -41,9 +41,9 @@ class OwnFilter:
         self.resets = 0
         self.jumps = 0
 
-    def command(self, time_s: float, setpoint_m: Vector) -> None:
-        """Remember that the setpoint (2,) was sent at `time_s`."""
-        self._inputs.add(time_s, setpoint_m)
+    def command(self, time_s: float, aim_m: Vector) -> None:
+        """Remember the aim (2,) of what was sent at `time_s`: the setpoint itself unless a velocity goes with it."""
+        self._inputs.add(time_s, aim_m)
 
     def turn_disturbance(self, rate_rad_s: float) -> None:
         """Expect the disturbance to turn at this rate from now on, counter-clockwise."""

@@ -2,8 +2,13 @@
 
 `x'' = a0 (X_d - x) - a1 x' + w` per axis (mathematics.md section 1; paper section 2). One discretisation serves the
 filters, the controllers, the simulation and the stub.
+
+With feed-forward g it takes a velocity V_d beside the setpoint: `x'' = a0 (X_d - x) + a1 (g V_d - x') + w`. That is the
+same plant with one input, its aim `X_d + (g a1 / a0) V_d`: where it would come to rest. Filters, planners and guard
+know aims only; an aim becomes a setpoint and a velocity just before it is sent.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, exp, isfinite, sin, sqrt
@@ -11,6 +16,9 @@ from math import cos, exp, isfinite, sin, sqrt
 import numpy as np
 
 from estimation.state import Vector
+
+FEEDFORWARD_MAX = 2.0
+"""Of g: PX4's and ArduCopter's is 1; no plant that was identified rightly is far from there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +39,21 @@ class PlantAxis:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """Both horizontal axes of the mission frame, and the delay between a setpoint and its effect [s]."""
+    """Both horizontal axes of the mission frame, and the delay between a setpoint and its effect [s].
+
+    `feedforward` is the gain g of the velocity beside the setpoint; 0 is a plant that takes none.
+    """
 
     x: PlantAxis
     y: PlantAxis
     delay_s: float = 0.0
+    feedforward: float = 0.0
 
     def __post_init__(self) -> None:
         if not (isfinite(self.delay_s) and 0.0 <= self.delay_s <= 1.0):
             raise ValueError(f"delay_s = {self.delay_s}: it must lie between 0 and 1 s")
+        if not (isfinite(self.feedforward) and 0.0 <= self.feedforward <= FEEDFORWARD_MAX):
+            raise ValueError(f"feedforward = {self.feedforward}: it must lie between 0 and {FEEDFORWARD_MAX:g}")
 
     @property
     def a0_per_s2(self) -> Vector:
@@ -51,21 +65,36 @@ class Plant:
         """Damping of both axes, shape (2,)."""
         return np.array([self.x.a1_per_s, self.y.a1_per_s])
 
+    @property
+    def lead_s(self) -> tuple[float, float]:
+        """How far ahead of the setpoint a velocity puts the aim, g a1 / a0 along both axes [s]."""
+        x, y, gain = self.x, self.y, self.feedforward
+        return gain * x.a1_per_s / x.a0_per_s2, gain * y.a1_per_s / y.a0_per_s2
+
+    def aim_m(self, setpoint_m: Sequence[float], velocity_m_s: Sequence[float]) -> Vector:
+        """Return the aim (2,) of a setpoint with a velocity beside it, which is empty where there is none."""
+        x, y = setpoint_m[0], setpoint_m[1]
+        if velocity_m_s and self.feedforward:
+            lead_x, lead_y = self.lead_s
+            x, y = x + lead_x * velocity_m_s[0], y + lead_y * velocity_m_s[1]
+        return np.array([x, y])
+
 
 @dataclass(frozen=True, slots=True)
 class PlantStep:
-    """The plant over one time step: `next = transition @ state + input_gain @ setpoint + disturbance_gain @ w`.
+    """The plant over one time step: `next = transition @ state + input_gain @ aim + disturbance_gain @ w`.
 
-    Shapes (4, 4), (4, 2) and (4, 2); the state is [x y x' y'], setpoint and `w` are held over the step.
+    Shapes (4, 4), (4, 2) and (4, 2); the state is [x y x' y'], aim and `w` are held over the step. Without feed-forward
+    the aim is the setpoint itself.
     """
 
     transition: Vector
     input_gain: Vector
     disturbance_gain: Vector
 
-    def advance(self, state: Vector, setpoint_m: Vector, disturbance_m_s2: Vector) -> Vector:
+    def advance(self, state: Vector, aim_m: Vector, disturbance_m_s2: Vector) -> Vector:
         """Return the state (4,) one step later."""
-        forced = self.input_gain.dot(setpoint_m) + self.disturbance_gain.dot(disturbance_m_s2)
+        forced = self.input_gain.dot(aim_m) + self.disturbance_gain.dot(disturbance_m_s2)
         return np.asarray(self.transition.dot(state) + forced, dtype=np.float64)
 
 

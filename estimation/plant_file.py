@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import Field, ValidationError
 
 from estimation.identification import Identification
-from estimation.plant import Plant, PlantAxis
+from estimation.plant import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.settings import Settings
 
 _BUNDLED = Path(__file__).parent / "plants"
@@ -31,6 +31,7 @@ class _PlantFile(Settings):
     x: _AxisSection
     y: _AxisSection
     delay_s: float = Field(0.0, ge=0.0, le=1.0)
+    feedforward: float = Field(0.0, ge=0.0, le=FEEDFORWARD_MAX)
     identified: Identification | None = None
 
 
@@ -103,4 +104,4 @@ def _file_of(name: str, content: dict[str, object]) -> PlantFile:
             faults.append(f"{name}: {axis}: {error}")
     if faults:
         raise PlantFileError(faults)
-    return PlantFile(Plant(axes["x"], axes["y"], file.delay_s), file.identified)
+    return PlantFile(Plant(axes["x"], axes["y"], file.delay_s, file.feedforward), file.identified)

@@ -6,7 +6,7 @@ began, how fast, and one steady disturbance. What is then left is held against w
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -38,6 +38,7 @@ class Watched:
 def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
     """Compare a plant with a flight: setpoints (S, 3) and positions (K, 3), each row a time [s] and a place [m].
 
+    Setpoints with velocities beside them are (S, 5).
     None where too little was asked of the vehicle to tell plants apart.
     """
     windows = list(_windows(setpoints, samples))
@@ -49,24 +50,25 @@ def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
 
 
 def others(plant: Plant) -> list[Plant]:
-    """Return the plants that a plant is held against."""
-    tried = []
+    """Return the plants that a plant is held against; one with feed-forward also against itself without."""
+    tried = [replace(plant, feedforward=0.0)] if plant.feedforward else []
     for a0, a1, later_s in product(SHARES, SHARES, DELAYS_S):
         x, y = (PlantAxis(axis.a0_per_s2 * a0, axis.a1_per_s * a1) for axis in (plant.x, plant.y))
         delay_s = round(plant.delay_s + later_s, 3)
         if 0.0 <= delay_s <= 1.0 and (a0, a1, later_s) != (1.0, 1.0, 0.0):
-            tried.append(Plant(x, y, delay_s))
+            tried.append(replace(plant, x=x, y=y, delay_s=delay_s))
     return tried
 
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A window: when it begins, its positions (N, 2), and all setpoints by time."""
+    """A window: when it begins, its positions (N, 2), and all setpoints by time, with their velocities (S, 2)."""
 
     from_s: float
     position_m: Vector
     setpoint_s: Vector
     setpoint_m: Vector
+    velocity_m_s: Vector
 
 
 def _windows(setpoints: Vector, samples: Vector) -> Iterator[_Window]:
@@ -80,11 +82,11 @@ def _windows(setpoints: Vector, samples: Vector) -> Iterator[_Window]:
         near = samples[(samples[:, 0] >= from_s - 1.0) & (samples[:, 0] <= from_s + WINDOW_S + 1.0)]
         if len(near) < count / 2.0 or np.diff(near[:, 0]).max() > 1.0:
             continue
-        asked = _held(setpoints[:, 0], setpoints[:, 1:], time_s)
+        asked = _held(setpoints[:, 0], setpoints[:, 1:3], time_s)
         if np.sqrt(np.mean(_without_line(asked) ** 2)) < MOVED_LEAST_M:
             continue
         place = np.column_stack([np.interp(time_s, near[:, 0], near[:, k]) for k in (1, 2)])
-        yield _Window(float(from_s), place, setpoints[:, 0], setpoints[:, 1:])
+        yield _Window(float(from_s), place, setpoints[:, 0], setpoints[:, 1:3], setpoints[:, 3:])
 
 
 def _held(at_s: Vector, value: Vector, time_s: Vector) -> Vector:
@@ -96,6 +98,10 @@ def _without_line(values: Vector) -> Vector:
     return values - base @ np.linalg.lstsq(base, values, rcond=None)[0]
 
 
+def _aims(plant: Plant, window: _Window) -> Vector:
+    return window.setpoint_m + plant.lead_s * window.velocity_m_s if window.velocity_m_s.size else window.setpoint_m
+
+
 def _unexplained_m(plant: Plant, windows: Sequence[_Window]) -> float:
     """Return what a plant leaves unexplained (rms over all windows and both axes)."""
     step = exact_step(plant, STEP_S)
@@ -103,7 +109,7 @@ def _unexplained_m(plant: Plant, windows: Sequence[_Window]) -> float:
     begins_s = np.array([window.from_s for window in windows])
     pushes = np.array(
         [
-            _held(window.setpoint_s, window.setpoint_m, begins_s[k] - plant.delay_s + STEP_S * np.arange(count))
+            _held(window.setpoint_s, _aims(plant, window), begins_s[k] - plant.delay_s + STEP_S * np.arange(count))
             for k, window in enumerate(windows)
         ]
     )

@@ -138,6 +138,7 @@ class TrueScale(Settings):
 
     a0: float = Field(1.0, ge=0.1, le=10.0)
     a1: float = Field(1.0, ge=0.1, le=10.0)
+    feedforward: float = Field(1.0, ge=0.0, le=10.0)
 
 
 class VehicleSection(Settings):

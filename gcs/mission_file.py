@@ -24,7 +24,7 @@ from agents.settings import (
     FormationSettings,
     SafetySettings,
 )
-from estimation.plant import Plant, PlantAxis
+from estimation.plant import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.plant_file import PlantFile, PlantFileError, PlantShelf
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.excitation import excitation_faults, excited, limits_rise
@@ -235,7 +235,8 @@ def _resolved(section: VehicleSection, file: PlantFile) -> MissionVehicle:
     def true(axis: PlantAxis) -> PlantAxis:
         return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
 
-    true_plant = Plant(true(plant.x), true(plant.y), plant.delay_s)
+    gain = min(plant.feedforward * scale.feedforward, FEEDFORWARD_MAX)
+    true_plant = Plant(true(plant.x), true(plant.y), plant.delay_s, gain)
     return MissionVehicle(section, plant, true_plant, section.decision or DecisionSettings(), file.identified)
 
 

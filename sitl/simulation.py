@@ -32,6 +32,11 @@ class WantedPosition(Protocol):
         """Mission frame."""
         ...
 
+    @property
+    def velocity_m_s(self) -> tuple[float, ...]:
+        """The velocity beside it, empty if there is none."""
+        ...
+
 
 class Packet(Protocol):
     """A message on the simulated network."""
@@ -120,7 +125,7 @@ class SimulatedVehicle(Generic[OutputT]):
         self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
         self._disturbance = np.array(disturbance_m_s2)
         self._random = np.random.default_rng(seed)
-        self._setpoint_m: Vector = np.array(start_m)
+        self._aim_m: Vector = np.array(start_m)
         self._pending: list[tuple[float, Vector]] = []
 
     def sense(self, now_s: float) -> tuple[Telemetry, Sighting | None]:
@@ -140,22 +145,24 @@ class SimulatedVehicle(Generic[OutputT]):
     def command(self, now_s: float, wanted: WantedPosition | None) -> None:
         """Send a setpoint on its way; it acts one delay later."""
         if wanted is not None:
-            self._pending.append((now_s + self._plant.delay_s, np.array(wanted.position_m[:2])))
+            self._pending.append(
+                (now_s + self._plant.delay_s, self._plant.aim_m(wanted.position_m, wanted.velocity_m_s))
+            )
 
     def advance(self, from_s: float, to_s: float) -> None:
         """Move the true vehicle, changing setpoints exactly when they take effect."""
         while self._pending and self._pending[0][0] <= to_s:
-            acts_s, setpoint = self._pending.pop(0)
+            acts_s, aim_m = self._pending.pop(0)
             self._fly(max(acts_s, from_s) - from_s)
             from_s = max(acts_s, from_s)
-            self._setpoint_m = setpoint
+            self._aim_m = aim_m
         self._fly(to_s - from_s)
 
     def _fly(self, step_s: float) -> None:
         step_s = round(step_s, 9)
         if step_s > 0.0:
             step = exact_step(self._plant, step_s)
-            self.motion = step.advance(self.motion, self._setpoint_m, self._disturbance)
+            self.motion = step.advance(self.motion, self._aim_m, self._disturbance)
 
 
 _ROUNDING_S = 1e-9

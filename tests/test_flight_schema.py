@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from agents.ports import FlightMode, VehicleStatus
+from agents.ports import FlightMode, Setpoint, VehicleStatus
 from agents.tape import Autopilot, Message
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
@@ -68,6 +68,27 @@ def test_an_older_reader_reads_what_it_knows_of_a_newer_record() -> None:
     from gcs.flightlog.records import Place as Known
 
     assert msgspec.convert(decoded, Known) == Known(3, 1.0, 2.0)
+
+
+def test_a_record_of_before_a_field_with_a_default_is_read_with_that() -> None:
+    """Setpoints have had velocities only since there is feed-forward; what has no default is never dispensable."""
+    before = msgspec.defstruct(
+        "Setpoint", [("position_m", tuple[float, float, float]), ("yaw_rad", float)], frozen=True
+    )
+    kept = [(each.encode_name, each.type) for each in msgspec.structs.fields(Decision)]
+    older = msgspec.defstruct(
+        "Decision", [(name, before | None if name == "setpoint" else kind) for name, kind in kept], frozen=True
+    )
+    values = dict.fromkeys(name for name, _ in kept) | {"time_s": 1.0, "tactic": "hold", "mixing": 0.0, "alert": ""}
+    values |= dict.fromkeys(("notes", "sent", "peers", "answers"), ()) | {"messages_dropped": 0}
+    codec = Codec(older)
+    decoder = Decoder(codec.name, codec.schema)
+    decoder.require(Decision)
+    decoded = decoder.decode(codec.encode(older(**values | {"setpoint": before((1.0, 2.0, 3.0), 0.5)}), 1))
+    assert msgspec.convert(decoded, Decision).setpoint == Setpoint((1.0, 2.0, 3.0), 0.5, ())
+    bare = Codec(msgspec.defstruct("Decision", [(name, kind) for name, kind in kept if name != "tactic"], frozen=True))
+    with pytest.raises(ValueError, match="Decision has no tactic"):
+        Decoder(bare.name, bare.schema).require(Decision)
 
 
 def test_a_log_is_read_by_others_as_well(tmp_path: Path) -> None:

@@ -57,6 +57,30 @@ def test_advance_agrees_with_numerical_integration(plant: Plant) -> None:
     assert exact_step(plant, 1.7).advance(start, setpoint, disturbance) == pytest.approx(truth, abs=1e-8)
 
 
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_velocity_beside_the_setpoint_acts_as_the_aim_says(plant: Plant) -> None:
+    """x'' = a0 (X_d - x) + a1 (g V_d - x') + w, integrated as it is written."""
+    fed = Plant(plant.x, plant.y, 0.0, 0.8)
+    start = np.array([1.0, -2.0, 0.7, 0.3])
+    setpoint, velocity, disturbance = np.array([4.0, -1.0]), np.array([-0.4, 0.6]), np.array([0.3, -0.2])
+
+    def derivative(_: float, state: Vector) -> Vector:
+        pull = plant.a0_per_s2 * (setpoint - state[:2]) + plant.a1_per_s * (0.8 * velocity - state[2:])
+        return np.concatenate([state[2:], pull + disturbance])
+
+    truth = solve_ivp(derivative, (0.0, 1.7), start, rtol=1e-11, atol=1e-12).y[:, -1]
+    aim = fed.aim_m(setpoint.tolist(), velocity.tolist())
+    assert exact_step(fed, 1.7).advance(start, aim, disturbance) == pytest.approx(truth, abs=1e-8)
+    assert fed.aim_m(setpoint.tolist(), ()) == pytest.approx(setpoint)
+    assert plant.aim_m(setpoint.tolist(), velocity.tolist()) == pytest.approx(setpoint)
+
+
+@pytest.mark.parametrize("gain", [-0.1, 2.1, nan, inf])
+def test_a_feed_forward_that_no_vehicle_has_is_refused(gain: float) -> None:
+    with pytest.raises(ValueError, match="feedforward"):
+        Plant(UNDERDAMPED, UNDERDAMPED, 0.0, gain)
+
+
 @given(st.floats(0.01, 5.0), st.floats(0.01, 5.0), st.floats(0.001, 3.0), st.floats(0.001, 3.0))
 def test_two_steps_are_one_long_step(a0: float, a1: float, first_s: float, second_s: float) -> None:
     plant = Plant(PlantAxis(a0, a1), UNDERDAMPED)

@@ -32,14 +32,15 @@ sha256 = "{"0a" * 32}"
 
 def test_the_bundled_plants_load(tmp_path: Path) -> None:
     axis = PlantAxis(0.80, 0.87)
-    assert bundled_plants() == ["ardupilot", "px4", "stub", "stub-delayed"]
+    assert bundled_plants() == ["ardupilot", "px4", "stub", "stub-delayed", "stub-feedforward"]
     assert load_plant("stub", tmp_path) == Plant(axis, axis)
     assert load_plant("stub-delayed", tmp_path) == Plant(axis, axis, 0.15)
+    assert load_plant("stub-feedforward", tmp_path) == Plant(axis, axis, 0.0, 1.0)
 
 
 def test_a_file_of_the_users_own_is_found_beside_the_mission(tmp_path: Path) -> None:
-    (tmp_path / "own.toml").write_text("delay_s = 0.2\n" + AXES)
-    assert load_plant("own.toml", tmp_path) == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1), 0.2)
+    (tmp_path / "own.toml").write_text("delay_s = 0.2\nfeedforward = 0.9\n" + AXES)
+    assert load_plant("own.toml", tmp_path) == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1), 0.2, 0.9)
 
 
 def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
@@ -55,6 +56,8 @@ def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
         (b"a0 = = 1", "'own.toml' is not TOML"),
         (b"\xff\xfe", "'own.toml' is not TOML"),
         (AXES.encode() + b"extra = 1\n", "own.toml: y.extra: Extra inputs are not permitted"),
+        (b"feedforward = -1\n" + AXES.encode(), "own.toml: feedforward: Input should be greater than or equal to 0"),
+        (b"feedforward = 2.5\n" + AXES.encode(), "own.toml: feedforward: Input should be less than or equal to 2"),
         (b"delay_s = 1.5\n" + AXES.encode(), "own.toml: delay_s: Input should be less than or equal to 1"),
         (AXES.replace("0.6", "nan").encode(), "own.toml: y.a0_per_s2: Input should be a finite number"),
         (AXES.replace("0.6", "'0.6'").encode(), "own.toml: y.a0_per_s2: Input should be a valid number"),

@@ -19,6 +19,7 @@ RATE_HZ = 10.0
 @dataclass
 class Wanted:
     position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, ...] = ()
 
 
 @dataclass
@@ -35,8 +36,14 @@ class Asked:
 class Recorder:
     """A core that asks for what it is told to, and writes down all it hears."""
 
-    def __init__(self, course: Callable[[float], tuple[float, float] | None], packets: int = 0) -> None:
+    def __init__(
+        self,
+        course: Callable[[float], tuple[float, float] | None],
+        packets: int = 0,
+        velocity: Callable[[float], tuple[float, ...]] = lambda _: (),
+    ) -> None:
         self.course = course
+        self.velocity = velocity
         self.packets = packets
         self.telemetry: list[Telemetry] = []
         self.sightings: list[Sighting] = []
@@ -56,7 +63,7 @@ class Recorder:
         place = self.course(now_s)
         messages = [Packet(f"{self.sent + number}".encode()) for number in range(self.packets)]
         self.sent += self.packets
-        return Asked(None if place is None else Wanted((*place, 8.0)), messages)
+        return Asked(None if place is None else Wanted((*place, 8.0), self.velocity(now_s)), messages)
 
 
 class Sensor:
@@ -121,6 +128,30 @@ def test_the_true_motion_is_exact_with_every_setpoint_acting_one_delay_later(del
     assert flight.time_s == pytest.approx(np.arange(51) / RATE_HZ)
     assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
     assert flight.tick_us.shape == (51, 1)
+
+
+def gust(now_s: float) -> tuple[float, ...]:
+    return 1.3 * np.cos(0.9 * now_s), -0.4, 0.0
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.7, 1.0])
+def test_a_velocity_beside_the_setpoint_pushes_as_the_equation_says(gain: float) -> None:
+    """x'' = a0 (X_d - x) + a1 (g V_d - x'), by the matrix exponential over each tick."""
+    flow = np.zeros((6, 6))
+    flow[:2, 2:4] = np.eye(2)
+    flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
+    flow[2:4, 4:] = np.eye(2)
+    response = expm(flow / RATE_HZ)
+    truth, motion = [], np.array([1.0, -2.0, 0.0, 0.0])
+    for tick in range(51):
+        truth.append(motion)
+        setpoint, velocity = np.array(weave(tick / RATE_HZ)), np.array(gust(tick / RATE_HZ)[:2])
+        push = PLANT.a0_per_s2 * setpoint + gain * PLANT.a1_per_s * velocity
+        motion = (response @ np.concatenate([motion, push]))[:4]
+
+    flight = fly([vehicle(Recorder(weave, velocity=gust), Plant(PLANT.x, PLANT.y, 0.0, gain))], 5.0)
+
+    assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
 
 
 def test_a_vehicle_without_setpoints_hovers_where_it_started() -> None:

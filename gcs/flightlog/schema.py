@@ -4,7 +4,7 @@ Field 1 of every record is its `number`. The others have their names, and field 
 is added goes to the end. Enums travel as the words that their members stand for, what may be None with presence.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from typing import Any
 
@@ -33,10 +33,12 @@ class Codec:
 
     def __init__(self, kind: type[Any]) -> None:
         """Take a msgspec struct of numbers, words, bytes, enums, tuples and structs of such."""
+        known = inspect.type_info(kind)
         file = FileDescriptorProto(name=f"{PACKAGE}/{kind.__name__}.proto", package=PACKAGE, syntax="proto3")
-        _add_message(file, inspect.type_info(kind), {"number": inspect.IntType()})
+        _add_message(file, known, {"number": inspect.IntType()})
         pool = DescriptorPool()
         pool.Add(file)
+        self.dispensable = frozenset(_with_defaults(known))
         self.name = f"{PACKAGE}.{kind.__name__}"
         self.schema = FileDescriptorSet(file=[file]).SerializeToString()
         self._message = GetMessageClass(pool.FindMessageTypeByName(self.name))
@@ -76,9 +78,12 @@ class Decoder:
             raise ValueError(f"the schema of {name} is damaged: {error}") from error
 
     def require(self, kind: type[Any]) -> None:
-        """Raise ValueError unless the file's records hold all that a type of record here does, in the same form."""
-        ours = _codec(kind).descriptor  # type: ignore[arg-type]  # mypy holds that type[Any] has no hash
-        if lacking := next(_lacking(self._message.DESCRIPTOR, ours), ""):
+        """Raise ValueError unless the file's records hold all that a type of record here does, in the same form.
+
+        What has a default may be lacking: a version that did not know it yet meant that.
+        """
+        ours = _codec(kind)  # type: ignore[arg-type]  # mypy holds that type[Any] has no hash
+        if lacking := next(_lacking(self._message.DESCRIPTOR, ours.descriptor, ours.dispensable), ""):
             raise ValueError(f"another version of cordon wrote it: {lacking}")
 
     def decode(self, payload: bytes) -> dict[str, Any]:
@@ -98,16 +103,27 @@ def _codec(kind: type[Any]) -> Codec:
     return Codec(kind)
 
 
-def _lacking(theirs: Any, ours: Any) -> Iterator[str]:
+def _with_defaults(kind: inspect.Type) -> Iterator[tuple[str, str]]:
+    """Return the fields that have defaults, in a struct and all within it, each with its struct's name."""
+    if not isinstance(kind, inspect.StructType | inspect.DataclassType):
+        return
+    for member in kind.fields:
+        if not member.required:
+            yield kind.cls.__name__, member.encode_name
+        yield from _with_defaults(_taken_apart(member.type)[0])
+
+
+def _lacking(theirs: Any, ours: Any, dispensable: Collection[tuple[str, str]]) -> Iterator[str]:
     """Return what a message lacks of another: fields, or their form."""
     for wanted in ours.fields:
         found = theirs.fields_by_name.get(wanted.name)
         if found is None:
-            yield f"{theirs.name} has no {wanted.name}"
+            if (ours.name, wanted.name) not in dispensable:
+                yield f"{theirs.name} has no {wanted.name}"
         elif _form(found) != _form(wanted):
             yield f"{wanted.name} of {theirs.name} has another form"
         elif wanted.message_type:
-            yield from _lacking(found.message_type, wanted.message_type)
+            yield from _lacking(found.message_type, wanted.message_type, dispensable)
 
 
 def _form(field: Any) -> tuple[Any, ...]:

@@ -43,7 +43,8 @@ class Loop:
     """One vehicle's control loop, an entry a tick: when (T,), its computing time [us], and ticks skipped before it.
 
     `qp` says where each plan came from (`interior`, `bounded`, `fallback`), `guard` what the guard did with the wish
-    (`passed`, `changed`, `yielded`, `braked`); `setpoint_m` (T, 3) is what was sent, NaN where nothing was.
+    (`passed`, `changed`, `yielded`, `braked`); `setpoint_m` (T, 3) is what was sent, NaN where nothing was;
+    `velocity_m_s` (T, 3) is the velocity that went with it, 0 where none did.
     """
 
     time_s: Vector = field(default_factory=_none)
@@ -52,6 +53,7 @@ class Loop:
     qp: Names = field(default_factory=_no_names)
     guard: Names = field(default_factory=_no_names)
     setpoint_m: Vector = field(default_factory=lambda: np.empty((0, 3)))
+    velocity_m_s: Vector = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True, slots=True)

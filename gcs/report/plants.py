@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.plant import Plant
-from estimation.plant_watch import Watched, others, watch
+from estimation.plant_watch import others, watch
 from estimation.state import POSITION
 from gcs.mission import Mission, MissionVehicle
 from gcs.report.evidence import FlightEvidence, VehicleEvidence
@@ -23,16 +23,19 @@ def plant_facts(mission: Mission, evidence: FlightEvidence) -> dict[str, str]:
 
 
 def _told(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
-    setpoints = np.column_stack([evidence.loop.time_s, evidence.loop.setpoint_m[:, POSITION]])
-    watched, name = watch(vehicle.plant, setpoints, evidence.samples), f"'{vehicle.section.plant}'"
+    loop, plant = evidence.loop, vehicle.plant
+    sent = [loop.time_s, loop.setpoint_m[:, POSITION]] + [loop.velocity_m_s[:, POSITION]] * (plant.feedforward > 0.0)
+    watched, name = watch(plant, np.column_stack(sent), evidence.samples), f"'{vehicle.section.plant}'"
     if watched is None:
         return f"{name}; too little was asked of the vehicle to tell whether it still explains it"
     left = f"{name} leaves {watched.unexplained_m:.2f} m unexplained (rms over {watched.windows} windows)"
     if watched.best_m >= AGAIN_SHARE * watched.unexplained_m:
-        return f"{left}, the best of {len(others(vehicle.plant))} others {watched.best_m:.2f} m: it explains the flight"
-    return f"{left}, another {watched.best_m:.2f} m ({_numbers(watched)}): identify it again (cordon excite)"
+        return f"{left}, the best of {len(others(plant))} others {watched.best_m:.2f} m: it explains the flight"
+    return (
+        f"{left}, another {watched.best_m:.2f} m ({_numbers(watched.best, plant)}): identify it again (cordon excite)"
+    )
 
 
-def _numbers(watched: Watched) -> str:
-    plant: Plant = watched.best
-    return f"a0 {plant.x.a0_per_s2:.2f} 1/s², a1 {plant.x.a1_per_s:.2f} 1/s, delay {plant.delay_s:.2f} s"
+def _numbers(best: Plant, plant: Plant) -> str:
+    words = f"a0 {best.x.a0_per_s2:.2f} 1/s², a1 {best.x.a1_per_s:.2f} 1/s, delay {best.delay_s:.2f} s"
+    return words if best.feedforward == plant.feedforward else f"{words}, velocities without effect"
