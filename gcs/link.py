@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from mavsdk.autopilot import Autopilot
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action import Action
-from mavsdk.plugins.offboard import Offboard, PositionNedYaw
+from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from estimation.frames import MissionFrame, Triple, wrap_signed_rad
@@ -236,8 +236,14 @@ class MavsdkLink:
         x0, y0, z0 = parts.feed.origin_m
         north_m, east_m, down_m = self._frame.ned_from_mission((x - x0, y - y0, z - z0))
         heading_deg = degrees(wrap_signed_rad(self._frame.x_bearing_rad - setpoint.yaw_rad))
+        place = PositionNedYaw(north_m, east_m, down_m, heading_deg)
         try:
-            parts.offboard.set_position_ned(PositionNedYaw(north_m, east_m, down_m, heading_deg))
+            if setpoint.velocity_m_s:
+                x_rate, y_rate, climb = setpoint.velocity_m_s
+                velocity_m_s = self._frame.ned_from_mission((x_rate, y_rate, climb))
+                parts.offboard.set_position_velocity_ned(place, VelocityNedYaw(*velocity_m_s, heading_deg))
+            else:
+                parts.offboard.set_position_ned(place)
             self._sent += 1
         except (MavsdkError, RuntimeError):
             self._unsent += 1

@@ -28,13 +28,17 @@ YAW_RATE_MAX_RAD_S = pi / 4
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where to fly: mission position (x, y), altitude, heading (None keeps it), and the speeds allowed."""
+    """Where to fly: mission position (x, y), altitude, heading (None keeps it), and the speeds allowed.
+
+    `velocity_m_s` is the velocity (x, y, ...) that goes with the position, empty if none does.
+    """
 
     position_m: tuple[float, float]
     altitude_m: float
     heading_rad: float | None
     climb_max_m_s: float
     sink_max_m_s: float
+    velocity_m_s: tuple[float, ...] = ()
 
 
 class Airframe:
@@ -44,6 +48,7 @@ class Airframe:
         self, plant: Plant, start_m: Triple, heading_rad: float = 0.0, shape: ShapeLimits | None = None
     ) -> None:
         """Stand at `start_m`, which is on the ground; without a `shape` the plant alone rules."""
+        self._plant = plant
         self._step = exact_step(plant, STEP_S)
         self._shaped = None if shape is None else ShapedStep(plant, STEP_S, shape)
         self._motion: Vector = np.array([start_m[0], start_m[1], 0.0, 0.0])
@@ -89,12 +94,12 @@ class Airframe:
             self._stand()
             return
         before = self._motion
-        setpoint = np.array(target.position_m)
+        aim_m = self._plant.aim_m(target.position_m, target.velocity_m_s)
         if self._shaped is None:
-            self._motion = self._step.advance(before, setpoint, disturbance_m_s2)
+            self._motion = self._step.advance(before, aim_m, disturbance_m_s2)
         else:
             last = np.array(self._acceleration_m_s2)
-            self._motion = self._shaped.advance(before, last, setpoint, disturbance_m_s2)
+            self._motion = self._shaped.advance(before, last, aim_m, disturbance_m_s2)
         x, y = ((self._motion[VELOCITY] - before[VELOCITY]) / STEP_S).tolist()
         self._acceleration_m_s2 = (x, y)
 

@@ -1,14 +1,17 @@
 """A stub autopilot with ArduCopter's manners: GUIDED flies take-off and setpoints alike, and forgets no position.
 
 What differs from PX4's: a mode is chosen, not intended, and stays after disarming; no stream of setpoints is needed,
-and its end is no failsafe; take-off is an order to a vehicle armed in GUIDED; landing disarms at once. GUIDED is
+and its end is no failsafe; a position that came with a velocity moves on with it until the next one comes, for three
+seconds at most; take-off is an order to a vehicle armed in GUIDED; landing disarms at once. GUIDED is
 `NavMode.OFFBOARD` here, BRAKE is HOLD, LOITER is POSITION.
 """
 
+from dataclasses import replace
 from math import inf
 
 from estimation.frames import Triple
 from estimation.plant import Plant
+from sitl.airframe import STEP_S
 from sitl.autopilot import Autopilot, Verdict
 from sitl.guidance import PositionTarget
 from sitl.modes import Conditions, NavMode
@@ -16,6 +19,8 @@ from sitl.parameters import ARDUCOPTER_TABLE, Parameters
 from sitl.shaping import ShapeLimits
 
 CM = 0.01
+GUIDED_TIMEOUT_S = 3.0
+"""GUID_TIMEOUT: velocities that are older are taken as none."""
 PREVENTS_ARMING = frozenset({NavMode.HOLD, NavMode.LAND, NavMode.RETURN})
 
 
@@ -42,6 +47,7 @@ class ArduCopter(Autopilot):
         shape = ShapeLimits(
             parameters["WPNAV_SPEED"] * CM, parameters["WPNAV_ACCEL"] * CM, float(parameters["PSC_JERK_XY"])
         )
+        self._feeds = plant.feedforward > 0.0
         super().__init__(
             plant,
             start_m,
@@ -76,6 +82,17 @@ class ArduCopter(Autopilot):
         """Take a setpoint that arrived at `time_s`; outside GUIDED, and on the ground, it is passed over."""
         if self.mode is NavMode.OFFBOARD and not self.landed:
             super().receive_setpoint(time_s, target)
+
+    def _apply_due_setpoints(self) -> None:
+        super()._apply_due_setpoints()
+        flown = self._applied
+        if not self._feeds or flown is None or not flown.velocity_m_s:
+            return
+        if self.time_s - self._heard_s > GUIDED_TIMEOUT_S:
+            self._applied = replace(flown, velocity_m_s=())
+        else:
+            x, y, z = (place + rate * STEP_S for place, rate in zip(flown.position_m, flown.velocity_m_s, strict=True))
+            self._applied = replace(flown, position_m=(x, y, z))
 
     def _arming_fault(self) -> str | None:
         if not self.armable:

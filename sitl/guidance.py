@@ -22,18 +22,19 @@ DESCENT_LEAD_M = 10.0
 
 @dataclass(frozen=True, slots=True)
 class PositionTarget:
-    """A received setpoint: mission position, and heading (None keeps the present one).
+    """A received setpoint: mission position, heading (None keeps the present one), and velocity, empty if none.
 
     Raises ValueError when a number is not finite.
     """
 
     position_m: Triple
     heading_rad: float | None = None
+    velocity_m_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse NaN and infinity."""
-        if not all(map(isfinite, (*self.position_m, self.heading_rad or 0.0))):
-            raise ValueError(f"setpoint {self.position_m}, {self.heading_rad} is not finite")
+        if not all(map(isfinite, (*self.position_m, self.heading_rad or 0.0, *self.velocity_m_s))):
+            raise ValueError(f"setpoint {self.position_m}, {self.heading_rad}, {self.velocity_m_s} is not finite")
 
 
 class Guidance:
@@ -84,9 +85,10 @@ class Guidance:
         """Return where to fly now; `motors_s` is when the motors were started."""
         x, y, altitude = self._hold_m
         heading = None
+        velocity: tuple[float, ...] = ()
         sink = self._limits.sink_m_s
         if mode is NavMode.OFFBOARD and setpoint is not None:
-            (x, y, altitude), heading = setpoint.position_m, setpoint.heading_rad
+            (x, y, altitude), heading, velocity = setpoint.position_m, setpoint.heading_rad, setpoint.velocity_m_s
         elif mode is NavMode.TAKE_OFF:
             altitude = self._take_off_altitude_m
         elif mode is NavMode.RETURN and not self._home_reached:
@@ -95,7 +97,7 @@ class Guidance:
             altitude = self._airframe.position_m[2] - DESCENT_LEAD_M
             sink = self._sink_speed_m_s(crawl=mode not in NEEDS_STICKS)
         climb = self._climb_limit_m_s(mode, altitude, time_s=time_s, motors_s=motors_s)
-        return Target((x, y), altitude, heading, climb, sink)
+        return Target((x, y), altitude, heading, climb, sink, velocity)
 
     @property
     def _home_reached(self) -> bool:

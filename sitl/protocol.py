@@ -8,7 +8,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterator
 from enum import Enum
-from math import isfinite
+from math import isfinite, isnan
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ AUTOPILOT_COMPONENT = 1
 INT32, REAL32 = 6, 9
 LOCAL_NED = 1
 POSITION_IGNORED = 0b111
+VELOCITY_IGNORED = 0b111 << 3
 YAW_IGNORED = 1 << 10
 REACH_MAX_M = 100e3
 """A setpoint farther than this from the vehicle's origin is not believed."""
@@ -217,22 +218,27 @@ class MavlinkVehicle:
             self.autopilot.zones = zones_of(items, self._frame)
 
     def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
-        """Take a local position setpoint; its velocity and acceleration are left aside."""
+        """Take a local position setpoint, with its velocity if it has one; its acceleration is left aside."""
         if m.coordinate_frame != LOCAL_NED:
             return self._drop(Drop.FRAME)
         if m.type_mask & POSITION_IGNORED:
             return self._drop(Drop.POSITION_MASKED)
         # To PX4 a yaw of NaN means: keep the present one.
         heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
-        if not all(map(isfinite, (m.x, m.y, m.z))):
+        # To both, one that is masked is none, and to PX4 one of NaN as well.
+        fed = not m.type_mask & VELOCITY_IGNORED and not any(map(isnan, (m.vx, m.vy, m.vz)))
+        numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz) if fed else (m.x, m.y, m.z)
+        if not all(map(isfinite, numbers)):
             return self._drop(Drop.NOT_FINITE)
-        if max(abs(m.x), abs(m.y), abs(m.z)) > REACH_MAX_M:
+        if max(map(abs, numbers)) > REACH_MAX_M:
             return self._drop(Drop.OUT_OF_REACH)
         x, y, z = self._frame.mission_from_ned((m.x, m.y, m.z))
         x0, y0, z0 = self._origin_m
         # It flies to where it believes the setpoint to be.
         dx, dy, dz = self._faults.estimate_offset_m
-        self.autopilot.receive_setpoint(time_s, PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading))
+        velocity = self._frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
+        target = PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading, velocity)
+        self.autopilot.receive_setpoint(time_s, target)
         return []
 
     def _on_request_data_stream(self, m: Any, time_s: float) -> list[Outgoing]:

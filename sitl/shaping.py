@@ -38,10 +38,10 @@ class ShapedStep:
         self._step_s = step_s
         self._limits = limits
 
-    def advance(self, state: Vector, before_m_s2: Vector, setpoint_m: Vector, disturbance_m_s2: Vector) -> Vector:
+    def advance(self, state: Vector, before_m_s2: Vector, aim_m: Vector, disturbance_m_s2: Vector) -> Vector:
         """Return the state (4,) one step later; `before_m_s2` (2,) is the acceleration over the step before."""
-        setpoint_m = self._nearer(state[POSITION], setpoint_m, disturbance_m_s2)
-        linear = self._linear.advance(state, setpoint_m, disturbance_m_s2)
+        aim_m = self._nearer(state[POSITION], aim_m, disturbance_m_s2)
+        linear = self._linear.advance(state, aim_m, disturbance_m_s2)
         wanted = (linear[VELOCITY] - state[VELOCITY]) / self._step_s
         bounded = _shortened(wanted, self._limits.acceleration_m_s2)
         change = bounded - before_m_s2
@@ -52,12 +52,12 @@ class ShapedStep:
         position = state[POSITION] + (state[VELOCITY] + velocity) / 2.0 * self._step_s
         return np.concatenate([position, velocity])
 
-    def _nearer(self, position_m: Vector, setpoint_m: Vector, disturbance_m_s2: Vector) -> Vector:
-        """Draw the setpoint nearer, until the speed that the plant tends to is one allowed."""
-        tended = (self._a0_per_s2 * (setpoint_m - position_m) + disturbance_m_s2) / self._a1_per_s
+    def _nearer(self, position_m: Vector, aim_m: Vector, disturbance_m_s2: Vector) -> Vector:
+        """Draw the aim nearer, until the speed that the plant tends to is one allowed."""
+        tended = (self._a0_per_s2 * (aim_m - position_m) + disturbance_m_s2) / self._a1_per_s
         bounded = _shortened(tended, SPEED_KEPT * self._limits.speed_m_s)
         if bounded is tended:
-            return setpoint_m
+            return aim_m
         return np.asarray(position_m + (self._a1_per_s * bounded - disturbance_m_s2) / self._a0_per_s2)
 
 

@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from math import hypot, radians
 from typing import Any
 
@@ -101,8 +102,8 @@ def test_limits_are_positive(wrong: tuple[float, float, float]) -> None:
 # The autopilot
 
 
-def ready(**parameters: float) -> ArduCopter:
-    copter = ArduCopter(PLANT, parameters=Parameters(ARDUCOPTER_TABLE, **parameters))
+def ready(plant: Plant = PLANT, **parameters: float) -> ArduCopter:
+    copter = ArduCopter(plant, parameters=Parameters(ARDUCOPTER_TABLE, **parameters))
     wait(copter, 3.0)
     return copter
 
@@ -120,9 +121,9 @@ def is_armed(copter: ArduCopter) -> bool:
     return copter.armed
 
 
-def guided(height_m: float = 8.0, **parameters: float) -> ArduCopter:
+def guided(height_m: float = 8.0, plant: Plant = PLANT, **parameters: float) -> ArduCopter:
     """Take off and hover in GUIDED."""
-    copter = ready(**parameters)
+    copter = ready(plant, **parameters)
     assert copter.select(NavMode.OFFBOARD) is Verdict.ACCEPTED
     assert copter.arm() is Verdict.ACCEPTED
     assert copter.take_off(height_m) is Verdict.ACCEPTED
@@ -169,6 +170,15 @@ def test_a_position_is_held_for_ever_and_its_silence_is_no_failsafe() -> None:
     assert mode_of(copter) is NavMode.OFFBOARD
     assert not copter.failsafe
     assert copter.airframe.position_m == pytest.approx((6.0, -3.0, 9.0), abs=0.01)
+
+
+@pytest.mark.parametrize(("gain", "moved_s"), [(1.0, 3.0), (0.0, 0.0)])
+def test_a_position_with_a_velocity_moves_on_with_it_for_three_seconds(gain: float, moved_s: float) -> None:
+    """As ModeGuided::posvelaccel_control_run has it; a stub whose plant takes no velocities leaves them aside."""
+    copter = guided(plant=replace(PLANT, feedforward=gain))
+    copter.receive_setpoint(copter.time_s, PositionTarget((2.0, 0.0, 8.0), None, (0.5, -0.4, 0.0)))
+    wait(copter, 30.0)
+    assert copter.airframe.position_m[:2] == pytest.approx((2.0 + 0.5 * moved_s, -0.4 * moved_s), abs=0.03)
 
 
 @pytest.mark.parametrize("mode", [NavMode.HOLD, NavMode.STABILIZED])

@@ -2,6 +2,7 @@
 
 import struct
 from collections import Counter
+from dataclasses import replace
 from math import degrees, inf, nan, radians
 from typing import Any
 
@@ -16,6 +17,7 @@ from estimation.plant import Plant, PlantAxis
 from sitl.airframe import STEP_S
 from sitl.autopilot import Autopilot
 from sitl.faults import VehicleFaults
+from sitl.guidance import PositionTarget
 from sitl.modes import NavMode
 from sitl.protocol import Drop, MavlinkVehicle
 from sitl.reports import EstimatorNoise
@@ -32,9 +34,14 @@ class Client:
     """A ground station that knows nothing of the stub but its bytes."""
 
     def __init__(
-        self, noise: EstimatorNoise | None = None, seed: int = 0, faults: VehicleFaults | None = None, **knows: Any
+        self,
+        noise: EstimatorNoise | None = None,
+        seed: int = 0,
+        faults: VehicleFaults | None = None,
+        plant: Plant = PLANT,
+        **knows: Any,
     ) -> None:
-        self.autopilot = Autopilot(PLANT, START, **knows)
+        self.autopilot = Autopilot(plant, START, **knows)
         self.vehicle = MavlinkVehicle(
             self.autopilot,
             system_id=SYSTEM_ID,
@@ -552,6 +559,35 @@ def test_a_yaw_of_nan_or_masked_keeps_the_heading(client: Client) -> None:
     assert degrees(client.autopilot.airframe.heading_rad) == pytest.approx(20.0)
 
 
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, ()),
+        ({"type_mask": 0b100111000000}, (0.8, 0.5, 0.25)),
+        ({"type_mask": 0b100111010000}, ()),
+        ({"type_mask": 0b100111000000, "vy": nan}, ()),
+    ],
+    ids=["masked", "all", "one masked", "one not given"],
+)
+def test_a_velocity_beside_the_setpoint_counts_where_it_is_whole(
+    client: Client, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], expected: tuple[float, ...]
+) -> None:
+    heard: list[PositionTarget] = []
+    monkeypatch.setattr(client.autopilot, "receive_setpoint", lambda _, target: heard.append(target))
+    north, east, down = FRAME.ned_from_mission((0.8, 0.5, 0.25))
+    client.setpoint(0.0, 0.0, -5.0, **({"vx": north, "vy": east, "vz": down} | changes))
+    assert heard[0].velocity_m_s == pytest.approx(expected)
+    assert client.vehicle.dropped == {}
+
+
+@pytest.mark.parametrize(("speed", "why"), [(inf, Drop.NOT_FINITE), (1e30, Drop.OUT_OF_REACH)])
+def test_a_velocity_that_none_can_be_is_dropped_with_its_setpoint(client: Client, speed: float, why: Drop) -> None:
+    client.setpoint(0.0, 0.0, -5.0, vx=speed, type_mask=0b100111000000)
+    assert client.vehicle.dropped == {why: 1}
+    client.setpoint(0.0, 0.0, -5.0, vx=speed)
+    assert client.vehicle.dropped == {why: 1}, "a masked one is not looked at"
+
+
 def test_what_is_foreign_garbled_or_not_understood_is_counted(client: Client) -> None:
     assert client.command(400, 1, target=8) == []
     assert client.send(dialect.MAVLink_attitude_target_message(0, 0, (1, 0, 0, 0), 0, 0, 0, 0)) == []
@@ -600,13 +636,13 @@ def test_no_command_breaks_it(command: int, params: tuple[float, ...]) -> None:
 @settings(max_examples=100, deadline=None)
 @given(st.tuples(*[WIRE_FLOATS] * 4), st.integers(0, 2**16 - 1), st.integers(0, 255))
 def test_no_setpoint_breaks_it(numbers: tuple[float, float, float, float], mask: int, frame: int) -> None:
-    client = Client()
+    client = Client(plant=replace(PLANT, feedforward=1.0))
     client.run(2.1)
     client.command(400, 1)
     client.command(22, 0, 0, 0, nan, nan, nan, nan)
     client.run(3.0)
     x, y, z, yaw = numbers
-    client.setpoint(x, y, z, yaw=yaw, type_mask=mask, coordinate_frame=frame)
+    client.setpoint(x, y, z, yaw=yaw, type_mask=mask, coordinate_frame=frame, vx=x, vy=yaw)
     client.command(176, 1, 6)
     client.run(1.5)
     assert np.isfinite(client.autopilot.airframe.position_m).all()
