@@ -1,16 +1,18 @@
 """The programme of a flight for identification: which setpoint when, and what the vehicle is foreseen to do with it.
 
 Steps between random levels say most about delay and stiffness, swept sines about damping and about what a second
-order leaves out. Each axis is excited alone, then both together by signals of their own. The plant is linear, and so
-one flight at unit amplitude, simulated, says how large a part may be for box and speed - also where the plant file is
-wrong.
+order leaves out. Each axis is excited alone, then both together by signals of their own. A plant with feed-forward gets
+the sines with their velocities beside them, and the steps with none: apart they tell what becomes of both. The plant
+is linear, and so one flight at unit amplitude, simulated, says how large a part may be for box and speed - also where
+the plant file is wrong.
 """
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise, product
-from math import exp, hypot, log, pi, sin
+from math import cos, exp, hypot, log, pi, sin
 
 import msgspec
 import numpy as np
@@ -40,6 +42,10 @@ class Steps(msgspec.Struct, frozen=True):
         """Return the level at a time."""
         return self.level[max(bisect_right(self.from_s, time_s) - 1, 0)]
 
+    def rate_per_s(self, _time_s: float) -> float:
+        """Return that it stands: a jump has no velocity."""
+        return 0.0
+
 
 class Sweep(msgspec.Struct, frozen=True):
     """A sine whose frequency rises, or falls, exponentially; above `knee_hz` its amplitude falls, not to be faster."""
@@ -51,10 +57,24 @@ class Sweep(msgspec.Struct, frozen=True):
 
     def at(self, time_s: float) -> float:
         """Return its value at a time."""
-        growth_per_s = log(self.to_hz / self.from_hz) / self.seconds
-        frequency_hz = self.from_hz * exp(growth_per_s * time_s)
-        turns = (frequency_hz - self.from_hz) / growth_per_s
+        frequency_hz, turns = self._reached(time_s)
         return min(1.0, self.knee_hz / frequency_hz) * sin(2.0 * pi * turns)
+
+    def rate_per_s(self, time_s: float) -> float:
+        """Return how fast its value changes at a time."""
+        frequency_hz, turns = self._reached(time_s)
+        falls_per_s = self._growth_per_s if frequency_hz > self.knee_hz else 0.0
+        swing = 2.0 * pi * frequency_hz * cos(2.0 * pi * turns) - falls_per_s * sin(2.0 * pi * turns)
+        return min(1.0, self.knee_hz / frequency_hz) * swing
+
+    @property
+    def _growth_per_s(self) -> float:
+        return log(self.to_hz / self.from_hz) / self.seconds
+
+    def _reached(self, time_s: float) -> tuple[float, float]:
+        """Return the frequency at a time, and how many turns were made."""
+        frequency_hz = self.from_hz * exp(self._growth_per_s * time_s)
+        return frequency_hz, (frequency_hz - self.from_hz) / self._growth_per_s
 
 
 Signal = Steps | Sweep | None
@@ -74,6 +94,11 @@ class Part(msgspec.Struct, frozen=True):
         x, y = (0.0 if each is None else each.at(time_s - self.begin_s) for each in self.signals)
         return self.amplitude_m * x, self.amplitude_m * y
 
+    def velocity_m_s(self, time_s: float) -> tuple[float, float]:
+        """Return the setpoint's velocity at a time of the programme."""
+        x, y = (0.0 if each is None else each.rate_per_s(time_s - self.begin_s) for each in self.signals)
+        return self.amplitude_m * x, self.amplitude_m * y
+
 
 class Programme(msgspec.Struct, frozen=True):
     """All parts in their order; before each, and after the last, the vehicle rests in the middle of the box."""
@@ -87,7 +112,7 @@ class Programme(msgspec.Struct, frozen=True):
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """The greatest in a motion: its reach along either axis, speed, acceleration, the setpoint's lead; its length."""
+    """The greatest in a motion: its reach along either axis, speed, acceleration, the aim's lead; its length."""
 
     reach_m: float
     speed_m_s: float
@@ -201,21 +226,21 @@ def _doubted(plant: Plant, doubt: float) -> Iterator[Plant]:
     """Return the plant, and those whose numbers are as far off as they may be."""
     for stiffer, damped in ((1.0, 1.0), *product((1.0 - doubt, 1.0 + doubt), repeat=2)):
         x, y = (PlantAxis(axis.a0_per_s2 * stiffer, axis.a1_per_s * damped) for axis in (plant.x, plant.y))
-        yield Plant(x, y)
+        yield replace(plant, x=x, y=y)
 
 
 def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:
     """Simulate a part, and the return to the middle after it; a delay changes nothing but when."""
     seconds = part.end_s - part.begin_s
-    offsets = [part.offset_m(part.begin_s + k / rate_hz) for k in range(round(seconds * rate_hz))]
-    offsets += [(0.0, 0.0)] * round(seconds * rate_hz)
+    times_s = [part.begin_s + k / rate_hz for k in range(round(seconds * rate_hz))]
+    aims = [plant.aim_m(part.offset_m(time_s), part.velocity_m_s(time_s)) for time_s in times_s]
+    aims += [np.zeros(2)] * round(seconds * rate_hz)
     step, still = exact_step(plant, 1.0 / rate_hz), np.zeros(2)
     states = [np.zeros(4)]
-    setpoints = np.array(offsets)
-    for setpoint in setpoints:
-        states.append(step.advance(states[-1], setpoint, still))
+    for aim in aims:
+        states.append(step.advance(states[-1], aim, still))
     path = np.array(states)
-    lead = setpoints - path[:-1, POSITION]
+    lead = np.array(aims) - path[:-1, POSITION]
     push = plant.a0_per_s2 * lead - plant.a1_per_s * path[:-1, VELOCITY]
     return Motion(
         float(np.abs(path[:, POSITION]).max()),

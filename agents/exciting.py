@@ -28,6 +28,7 @@ class Exciter:
         self._middle_m: Vector = np.array([home_x + settings.offset_m[0], home_y + settings.offset_m[1]])
         self._near_m = max(NEAR_M, NEAR_SHARE * settings.half_width_m)
         self._lead_m = approach_lead_m(config, settings.speed_max_m_s)
+        self._plant = config.plant
         self._stiffness_per_s2 = config.plant.a0_per_s2
         self._against_wind_m: Vector = np.zeros(2)
         self._start_s = inf
@@ -50,7 +51,8 @@ class Exciter:
         if part is None or not self._ready:
             # What compensates the wind stands still during a part: only the programme moves the setpoint.
             self._against_wind_m = -situation.disturbance / self._stiffness_per_s2
-            setpoint = towards(self._middle_m, situation.acting_motion[POSITION], self._lead_m)
+            aim, velocity = towards(self._middle_m, situation.acting_motion[POSITION], self._lead_m), (0.0, 0.0)
         else:
-            setpoint = self._middle_m + np.array(part.offset_m(time_s))
-        return Wish(setpoint + self._against_wind_m, setpoint, np.zeros(2))
+            velocity = part.velocity_m_s(time_s)
+            aim = self._middle_m + self._plant.aim_m(part.offset_m(time_s), velocity)
+        return Wish(aim + self._against_wind_m, aim, np.zeros(2), velocity_m_s=velocity)

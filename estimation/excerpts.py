@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.response import Between, Steps, steps_of
+from estimation.response import Asked, Between, Steps, steps_of
 from estimation.state import Vector
 
 GRID_S = 0.1
@@ -19,6 +19,8 @@ SETTLE_S = 1.0
 EXCERPT_MIN_S = 8.0
 EXCERPT_MAX_S = 60.0
 """Longer parts are cut: each has a last third that is foretold, and begins anew where an estimator has wandered to."""
+FED_MIN_M_S = 0.05
+"""Velocities beside the setpoints that vary by less (rms, along both axes) tell nothing of what becomes of them."""
 
 Spans = Sequence[tuple[float, float]]
 
@@ -34,6 +36,7 @@ class Recording:
 
     `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` when its estimator moved its position
     by itself. With `sampled`, the log holds what setpoint was in force at its times, and not when each was sent.
+    `velocity_m_s` (n, 2) are the velocities that went with the setpoints, None where none did.
     """
 
     position_time_s: Vector
@@ -43,6 +46,7 @@ class Recording:
     flown_s: Spans
     resets_s: Sequence[float] = ()
     sampled: bool = False
+    velocity_m_s: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,20 +67,37 @@ class Excerpt:
         """Times of the positions (T,)."""
         return self.begin_s + grid_s(self.position_m.shape[0])
 
+    @property
+    def fed(self) -> bool:
+        """Whether velocities that vary were sent beside the setpoints."""
+        spread = np.std(self.velocity_m_s(), axis=0) if self.recording.velocity_m_s is not None else np.zeros(2)
+        return float(np.hypot(*spread)) > FED_MIN_M_S
+
     def setpoint_m(self) -> Vector:
         """Return the setpoints that were held at the times of the positions, (T, 2)."""
-        recording = self.recording
-        at = np.searchsorted(recording.setpoint_time_s, self.time_s, side="right") - 1
-        return np.asarray(recording.setpoint_m[np.maximum(at, 0)], dtype=np.float64)
+        return self._held(self.recording.setpoint_m)
 
-    def steps(self, between: Between) -> tuple[Steps, Steps]:
-        """Return the setpoint of each axis as a sum of steps or ramps."""
+    def velocity_m_s(self) -> Vector:
+        """Return the velocities beside them, (T, 2); 0 where there were none."""
+        velocity_m_s = self.recording.velocity_m_s
+        return self._held(np.zeros_like(self.recording.setpoint_m) if velocity_m_s is None else velocity_m_s)
+
+    def asked(self, between: Between) -> tuple[Asked, Asked]:
+        """Return what each axis was asked, as sums of steps or ramps."""
+        x, y = (self._asked(axis, between) for axis in range(2))
+        return x, y
+
+    def _asked(self, axis: int, between: Between) -> Asked:
         recording = self.recording
-        x_m, y_m = recording.setpoint_m.T
-        return (
-            steps_of(recording.setpoint_time_s, x_m, between),
-            steps_of(recording.setpoint_time_s, y_m, between),
-        )
+        times_s, velocity_m_s = recording.setpoint_time_s, recording.velocity_m_s
+        velocity: Steps | None = None
+        if velocity_m_s is not None:
+            velocity = steps_of(times_s, velocity_m_s[:, axis], between)
+        return Asked(steps_of(times_s, recording.setpoint_m[:, axis], between), velocity)
+
+    def _held(self, values: Vector) -> Vector:
+        at = np.searchsorted(self.recording.setpoint_time_s, self.time_s, side="right") - 1
+        return np.asarray(values[np.maximum(at, 0)], dtype=np.float64)
 
 
 def excerpts_of(recording: Recording) -> list[Excerpt]:

@@ -8,8 +8,13 @@ from pydantic import BeforeValidator, Field, model_validator
 from estimation.settings import Settings
 
 COVARIANCE_OF = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
-"""The rows and columns of `Identification.covariance`."""
+FEEDFORWARD = "feedforward"
 _DATE = r"^\d{4}-((0[13578]|1[02])-(0[1-9]|[12]\d|3[01])|(0[469]|11)-(0[1-9]|[12]\d|30)|02-(0[1-9]|[12]\d))$"
+
+
+def covariance_of(*, feedforward: bool) -> tuple[str, ...]:
+    """Return what the rows and columns of an identification's covariance are of; `feedforward` is the last if any."""
+    return (*COVARIANCE_OF, FEEDFORWARD) if feedforward else COVARIANCE_OF
 
 
 class Verdict(Enum):
@@ -46,8 +51,8 @@ class Identification(Settings):
 
     `method` names the method and its version, `date` is the ISO date; `setpoints` says what was taken to happen between
     two logged setpoints; `vehicle` is the system id. `fit_x_percent` and `fit_y_percent` are the fit on a part of the
-    flight that nothing was fitted to: 100 (1 - rms error / rms motion). `covariance` is (5, 5) in the order of
-    `COVARIANCE_OF`.
+    flight that nothing was fitted to: 100 (1 - rms error / rms motion). `covariance` is (5, 5) or, with feed-forward,
+    (6, 6) in the order of `covariance_of`.
     """
 
     method: str
@@ -64,11 +69,17 @@ class Identification(Settings):
     reasons: Annotated[tuple[str, ...], BeforeValidator(_tuples)] = ()
     covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]
 
+    @property
+    def feeds(self) -> bool:
+        """Whether it is of a vehicle that was sent velocities beside its setpoints."""
+        return len(self.covariance) > len(COVARIANCE_OF)
+
     @model_validator(mode="after")
     def _is_square(self) -> "Identification":
-        size = len(COVARIANCE_OF)
+        names = covariance_of(feedforward=self.feeds)
+        size = len(names)
         if len(self.covariance) != size or any(len(row) != size for row in self.covariance):
-            raise ValueError(f"covariance must have {size} rows of {size} numbers, for {', '.join(COVARIANCE_OF)}")
+            raise ValueError(f"covariance must have {size} rows of {size} numbers, for {', '.join(names)}")
         if any(self.covariance[at][at] < 0.0 for at in range(size)):
             raise ValueError("covariance has a negative variance on its diagonal")
         return self

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from estimation.excerpts import Excerpt
 from estimation.identification import Verdict
 from estimation.output_error import Fit
-from estimation.plant import Plant, PlantAxis
+from estimation.plant import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.response import Between
 from estimation.shaping import Shaping
 from estimation.state import Vector
@@ -75,8 +75,9 @@ class Validation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """The numbers of a plant, x and y, with their covariance (5, 5) in the order of `COVARIANCE_OF`.
+    """The numbers of a plant, x and y, with their covariance (k, k) in the order of `covariance_of`.
 
+    `feedforward` is the gain of the velocities beside the setpoints; None where none were sent that tell of it.
     `whitened` says whether errors were whitened; they are not where that foretells markedly worse. `consistent` says
     whether it makes no difference beyond the uncertainty. `baseline` is the plant by plain least squares, None where
     that is unstable; fits of other plants go by their names.
@@ -94,12 +95,14 @@ class Found:
     baseline_fit_percent: tuple[float, float] | None
     others_fit_percent: Mapping[str, tuple[float, float]]
     validation: Validation
+    feedforward: Interval | None = None
 
     @property
     def plant(self) -> Plant:
         """The plant."""
         x, y = (PlantAxis(axis.a0_per_s2.value, axis.a1_per_s.value) for axis in self.axes)
-        return Plant(x, y, self.delay_s.value)
+        gain = 0.0 if self.feedforward is None else min(max(self.feedforward.value, 0.0), FEEDFORWARD_MAX)
+        return Plant(x, y, self.delay_s.value, gain)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from math import inf
 from types import MappingProxyType
 
 import numpy as np
+from scipy.stats import chi2
 
 from estimation.coloured_noise import whiteness
 from estimation.excerpts import Excerpt, Recording, excerpts_of
@@ -26,8 +27,7 @@ from estimation.simulated import FORETOLD_S, fit_percent, simulated
 from estimation.trust import judged, refused
 
 TRAINED_SHARE = 0.7
-_HAUSMAN_MAX = 20.5
-"""The 99.9 % quantile of chi square for the five parameters of a plant."""
+_HAUSMAN_SURE = 0.999
 _PLAIN_ERRORS_MAX = 0.85
 """Of what the whitened fit leaves unexplained; less than that and the fit with equal weights is taken."""
 _MISFIT_PERCENT = 80.0
@@ -97,11 +97,12 @@ def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], cou
     """Return the whitened fit, with what is known to have happened between setpoints, or what makes it likeliest."""
     sampled = any(recording.sampled for recording in recordings)
     candidates = (Between.MIXED, Between.LINEAR, Between.MIDWAY) if sampled else (Between.HELD,)
-    start = start_of(excerpts, Model(candidates[0]))
+    fed = any(excerpt.fed for excerpt in excerpts)
+    start = start_of(excerpts, Model(candidates[0], feedforward=fed))
     counter.step()
     fits = []
     for between in candidates:
-        fits.append(fit(excerpts, Model(between), start))
+        fits.append(fit(excerpts, Model(between, feedforward=fed), start))
         start = fits[0].parameters
         counter.step()
     return min(fits, key=lambda each: each.score)
@@ -121,7 +122,8 @@ def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Ch
     whitened = bool(left_plain > _PLAIN_ERRORS_MAX * left_white)
     best, trained = (white, white_trained) if whitened else (plain, plain_trained)
     best, trained = _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened)
-    return _Chosen(best, trained, whitened, statistic <= _HAUSMAN_MAX, plain_trained)
+    consistent = bool(statistic <= chi2.ppf(_HAUSMAN_SURE, apart.size))
+    return _Chosen(best, trained, whitened, consistent, plain_trained)
 
 
 def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
@@ -138,7 +140,7 @@ def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
     third = fit(excerpts, model, np.append(plain.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
     second_percent, third_percent = (float(np.mean(_foretold(excerpts, each))) for each in (plain, third))
     return Order(
-        lag_s=float(np.exp(third.parameters[5])),
+        lag_s=float(np.exp(third.parameters[-1])),
         fit_second_percent=second_percent,
         fit_third_percent=third_percent,
         error_ratio=float(np.exp((third.score - plain.score) / 2.0 / max(third.count, 1))),
@@ -175,12 +177,9 @@ def _result(parts: _Parts) -> Identified:
         axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
     baseline_fit = None
     if parts.baseline is not None:
-        baseline_fit = _foretold(parts.excerpts, replace(trained, parameters=parameters_of(parts.baseline)))
-    others_fit = {
-        name: _foretold(parts.excerpts, replace(trained, parameters=parameters_of(plant)))
-        for name, plant in parts.others.items()
-    }
-    scale = np.append(np.exp(logs), 1.0)
+        baseline_fit = _of_another(parts, parts.baseline)
+    others_fit = {name: _of_another(parts, plant) for name, plant in parts.others.items()}
+    scale = np.append(np.exp(logs), np.ones(best.parameters.size - 4))
     found = Found(
         axes=(axes[0], axes[1]),
         delay_s=delay,
@@ -194,10 +193,22 @@ def _result(parts: _Parts) -> Identified:
         baseline_fit_percent=baseline_fit,
         others_fit_percent=others_fit,
         validation=Validation(tuple(parts.excerpts), best, trained),
+        feedforward=_gain(best) if best.model.feedforward else None,
     )
     verdict, reasons = judged(found, wished_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
     return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)
+
+
+def _of_another(parts: _Parts, plant: Plant) -> tuple[float, float]:
+    """Return the fit of another plant on what was not fitted."""
+    trained = parts.chosen.trained
+    return _foretold(parts.excerpts, replace(trained, parameters=parameters_of(plant, trained.model)))
+
+
+def _gain(best: Fit) -> Interval:
+    value, half = float(best.parameters[5]), float(best.deviations95[5])
+    return Interval(value, value - half, value + half)
 
 
 def _positive(log_value: float, log_spread: float) -> Interval:

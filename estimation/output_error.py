@@ -1,7 +1,7 @@
 """Fitting a plant to flights by its output error: simulated from the setpoints alone, held against the positions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -16,7 +16,7 @@ from estimation.state import Vector
 DELAY_MIN_S, DELAY_MAX_S = -0.3, 0.6
 """A delay below zero is no plant's, but a fit that wants one tells of clocks or sampling: it may say so."""
 _NO_DELAY_S = 1e-5
-A0_RANGE, A1_RANGE, LAG_RANGE_S, LEAD_RANGE_S = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
+A0_RANGE, A1_RANGE, LAG_RANGE_S, FEEDFORWARD_RANGE = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
 PLANT_NAMES = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
 BLOCK_S = 8.0
 """Errors this far apart are taken to be independent when confidence is computed."""
@@ -37,22 +37,26 @@ class Model:
 
     between: Between
     lag: bool = False
-    lead: bool = False
+    feedforward: bool = False
     delayed: bool = True
 
     @property
     def names(self) -> tuple[str, ...]:
         """What the fitted parameters are called, in order."""
-        return PLANT_NAMES + ("lag_s",) * self.lag + ("lead_s",) * self.lead
+        return PLANT_NAMES + ("feedforward",) * self.feedforward + ("lag_s",) * self.lag
 
     def responses(self, parameters: Vector) -> tuple[Response, Response]:
         """Return each axis' response; parameters are as fitted: a0 and a1 by their logarithms."""
-        extra = dict(zip(self.names[5:], parameters[5:].tolist(), strict=True))
-        lead_s = extra.get("lead_s", 0.0)
         x0, x1, y0, y1 = np.exp(parameters[:4]).tolist()
         # A longer lag would be unstable (Hurwitz).
-        lag_s = min(float(np.exp(extra["lag_s"])), 0.95 * x1 / x0, 0.95 * y1 / y0) if self.lag else 0.0
-        return response_of(x0, x1, lag_s, lead_s), response_of(y0, y1, lag_s, lead_s)
+        lag_s = min(float(np.exp(parameters[-1])), 0.95 * x1 / x0, 0.95 * y1 / y0) if self.lag else 0.0
+        return response_of(x0, x1, lag_s), response_of(y0, y1, lag_s)
+
+    def leads_s(self, parameters: Vector) -> tuple[float, float]:
+        """Return how far ahead of the setpoint a velocity beside it puts each axis' aim, g a1 / a0."""
+        gain = float(parameters[5]) if self.feedforward else 0.0
+        x, y = np.exp(parameters[1:4:2] - parameters[0:4:2]).tolist()
+        return gain * x, gain * y
 
     def bounds(self) -> tuple[Vector, Vector]:
         """Return the least and the greatest parameters as fitted."""
@@ -60,7 +64,7 @@ class Model:
         least_s = 0.0 if self.lag else DELAY_MIN_S
         delay_range_s = (least_s, DELAY_MAX_S) if self.delayed else (-_NO_DELAY_S, _NO_DELAY_S)
         rows = [*logs, np.array(delay_range_s)]
-        rows += [np.log(LAG_RANGE_S)] * self.lag + [np.array(LEAD_RANGE_S)] * self.lead
+        rows += [np.array(FEEDFORWARD_RANGE)] * self.feedforward + [np.log(LAG_RANGE_S)] * self.lag
         low, high = np.array(rows, dtype=np.float64).T
         return low, high
 
@@ -109,10 +113,10 @@ class Fit:
         return sum(each.size for axis in self.errors for each in axis)
 
 
-def parameters_of(plant: Plant) -> Vector:
-    """Return a plant's parameters as fitted, (5,)."""
+def parameters_of(plant: Plant, model: Model) -> Vector:
+    """Return a plant's parameters as fitted by a model without a lag."""
     (x0, y0), (x1, y1) = np.log(plant.a0_per_s2), np.log(plant.a1_per_s)
-    return np.array([x0, x1, y0, y1, plant.delay_s])
+    return np.array([x0, x1, y0, y1, plant.delay_s, *[plant.feedforward] * model.feedforward])
 
 
 def fit(
@@ -149,8 +153,8 @@ def _levelled(errors: Sequence[Vector]) -> Vector:
 
 
 def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> Vector:
-    """Return where to begin: the best of a coarse grid of plants, each axis by itself."""
-    problem = _Problem(excerpts, Model(model.between), share)
+    """Return where to begin: the best of a coarse grid of plants, each axis by itself, with velocities fed in full."""
+    problem, nominal = _Problem(excerpts, replace(model, lag=False), share), [1.0] * model.feedforward
     white = (np.array([1.0]), np.array([1.0]))
     best: Vector = np.zeros(5)
     least = [np.inf] * 3
@@ -160,15 +164,14 @@ def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> V
         for a0 in (0.15, 0.4, 0.8, 1.6, 4.0, 10.0):
             for damping in (0.35, 0.7, 1.2):
                 pair = np.log([a0, 2.0 * damping * np.sqrt(a0)])
-                errors = problem.errors(np.array([*pair, *pair, delay_s]), white)
+                errors = problem.errors(np.array([*pair, *pair, delay_s, *nominal]), white)
                 for axis in range(2):
                     cost = float(sum(each @ each for each in errors[axis]))
                     if cost < costs[axis]:
                         costs[axis], axes[2 * axis : 2 * axis + 2] = cost, pair
         if sum(costs) < least[0]:
             least[0], best = sum(costs), axes
-    extra = [np.log(0.1)] * model.lag + [0.0] * model.lead
-    return np.append(best, extra)
+    return np.append(best, [*nominal, *[np.log(0.1)] * model.lag])
 
 
 class _Problem:
@@ -179,24 +182,23 @@ class _Problem:
         self._rows = []
         for excerpt in excerpts:
             count = max(_TRAINING_MIN, round(share * excerpt.position_m.shape[0]))
-            steps = excerpt.steps(model.between)
-            self._rows.append((excerpt.begin_s, excerpt.position_m[:count], steps))
+            self._rows.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.asked(model.between)))
 
     def residuals(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
         return np.concatenate([each for axis in self.errors(parameters, filters) for each in axis])
 
     def errors(self, parameters: Vector, filters: tuple[Vector, Vector]) -> list[list[Vector]]:
         """Return the whitened errors of each axis and excerpt, with what is linear fitted."""
-        delay_s = float(parameters[4])
+        delay_s, leads_s = float(parameters[4]), self._model.leads_s(parameters)
         found = []
         for axis, response in enumerate(self._model.responses(parameters)):
             longest = max(position_m.shape[0] for _, position_m, _ in self._rows)
             free = _regressors(response, longest)
             one_axis = []
-            for begin_s, position_m, steps in self._rows:
+            for begin_s, position_m, asked in self._rows:
                 count = position_m.shape[0]
-                apart = position_m[:, axis] - response.forced(steps[axis], delay_s, begin_s, GRID_S, count)
-                error = whitened(filters[axis], apart)
+                answered = response.answer(asked[axis], leads_s[axis], delay_s, begin_s, GRID_S, count)
+                error = whitened(filters[axis], position_m[:, axis] - answered)
                 basis, _ = np.linalg.qr(whitened(filters[axis], free[:count]))
                 one_axis.append(error - basis @ (basis.T @ error))
             found.append(one_axis)

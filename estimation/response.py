@@ -43,6 +43,14 @@ class Steps:
     ramps: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What one axis of a vehicle was asked: its setpoints, and the velocities beside them if there were any."""
+
+    position: Steps
+    velocity: Steps | None = None
+
+
 def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> Steps:
     """Return logged setpoints (n,) as what they are taken to have been between their times (n,)."""
     before_m = float(setpoint_m[0])
@@ -118,6 +126,13 @@ class Response:
         change.size[0] = 0.0  # it stirs nothing: the plant begins at rest
         return level + self._decaying(change, np.ones_like(self.poles), 0.0, step_s, count)
 
+    def answer(self, asked: Asked, lead_s: float, delay_s: float, begin_s: float, step_s: float, count: int) -> Vector:
+        """Return the response (count,) to setpoints, and to velocities that put the aim `lead_s` ahead of them."""
+        answered = self.forced(asked.position, delay_s, begin_s, step_s, count)
+        if asked.velocity is None or lead_s == 0.0:
+            return answered
+        return answered + lead_s * self.forced(asked.velocity, delay_s, begin_s, step_s, count)
+
     def _decaying(self, change: "_Changes", weights: Poles, slope: Vector | float, step_s: float, count: int) -> Vector:
         """Return what the changes still stir: sum over i of c_i w_i (sum of changes exp(p_i t) - slope), (count,)."""
         total = np.zeros(count)
@@ -152,7 +167,7 @@ class _Changes:
 def response_of(a0_per_s2: float, a1_per_s: float, lag_s: float = 0.0, lead_s: float = 0.0) -> Response:
     """Return the response of lag x''' + x'' = a0 (X_d + lead X_d' - x) - a1 x'.
 
-    Without a lag of the actuators it is of second order; a lead is what a velocity beside the setpoint feeds forward.
+    Without a lag of the actuators it is of second order; a lead is the setpoint's velocity fed forward.
     """
     denominator = np.array([1.0, a1_per_s, a0_per_s2])
     if lag_s > 0.0:

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from estimation.excerpts import GRID_S, Excerpt
 from estimation.output_error import Fit
-from estimation.response import Steps
+from estimation.response import Asked, Steps
 from estimation.state import Vector
 
 _FINE = 1
@@ -74,12 +74,13 @@ class _Bounded:
 
     def __init__(self, excerpts: Sequence[Excerpt], linear: Fit) -> None:
         self._flights = []
+        self._leads_s = linear.model.leads_s(linear.parameters)
         left = _SAMPLES_MAX
         for excerpt in sorted(excerpts, key=lambda each: -each.duration_s):
             count = min(left, excerpt.position_m.shape[0])
             left -= count
             if count > 1.0 / GRID_S:
-                self._flights.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.steps(linear.model.between)))
+                self._flights.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.asked(linear.model.between)))
         filtered = [_smoothed_speed(position_m) for _, position_m, _ in self._flights]
         speed = max(float(np.quantile(np.abs(each), 0.98)) for each in filtered)
         change = max(float(np.quantile(np.abs(np.diff(each, axis=0)), 0.98)) / GRID_S for each in filtered)
@@ -97,13 +98,13 @@ class _Bounded:
 
     def shares(self, parameters: Vector) -> tuple[float, float]:
         """Return the share of the time in which the bounds of speed and of acceleration held."""
-        held = np.concatenate([_flown(parameters[None, :], *flight)[1] for flight in self._flights])
+        held = np.concatenate([_flown(parameters[None, :], self._leads_s, *flight)[1] for flight in self._flights])
         return float(held[:, 0].mean()), float(held[:, 1].mean())
 
     def _errors(self, rows: Vector) -> Vector:
         parts = []
-        for begin_s, position_m, steps in self._flights:
-            path_m, _ = _flown(rows, begin_s, position_m, steps)
+        for begin_s, position_m, asked in self._flights:
+            path_m, _ = _flown(rows, self._leads_s, begin_s, position_m, asked)
             apart = position_m.T[None, :, :] - path_m
             parts.append((apart - apart.mean(axis=2, keepdims=True)).reshape(rows.shape[0], -1))
         return np.concatenate(parts, axis=1)
@@ -113,15 +114,20 @@ def _smoothed_speed(position_m: Vector) -> Vector:
     return np.asarray((position_m[4:] - position_m[:-4]) / (4.0 * GRID_S), dtype=np.float64)
 
 
-def _flown(rows: Vector, begin_s: float, position_m: Vector, steps: tuple[Steps, Steps]) -> tuple[Vector, Vector]:
-    """Simulate K parameter sets (K, 7) side by side.
+def _flown(
+    rows: Vector, leads_s: tuple[float, float], begin_s: float, position_m: Vector, parts: tuple[Asked, Asked]
+) -> tuple[Vector, Vector]:
+    """Simulate K parameter sets (K, 7) side by side; velocities beside setpoints put the aims `leads_s` ahead of them.
 
     Returns positions (K, 2, T), and of the first set whether speed and acceleration were bounded (T, 2), as 0 or 1.
     """
     count = position_m.shape[0]
     a0, a1 = np.exp(rows[:, [0, 2]]), np.exp(rows[:, [1, 3]])
     speed_max, force_max = np.exp(rows[:, 5:6]), np.exp(rows[:, 6:7])
-    asked = _asked(rows[:, 4], begin_s, count, steps)
+    asked = _asked(rows[:, 4], begin_s, count, [part.position for part in parts])
+    velocities = [part.velocity for part in parts if part.velocity is not None]
+    if velocities and leads_s != (0.0, 0.0):
+        asked += leads_s * _asked(rows[:, 4], begin_s, count, velocities)
     ratio, keep = a0 / a1, np.exp(-a1 * _STEP_S)
     change_max = force_max * _STEP_S
     position = np.repeat(position_m[None, 0], rows.shape[0], axis=0)
@@ -142,7 +148,7 @@ def _flown(rows: Vector, begin_s: float, position_m: Vector, steps: tuple[Steps,
     return paths, held
 
 
-def _asked(delays_s: Vector, begin_s: float, count: int, steps: tuple[Steps, Steps]) -> Vector:
+def _asked(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps]) -> Vector:
     """Return the mean of each axis' setpoint over each fine step, for K delays: (F, K, 2)."""
     edges_s = begin_s + np.arange(count * _FINE + 1) * _STEP_S
     asked = np.empty((count * _FINE, delays_s.size, 2))

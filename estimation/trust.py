@@ -8,6 +8,7 @@ from estimation.excerpts import Excerpt, Recording
 from estimation.identification import Verdict
 from estimation.identified import Found, Identified
 from estimation.output_error import DELAY_MAX_S
+from estimation.plant import FEEDFORWARD_MAX
 from estimation.state import Vector
 
 DURATION_MIN_S = 30.0
@@ -60,6 +61,7 @@ def _centred(values: Vector) -> Vector:
 def judged(found: Found, wished_delay_s: float, delay_deviation_s: float) -> tuple[Verdict, tuple[str, ...]]:
     """Return whether to fly by what was found, with the reasons, the gravest first."""
     reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, wished_delay_s, delay_deviation_s)]
+    reasons += _of_feedforward(found)
     if not found.order.second_is_enough:
         reasons.append(
             (
@@ -120,6 +122,22 @@ def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
     if half_s > DELAY_WIDE_GOOD_S:
         verdict = Verdict.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else Verdict.USABLE
         return [(verdict, f"{_why_wide(found)}: the delay is known to {half_s:.2f} s")]
+    return []
+
+
+def _of_feedforward(found: Found) -> Reasons:
+    gain = found.feedforward
+    if gain is None:
+        return []
+    words = f"the feed-forward is {gain.value:.2f} ({gain.low:.2f} to {gain.high:.2f})"
+    if gain.low <= 0.0:
+        step = "see that the autopilot takes them, or fly position setpoints alone"
+        return [(Verdict.DO_NOT_FLY, f"{words}: the velocities beside the setpoints show no effect; {step}")]
+    if gain.low > FEEDFORWARD_MAX:
+        return [(Verdict.DO_NOT_FLY, f"{words}, and no autopilot has more than {FEEDFORWARD_MAX:g}: other units")]
+    if gain.relative > WIDE_GOOD:
+        verdict = Verdict.DO_NOT_FLY if gain.relative > WIDE_USABLE else Verdict.USABLE
+        return [(verdict, f"{_why_wide(found)}: {words}")]
     return []
 
 

@@ -14,7 +14,7 @@ from estimation.plant_file import PlantFileError, load_plant
 from gcs.exits import Exit, InputError
 from gcs.flightlog.foreign import read_vehicle_logs
 from gcs.flightlog.vehicle_log import VehicleLog
-from gcs.identify_reading import chosen, recording_of
+from gcs.identify_reading import check_one_kind, chosen, recording_of
 from gcs.identify_view import identification_of, identified_dict, identified_view, plant_text
 from gcs.output import STDERR, IdentifyProgress, print_result
 
@@ -37,6 +37,7 @@ def identify_plant(
         for note in log.notes:
             STDERR.print(f"{log.path}: {note}", style="yellow", markup=False, highlight=False, soft_wrap=True)
     recordings = [recording_of(log) for log in logs]
+    check_one_kind(logs, recordings)
     with IdentifyProgress(f"vehicle {logs[0].system_id}") as progress:
         identified = identify(recordings, progress.update, others)
     STDERR.print(identified_view(identified, logs), soft_wrap=True)

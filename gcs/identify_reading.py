@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.excerpts import Recording
+from estimation.excerpts import Recording, excerpts_of
+from estimation.state import Vector
 from gcs.exits import InputError
 from gcs.flightlog.vehicle_log import VehicleLog
 
@@ -31,7 +32,29 @@ def recording_of(log: VehicleLog) -> Recording:
         flown_s,
         log.position_resets_s,
         sampled=log.setpoint.topic in SAMPLED_TOPICS,
+        velocity_m_s=_velocity_m_s(log, log.setpoint.time_s[given]),
     )
+
+
+def _velocity_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:
+    """Return the velocities (n, 2) that went with the setpoints of these times, 0 where none did; None without any."""
+    if log.setpoint_velocity is None:
+        return None
+    velocity_m_s = np.zeros((time_s.size, 2))
+    _, here, there = np.intersect1d(time_s, log.setpoint_velocity.time_s, return_indices=True)
+    velocity_m_s[here] = log.setpoint_velocity.values[there, :2]
+    return velocity_m_s
+
+
+def check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[Recording]) -> None:
+    """Refuse logs some of which were flown with velocities beside the setpoints and some without: two plants."""
+    told = []
+    for log, recording in zip(logs, recordings, strict=True):
+        if excerpts := excerpts_of(recording):
+            told.append((log.path, any(excerpt.fed for excerpt in excerpts)))
+    if len({fed for _, fed in told}) > 1:
+        words = "; ".join(f"{path}: {'with' if fed else 'without'} velocities" for path, fed in told)
+        raise InputError([f"setpoints with velocities beside them and without make two plants, one file each: {words}"])
 
 
 def chosen(logs: Sequence[VehicleLog], vehicle: int | None) -> list[VehicleLog]:

@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from estimation.identification import COVARIANCE_OF, Identification, IdentifiedLog, Verdict
+from estimation.identification import Identification, IdentifiedLog, Verdict, covariance_of
 from estimation.identified import METHOD, Found, Identified, Interval
 from gcs.flightlog.vehicle_log import VehicleLog
 
@@ -23,12 +23,14 @@ _COLUMNS = ("", "x", "95 %", "y", "95 %")
 def parameter_rows(found: Found) -> list[tuple[str, Interval, Interval, int]]:
     """Return the parameters that each axis has, by the words for them, with the digits that they are told with."""
     x, y = found.axes
+    gain = found.feedforward
     return [
         ("a0 [1/s²]", x.a0_per_s2, y.a0_per_s2, 3),
         ("a1 [1/s]", x.a1_per_s, y.a1_per_s, 3),
         ("delay [s]", found.delay_s, found.delay_s, 3),
         ("natural frequency [rad/s]", x.frequency_rad_s, y.frequency_rad_s, 3),
         ("damping", x.damping, y.damping, 2),
+        *([] if gain is None else [("feed-forward", gain, gain, 2)]),
     ]
 
 
@@ -114,7 +116,8 @@ def _found_dict(found: Found) -> dict[str, Any]:
         "x": asdict(found.axes[0]),
         "y": asdict(found.axes[1]),
         "delay_s": asdict(found.delay_s),
-        "covariance_of": list(COVARIANCE_OF),
+        "feedforward": None if found.feedforward is None else asdict(found.feedforward),
+        "covariance_of": list(covariance_of(feedforward=found.feedforward is not None)),
         "covariance": found.covariance.tolist(),
         "setpoints": found.between.value,
         "whitened": found.whitened,
@@ -154,11 +157,14 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
 
 def plant_text(found: Found, told: Identification) -> str:
     """Return a plant file."""
-    x, y = found.axes
+    (x, y), gain = found.axes, found.feedforward
+    equation = "a0 (X_d - x) - a1 x'" if gain is None else "a0 (X_d - x) + a1 (feedforward V_d - x')"
     lines = [
-        "# x'' = a0 (X_d - x) - a1 x', identified by `cordon identify`; x points north, y west.",
+        f"# x'' = {equation}, identified by `cordon identify`; x points north, y west.",
         f"delay_s = {found.delay_s.value:.4g}  # {bounds_words(found.delay_s, 3)} (95 %)",
     ]
+    if gain is not None:
+        lines.append(f"feedforward = {found.plant.feedforward:.4g}  # {bounds_words(gain, 3)}")
     for name, axis in (("x", x), ("y", y)):
         lines += [
             f"\n[{name}]",
@@ -168,7 +174,7 @@ def plant_text(found: Found, told: Identification) -> str:
     lines.append("\n[identified]")
     for name, value in told.model_dump().items():
         if name == "covariance":
-            lines += [f"# of {', '.join(COVARIANCE_OF)}", "covariance = ["]
+            lines += [f"# of {', '.join(covariance_of(feedforward=told.feeds))}", "covariance = ["]
             lines += [f"  [{', '.join(f'{number:.6g}' for number in row)}]," for row in value] + ["]"]
         elif name != "logs":
             lines.append(f"{name} = {_toml(value)}")

@@ -19,6 +19,7 @@ class Truth:
     a0: tuple[float, float]
     a1: tuple[float, float]
     delay_s: float
+    feedforward: float = 0.0
 
 
 def excitation_m(random: np.random.Generator, steps_s: float = 90.0, circle_s: float = 60.0) -> Vector:
@@ -35,6 +36,13 @@ def excitation_m(random: np.random.Generator, steps_s: float = 90.0, circle_s: f
     return np.vstack((np.column_stack(columns), circle))
 
 
+def circle_velocity_m_s(setpoint_m: Vector, steps_s: float = 90.0) -> Vector:
+    """Return the velocities (n, 2) that go with such setpoints: those of the circle, and none beside steps."""
+    velocity = np.gradient(setpoint_m, SENT_S, axis=0)
+    velocity[: round(steps_s / SENT_S) + 1] = 0.0
+    return np.asarray(velocity)
+
+
 def coloured(random: np.random.Generator, count: int, step_s: float, deviation_m: float, memory_s: float) -> Vector:
     """Return noise (count,) of a standard deviation that forgets itself within `memory_s`."""
     keep = np.exp(-step_s / memory_s)
@@ -43,7 +51,9 @@ def coloured(random: np.random.Generator, count: int, step_s: float, deviation_m
     return np.asarray(deviation_m * lfilter([1.0], [1.0, -keep], white))
 
 
-def flown(truth: Truth, setpoint_m: Vector, lag_s: float = 0.0) -> tuple[Vector, Vector]:
+def flown(
+    truth: Truth, setpoint_m: Vector, lag_s: float = 0.0, velocity_m_s: Vector | None = None
+) -> tuple[Vector, Vector]:
     """Return times and positions (T, 2) at FINE_S of the plant, with a lag if any, that gets setpoints every SENT_S."""
     count = round(setpoint_m.shape[0] * SENT_S / FINE_S)
     time_s = np.arange(count) * FINE_S
@@ -55,6 +65,9 @@ def flown(truth: Truth, setpoint_m: Vector, lag_s: float = 0.0) -> tuple[Vector,
         above, below, _ = cont2discrete(([a0], denominator), FINE_S)[:3]
         held = setpoint_m[at, axis]
         columns.append(held[0] + lfilter(above.ravel(), below, held - held[0]))
+        if velocity_m_s is not None:
+            push = truth.feedforward * a1 / a0 * velocity_m_s[at, axis]
+            columns[-1] = columns[-1] + lfilter(above.ravel(), below, push)
     return time_s, np.column_stack(columns)
 
 
@@ -69,11 +82,16 @@ def recorded(
     setpoint_m: Vector | None = None,
     sampled: bool = True,
     lag_s: float = 0.0,
+    fed: bool = False,
 ) -> Recording:
-    """Return what a log holds of an excitation flight: noisy positions, and setpoints sampled now and then."""
+    """Return what a log holds of an excitation flight: noisy positions, and setpoints sampled now and then.
+
+    If `fed`, their velocities go with them, whatever the vehicle makes of those.
+    """
     random = np.random.default_rng(seed)
     sent_m = excitation_m(random) if setpoint_m is None else setpoint_m
-    time_s, position_m = flown(truth, sent_m, lag_s)
+    velocity_m_s = circle_velocity_m_s(sent_m) if fed else None
+    time_s, position_m = flown(truth, sent_m, lag_s, velocity_m_s)
     every = round(1.0 / positions_hz / FINE_S)
     time_s, position_m = time_s[::every], position_m[::every]
     noise = [coloured(random, time_s.size, 1.0 / positions_hz, noise_m, memory_s) for _ in range(2)]
@@ -87,6 +105,7 @@ def recorded(
         sent_m[held],
         [(0.0, float(time_s[-1]))],
         sampled=sampled,
+        velocity_m_s=None if velocity_m_s is None else velocity_m_s[held],
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.excerpts import Recording
+from estimation.excerpts import Recording, excerpts_of
 from estimation.identification import Verdict
 from estimation.identified import Found, Identified
 from estimation.identify import identify
@@ -37,6 +37,32 @@ def test_without_noise_the_plant_is_found_as_it_is() -> None:
     assert x.frequency_rad_s.value == pytest.approx(np.sqrt(1.5), rel=0.005)
     assert x.damping.value == pytest.approx(1.9 / 2.0 / np.sqrt(1.5), rel=0.005)
     assert min(axis.fit_percent for axis in found.axes) > 99.0
+
+
+def test_the_share_of_the_velocities_that_is_fed_forward_is_found() -> None:
+    fed = replace(TRUTH, feedforward=0.8)
+    recording = recorded(fed, 1, noise_m=1e-3, setpoints_hz=25.0, sampled=False, fed=True)
+    identified = identify([recording])
+    found = found_in(identified)
+    assert identified.verdict is Verdict.GOOD
+    assert values(found) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2, 0.8], rel=0.01)
+    assert found.plant.feedforward == pytest.approx(0.8, rel=0.01)
+    assert found.covariance.shape == (6, 6)
+    assert found.baseline is not None
+    assert found.baseline.feedforward == pytest.approx(0.8, abs=0.1)
+
+
+def test_a_vehicle_that_leaves_the_velocities_aside_is_not_to_be_flown_with_them() -> None:
+    identified = identify([recorded(TRUTH, 13, fed=True)])
+    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert "the velocities beside the setpoints show no effect" in identified.reasons[0]
+
+
+def test_velocities_that_stay_the_same_tell_nothing() -> None:
+    recording = recorded(TRUTH, 14, fed=True)
+    steady = np.tile((0.3, 0.0), (recording.setpoint_time_s.size, 1))
+    for velocity_m_s, fed in ((recording.velocity_m_s, True), (steady, False), (None, False)):
+        assert [each.fed for each in excerpts_of(replace(recording, velocity_m_s=velocity_m_s))] == [fed]
 
 
 @pytest.fixture(scope="module")

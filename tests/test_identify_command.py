@@ -20,6 +20,9 @@ from estimation.state import Vector
 from gcs.cli import main
 from gcs.flightlog.foreign import read_vehicle_logs
 from gcs.flightlog.vehicle_log import ModeSegment, Series, Span, VehicleLog
+from gcs.mission_file import excitation_mission
+from tests.flight_logs import record_simulation
+from tests.mission_text import content, parsed, put
 from tests.synthetic_flights import Truth, recorded
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
@@ -31,6 +34,12 @@ DATA = Path(__file__).parent / "data"
 def log_of(name: str = "flight.ulg", system_id: int = 3, **changes: Any) -> VehicleLog:
     """Return a log as a reader of PX4's would."""
     recording = recorded(TRUTH, 5)
+    if changes.pop("fed", False):
+        recording = recorded(replace(TRUTH, feedforward=0.9), 5, fed=True)
+        assert recording.velocity_m_s is not None
+        time_s, velocity = recording.setpoint_time_s, recording.velocity_m_s
+        climbing = np.column_stack((velocity, np.zeros(time_s.size)))
+        changes["setpoint_velocity"] = Series("trajectory_setpoint", ("x", "y", "z"), time_s, climbing)
 
     def series(topic: str, time_s: Vector, values: Vector) -> Series:
         return Series(topic, ("x", "y", "z"), time_s, np.column_stack((values, np.full(time_s.size, 8.0))))
@@ -131,6 +140,38 @@ def test_other_plants_are_held_against_the_same_flight(ran: Runner) -> None:
     assert err.startswith("--against: no plant file 'missing.toml'")
 
 
+def test_an_excitation_with_velocities_becomes_a_plant_file_of_that_kind(ran: Runner) -> None:
+    """Flown by a plant file that is 20 to 25 % off; the vehicle feeds 0.8 of what it is sent forward."""
+    flying: dict[str, object] = {
+        "plant": "stub-feedforward",
+        "true_scale": {"a0": 1.2, "a1": 0.75, "feedforward": 0.8},
+    }
+    mission = put(content(), ("simulation",), {"position_noise_m": 0.03, "velocity_noise_m_s": 0.03})
+    for key, value in flying.items():
+        mission = put(mission, ("vehicles", 0, key), value)
+    excited = excitation_mission(parsed(mission), 1)
+    record_simulation(excited, ran.folder / "own.mcap", duration_s=excited.mission.duration_s)
+    (read,) = read_vehicle_logs(ran.folder / "own.mcap")
+    assert read.setpoint_velocity is not None
+    assert read.setpoint is not None
+    assert (read.setpoint_velocity.time_s == read.setpoint.time_s).all()
+    swept = read.setpoint.time_s > 140.0  # north along the sweeps: what is sent is the setpoint's own velocity
+    moved = np.gradient(read.setpoint.values[swept, :2], read.setpoint.time_s[swept], axis=0)
+    assert np.median(np.abs(moved - read.setpoint_velocity.values[swept, :2])) < 0.05
+    code, out, err = ran("own.mcap", "-o", "own.toml", "--json", "--html", "own.html")
+    assert code == 0, err
+    file, result = PlantShelf(ran.folder).open("own.toml"), json.loads(out)
+    assert file.plant.feedforward == pytest.approx(0.8, abs=0.03)
+    assert file.plant.x.a0_per_s2 == pytest.approx(1.2 * 0.80, rel=0.05)
+    assert file.plant.y.a1_per_s == pytest.approx(0.75 * 0.87, rel=0.05)
+    assert result["plant"]["feedforward"]["value"] == pytest.approx(file.plant.feedforward, rel=1e-3)
+    assert result["plant"]["covariance_of"][5] == "feedforward"
+    assert re.search(rf"feed-forward +{result['plant']['feedforward']['value']:.2f} ", err)
+    assert file.identified is not None
+    assert file.identified.feeds
+    assert (ran.folder / "own.html").read_text(encoding="utf-8").count('role="img"') == 10
+
+
 def test_a_flight_that_teaches_nothing_ends_in_1_with_the_reason_and_no_file(ran: Runner) -> None:
     wrong = log_of(modes=(ModeSegment(Span(0.0, 150.0), "mission", external=False),))
     ran.hold(wrong)
@@ -160,6 +201,11 @@ def test_a_short_log_of_real_firmware_is_told_to_be_too_short(ran: Runner) -> No
         (("a.ulg", "--vehicle", "9"), "--vehicle: the logs have no vehicle 9 (they have 3)"),
         (("a.ulg", "b.ulg"), "--vehicle: the logs hold vehicles 3, 4: say which of them is to be identified"),
         (("a.ulg", "c.bin"), "the logs are of different autopilots, and one plant cannot be both"),
+        (
+            ("a.ulg", "e.ulg"),
+            "setpoints with velocities beside them and without make two plants, one file each: "
+            "a.ulg: without velocities; e.ulg: with velocities",
+        ),
         (("d.ulg",), "d.ulg: vehicle 3: the log has no setpoint; looked for trajectory_setpoint"),
     ],
 )
@@ -169,6 +215,7 @@ def test_bad_input_is_told_before_anything_is_done(ran: Runner, arguments: tuple
         log_of("b.ulg", 4),
         log_of("c.bin", autopilot="ardupilot"),
         log_of("d.ulg", setpoint=None, missing=("trajectory_setpoint",)),
+        log_of("e.ulg", fed=True),
     )
     (ran.folder / "here.toml").touch()
     code, out, err = ran(*arguments)

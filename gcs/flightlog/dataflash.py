@@ -32,6 +32,8 @@ BLOCK_BYTES = 528
 SETPOINT, ESTIMATE, CONTROLLED = "GUIP", "XKF1", "PSCD"
 POSITIONED = (1, 2, 3)
 """Guided mode's ways to fly that have a position: to a waypoint, to a position, along a trajectory."""
+FED = 3
+"""The one of them that feeds the setpoint's velocity forward."""
 EVENTS = MappingProxyType({10: True, 11: False})
 WANTED = frozenset(
     {"FMTU", "UNIT", "MULT", "PARM", "MSG", "MODE", "VER", "EV", "ARM", "ORGN", "BAT", "ATT", "XKF4", "SIM", "SIM2"}
@@ -236,9 +238,12 @@ def _gather_setpoints(gathered: Gathered, records: _Records) -> None:
     if not table:
         gathered.missing.append(SETPOINT)
         return
-    values = _columns(gathered, SETPOINT, table, ("pX", "pY", "pZ")) * _metres(gathered, records)
+    factor = _metres(gathered, records)
+    values = _columns(gathered, SETPOINT, table, ("pX", "pY", "pZ")) * factor
+    rates = _columns(gathered, SETPOINT, table, ("vX", "vY", "vZ")) * factor * (1.0, -1.0, 1.0)
     if "Type" in table:
         values[~np.isin(table["Type"], POSITIONED)] = np.nan
+        rates[table["Type"] != FED] = np.nan
     if table.get("Terrain", np.zeros(1)).any():
         values[table["Terrain"] != 0, 2] = np.nan
         gathered.notes.append(f"{SETPOINT}: heights above the terrain were left out")
@@ -247,7 +252,8 @@ def _gather_setpoints(gathered: Gathered, records: _Records) -> None:
     up = values * np.array((1.0, -1.0, 1.0))
     if _is_down(gathered, stamps, up[:, 2]):
         up[:, 2] *= -1.0
-    gathered.samples["setpoint"] = Samples(SETPOINT, stamps, up)
+        rates[:, 2] *= -1.0
+    gathered.ask(SETPOINT, stamps, up, rates)
 
 
 def _metres(gathered: Gathered, records: _Records) -> float:

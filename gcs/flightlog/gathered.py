@@ -36,6 +36,7 @@ REACH_MAX_M, SPEED_MAX_M_S = 100e3, 300.0
 LIMITS = MappingProxyType(
     {
         "setpoint": (REACH_MAX_M, "m"),
+        "setpoint_velocity": (SPEED_MAX_M_S, "m/s"),
         "position": (REACH_MAX_M, "m"),
         "true_position": (REACH_MAX_M, "m"),
         "velocity": (SPEED_MAX_M_S, "m/s"),
@@ -82,6 +83,13 @@ class Gathered:
     parameters: dict[str, Number] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    def ask(self, topic: str, stamps: Stamps, setpoint_m: Vector, velocity_m_s: Vector) -> None:
+        """Take setpoints (T, 3), and the velocities beside them (T, 3), which are NaN where there were none."""
+        self.samples["setpoint"] = Samples(topic, stamps, setpoint_m)
+        given = np.isfinite(velocity_m_s[:, :2]).all(axis=1)
+        if given.any():
+            self.samples["setpoint_velocity"] = Samples(topic, stamps[given], np.nan_to_num(velocity_m_s[given]))
 
 
 def stamps_us(raw: NDArray[Any]) -> Stamps:

@@ -52,6 +52,7 @@ def _vehicle(log: LogFile, flight: FlightLog, mission: Mission, vehicle: Mission
 def _gather_setpoints(gathered: Gathered, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
     """Take what was sent, and when it flew the vehicle: its autopilot's word counts, where it has one."""
     sent: list[tuple[float, Triple]] = []
+    fed: list[tuple[float, Triple]] = []
     mode = FlightMode.UNKNOWN
     for record in flight.vehicles[vehicle_id]:
         if record.kind is Autopilot:
@@ -62,7 +63,12 @@ def _gather_setpoints(gathered: Gathered, flight: FlightLog, vehicle_id: int, fr
             gathered.modes.append((_stamp(decision.time_s), CORDON if flown else mode.value))
             if decision.setpoint is not None:
                 sent.append((decision.time_s, decision.setpoint.position_m))
+                if decision.setpoint.velocity_m_s:
+                    x, y, z = decision.setpoint.velocity_m_s
+                    fed.append((decision.time_s, (x, y, z)))
     _gather(gathered, "setpoint", DECISION, sent, frame)
+    if fed:
+        _gather(gathered, "setpoint_velocity", DECISION, fed, frame)
 
 
 def _gather_motion(gathered: Gathered, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:

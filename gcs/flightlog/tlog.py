@@ -46,6 +46,7 @@ NO_AUTOPILOT = 8
 AUTOPILOTS = MappingProxyType({12: "px4", 3: "ardupilot"})
 ARMED = 128
 LOCAL_NED = 1
+VELOCITY_IGNORED = 0b111 << 3
 INTEGER_LAST = 6
 CELL_UNKNOWN = 65535
 
@@ -230,11 +231,15 @@ def _gather_setpoints(gathered: Gathered, vehicle: _Vehicle, clock: Clock) -> No
         gathered.missing.append(f"{SET} or {ECHO}")
         return
     rows = [[nan if m.type_mask >> axis & 1 else (m.x, m.y, m.z)[axis] for axis in range(3)] for _, m in local]
+    # What the vehicle aims at has the velocity that its position controller adds.
+    told = [(m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local]
     stamps = clock(_stamps(local)) if topic == SET else _boot_us(local)
     if topic == ECHO:
         gathered.notes.append(f"setpoints are the vehicle's own {ECHO}: shaped, where its autopilot shapes them")
     values = up_from_ned(np.array(rows, dtype=np.float64))
-    gathered.samples["setpoint"] = _in_order(gathered, topic, stamps, values)
+    rates = up_from_ned(np.array(told, dtype=np.float64))
+    ordered = _in_order(gathered, topic, stamps, np.hstack((values, rates)))
+    gathered.ask(topic, ordered.stamps_us, ordered.values[:, :3], ordered.values[:, 3:])
 
 
 def _gather_battery(gathered: Gathered, vehicle: _Vehicle, clock: Clock) -> None:

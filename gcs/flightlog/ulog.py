@@ -163,9 +163,11 @@ def _stamps(log: str, topic: str, data: Columns) -> Stamps:
 def _gather_motion(gathered: Gathered, topics: dict[str, Columns]) -> None:
     log = gathered.path
     if (data := topics.get(SETPOINT)) is not None:
-        named = ("position[0]", "position[1]", "position[2]") if "position[0]" in data else ("x", "y", "z")
-        values = up_from_ned(_columns(log, SETPOINT, data, named))
-        gathered.samples["setpoint"] = Samples(SETPOINT, _stamps(log, SETPOINT, data), values)
+        names = ("x", "y", "z", "vx", "vy", "vz")
+        if "position[0]" in data:
+            names = ("position[0]", "position[1]", "position[2]", "velocity[0]", "velocity[1]", "velocity[2]")
+        places, rates = (up_from_ned(_columns(log, SETPOINT, data, three)) for three in (names[:3], names[3:]))
+        gathered.ask(SETPOINT, _stamps(log, SETPOINT, data), places, rates)
     else:
         gathered.missing.append(SETPOINT)
     if (data := topics.get(LOCAL)) is not None:

@@ -85,9 +85,10 @@ class VehicleLog:
     """One vehicle's log. Positions [m], velocities [m/s], attitude as roll, pitch, yaw [rad] of front, left, up.
 
     `setpoint` holds the position setpoints x, y, z at the times at which they were logged, NaN on an axis that none
-    was given for; `battery` holds volts, amperes and the share remaining (0 to 1), NaN where not told. At
-    `position_resets_s` the estimator moved its position by itself. A series is None where the log has none. `sha256`
-    is that of the whole file, `format` the reader's name for what it is.
+    was given for, and `setpoint_velocity` the velocities that went with them, where any did; `battery` holds volts,
+    amperes and the share remaining (0 to 1), NaN where not told. At `position_resets_s` the estimator moved its
+    position by itself. A series is None where the log has none. `sha256` is that of the whole file, `format` the
+    reader's name for what it is.
     """
 
     path: str
@@ -98,6 +99,7 @@ class VehicleLog:
     system_id: int
     duration_s: float
     setpoint: Series | None = None
+    setpoint_velocity: Series | None = None
     position: Series | None = None
     velocity: Series | None = None
     true_position: Series | None = None
@@ -126,11 +128,15 @@ class VehicleLog:
             raise LogError([f"{self.path}: vehicle {self.system_id}: the log has no {wanted}{looked}"])
 
 
-SERIES = ("setpoint", "position", "velocity", "true_position", "true_velocity", "attitude", "battery")
+SERIES = (
+    *("setpoint", "setpoint_velocity", "position", "velocity", "true_position", "true_velocity"),
+    *("attitude", "battery"),
+)
 XYZ = ("x", "y", "z")
 COLUMNS = MappingProxyType(
     {
         "setpoint": XYZ,
+        "setpoint_velocity": XYZ,
         "position": XYZ,
         "velocity": XYZ,
         "true_position": XYZ,

@@ -120,14 +120,16 @@ def _responses(found: Found) -> Section:
             )
         )
     lead = f"What {_DRAWS} plants do that are as likely as the fit is sure: bands hold 95 % of them."
+    if found.feedforward is not None:
+        lead += " The Bode plots are of setpoints that come with their velocities, the steps of such without."
     return Section("responses", "Responses", lead, tuple(charts), keyed=False)
 
 
 def _drawn_parameters(found: Found) -> Vector:
-    """Return plants as fitted, (D, 5): the first is the best, the others are drawn about it."""
+    """Return plants as fitted, (D, k): the first is the best, the others are drawn about it."""
     best = found.validation.best
     random = np.random.default_rng(0)
-    spread = random.multivariate_normal(np.zeros(5), best.covariance, _DRAWS, method="eigh")
+    spread = random.multivariate_normal(np.zeros(best.parameters.size), best.covariance, _DRAWS, method="eigh")
     return np.vstack((best.parameters, best.parameters + spread))
 
 
@@ -148,7 +150,8 @@ def _gains(draws: Vector, axis: int) -> tuple[Vector, "np.ndarray[tuple[int, ...
     rate_rad_s = np.geomspace(*_BODE_RAD_S, 120)
     rows = []
     for draw in draws:
-        response = response_of(*np.exp(draw[2 * axis : 2 * axis + 2]).tolist())
+        a0, a1 = np.exp(draw[2 * axis : 2 * axis + 2]).tolist()
+        response = response_of(a0, a1, lead_s=float(draw[5]) * a1 / a0 if draw.size > 5 else 0.0)
         rows.append(response.gain(rate_rad_s) * np.exp(-1j * rate_rad_s * max(0.0, float(draw[4]))))
     return rate_rad_s, np.array(rows)
 
