@@ -107,12 +107,15 @@ class LinkSection(Settings):
     """`[link]`: how often a vehicle tells its motion, its attitude while its clock is measured, and its status; and how
     often setpoints are handed to MAVSDK: every tick (none), or less often. MAVSDK itself repeats the last setpoint at
     20 Hz: a lower setpoint rate makes setpoints older, but the link no emptier than 20 of them a second.
+    Velocities go with the setpoints of vehicles whose plant file has `feedforward`; said here as well, true or false,
+    plant files of the other kind are refused.
     """
 
     telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
     attitude_rate_hz: float = Field(10.0, ge=5.0, le=50.0)
     status_rate_hz: float = Field(2.0, ge=0.2, le=10.0)
     setpoint_rate_hz: float | None = Field(None, ge=1.0, le=100.0)
+    feedforward: bool | None = None
 
 
 class SimulationSection(Settings):
@@ -138,7 +141,7 @@ class TrueScale(Settings):
 
     a0: float = Field(1.0, ge=0.1, le=10.0)
     a1: float = Field(1.0, ge=0.1, le=10.0)
-    feedforward: float = Field(1.0, ge=0.0, le=10.0)
+    feedforward: float = Field(1.0, ge=0.0, le=2.0)
 
 
 class VehicleSection(Settings):

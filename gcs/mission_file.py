@@ -24,8 +24,7 @@ from agents.settings import (
     FormationSettings,
     SafetySettings,
 )
-from estimation.plant import FEEDFORWARD_MAX, Plant, PlantAxis
-from estimation.plant_file import PlantFile, PlantFileError, PlantShelf
+from estimation.plant_file import PlantFileError, PlantShelf
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.excitation import excitation_faults, excited, limits_rise
 from gcs.exits import InputError
@@ -34,7 +33,6 @@ from gcs.mission import (
     LinkSection,
     Mission,
     MissionSection,
-    MissionVehicle,
     NetworkSection,
     SimulationSection,
     TargetSection,
@@ -42,6 +40,7 @@ from gcs.mission import (
     VerdictSection,
 )
 from gcs.mission_geometry import IndexedVehicles, altitudes_fit, fence_fits, limits_agree, slots_fit
+from gcs.mission_plants import LoadedVehicle, fed_as_told, resolved
 
 LAYER_LEAST_M = 1.0
 EXCITES = "excite"
@@ -130,7 +129,7 @@ def parse_mission(text: str, folder: Path, plant_texts: Mapping[str, str] | None
     if faults:
         raise MissionError(faults)
     sections.pop("decision")
-    complete = tuple(_resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
+    complete = tuple(resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
     mission = Mission(**sections, vehicles=complete, text=text, plant_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
     return mission if excites is None else _excited(mission, excites)
 
@@ -204,17 +203,14 @@ def unknown_key(parent: str, key: str, known: list[str]) -> str:
     return f"{parent}{'.' if parent else ''}{key}: unknown key{hint}"
 
 
-_LoadedVehicle = tuple[VehicleSection, PlantFile]
-
-
-def _vehicles(content: object, decision: object, shelf: PlantShelf, faults: list[str]) -> list[_LoadedVehicle | None]:
+def _vehicles(content: object, decision: object, shelf: PlantShelf, faults: list[str]) -> list[LoadedVehicle | None]:
     if not isinstance(content, list) or not content:
         faults.append("vehicles: a mission needs at least one [[vehicles]] table")
         return []
     return [_vehicle(entry, decision, shelf, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
 
 
-def _vehicle(entry: object, decision: object, shelf: PlantShelf, path: str, faults: list[str]) -> _LoadedVehicle | None:
+def _vehicle(entry: object, decision: object, shelf: PlantShelf, path: str, faults: list[str]) -> LoadedVehicle | None:
     if isinstance(entry, dict) and isinstance(decision, dict):
         # A vehicle overrides single thresholds; the others are the mission's.
         own = entry.get("decision", {})
@@ -229,18 +225,7 @@ def _vehicle(entry: object, decision: object, shelf: PlantShelf, path: str, faul
         return None
 
 
-def _resolved(section: VehicleSection, file: PlantFile) -> MissionVehicle:
-    scale, plant = section.true_scale, file.plant
-
-    def true(axis: PlantAxis) -> PlantAxis:
-        return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
-
-    gain = min(plant.feedforward * scale.feedforward, FEEDFORWARD_MAX)
-    true_plant = Plant(true(plant.x), true(plant.y), plant.delay_s, gain)
-    return MissionVehicle(section, plant, true_plant, section.decision or DecisionSettings(), file.identified)
-
-
-def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedVehicle | None]) -> Iterator[str]:
+def _cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVehicle | None]) -> Iterator[str]:
     """Check what concerns more than one section, as far as those sections hold."""
     known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
     yield from _distinct(known, "id", lambda v: v.id)
@@ -258,7 +243,10 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[_LoadedV
     frame = sections.get("frame")
     if isinstance(frame, FrameSection):
         yield from _located(frame, known)
-    yield from _kept_up(sections.get("mission"), sections.get("link"))
+    link = sections.get("link")
+    yield from _kept_up(sections.get("mission"), link)
+    if isinstance(link, LinkSection):
+        yield from fed_as_told(link, vehicles)
     yield from _way_home(known, sections.get("choreography"))
     yield from _in_order(sections.get("failsafe"))
     yield from limits_rise(sections.get("excitation"))

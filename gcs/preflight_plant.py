@@ -19,7 +19,7 @@ def plant_file(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, t
     identified = vehicle.identified
     if identified is None or mission.excites:
         return
-    doubts = list(_doubts(identified, facts, today))
+    doubts = [*_doubts(identified, facts, today), *_other_kind(identified, vehicle)]
     what = f"its plant file '{vehicle.section.plant}', identified on {identified.date}"
     found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} on its firmware, is {identified.verdict.value}"
     yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.subject, "plant", found, _WHY, _STEP)
@@ -36,6 +36,14 @@ def _doubts(identified: Identification, facts: VehicleFacts, today: date | None)
         yield f"it is of {identified.autopilot}, and the vehicle flies {facts.autopilot.value}"
     elif _release(identified.firmware) != _release(facts.firmware) and identified.firmware and facts.firmware:
         yield f"it is of firmware {identified.firmware}, and the vehicle's is {facts.firmware}"
+
+
+def _other_kind(identified: Identification, vehicle: MissionVehicle) -> Iterator[str]:
+    gain = vehicle.plant.feedforward
+    if identified.feeds and not gain:
+        yield "it is of setpoints with velocities beside them, and with its feedforward = 0 none are sent"
+    if gain and not identified.feeds:
+        yield f"it is of setpoints alone, and with its feedforward = {gain:g} velocities are sent beside them"
 
 
 def _release(firmware: str) -> tuple[str, ...] | str:

@@ -357,6 +357,17 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         changed((("vehicles", 2, "plant"), "stubb")),
         [("vehicles[2].plant", "bundled plants: ardupilot, px4, stub, stub-delayed")],
     ),
+    "velocities told of that a plant does not take": (
+        changed((("link",), {"feedforward": True}), (("vehicles", 0, "plant"), "stub-feedforward")),
+        [
+            ("vehicles[1].plant", "'stub' takes no velocities, and link.feedforward = true"),
+            ("vehicles[2].plant", "'stub' takes no velocities, and link.feedforward = true"),
+        ],
+    ),
+    "no velocities told of, and a plant that takes them": (
+        changed((("link",), {"feedforward": False}), (("vehicles", 1, "plant"), "stub-feedforward")),
+        [("vehicles[1].plant", "(feedforward = 1), and link.feedforward = false: name one identified without")],
+    ),
     "a ring too tight for the separation": (changed((RADIUS, 1.7)), [("encirclement.radius_m", "2.94 m apart")]),
     "a ring within its own smallest radius": (
         changed((("encirclement", "radius_min_m"), 12.0)),

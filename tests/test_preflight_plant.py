@@ -105,6 +105,23 @@ def test_all_doubts_are_told_at_once() -> None:
     assert "days old; it is of firmware 1.13" in finding.found
 
 
+@pytest.mark.parametrize(
+    ("size", "gain", "doubt"),
+    [
+        (5, 0.0, ""),
+        (6, 0.9, ""),
+        (6, 0.0, "it is of setpoints with velocities beside them, and with its feedforward = 0 none are sent"),
+        (5, 0.9, "it is of setpoints alone, and with its feedforward = 0.9 velocities are sent beside them"),
+    ],
+)
+def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(size: int, gain: float, doubt: str) -> None:
+    mission = flown_with(identified(covariance=[[0.0] * size] * size))
+    changed = [replace(each, plant=replace(each.plant, feedforward=gain)) for each in mission.vehicles]
+    (finding,) = found(replace(mission, vehicles=tuple(changed)))
+    assert finding.grade is (Grade.WARNING if doubt else Grade.PASS)
+    assert finding.found.endswith(f": {doubt}" if doubt else "is good")
+
+
 EXCITED = excitation_mission(CASE2, 2)
 
 
