@@ -62,7 +62,7 @@ def test_velocities_that_stay_the_same_tell_nothing() -> None:
     recording = recorded(TRUTH, 14, fed=True)
     steady = np.tile((0.3, 0.0), (recording.setpoint_time_s.size, 1))
     for velocity_m_s, fed in ((recording.velocity_m_s, True), (steady, False), (None, False)):
-        assert [each.fed for each in excerpts_of(replace(recording, velocity_m_s=velocity_m_s))] == [fed]
+        assert any(each.fed for each in excerpts_of(replace(recording, velocity_m_s=velocity_m_s))) is fed
 
 
 @pytest.fixture(scope="module")
