@@ -315,6 +315,23 @@ def test_setpoints_are_in_the_unit_that_the_log_tells(read: Callable[[bytes], Ve
     assert newer.values == pytest.approx(as_is.values, abs=1e-6)
 
 
+def test_velocities_beside_setpoints_are_north_west_and_up(read: Callable[[bytes], VehicleLog]) -> None:
+    """PX4 has them for every setpoint; ArduPilot feeds those of one submode forward, and logs them with its units."""
+    ulog, copter = bytearray(ULOG), bytearray(BIN)
+    for at in topic_records(SETPOINT):
+        struct.pack_into("<3f", ulog, at + 5 + 20, 0.3, -0.4, 0.1)
+    for at, name in bin_records(BIN):
+        if name == "GUIP":
+            copter[at + 11] = 3
+            struct.pack_into("<3f", copter, at + 25, 30.0, -40.0, -10.0)
+    for log in (read(bytes(ulog)), read(bytes(copter))):
+        assert log.setpoint is not None
+        assert log.setpoint_velocity is not None
+        assert (log.setpoint_velocity.time_s == log.setpoint.time_s).all()
+        assert log.setpoint_velocity.values == pytest.approx(np.tile((0.3, 0.4, -0.1), (log.setpoint.time_s.size, 1)))
+    assert read(BIN).setpoint_velocity is None, "to a position alone none belongs"
+
+
 def test_a_unit_that_is_told_wrongly_is_refused(read: Callable[[bytes], VehicleLog]) -> None:
     assert "GUIP: the setpoints move about 100 times" in faults(read, guided(b"0", lambda x, y, z: (x, y, z)))
 

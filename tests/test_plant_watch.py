@@ -1,5 +1,6 @@
 """Whether a plant still explains a flight: against flights whose plant is known, integrated in small steps."""
 
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -55,6 +56,28 @@ def test_another_plant_is_noticed_and_named(a0: float, a1: float, delay_s: float
     assert watched.best.x.a0_per_s2 == pytest.approx(a0, rel=0.15)
     assert watched.best.x.a1_per_s == pytest.approx(a1, rel=0.15)
     assert watched.best.delay_s == pytest.approx(delay_s, abs=0.05)
+
+
+@pytest.mark.parametrize(("gain", "told"), [(1.0, "it explains the flight"), (0.0, "velocities without effect): ")])
+def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> None:
+    """A circle of 4 m at 0.2 rad/s: where a plant with feed-forward is, and one that leaves the velocities aside."""
+    fed, time_s = Plant(FILE.x, FILE.y, 0.2, 1.0), np.arange(0.0, 120.0, 0.05)
+    turn = 0.2 * time_s
+    setpoints = 4.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    velocities = 0.8 * np.column_stack([-np.sin(turn), np.cos(turn)])
+    axis, s = FILE.x, 0.2j
+    answer = (axis.a0_per_s2 + gain * axis.a1_per_s * s) / (s**2 + axis.a1_per_s * s + axis.a0_per_s2)
+    flown = 4.0 * answer * np.exp(1j * (turn - 0.2 * 0.2))
+    noise = 0.05 * np.random.default_rng(5).normal(size=(time_s.size, 2))
+    samples = np.column_stack([time_s, np.column_stack([flown.real, flown.imag]) + noise])
+    mission = load_mission("px4-trio")
+    mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=fed), *mission.vehicles[1:]))
+    flat = np.zeros((time_s.size, 1))
+    loop = Loop(time_s=time_s, setpoint_m=np.hstack([setpoints, flat]), velocity_m_s=np.hstack([velocities, flat]))
+    empty = np.empty((0, 2))
+    record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
+    facts = plant_facts(mission, FlightEvidence(record, (VehicleEvidence(1, loop=loop, samples=samples),)))
+    assert told in facts["plant of vehicle 1"]
 
 
 @pytest.mark.parametrize(("seconds", "step_m"), [(150.0, 0.0), (150.0, 0.2), (40.0, 1.5)])

@@ -156,6 +156,20 @@ def test_arducopters_modes_and_the_axes_that_a_setpoint_leaves_out(tmp_path: Pat
     assert any("1 setpoints in other frames" in note for note in log.notes)
 
 
+def test_velocities_beside_setpoints_are_those_that_were_sent(tmp_path: Path) -> None:
+    """What an autopilot says that it aims at has the velocity that its position controller adds."""
+    fields = (1.0, 2.0, -3.0, 0.5, -0.25, 0.125, *(0.0,) * 5)
+    target = [[10, 9, 1, 1, mask, *fields] for mask in (0b100111000000, 0b100111111000)]
+    sent = [common.MAVLink_set_position_target_local_ned_message(*each) for each in target]
+    (log,) = read(tmp_path, packed((0.0, beat(4, autopilot=3)), (0.1, sent[0]), (0.2, sent[1])))
+    assert log.setpoint_velocity is not None
+    assert log.setpoint_velocity.values == pytest.approx(np.array([[0.5, 0.25, -0.125]]))
+    aimed = common.MAVLink_position_target_local_ned_message(10, 1, 0b100111000000, *fields)
+    (log,) = read(tmp_path, packed((0.0, beat(4, autopilot=3)), (0.1, aimed)))
+    assert log.setpoint is not None
+    assert log.setpoint_velocity is None
+
+
 def test_a_log_of_the_first_mavlink_is_read_too(tmp_path: Path) -> None:
     writer = common.MAVLink(None, 4, 1)
     stamps = [round(BEGIN_US + step * 1e5).to_bytes(8, "big") for step in range(2)]
