@@ -130,7 +130,10 @@ class Place(msgspec.Struct, frozen=True):
 
 
 class GuardWord(msgspec.Struct, frozen=True):
-    """What the guard did with the setpoint wished for, why, and up to which cause its demands had to yield."""
+    """What the guard did with the setpoint wished for, why, and up to which cause its demands had to yield.
+
+    Where velocities are sent beside setpoints, `setpoint_m` is the aim of both.
+    """
 
     setpoint_m: tuple[float, ...]
     status: str
