@@ -1,7 +1,8 @@
 """Fly a mission in one process with simulated time: `cordon sim`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -14,6 +15,7 @@ from gcs.compose import target_motion, target_sensor
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.mission import Mission
 from gcs.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
+from sitl.absence import Absence
 from sitl.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 
 
@@ -57,18 +59,29 @@ def fly_simulated(
 
 
 def simulated_vehicles(
-    mission: Mission, seed: int, new_core: Callable[[AgentConfig], VehicleCore] = VehicleCore
+    mission: Mission,
+    seed: int,
+    new_core: Callable[[AgentConfig], VehicleCore] = VehicleCore,
+    absences: Sequence[Absence] = (),
 ) -> list[SimulatedVehicle[TickOutput]]:
-    """Return the mission's vehicles with their cores, at rest where they start, and at work from time 0."""
+    """Return the mission's vehicles with their cores, at rest where they start, and at work from time 0.
+
+    But for their `absences`: an agent that comes back is a new one, which knows when the mission started.
+    """
+
+    def at_work(config: AgentConfig) -> VehicleCore:
+        core = new_core(config)
+        core.start(0.0)
+        return core
+
     simulation = mission.simulation
     noise = TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
     vehicles = []
     for vehicle in mission.vehicles:
-        core = new_core(mission.agent_config(vehicle))
-        core.start(0.0)
+        begin = partial(at_work, mission.agent_config(vehicle))
         vehicles.append(
             SimulatedVehicle(
-                core,
+                begin(),
                 vehicle.true_plant,
                 vehicle.section.start_m,
                 vehicle.section.altitude_m,
@@ -76,6 +89,8 @@ def simulated_vehicles(
                 noise,
                 simulation.wind_m_s2,
                 seed=(seed, 2, vehicle.id),
+                absences=[absence for absence in absences if absence.vehicle_id == vehicle.id],
+                new_core=begin,
             )
         )
     return vehicles

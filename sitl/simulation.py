@@ -11,9 +11,11 @@ from time import perf_counter
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.plant import Plant, exact_step
 from estimation.state import MOTION, POSITION, Sighting, Telemetry, Vector
+from sitl.absence import LANDED_AFTER_S, Absence, absence_at
 
 
 class Sensor(Protocol):
@@ -80,6 +82,10 @@ class Core(Protocol[OutputT_co]):
         """Take a peer's message."""
         ...
 
+    def on_presence(self, vehicle_id: int, present: bool) -> None:
+        """Take the news that a peer has come or gone."""
+        ...
+
     def tick(self, now_s: float) -> OutputT_co:
         """Decide and plan."""
         ...
@@ -115,9 +121,17 @@ class SimulatedVehicle(Generic[OutputT]):
         noise: TelemetryNoise,
         disturbance_m_s2: tuple[float, float],
         seed: Sequence[int],
+        absences: Sequence[Absence] = (),
+        new_core: Callable[[], Core[OutputT]] | None = None,
     ) -> None:
-        """Put a vehicle at rest, hovering at `start_m`; `plant` is the truth, which its core need not know."""
+        """Put a vehicle at rest, hovering at `start_m`; `plant` is the truth, which its core need not know.
+
+        `new_core` makes the core of an agent that comes back after one of the `absences`.
+        """
         self.core = core
+        self._absences = absences
+        self._new_core = new_core
+        self._away: Absence | None = None
         self.motion: Vector = np.array([*start_m, 0.0, 0.0])
         self._plant = plant
         self._altitude_m = altitude_m
@@ -127,6 +141,31 @@ class SimulatedVehicle(Generic[OutputT]):
         self._random = np.random.default_rng(seed)
         self._aim_m: Vector = np.array(start_m)
         self._pending: list[tuple[float, Vector]] = []
+
+    @property
+    def present(self) -> bool:
+        """Whether its agent is there."""
+        return self._away is None
+
+    def aloft(self, now_s: float) -> bool:
+        """Return whether it is in the air: one whose agent has died is landed by its autopilot."""
+        return self._away is None or 0.0 < self._away.from_s > now_s - LANDED_AFTER_S
+
+    def attend(self, now_s: float) -> Absence | None:
+        """Let its agent come or go, if it is time; return the absence that begins or ends now, None if none does."""
+        before, self._away = self._away, absence_at(self._absences, now_s)
+        if before is self._away:
+            return None
+        if self._away is not None:
+            self._rest(self.motion[POSITION])
+            return self._away
+        assert before is not None
+        if before.at_m is not None:
+            self.motion = np.array([*before.at_m, 0.0, 0.0])
+        self._rest(self.motion[POSITION])
+        if before.from_s > 0.0 and self._new_core is not None:
+            self.core = self._new_core()
+        return before
 
     def sense(self, now_s: float) -> tuple[Telemetry, Sighting | None]:
         """Return what its instruments say, and its sensor if it sees the target now."""
@@ -157,6 +196,11 @@ class SimulatedVehicle(Generic[OutputT]):
             from_s = max(acts_s, from_s)
             self._aim_m = aim_m
         self._fly(to_s - from_s)
+
+    def _rest(self, place_m: Vector) -> None:
+        """Let the autopilot hold the vehicle at (2,), whatever setpoints are still on their way."""
+        self._pending.clear()
+        self._setpoint_m = place_m.copy()
 
     def _fly(self, step_s: float) -> None:
         step_s = round(step_s, 9)
@@ -204,11 +248,13 @@ class SimulatedFlight:
     """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), and what each tick cost [us] (T, N).
 
     A tick's cost is all a vehicle's core does in one period: what peers say, its own sensors, decision and plan.
+    `aloft` (T, N) says who is in the air.
     """
 
     time_s: Vector
     motion: Vector
     tick_us: Vector
+    aloft: NDArray[np.bool_]
 
 
 def simulate(
@@ -226,16 +272,23 @@ def simulate(
     time_s = np.arange(ticks) / rate_hz
     motion = np.empty((ticks, len(vehicles), 4))
     tick_us = np.zeros((ticks, len(vehicles)))
+    aloft = np.ones((ticks, len(vehicles)), dtype=np.bool_)
     air = _Network(network, seed)
     for tick, now_s in enumerate(time_s.tolist()):
+        _attend(vehicles, now_s)
         for index, vehicle in enumerate(vehicles):
             motion[tick, index, MOTION] = vehicle.motion
+            aloft[tick, index] = vehicle.aloft(now_s)
         for receiver, payload in air.arrived(now_s):
+            if not vehicles[receiver].present:
+                continue
             began = perf_counter()
             vehicles[receiver].core.on_message(payload, now_s)
             tick_us[tick, receiver] += (perf_counter() - began) * 1e6
         for index, vehicle in enumerate(vehicles):
             sensed = vehicle.sense(now_s)
+            if not vehicle.present:
+                continue
             began = perf_counter()
             output = vehicle.think(now_s, *sensed)
             tick_us[tick, index] += (perf_counter() - began) * 1e6
@@ -245,4 +298,13 @@ def simulate(
         for vehicle in vehicles:
             vehicle.advance(now_s, now_s + 1.0 / rate_hz)
         progress(now_s)
-    return SimulatedFlight(time_s, motion, tick_us)
+    return SimulatedFlight(time_s, motion, tick_us, aloft)
+
+
+def _attend(vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None:
+    """Let agents come and go, and tell all that are there."""
+    for vehicle in vehicles:
+        changed = vehicle.attend(now_s)
+        for other in vehicles if changed is not None else ():
+            if other is not vehicle and other.present:
+                other.core.on_presence(changed.vehicle_id, vehicle.present)

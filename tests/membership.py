@@ -1,0 +1,281 @@
+"""Members that come, go and are lost, over many seeds: `python -m tests.membership 50`.
+
+Everything follows from a seed: who it is, when and where, the ring's rate, the target's course, true plants up to 20 %
+off the plant file in each number, and a network that loses and delays; telemetry and sightings are as noisy as in
+case2-field. What is measured is the truth of the simulation. Exit code 1 when a limit is missed.
+"""
+
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from math import cos, inf, pi, sin, tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.state import POSITION, Vector
+from gcs.compose import target_motion
+from gcs.mission import Mission
+from gcs.simulated import simulated_vehicles
+from sitl.absence import Absence
+from sitl.simulation import NetworkModel, SimulatedFlight, simulate
+from tests.conftest import MISSIONS
+from tests.mission_text import Content, content, parsed
+
+FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
+CHANGE_S = 60.0
+RADIUS_SHARE = 0.05
+NEAR_RING_SHARE = 0.15
+SPACING_DEG, SPACING_M = 5.0, 0.3
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One flight: how long it took until all was well for good, and what must not happen on the way."""
+
+    seed: int
+    settled_s: float
+    separation_left_m: float
+    overtakings: int
+    innermost_share: float
+    off_most_m: float = 0.0
+
+    def __str__(self) -> str:
+        return (
+            f"seed {self.seed}: settled after {self.settled_s:.1f} s, separation {self.separation_left_m:+.2f} m, "
+            f"{self.overtakings} overtakings, innermost {self.innermost_share:.2f} R, most off {self.off_most_m:.2f} m"
+        )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A mission, who is away when, how long it is flown, and from when on settling counts."""
+
+    mission: Mission
+    absences: tuple[Absence, ...]
+    duration_s: float
+    from_s: float
+
+
+def flown(scene: Scene, seed: int) -> SimulatedFlight:
+    """Fly a scene."""
+    network = scene.mission.network
+    return simulate(
+        simulated_vehicles(scene.mission, seed, absences=scene.absences),
+        NetworkModel(network.range_m, network.delay_s, network.loss),
+        rate_hz=scene.mission.mission.rate_hz,
+        duration_s=scene.duration_s,
+        seed=seed,
+        observe=lambda *_: None,
+        progress=lambda _: None,
+    )
+
+
+def field(
+    random: np.random.Generator,
+    starts_m: list[tuple[float, float]],
+    *,
+    radius_m: float,
+    rate_rad_s: float,
+    target_m: tuple[float, float],
+) -> Content:
+    """Return case2-field with this many vehicles, which all see the target and want to encircle it."""
+    mission = content(FIELD)
+    course_rad, speed_m_s = float(random.uniform(0.0, tau)), float(random.uniform(0.0, 0.2))
+    mission["encirclement"] |= {"radius_m": radius_m, "angular_rate_rad_s": rate_rad_s, "radius_far_m": 3.0 * radius_m}
+    mission["decision"]["distance_max_m"] = 200.0
+    mission["target"] |= {
+        "start_m": list(target_m),
+        "velocity_m_s": [speed_m_s * cos(course_rad), speed_m_s * sin(course_rad)],
+    }
+    mission["target"]["sensor"]["range_m"] = 200.0
+    mission["network"] |= {"delay_s": float(random.uniform(0.0, 0.15)), "loss": float(random.uniform(0.0, 0.3))}
+    mission["vehicles"] = [vehicle(random, slot, start_m) for slot, start_m in enumerate(starts_m)]
+    return mission
+
+
+def vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float]) -> Content:
+    a0, a1 = random.uniform(0.8, 1.2, 2).tolist()
+    return {
+        "id": slot + 1,
+        "url": f"udpin://127.0.0.1:{14540 + slot}",
+        "endpoint": f"tcp/127.0.0.1:{7461 + slot}",
+        "plant": "stub-delayed",
+        "true_scale": {"a0": a0, "a1": a1},
+        "start_m": list(start_m),
+    }
+
+
+def abreast(count: int) -> list[tuple[float, float]]:
+    return [(0.0, ((count - 1) / 2.0 - slot) * 5.0) for slot in range(count)]
+
+
+def drawn_rate(random: np.random.Generator, least: float, most: float) -> float:
+    return float(random.uniform(least, most) * random.choice([-1.0, 1.0]))
+
+
+# The scenes
+
+
+def loss_on_the_ring(seed: int) -> Scene:
+    """Three on the ring; one dies."""
+    random = np.random.default_rng([1, seed])
+    mission = field(
+        random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0)
+    )
+    lost = Absence(int(random.integers(1, 4)), CHANGE_S)
+    return Scene(parsed(mission), (lost,), 150.0, CHANGE_S)
+
+
+def join_on_the_ring(seed: int) -> Scene:
+    """Two on the ring; a third comes up somewhere outside of it, or comes back there."""
+    random = np.random.default_rng([2, seed])
+    mission = field(
+        random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0)
+    )
+    bearing_rad, away_m = random.uniform(0.0, tau), random.uniform(14.0, 30.0)
+    place_m = float(14.0 + away_m * cos(bearing_rad)), float(-5.0 + away_m * sin(bearing_rad))
+    left_s = float(random.choice([0.0, 20.0]))
+    comer = Absence(int(random.integers(1, 4)), left_s, CHANGE_S, place_m)
+    return Scene(parsed(mission), (comer,), 150.0, CHANGE_S)
+
+
+def leader_lost(seed: int) -> Scene:
+    """Three to six in formation; the leader dies."""
+    random = np.random.default_rng([3, seed])
+    count = int(random.integers(3, 7))
+    mission = field(random, abreast(count), radius_m=10.0, rate_rad_s=0.05, target_m=(14.0, -5.0))
+    leader = int(random.integers(1, count + 1))
+    mission["target"]["threat"] = 0.9
+    mission["formation"] |= {"leader": leader, "speed_m_s": float(random.uniform(0.1, 1.0))}
+    return Scene(parsed(mission), (Absence(leader, CHANGE_S),), 120.0, CHANGE_S)
+
+
+def sixteen(seed: int) -> Scene:
+    """Sixteen in a line encircle one target."""
+    random = np.random.default_rng([4, seed])
+    target_m = float(random.uniform(20.0, 60.0)), float(random.uniform(-20.0, 20.0))
+    mission = field(
+        random, abreast(16), radius_m=40.0, rate_rad_s=drawn_rate(random, 0.02, 0.05), target_m=target_m
+    )
+    return Scene(parsed(mission), (), 240.0, 0.0)
+
+
+# What is measured
+
+
+def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Draw:
+    """Fly the scene of a seed and measure."""
+    scene = build(seed)
+    flight = flown(scene, seed)
+    away = [absence for absence in scene.absences if absence.to_s == inf]
+    stay = np.array([each not in [absence.vehicle_id for absence in away] for each in scene.mission.ids])
+    if in_formation:
+        settled_s, off_m = formation_settled_s(scene, flight, stay)
+        return Draw(seed, settled_s, separation_left_m(scene, flight), 0, inf, off_m)
+    target = target_motion(scene.mission)
+    about = np.array([target.position_m(time_s) for time_s in flight.time_s.tolist()])
+    polar = (flight.motion[..., POSITION] - about[:, None]) @ np.array([1.0, 1.0j])
+    ring_m = scene.mission.encirclement.radius_m
+    after = flight.time_s >= scene.from_s
+    return Draw(
+        seed,
+        ring_settled_s(flight.time_s[after] - scene.from_s, polar[after][:, stay], ring_m),
+        separation_left_m(scene, flight),
+        overtakings(polar[after][:, stay], ring_m),
+        innermost_share(polar[after][:, stay], ring_m),
+    )
+
+
+def settled_s(time_s: Vector, well: NDArray[np.bool_]) -> float:
+    """Return from when on all is well for good, inf if it is not at the end."""
+    if not well[-1]:
+        return inf
+    bad = np.flatnonzero(~well)
+    return 0.0 if bad.size == 0 else float(time_s[bad[-1] + 1])
+
+
+def ring_settled_s(time_s: Vector, polar: NDArray[np.complex128], ring_m: float) -> float:
+    turns = np.sort(np.angle(polar), axis=1)
+    gaps = np.diff(turns, axis=1, append=turns[:, :1] + tau)
+    even = np.degrees(np.abs(gaps - tau / polar.shape[1])).max(axis=1) <= SPACING_DEG
+    round_ = np.abs(np.abs(polar) / ring_m - 1.0).max(axis=1) <= RADIUS_SHARE
+    return settled_s(time_s, even & round_)
+
+
+def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return when every spacing between neighbours is right for good after the loss, and how wrong one was."""
+    config = scene.mission.agent_config(scene.mission.vehicles[0])
+    slots = np.array([config.slot_offset_m(each, scene.mission.ids[0]) for each in scene.mission.ids])
+    off = (flight.motion[..., POSITION] - slots)[:, stay]
+    error_m = np.linalg.norm(np.diff(off, axis=1), axis=-1).max(axis=1)
+    after = flight.time_s >= scene.from_s
+    return settled_s(flight.time_s[after] - scene.from_s, error_m[after] <= SPACING_M), float(error_m[after].max())
+
+
+def separation_left_m(scene: Scene, flight: SimulatedFlight) -> float:
+    """Return by how much the closest two in the air were farther apart than they must."""
+    least = inf
+    for one, other in combinations(range(flight.motion.shape[1]), 2):
+        both = flight.aloft[:, one] & flight.aloft[:, other]
+        apart_m = np.linalg.norm(flight.motion[both, one, :2] - flight.motion[both, other, :2], axis=-1)
+        least = min(least, float(apart_m.min(initial=inf)))
+    return least - scene.mission.safety.separation_m
+
+
+def overtakings(polar: NDArray[np.complex128], ring_m: float) -> int:
+    """Return how often one passed another while both were at the ring."""
+    count = 0
+    near = np.abs(np.abs(polar) / ring_m - 1.0) <= NEAR_RING_SHARE
+    for one, other in combinations(range(polar.shape[1]), 2):
+        between = np.angle(polar[:, one] / polar[:, other])
+        both = near[:, one] & near[:, other]
+        passed = (np.sign(between[1:]) != np.sign(between[:-1])) & (np.abs(between[1:]) < pi / 2.0)
+        count += int((passed & both[1:] & both[:-1]).sum())
+    return count
+
+
+def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
+    """Return how far in anybody came who had reached the ring, as a share of its radius."""
+    reached = np.maximum.accumulate(np.abs(polar) >= ring_m * (1.0 - RADIUS_SHARE), axis=0)
+    return float(np.where(reached, np.abs(polar), inf).min() / ring_m)
+
+
+SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
+    "3 -> 2 on the ring": (loss_on_the_ring, False, 40.0),
+    "2 -> 3 on the ring": (join_on_the_ring, False, 60.0),
+    "leader lost in formation": (leader_lost, True, 20.0),
+    "16 on a ring of 40 m": (sixteen, False, 180.0),
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Fly as many seeds of each scene as the first argument says; further ones choose scenes by their beginnings."""
+    count, chosen = int(arguments[0]), arguments[1:]
+    missed = 0
+    with ProcessPoolExecutor() as pool:
+        for name, (build, in_formation, limit_s) in SCENES.items():
+            if chosen and not any(name.startswith(each) for each in chosen):
+                continue
+            draws = list(pool.map(partial(measured, build, in_formation), range(count)))
+            took_s = np.array([draw.settled_s for draw in draws])
+            bad = [d for d in draws if not (d.settled_s <= limit_s and d.separation_left_m >= 0.0)]
+            missed += len(bad)
+            print(
+                f"{name}: settled after {np.median(took_s):.1f} s in the middle, {took_s.max():.1f} s at worst (limit "
+                f"{limit_s:g} s); separation {min(d.separation_left_m for d in draws):+.2f} m; "
+                f"{sum(d.overtakings for d in draws)} overtakings; innermost "
+                f"{min(d.innermost_share for d in draws):.2f} R; most off {max(d.off_most_m for d in draws):.2f} m; "
+                f"{len(bad)} of {count} miss",
+                *bad,
+                sep="\n  ",
+                flush=True,
+            )
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
