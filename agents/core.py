@@ -290,7 +290,7 @@ class VehicleCore:
             self._config.vehicle_id, self._tactic, situation, wish, altitude_m=self._height_m, alert=self.alert
         )
         messages = [state]
-        if self._tactic is Tactic.ENCIRCLE and situation.polar is not None:
+        if self._tactic is Tactic.ENCIRCLE and situation.polar is not None and self._planner.joined:
             messages.append(neighbour_angle(self._config.vehicle_id, situation.now_s, situation.polar))
         if self._sightings:
             recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)

@@ -1,11 +1,13 @@
 """Encirclement: LMPC on the linearised polar model - (23) to (26) - and its setpoint through feedback linearisation."""
 
+from collections.abc import Sequence
 from enum import Enum
 from math import tau
 
 import msgspec
 import numpy as np
 
+from agents.detour import Obstacle, bent_ring_m
 from agents.linearize import Polar, polar_from_motion, setpoint_for, setpoint_for_acceleration
 from agents.lmpc import Bounds, Lmpc, QpStatus
 from agents.ring import RingPlace, spaced_rate_rad_s
@@ -56,8 +58,20 @@ class EncirclementPlanner:
         """Forget the last polar acceleration: the vehicle comes from another tactic."""
         self._acceleration = np.zeros(2)
 
-    def plan(self, motion: Vector, target: Vector, disturbance_m_s2: Vector, place: RingPlace) -> EncirclementPlan:
-        """Plan from the vehicle's and the target's motion (4,) at the moment the setpoint acts."""
+    def plan(
+        self,
+        motion: Vector,
+        target: Vector,
+        disturbance_m_s2: Vector,
+        place: RingPlace,
+        *,
+        radius_m: float | None = None,
+        obstacles: Sequence[Obstacle] = (),
+    ) -> EncirclementPlan:
+        """Plan from the vehicle's and the target's motion (4,) at the moment the setpoint acts.
+
+        `radius_m` is where to fly if not on the ring itself, which bends around `obstacles`.
+        """
         settings = self._settings
         polar = polar_from_motion(motion, target)
         wanted = spaced_rate_rad_s(place, settings.angular_rate_rad_s, settings.spacing_gain_per_s)
@@ -68,7 +82,13 @@ class EncirclementPlanner:
             return EncirclementPlan(setpoint, approach, wanted, QpStatus.INTERIOR)
         lmpc = self._alone if place.members == 1 else self._spaced
         state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
-        plan = lmpc.solve(state, self._reference(place, wanted), self._acceleration, self._bounds(polar, place))
+        reference = self._reference(place, wanted)
+        if radius_m is not None:
+            reference[:, 0] = radius_m
+        if obstacles:
+            bearings_rad = polar.bearing_rad + self._drift_rad
+            reference[:, 0] = bent_ring_m(reference.item(0, 0), bearings_rad, obstacles)
+        plan = lmpc.solve(state, reference, self._acceleration, self._bounds(polar, place))
         self._acceleration = plan.first_input
         setpoint = setpoint_for(motion, polar, plan.first_input, disturbance_m_s2, self._plant)
         return EncirclementPlan(setpoint, approach, wanted, plan.status)

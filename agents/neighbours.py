@@ -45,6 +45,8 @@ class Neighbours:
             self._ahead(axis, member, ahead_s) for axis in (0, 1)
         )
         age_s = situation.now_s - member.time_s
+        if ahead_s == GOING_ON_S:  # it hovers by now, or is on its way to the ground
+            x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         moved_m = min(UNTOLD_ACCELERATION_M_S2 / 2.0 * age_s**2, self._safety.separation_m)
         unsure = unsure_m(self._safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
         distance_m = self._safety.separation_m + min(unsure, self._safety.separation_m) + moved_m

@@ -1,14 +1,17 @@
 """What each tactic wishes for: from the situation to a wish, and what has to be remembered from tick to tick."""
 
-from math import cos, sin
+from math import atan2, cos, hypot, sin
 
 import numpy as np
 
+from agents.detour import Obstacle
 from agents.encirclement import EncirclementPlanner
 from agents.exciting import Exciter
 from agents.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
 from agents.homing import Homing
+from agents.joining import Joining, place_before
 from agents.linearize import polar_from_motion
+from agents.neighbours import Neighbours
 from agents.ring import ring_place
 from agents.settings import AgentConfig
 from agents.situation import Situation, Wish, extrapolated, mixed
@@ -16,8 +19,8 @@ from agents.tactics import Tactic, mixing_share
 from agents.team import Team
 from estimation.state import POSITION, VELOCITY, Vector
 
-ASIDE = 2.0
-"""In separations: how far outside the ring a vehicle waits that has left it."""
+_STANDING = (Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.STOOD_DOWN.value)
+"""Members in these tactics stand where they are: the ring goes around them."""
 
 
 class Planner:
@@ -28,6 +31,8 @@ class Planner:
         self._team = team
         self._formation = FormationPlanner(config)
         self._encirclement = EncirclementPlanner(config)
+        self._joining = Joining(config)
+        self._neighbours = Neighbours(config)
         self.homing = Homing(config)
         self._exciter = None if config.excitation is None else Exciter(config, config.excitation)
         self._start_s = np.inf
@@ -35,6 +40,11 @@ class Planner:
         self._leaving_m: Vector | None = None
         self._hold_m: Vector | None = None
         self._predecessor_id: int | None = None
+
+    @property
+    def joined(self) -> bool:
+        """Whether the vehicle counts as one on the ring."""
+        return self._joining.joined
 
     def start(self, at_s: float) -> None:
         """Let the mission's line, or the programme of a flight for identification, begin at `at_s`."""
@@ -49,6 +59,7 @@ class Planner:
             self._formation.reset()
         if tactic is Tactic.ENCIRCLE:
             self._encirclement.reset()
+            self._joining.reset()
         if tactic is Tactic.EXCITE and self._exciter is not None:
             self._exciter.reset()
         if tactic is Tactic.COME_DOWN:
@@ -70,7 +81,7 @@ class Planner:
         if tactic is Tactic.FORMATION:
             return self._form(situation)
         if tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
-            ring = self._encircle(situation, situation.acting_target)
+            ring = self._encircle(situation, situation.acting_target, height_m)
             share = self.mixing_share(tactic, situation.now_s)
             return ring if share >= 1.0 else mixed(self._left_behind(situation), ring, share)
         if tactic is Tactic.EXCITE and self._exciter is not None:
@@ -113,23 +124,45 @@ class Planner:
         start = config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
         return mission_line(config.plant, start, config.formation.speed_m_s, max(at_s - self._start_s, 0.0))
 
-    def _encircle(self, situation: Situation, target: Vector) -> Wish:
+    def _encircle(self, situation: Situation, target: Vector, height_m: float) -> Wish:
         polar = polar_from_motion(situation.acting_motion, target)
-        rate = self._config.encirclement.angular_rate_rad_s
-        place = ring_place(polar.bearing_rad, self._team.bearings_rad(situation.acting_s, rate))
-        plan = self._encirclement.plan(situation.acting_motion, target, situation.disturbance, place)
+        bearings_rad = self._team.bearings_rad(situation.acting_s, self._config.encirclement.angular_rate_rad_s)
+        gap = self._joining.look(polar, bearings_rad)
+        place = ring_place(polar.bearing_rad, bearings_rad) if gap is None else place_before(gap)
+        plan = self._encirclement.plan(
+            situation.acting_motion,
+            target,
+            situation.disturbance,
+            place,
+            radius_m=self._joining.radius_m(polar, place) if gap is None else self._joining.waiting_m,
+            obstacles=self._obstacles(situation, target, height_m),
+        )
         return Wish(
             plan.setpoint_m,
             plan.setpoint_m,
             situation.acting_motion[VELOCITY],
-            place,
+            place if gap is None else None,
             plan.approach,
             plan.status,
         )
 
+    def _obstacles(self, situation: Situation, target: Vector, height_m: float) -> list[Obstacle]:
+        """Return what stands in the ring's way: who was lost there, and who does not fly on."""
+        standing = [member for member in self._team.members() if member.tactic in _STANDING]
+        lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
+        if not (standing or lost):
+            return []
+        bodies = self._neighbours.bodies(situation, height_m, standing, lost)
+        centre_x, centre_y = target[POSITION].tolist()
+        away_m = [(body.position_m[0] - centre_x, body.position_m[1] - centre_y) for body in bodies]
+        return [
+            Obstacle(atan2(y, x), max(hypot(x, y), self._config.encirclement.radius_min_m), body.distance_m)
+            for body, (x, y) in zip(bodies, away_m, strict=True)
+        ]
+
     def _step_aside(self, situation: Situation) -> Wish:
         """Leave the ring straight outwards, to where it is in nobody's way; outside of it, or without one, hold."""
-        clear_m = self._config.encirclement.radius_m + ASIDE * self._config.safety.separation_m
+        clear_m = self._joining.waiting_m
         if self._hold_m is None and situation.polar is not None and situation.polar.radius_m < clear_m:
             here, bearing_rad = situation.own.mean[POSITION], situation.polar.bearing_rad
             outward = np.array([cos(bearing_rad), sin(bearing_rad)])

@@ -1,0 +1,45 @@
+"""Around what stands in the ring's way: a vehicle that fell silent there, or was told to hold.
+
+The guard would keep the distance by itself, but in a jump at the last moment, and to the right: for some that is
+across the ring. Here the ring bends outwards in good time, and the vehicles keep their order and spacing on it.
+"""
+
+from collections.abc import Iterable
+from math import asin, pi
+
+import msgspec
+import numpy as np
+
+from estimation.state import Vector
+
+MARGIN_M = 0.5
+"""How much farther than the guard demands: then it has nothing to correct."""
+_INWARD_MOST = 0.25
+
+
+class Obstacle(msgspec.Struct, frozen=True):
+    """Something that stands at a bearing and a radius about the target, and the distance to keep from it."""
+
+    bearing_rad: float
+    radius_m: float
+    distance_m: float
+
+
+def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle]) -> Vector:
+    """Return the radius of the ring at bearings (n,): bent around the obstacles on it.
+
+    It bends outwards, unless an obstacle stands so far outside that a small bend inwards will do.
+    """
+    radius_m = np.full(bearings_rad.shape, ring_m)
+    for obstacle in obstacles:
+        clear_m = obstacle.distance_m + MARGIN_M
+        outer_m, inner_m = obstacle.radius_m + clear_m - ring_m, ring_m - obstacle.radius_m + clear_m
+        if outer_m <= 0.0 or inner_m <= 0.0:
+            continue
+        bend_m = -inner_m if inner_m <= _INWARD_MOST * ring_m and inner_m < outer_m else outer_m
+        # A squared cosine of twice the obstacle's width: it is rounded at every bearing, and no step is flown.
+        width_rad = 2.0 * asin(min(clear_m / obstacle.radius_m, 1.0))
+        off_rad = np.abs((bearings_rad - obstacle.bearing_rad + pi) % (2.0 * pi) - pi)
+        bump = bend_m * np.cos(np.minimum(off_rad / width_rad, 1.0) * pi / 2.0) ** 2
+        radius_m = np.where(np.abs(bump) > np.abs(radius_m - ring_m), ring_m + bump, radius_m)
+    return radius_m
