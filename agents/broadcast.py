@@ -2,6 +2,7 @@
 
 from agents.linearize import Polar
 from agents.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
+from agents.orders import Reshaping
 from agents.outputs import Outgoing
 from agents.situation import Situation, Wish
 from agents.tactics import Tactic
@@ -9,7 +10,14 @@ from estimation.state import MOTION, Sighting
 
 
 def member_state(
-    vehicle_id: int, tactic: Tactic, situation: Situation, wish: Wish, *, altitude_m: float, alert: str
+    vehicle_id: int,
+    tactic: Tactic,
+    situation: Situation,
+    wish: Wish,
+    *,
+    altitude_m: float,
+    alert: str,
+    reshaping: Reshaping | None,
 ) -> Outgoing:
     """Tell tactic, motion and the undisturbed setpoint, taken back from when it acts to the present."""
     x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
@@ -28,6 +36,7 @@ def member_state(
             altitude_m,
             situation.position_sigma_m,
             alert,
+            *((None, 0.0) if reshaping is None else (reshaping.shape, reshaping.told_s)),
         )
     )
 

@@ -19,7 +19,7 @@ from agents.linearize import polar_from_motion
 from agents.lmpc import QpStatus
 from agents.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.neighbours import Neighbours
-from agents.orders import Orders
+from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Note, Outgoing, TickOutput
 from agents.planning import Planner
 from agents.ports import Setpoint, VehicleStatus
@@ -66,7 +66,9 @@ class VehicleCore:
         self._sightings: list[Sighting] = []
         self._notes: list[Note] = []
         self._guarding_s = -np.inf
-        self._orders = Orders(config.vehicle_id, config.safety.abort_hover_s)
+        shapes = config.shapes if config.excitation is None else ()
+        self._orders = Orders(config.vehicle_id, config.safety.abort_hover_s, shapes)
+        self._reshaping: Reshaping | None = None
         self._answers_heard: list[CommandAnswer] = []
         self._now_s = 0.0
         # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
@@ -129,6 +131,8 @@ class VehicleCore:
         match message:
             case MemberState():
                 self._team.hear_member(message)
+                if message.shape is not None:
+                    self._reshape(Reshaping(message.shaped_s, message.shape))
             case NeighbourAngle():
                 self._team.hear_angle(message)
             case TargetPackage():
@@ -180,6 +184,18 @@ class VehicleCore:
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
         self._obey(self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume()))
+        if self._orders.reshaping is not None:
+            self._reshape(self._orders.reshaping)
+
+    def _reshape(self, told: Reshaping) -> None:
+        """Take the newest shape of the formation, from an operator or from whoever has heard one: so all have one."""
+        if told.shape not in self._config.shapes or (self._reshaping is not None and told <= self._reshaping):
+            return
+        self._reshaping = told
+        if told.shape != self._config.shape:
+            self._config = self._config.reshaped(told.shape)
+            self._planner.reshape(self._config)
+            self._notes.append(Note(self._now_s, "command", f"the formation's shape is '{told.shape}'"))
 
     def _assess(self, now_s: float) -> Situation | None:
         own = self._own.estimate(now_s)
@@ -287,7 +303,13 @@ class VehicleCore:
 
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
         state = member_state(
-            self._config.vehicle_id, self._tactic, situation, wish, altitude_m=self._height_m, alert=self.alert
+            self._config.vehicle_id,
+            self._tactic,
+            situation,
+            wish,
+            altitude_m=self._height_m,
+            alert=self.alert,
+            reshaping=self._reshaping,
         )
         messages = [state]
         if self._tactic is Tactic.ENCIRCLE and situation.polar is not None and self._planner.joined:

@@ -47,7 +47,7 @@ class EncirclementPlanner:
         self._alone = _lmpc(self._settings, 0.0)
         self._spaced = _lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
         times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
-        self._drift_rad = self._settings.angular_rate_rad_s * times_s
+        self._drift_rad: Vector = np.asarray(self._settings.angular_rate_rad_s * times_s, dtype=np.float64)
         self._on_ring = np.zeros((self._settings.horizon, 4))
         self._on_ring[:, 0] = self._settings.radius_m
         self._state_max = np.full((self._settings.horizon, len(_CONSTRAINED)), _FREE)

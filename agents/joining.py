@@ -5,6 +5,7 @@ says so: the ring makes room, and it comes in when the room is there. So nobody 
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import pi, tau
 
 import msgspec
@@ -85,7 +86,7 @@ def chosen_gap(bearing_rad: float, bearings_rad: Sequence[float]) -> Gap:
     if not bearings_rad:
         return Gap(0.0, tau)
     ahead = sorted(wrap_turn_rad(other - bearing_rad) for other in bearings_rad)
-    gaps = [Gap((one + other) / 2.0, other - one) for one, other in zip(ahead, ahead[1:], strict=False)]
+    gaps = [Gap((one + other) / 2.0, other - one) for one, other in pairwise(ahead)]
     own_lag = tau - ahead[-1]
     own = Gap((ahead[0] - own_lag) / 2.0, ahead[0] + own_lag)
     widest = max(gaps, key=lambda gap: gap.width_rad, default=own)

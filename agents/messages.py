@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from agents.shapes import Shape
+
 _Id = Annotated[int, msgspec.Meta(ge=1, le=254)]
 _Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
 _Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
@@ -19,14 +21,15 @@ _Name = Annotated[str, msgspec.Meta(max_length=32)]
 
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 
-Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill"]
+Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 
 
 class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
     """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs.
 
-    `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none.
+    `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none;
+    `shape` is the formation that operators last asked for, at `shaped_s`; None is the mission's.
     """
 
     sender: _Id
@@ -39,6 +42,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
     altitude_m: _Metres = 0.0
     position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
     alert: _Name = ""
+    shape: Shape | None = None
+    shaped_s: _Time = 0.0
 
 
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
@@ -81,7 +86,8 @@ class Muster(msgspec.Struct, frozen=True, array_like=True, tag="muster"):
 class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):
     """What an operator tells one vehicle, or all of them (None), on the team's clock; `origin` is who it was.
 
-    It is said again and again until it is answered: `number` tells one command from the next.
+    It is said again and again until it is answered: `number` tells one command from the next. `shape` is what the verb
+    formation is about.
     """
 
     time_s: _Time
@@ -89,6 +95,7 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     vehicle: _Id | None
     origin: _Name
     number: _Number
+    shape: Shape | None = None
 
 
 class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):

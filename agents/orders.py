@@ -4,10 +4,14 @@ A command is said again and again until it is answered: repeats (the same number
 """
 
 from collections import OrderedDict
+from collections.abc import Collection
 from typing import Literal
+
+import msgspec
 
 from agents.messages import CommandAnswer, OperatorCommand, Verb
 from agents.outputs import Note
+from agents.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
 
 CUTTING, CUT = "cuts the motors", "motors cut"
@@ -45,13 +49,23 @@ _WHY_NOT = {
 }
 
 
+class Reshaping(msgspec.Struct, frozen=True, order=True):
+    """A change of the formation's shape, and when it was told: the newest holds, whoever it came from."""
+
+    told_s: float
+    shape: Shape
+
+
 class Orders:
     """The commands one vehicle has had, the abort that hovers before it lands, and the answers still to be given."""
 
-    def __init__(self, vehicle_id: int, abort_hover_s: float) -> None:
-        """Take the vehicle, and for how long an aborted one hovers before it lands by itself."""
+    def __init__(self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape]) -> None:
+        """Take the vehicle, for how long an aborted one hovers before it lands by itself, and what shapes there are."""
         self._vehicle_id = vehicle_id
         self._hover_s = abort_hover_s
+        self._shapes = shapes
+        self.reshaping: Reshaping | None = None
+        """The newest change of the formation that was told to this vehicle."""
         self._did: OrderedDict[int, str] = OrderedDict()
         self._unanswered: dict[int, None] = {}
         self._abort: tuple[float, str] | None = None
@@ -123,6 +137,8 @@ class Orders:
                 return CUTTING, Event.LAND
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s)
+            case "formation":
+                return self._reshape(command, tactic), None
             case verb:
                 return self._steer(verb, tactic)
 
@@ -135,6 +151,16 @@ class Orders:
         self._abort = (now_s + self._hover_s, origin)
         did, event = self._steer("hold", tactic)
         return f"{did}, lands in {self._hover_s:g} s unless resumed", event
+
+    def _reshape(self, command: OperatorCommand, tactic: Tactic) -> str:
+        """Take another shape for the formation: for a vehicle that is somewhere else it counts once it is back."""
+        shape = command.shape
+        if shape is None or shape not in self._shapes:
+            known = ", ".join(self._shapes) or "none"
+            return f"{REFUSED}the mission's formation cannot be '{shape}' (shapes: {known})"
+        self.reshaping = Reshaping(command.time_s, shape)
+        place = "takes its place" if tactic is Tactic.FORMATION else "will take its place, once in formation,"
+        return f"{place} in the shape '{shape}'"
 
     def _steer(self, verb: _Steering, tactic: Tactic) -> tuple[str, Event | None]:
         event = _EVENTS[verb]

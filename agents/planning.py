@@ -1,6 +1,6 @@
 """What each tactic wishes for: from the situation to a wish, and what has to be remembered from tick to tick."""
 
-from math import atan2, cos, hypot, sin
+from math import atan2, cos, dist, hypot, sin
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from agents.tactics import Tactic, mixing_share
 from agents.team import Team
 from estimation.state import POSITION, VELOCITY, Vector
 
+SETTLED_M_S = 0.3
+"""Who flies at the formation's velocity to within this has arrived."""
 _STANDING = (Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.STOOD_DOWN.value)
 """Members in these tactics stand where they are: the ring goes around them."""
 
@@ -40,6 +42,7 @@ class Planner:
         self._leaving_m: Vector | None = None
         self._hold_m: Vector | None = None
         self._predecessor_id: int | None = None
+        self._in_place: set[int] = set()
 
     @property
     def joined(self) -> bool:
@@ -64,6 +67,12 @@ class Planner:
             self._exciter.reset()
         if tactic is Tactic.COME_DOWN:
             self.homing.reset(to_home=to_home)
+
+    def reshape(self, config: AgentConfig) -> None:
+        """Take a formation of another shape: nobody is in place until it is in its new one."""
+        self._config = config
+        self._formation.reset()
+        self._in_place.clear()
 
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Begin to leave for the ring: from the formation, or (2,) from a place of its own."""
@@ -114,15 +123,34 @@ class Planner:
 
     def _predecessor(self) -> int | None:
         config = self._config
-        flying = {*self._team.in_formation(), config.vehicle_id} & set(config.slots)
+        flying = {*self._formed(), config.vehicle_id} & set(config.slots)
         return predecessor_of(config.vehicle_id, flying, config.slots, config.formation.leader)
+
+    def _formed(self) -> set[int]:
+        """Return the peers to keep station on: those that have arrived, near their slots, since they came to formation.
+
+        Whoever comes from elsewhere would lead others astray, be it the leader itself: it is not followed on its way.
+        """
+        flying, formation = set(self._team.in_formation()), self._config.formation
+        self._in_place &= flying
+        for vehicle_id in flying - self._in_place:
+            member, (slot_x, slot_y) = self._team.member(vehicle_id), self._slot_m(vehicle_id)
+            flown_m = formation.speed_m_s * max(member.time_s - self._start_s, 0.0)
+            near = dist(member.position_m, (slot_x + flown_m, slot_y)) < formation.spacing_m / 2.0
+            if near and dist(member.velocity_m_s, (formation.speed_m_s, 0.0)) < SETTLED_M_S:
+                self._in_place.add(vehicle_id)
+        return self._in_place
+
+    def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
+        """Return where a vehicle's slot is when the mission starts."""
+        config = self._config
+        shift_x, shift_y = config.slot_offset_m(vehicle_id, config.formation.leader)
+        return config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
 
     def _own_line(self, at_s: float) -> Predecessor:
         """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""
-        config = self._config
-        shift_x, shift_y = config.slot_offset_m(config.vehicle_id, config.formation.leader)
-        start = config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
-        return mission_line(config.plant, start, config.formation.speed_m_s, max(at_s - self._start_s, 0.0))
+        config, flown_s = self._config, max(at_s - self._start_s, 0.0)
+        return mission_line(config.plant, self._slot_m(config.vehicle_id), config.formation.speed_m_s, flown_s)
 
     def _encircle(self, situation: Situation, target: Vector, height_m: float) -> Wish:
         polar = polar_from_motion(situation.acting_motion, target)

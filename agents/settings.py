@@ -1,11 +1,12 @@
 """Settings of one agent: the sections of the mission file that an agent obeys, and its whole configuration."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import pi
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
+from agents.shapes import SHAPES, Shape, offset_m
 from estimation.plant import Plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 
@@ -20,15 +21,18 @@ def _pairs(value: object) -> object:
 
 
 class FormationSettings(Settings):
-    """Line abreast: spacing between neighbours, the leader and its speed along x, and the weights of (13). The line of
-    the mission begins at `start_m`, the leader's own start unless told otherwise. A vehicle keeps station on its
-    "predecessor", the next one towards the leader, or on the mission's "line" itself.
+    """Spacing between neighbours, the leader and its speed along x, and the weights of (13). The `shape` is a "line"
+    abreast, a "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, and that unless told
+    otherwise where they have one; `cordon command formation` changes it in flight. The line of the mission begins at
+    `start_m`, the leader's own start unless told otherwise. A vehicle keeps station on its "predecessor", the next one
+    towards the leader, or on the mission's "line" itself.
     """
 
     spacing_m: float = Field(gt=0.0, le=1000.0)
     speed_m_s: float = Field(ge=0.0, le=20.0)
     leader: int = Field(ge=1, le=254)
     start_m: Annotated[tuple[float, float], BeforeValidator(pair)] | None = None
+    shape: Shape | None = None
     station: Literal["predecessor", "line"] = "predecessor"
     position_weight: float = Field(1.0, gt=0.0, le=1e6)
     velocity_weight: float = Field(1.0, ge=0.0, le=1e6)
@@ -164,7 +168,7 @@ class AgentConfig:
     `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
     mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
     messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
-    layer's height (None: the flying height), `slots_m` the vehicles' places in a formation that is no line abreast.
+    layer's height (None: the flying height), `slots_m` the vehicles' places in a free formation, empty without one.
     With `excitation` there is no mission: it flies for identification.
     """
 
@@ -188,12 +192,31 @@ class AgentConfig:
     slots_m: tuple[tuple[float, float], ...] = ()
     excitation: ExcitationSettings | None = None
 
+    @property
+    def shape(self) -> Shape:
+        """The formation's shape."""
+        return self.formation.shape or ("free" if self.slots_m else "line")
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The shapes that the formation can take: where there are slots, or the spacing keeps the separation."""
+        spaced = self.formation.spacing_m >= self.safety.separation_m or len(self.slots) == 1
+        return tuple(shape for shape in SHAPES if (self.slots_m if shape == "free" else spaced))
+
+    def reshaped(self, shape: Shape) -> "AgentConfig":
+        """Return the same with a formation of another shape."""
+        return replace(self, formation=self.formation.model_copy(update={"shape": shape}))
+
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
-        """Return where `vehicle_id` belongs relative to another member: line abreast, the first slot farthest left."""
-        here, there = self.slots.index(vehicle_id), self.slots.index(relative_to)
-        if self.slots_m:
-            return self.slots_m[here][0] - self.slots_m[there][0], self.slots_m[here][1] - self.slots_m[there][1]
-        return 0.0, (there - here) * self.formation.spacing_m
+        """Return where `vehicle_id` belongs relative to another member."""
+        (x, y), (other_x, other_y) = self._slot_m(vehicle_id), self._slot_m(relative_to)
+        return x - other_x, y - other_y
+
+    def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
+        place = self.slots.index(vehicle_id)
+        if self.shape == "free":
+            return self.slots_m[place]
+        return offset_m(self.shape, place, self.slots.index(self.formation.leader), self.formation.spacing_m)
 
     @property
     def clearance_rad(self) -> float:

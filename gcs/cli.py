@@ -193,22 +193,26 @@ def drill(
 
 @app.command
 def command(
-    verb: Literal["hold", "resume", "land", "rtl", "abort", "kill"],
+    verb: Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"],
+    shape: Annotated[
+        Literal["line", "column", "wedge", "free"] | None, Parameter(help="The shape that the formation takes.")
+    ] = None,
+    /,
     *,
     vehicle: Annotated[int | None, Parameter(help="Tell this vehicle alone; otherwise all of them.")] = None,
     mission: RunningMission = "case2",
     yes: Annotated[bool, Parameter(negative="", help="Kill without asking for confirmation.")] = False,
 ) -> Exit:
-    """Tell a running team to hold, resume its mission, land, return and land, abort or kill; every answer is shown.
+    """Tell a running team to hold, resume, land, return, abort, kill or change formation; every answer is shown.
 
     An abort hovers at once, and lands after `safety.abort_hover_s` unless resumed, or at a second abort. A kill cuts
-    the motors: vehicles fall.
+    the motors: vehicles fall. `formation` comes with a shape, which all vehicles in formation change to.
 
-    Example: cordon command resume --vehicle 2 --mission case2
+    Example: cordon command formation wedge --mission case2
     """
     from gcs.commands import command_team  # noqa: PLC0415
 
-    return command_team(verb, vehicle, mission, yes=yes)
+    return command_team(verb, shape, vehicle, mission, yes=yes)
 
 
 @app.command

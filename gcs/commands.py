@@ -1,7 +1,7 @@
 """What the commands do once the command line is parsed: load, fly, show, and say how it went."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import date
 from functools import partial
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from agents.messages import Verb
 from agents.outcome import Ending, Outcome
 from agents.ports import VehicleRefusedError
+from agents.shapes import Shape
 from gcs.exits import Exit, InputError
 from gcs.findings import Finding, Grade
 from gcs.mission import Mission, MissionVehicle
@@ -221,18 +222,20 @@ def drill_team(name: str, faults: Sequence[str], *, log: Path | None, json: bool
     return Exit.VERDICT_FAILED if any(row.holds is False for row in rows) else Exit.HOLDS
 
 
-def command_team(verb: Verb, vehicle: int | None, mission_name: str, *, yes: bool) -> Exit:
-    """`cordon command`."""
+def command_team(verb: Verb, shape: Shape | None, vehicle: int | None, mission_name: str, *, yes: bool) -> Exit:
+    """`cordon command`; the verb formation comes with a shape, and is for the whole team."""
     from gcs.operator import Operator  # noqa: PLC0415
 
     mission = load_mission(mission_name)
     vehicles = mission.ids if vehicle is None else (chosen(mission, vehicle, "--vehicle").id,)
+    if faults := list(_shape_faults(mission, verb, shape, vehicle)):
+        raise InputError(faults)
     if verb == "kill" and not yes and not confirmed(_kill_question(vehicles, mission)):
         _say("nothing was said to anybody", "")
         return Exit.REFUSED
     operator = Operator(mission)
     try:
-        answers = asyncio.run(operator.command(verb, vehicles, vehicle))
+        answers = asyncio.run(operator.command(verb, vehicles, vehicle, shape))
     except VehicleRefusedError as refusal:
         _say(refusal.reason, refusal.next_step)
         return Exit.REFUSED
@@ -243,6 +246,21 @@ def command_team(verb: Verb, vehicle: int | None, mission_name: str, *, yes: boo
         f"joining the team's bus took {operator.joined_after_s * 1000:.0f} ms before it was said", highlight=False
     )
     return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
+
+
+def _shape_faults(mission: Mission, verb: Verb, shape: Shape | None, vehicle: int | None) -> Iterator[str]:
+    if verb != "formation":
+        if shape is not None:
+            yield f"shape: '{shape}' goes with the verb formation, not with {verb}"
+        return
+    shapes = mission.agent_config(mission.vehicles[0]).shapes
+    if shape is None:
+        yield f"shape: this argument is missing (shapes: {', '.join(shapes)})"
+    elif shape not in shapes:
+        why = "its vehicles have no slot_m" if shape == "free" else "formation.spacing_m is less than the separation"
+        yield f"shape: not '{shape}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"
+    if vehicle is not None:
+        yield f"--vehicle: a formation is the whole team's: leave it out (given: {vehicle})"
 
 
 def _kill_question(vehicles: Sequence[int], mission: Mission) -> str:

@@ -147,7 +147,7 @@ class TrueScale(Settings):
 class VehicleSection(Settings):
     """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise; `autopilot` is what its stub plays.
     `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
-    `slot_m` is its place in a formation that is no line abreast: all vehicles have one, or none.
+    `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
     """
 
     id: int = Field(ge=1, le=254)

@@ -269,8 +269,9 @@ def _inside_limits(
     ring = ring if isinstance(ring, EncirclementSettings) else None
     target = target if isinstance(target, TargetSection) else None
     mission = mission if isinstance(mission, MissionSection) else None
-    yield from slots_fit(vehicles, safety)
-    yield from limits_agree(safety, ring, formation if isinstance(formation, FormationSettings) else None)
+    formation = formation if isinstance(formation, FormationSettings) else None
+    yield from slots_fit(vehicles, safety, formation, sections.get("network"))
+    yield from limits_agree(safety, ring, formation)
     layers = sections.get("choreography")
     layer_m = layers.layer_m if isinstance(layers, ChoreographySettings) else 0.0
     yield from altitudes_fit(vehicles, safety, layer_m)
@@ -310,8 +311,9 @@ def _separated(
             yield (
                 f"vehicles[{k}].start_m: {distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m"
             )
-    in_line = all(vehicle.slot_m is None for _, vehicle in vehicles)
-    if isinstance(formation, FormationSettings) and count > 1 and in_line and formation.spacing_m < least:
+    free = formation.shape in (None, "free") if isinstance(formation, FormationSettings) else False
+    free = free and any(vehicle.slot_m is not None for _, vehicle in vehicles)
+    if isinstance(formation, FormationSettings) and count > 1 and not free and formation.spacing_m < least:
         yield f"formation.spacing_m: {formation.spacing_m} m is less than safety.separation_m = {least} m"
     if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
         yield (

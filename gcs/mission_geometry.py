@@ -1,32 +1,48 @@
 """Whether a mission fits into its own limits: fence, altitude band, keep-out disc and speeds, before anything flies."""
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 from math import dist, hypot
 
 import numpy as np
 
 from agents.fence import Fence
 from agents.settings import EncirclementSettings, FormationSettings, SafetySettings
-from gcs.mission import MissionSection, TargetSection, VehicleSection
+from estimation.settings import Settings
+from gcs.mission import MissionSection, NetworkSection, TargetSection, VehicleSection
 
 _PATH_POINTS = 200
 
 IndexedVehicles = Sequence[tuple[int, VehicleSection]]
 
 
-def slots_fit(vehicles: IndexedVehicles, safety: SafetySettings) -> Iterator[str]:
-    """Check that all vehicles have a place in the formation of their own, or none, and that places are apart."""
+def slots_fit(
+    vehicles: IndexedVehicles, safety: SafetySettings, formation: FormationSettings | None, network: Settings | None
+) -> Iterator[str]:
+    """Check that all vehicles have a place in the formation of their own, or none; that places are apart; and that who
+    keeps station on another can hear it.
+    """
     placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
     if placed and len(placed) < len(vehicles):
         i = next(i for i, vehicle in vehicles if vehicle.slot_m is None)
         yield f"vehicles[{i}].slot_m: this key is missing; vehicles[{placed[0][0]}] has one: all have one, or none"
+    if formation is not None and formation.shape == "free" and vehicles and not placed:
+        yield "formation.shape: a free formation needs every vehicle's slot_m, and none has one"
     for (i, one_m), (k, other_m) in combinations(placed, 2):
         apart_m = dist(one_m, other_m)
         if apart_m < safety.separation_m:
             yield (
                 f"vehicles[{k}].slot_m: {apart_m:.2f} m from vehicles[{i}]'s, less than "
                 f"safety.separation_m = {safety.separation_m} m"
+            )
+    if formation is None or formation.station != "predecessor" or not isinstance(network, NetworkSection):
+        return
+    for (i, one_m), (k, other_m) in pairwise(placed):
+        apart_m = dist(one_m, other_m)
+        if apart_m > network.range_m:
+            yield (
+                f"vehicles[{k}].slot_m: {apart_m:g} m from vehicles[{i}]'s, its neighbour in line order, and out of "
+                f"network.range_m = {network.range_m:g} m: one keeps station on the other (formation.station)"
             )
 
 

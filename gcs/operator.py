@@ -13,6 +13,7 @@ from time import monotonic
 from agents.messages import TOPICS, CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
 from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
+from agents.shapes import Shape
 from agents.zenoh_bus import ZenohBus
 from gcs.mission import Mission
 
@@ -55,7 +56,9 @@ class Operator:
         self.joined_after_s = 0.0
         """How long it took to join the bus and hear the team, before anything was said."""
 
-    async def command(self, verb: Verb, vehicles: Collection[int], vehicle: int | None) -> dict[int, Answer | None]:
+    async def command(
+        self, verb: Verb, vehicles: Collection[int], vehicle: int | None, shape: Shape | None = None
+    ) -> dict[int, Answer | None]:
         """Tell one vehicle, or all (None); return the answer of each of `vehicles`, None where it gave none in time.
 
         Raises VehicleRefusedError when nobody of the team is there.
@@ -71,29 +74,31 @@ class Operator:
                 )
             await self._until(lambda: self._time_s.keys() >= set(vehicles), _ALL_HEARD_WITHIN_S)
             self.joined_after_s = monotonic() - began_s
-            return await self._tell(verb, vehicles, vehicle)
+            return await self._tell(verb, vehicles, vehicle, shape)
         finally:
             await self._bus.close()
 
-    async def _tell(self, verb: Verb, vehicles: Collection[int], vehicle: int | None) -> dict[int, Answer | None]:
+    async def _tell(
+        self, verb: Verb, vehicles: Collection[int], vehicle: int | None, shape: Shape | None
+    ) -> dict[int, Answer | None]:
         self._said_s = monotonic()
         end_s = self._said_s + (_KILL_TIMEOUT_S if verb == "kill" else _ANSWER_TIMEOUT_S)
         said_s = 0.0
         while monotonic() < end_s and not all(self._is_done(verb, each) for each in vehicles):
             if monotonic() - said_s >= _REPEAT_S:
                 said_s = monotonic()
-                self._say(verb, vehicle)
+                self._say(verb, vehicle, shape)
             await asyncio.sleep(_POLL_S)
         return {each: self._answers.get(each) for each in vehicles}
 
     def _is_done(self, verb: Verb, vehicle: int) -> bool:
         return vehicle in self._answers and final(verb, self._answers[vehicle].did)
 
-    def _say(self, verb: Verb, vehicle: int | None) -> None:
+    def _say(self, verb: Verb, vehicle: int | None, shape: Shape | None) -> None:
         # The team's clock may run faster than the wall's: the newest time heard is the best to go by. Vehicles that
         # have not yet flown tell no time.
         now_s = max(self._time_s.values(), default=time.time())
-        command = OperatorCommand(now_s, verb, vehicle, _origin(), self._number)
+        command = OperatorCommand(now_s, verb, vehicle, _origin(), self._number, shape)
         self._bus.publish(TOPICS[OperatorCommand].name, encode(command))
 
     def _see(self, vehicle_id: int, present: bool) -> None:

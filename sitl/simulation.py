@@ -305,6 +305,8 @@ def _attend(vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None
     """Let agents come and go, and tell all that are there."""
     for vehicle in vehicles:
         changed = vehicle.attend(now_s)
-        for other in vehicles if changed is not None else ():
+        if changed is None:
+            continue
+        for other in vehicles:
             if other is not vehicle and other.present:
                 other.core.on_presence(changed.vehicle_id, vehicle.present)

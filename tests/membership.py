@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
-from math import cos, inf, pi, sin, tau
+from math import cos, inf, isnan, pi, sin, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,12 +52,24 @@ class Draw:
 
 @dataclass(frozen=True)
 class Scene:
-    """A mission, who is away when, how long it is flown, and from when on settling counts."""
+    """A mission, who is away when, how long it is flown, and from when on settling counts.
+
+    Where somebody was lost the ring is bent: then only the spacing is to settle, not the radius.
+    """
 
     mission: Mission
     absences: tuple[Absence, ...]
     duration_s: float
     from_s: float
+    bent: bool = False
+
+    def there(self, time_s: Vector) -> NDArray[np.bool_]:
+        """Return whose agents are there (T, N)."""
+        there = np.ones((time_s.size, len(self.mission.ids)), dtype=np.bool_)
+        for absence in self.absences:
+            away = (time_s >= absence.from_s) & (time_s < absence.to_s)
+            there[away, self.mission.ids.index(absence.vehicle_id)] = False
+        return there
 
 
 def flown(scene: Scene, seed: int) -> SimulatedFlight:
@@ -123,19 +135,15 @@ def drawn_rate(random: np.random.Generator, least: float, most: float) -> float:
 def loss_on_the_ring(seed: int) -> Scene:
     """Three on the ring; one dies."""
     random = np.random.default_rng([1, seed])
-    mission = field(
-        random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0)
-    )
+    mission = field(random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
     lost = Absence(int(random.integers(1, 4)), CHANGE_S)
-    return Scene(parsed(mission), (lost,), 150.0, CHANGE_S)
+    return Scene(parsed(mission), (lost,), 150.0, CHANGE_S, bent=True)
 
 
 def join_on_the_ring(seed: int) -> Scene:
     """Two on the ring; a third comes up somewhere outside of it, or comes back there."""
     random = np.random.default_rng([2, seed])
-    mission = field(
-        random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0)
-    )
+    mission = field(random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
     bearing_rad, away_m = random.uniform(0.0, tau), random.uniform(14.0, 30.0)
     place_m = float(14.0 + away_m * cos(bearing_rad)), float(-5.0 + away_m * sin(bearing_rad))
     left_s = float(random.choice([0.0, 20.0]))
@@ -158,10 +166,26 @@ def sixteen(seed: int) -> Scene:
     """Sixteen in a line encircle one target."""
     random = np.random.default_rng([4, seed])
     target_m = float(random.uniform(20.0, 60.0)), float(random.uniform(-20.0, 20.0))
-    mission = field(
-        random, abreast(16), radius_m=40.0, rate_rad_s=drawn_rate(random, 0.02, 0.05), target_m=target_m
-    )
+    mission = field(random, abreast(16), radius_m=40.0, rate_rad_s=drawn_rate(random, 0.02, 0.05), target_m=target_m)
     return Scene(parsed(mission), (), 240.0, 0.0)
+
+
+def coming_and_going(seed: int) -> Scene:
+    """Up to ten at a ring with little room to spare: some come late, some are lost, some of these come back."""
+    random = np.random.default_rng([5, seed])
+    count = int(random.integers(4, 11))
+    radius_m = max(8.0, float(random.uniform(1.5, 2.5)) * 3.0 / (2.0 * sin(pi / count)))
+    rate = drawn_rate(random, 0.04, min(0.15, 1.5 / radius_m))
+    mission = field(random, abreast(count), radius_m=radius_m, rate_rad_s=rate, target_m=(radius_m + 4.0, -5.0))
+    absences = []
+    for vehicle_id in random.permutation(count)[: count // 2] + 1:
+        bearing_rad, away_m = random.uniform(0.0, tau), radius_m + random.uniform(10.0, 25.0)
+        place_m = float(radius_m + 4.0 + away_m * cos(bearing_rad)), float(-5.0 + away_m * sin(bearing_rad))
+        from_s = float(random.choice([0.0, 5.0 * random.integers(8, 14)]))
+        back_s = float(random.choice([CHANGE_S * 2.0 - random.integers(0, 40), inf])) if from_s else CHANGE_S
+        absences.append(Absence(int(vehicle_id), from_s, back_s, place_m))
+    last_s = max(time_s for absence in absences for time_s in (absence.from_s, absence.to_s) if time_s < inf)
+    return Scene(parsed(mission), tuple(absences), 240.0, last_s, bent=True)
 
 
 # What is measured
@@ -181,12 +205,14 @@ def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Dr
     polar = (flight.motion[..., POSITION] - about[:, None]) @ np.array([1.0, 1.0j])
     ring_m = scene.mission.encirclement.radius_m
     after = flight.time_s >= scene.from_s
+    polar_there = np.where(scene.there(flight.time_s), polar, np.nan)
+    since_s = flight.time_s[after] - scene.from_s
     return Draw(
         seed,
-        ring_settled_s(flight.time_s[after] - scene.from_s, polar[after][:, stay], ring_m),
+        ring_settled_s(since_s, polar[after][:, stay], inf if scene.bent else RADIUS_SHARE, ring_m),
         separation_left_m(scene, flight),
-        overtakings(polar[after][:, stay], ring_m),
-        innermost_share(polar[after][:, stay], ring_m),
+        overtakings(polar_there, ring_m),
+        innermost_share(polar_there, ring_m),
     )
 
 
@@ -198,11 +224,11 @@ def settled_s(time_s: Vector, well: NDArray[np.bool_]) -> float:
     return 0.0 if bad.size == 0 else float(time_s[bad[-1] + 1])
 
 
-def ring_settled_s(time_s: Vector, polar: NDArray[np.complex128], ring_m: float) -> float:
+def ring_settled_s(time_s: Vector, polar: NDArray[np.complex128], radius_share: float, ring_m: float) -> float:
     turns = np.sort(np.angle(polar), axis=1)
     gaps = np.diff(turns, axis=1, append=turns[:, :1] + tau)
     even = np.degrees(np.abs(gaps - tau / polar.shape[1])).max(axis=1) <= SPACING_DEG
-    round_ = np.abs(np.abs(polar) / ring_m - 1.0).max(axis=1) <= RADIUS_SHARE
+    round_ = np.abs(np.abs(polar) / ring_m - 1.0).max(axis=1) <= radius_share
     return settled_s(time_s, even & round_)
 
 
@@ -231,7 +257,7 @@ def overtakings(polar: NDArray[np.complex128], ring_m: float) -> int:
     count = 0
     near = np.abs(np.abs(polar) / ring_m - 1.0) <= NEAR_RING_SHARE
     for one, other in combinations(range(polar.shape[1]), 2):
-        between = np.angle(polar[:, one] / polar[:, other])
+        between = np.angle(polar[:, one] * polar[:, other].conj())
         both = near[:, one] & near[:, other]
         passed = (np.sign(between[1:]) != np.sign(between[:-1])) & (np.abs(between[1:]) < pi / 2.0)
         count += int((passed & both[1:] & both[:-1]).sum())
@@ -239,9 +265,14 @@ def overtakings(polar: NDArray[np.complex128], ring_m: float) -> int:
 
 
 def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
-    """Return how far in anybody came who had reached the ring, as a share of its radius."""
-    reached = np.maximum.accumulate(np.abs(polar) >= ring_m * (1.0 - RADIUS_SHARE), axis=0)
-    return float(np.where(reached, np.abs(polar), inf).min() / ring_m)
+    """Return how far in anybody came who was on the ring, as a share of its radius; absence (NaN) begins anew."""
+    least = inf
+    for radius in np.abs(polar).T:
+        reached = False
+        for share in (radius / ring_m).tolist():
+            reached = not isnan(share) and (reached or share >= 1.0 - RADIUS_SHARE)
+            least = min(least, share) if reached else least
+    return least
 
 
 SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
@@ -249,6 +280,7 @@ SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
     "2 -> 3 on the ring": (join_on_the_ring, False, 60.0),
     "leader lost in formation": (leader_lost, True, 20.0),
     "16 on a ring of 40 m": (sixteen, False, 180.0),
+    "coming and going": (coming_and_going, False, 60.0),
 }
 
 

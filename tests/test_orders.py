@@ -21,7 +21,7 @@ class Vehicle:
     """Orders, and the tactic machine that they steer."""
 
     def __init__(self, tactic: Tactic = Tactic.FORMATION) -> None:
-        self.orders = Orders(2, HOVER_S)
+        self.orders = Orders(2, HOVER_S, ("line", "wedge"))
         self.tactic = tactic
         self.now_s = 0.0
         self._number = 0

@@ -48,6 +48,7 @@ class Recorder:
         self.telemetry: list[Telemetry] = []
         self.sightings: list[Sighting] = []
         self.heard: list[tuple[float, bytes]] = []
+        self.presence: list[tuple[int, bool]] = []
         self.sent = 0
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
@@ -58,6 +59,9 @@ class Recorder:
 
     def on_message(self, payload: bytes, now_s: float) -> None:
         self.heard.append((now_s, payload))
+
+    def on_presence(self, vehicle_id: int, present: bool) -> None:
+        self.presence.append((vehicle_id, present))
 
     def tick(self, now_s: float) -> Asked:
         place = self.course(now_s)

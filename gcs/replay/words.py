@@ -96,7 +96,11 @@ def _news(message: PeerMessage) -> str:
 
 def _order(command: OperatorCommand) -> str:
     whom = "all vehicles" if command.vehicle is None else f"vehicle {command.vehicle}"
-    return f"{command.origin} tells {whom}: {command.verb} (command {command.number})"
+    return f"{command.origin} tells {whom}: {_verb(command)} (command {command.number})"
+
+
+def _verb(command: OperatorCommand) -> str:
+    return command.verb if command.shape is None else f"{command.verb} {command.shape}"
 
 
 def _autopilot(item: Autopilot, _: Time) -> str:
