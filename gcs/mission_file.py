@@ -238,7 +238,7 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVe
         if formation.leader not in ids:
             yield f"formation.leader: no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
     if isinstance(safety, SafetySettings):
-        yield from _separated(known, safety, formation, ring, len(vehicles))
+        yield from _separated(known, safety, ring, len(vehicles))
         yield from _inside_limits(sections, known, safety)
     frame = sections.get("frame")
     if isinstance(frame, FrameSection):
@@ -300,7 +300,6 @@ def _distinct(
 def _separated(
     vehicles: list[tuple[int, VehicleSection]],
     safety: SafetySettings,
-    formation: Settings | None,
     ring: Settings | None,
     count: int,
 ) -> Iterator[str]:
@@ -311,10 +310,6 @@ def _separated(
             yield (
                 f"vehicles[{k}].start_m: {distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m"
             )
-    free = formation.shape in (None, "free") if isinstance(formation, FormationSettings) else False
-    free = free and any(vehicle.slot_m is not None for _, vehicle in vehicles)
-    if isinstance(formation, FormationSettings) and count > 1 and not free and formation.spacing_m < least:
-        yield f"formation.spacing_m: {formation.spacing_m} m is less than safety.separation_m = {least} m"
     if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
         yield (
             f"encirclement.radius_m: {count} vehicles on a ring of {ring.radius_m} m are "

@@ -35,6 +35,11 @@ def slots_fit(
                 f"vehicles[{k}].slot_m: {apart_m:.2f} m from vehicles[{i}]'s, less than "
                 f"safety.separation_m = {safety.separation_m} m"
             )
+    shape = None if formation is None else formation.shape or ("free" if placed else "line")
+    if formation is not None and len(vehicles) > 1 and shape != "free" and formation.spacing_m < safety.separation_m:
+        yield (
+            f"formation.spacing_m: {formation.spacing_m} m is less than safety.separation_m = {safety.separation_m} m"
+        )
     if formation is None or formation.station != "predecessor" or not isinstance(network, NetworkSection):
         return
     for (i, one_m), (k, other_m) in pairwise(placed):

@@ -8,7 +8,7 @@ case2-field. What is measured is the truth of the simulation. Exit code 1 when a
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from math import cos, inf, isnan, pi, sin, tau
@@ -16,6 +16,8 @@ from math import cos, inf, isnan, pi, sin, tau
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.messages import OperatorCommand, encode
+from agents.shapes import Shape
 from estimation.state import POSITION, Vector
 from gcs.compose import target_motion
 from gcs.mission import Mission
@@ -54,7 +56,8 @@ class Draw:
 class Scene:
     """A mission, who is away when, how long it is flown, and from when on settling counts.
 
-    Where somebody was lost the ring is bent: then only the spacing is to settle, not the radius.
+    Where somebody was lost the ring is bent: then only the spacing is to settle, not the radius. In formation an
+    operator asks for the `shapes` at their times.
     """
 
     mission: Mission
@@ -62,6 +65,7 @@ class Scene:
     duration_s: float
     from_s: float
     bent: bool = False
+    shapes: tuple[tuple[float, Shape], ...] = ()
 
     def there(self, time_s: Vector) -> NDArray[np.bool_]:
         """Return whose agents are there (T, N)."""
@@ -75,14 +79,25 @@ class Scene:
 def flown(scene: Scene, seed: int) -> SimulatedFlight:
     """Fly a scene."""
     network = scene.mission.network
+    vehicles = simulated_vehicles(scene.mission, seed, absences=scene.absences)
+    shapes = list(scene.shapes)
+
+    def tell(now_s: float) -> None:
+        if shapes and now_s >= shapes[0][0]:
+            _, shape = shapes.pop(0)
+            # One hears it; the others have it from each other.
+            told = next(vehicle for vehicle in vehicles if vehicle.present)
+            command = OperatorCommand(now_s, "formation", None, "tower", len(shapes), shape)
+            told.core.on_message(encode(command), now_s)
+
     return simulate(
-        simulated_vehicles(scene.mission, seed, absences=scene.absences),
+        vehicles,
         NetworkModel(network.range_m, network.delay_s, network.loss),
         rate_hz=scene.mission.mission.rate_hz,
         duration_s=scene.duration_s,
         seed=seed,
         observe=lambda *_: None,
-        progress=lambda _: None,
+        progress=tell,
     )
 
 
@@ -162,6 +177,23 @@ def leader_lost(seed: int) -> Scene:
     return Scene(parsed(mission), (Absence(leader, CHANGE_S),), 120.0, CHANGE_S)
 
 
+def leader_back(seed: int) -> Scene:
+    """Three to six in formation; the leader dies, and comes back from somewhere behind."""
+    scene = leader_lost(seed)
+    (lost,), random = scene.absences, np.random.default_rng([6, seed])
+    back_s = CHANGE_S + float(random.uniform(10.0, 30.0))
+    speed_m_s = scene.mission.formation.speed_m_s
+    place_m = speed_m_s * back_s - float(random.uniform(8.0, 16.0)), float(random.uniform(-10.0, 10.0))
+    return replace(scene, absences=(replace(lost, to_s=back_s, at_m=place_m),), duration_s=180.0, from_s=back_s)
+
+
+def reshaped(seed: int) -> Scene:
+    """Three to six in one shape are told to take another."""
+    scene, random = leader_lost(seed), np.random.default_rng([7, seed])
+    before, after = random.permutation(["line", "column", "wedge"])[:2].tolist()
+    return replace(scene, absences=(), shapes=((0.0, before), (CHANGE_S, after)), duration_s=150.0)
+
+
 def sixteen(seed: int) -> Scene:
     """Sixteen in a line encircle one target."""
     random = np.random.default_rng([4, seed])
@@ -235,6 +267,8 @@ def ring_settled_s(time_s: Vector, polar: NDArray[np.complex128], radius_share: 
 def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.bool_]) -> tuple[float, float]:
     """Return when every spacing between neighbours is right for good after the loss, and how wrong one was."""
     config = scene.mission.agent_config(scene.mission.vehicles[0])
+    if scene.shapes:
+        config = config.reshaped(scene.shapes[-1][1])
     slots = np.array([config.slot_offset_m(each, scene.mission.ids[0]) for each in scene.mission.ids])
     off = (flight.motion[..., POSITION] - slots)[:, stay]
     error_m = np.linalg.norm(np.diff(off, axis=1), axis=-1).max(axis=1)
@@ -279,6 +313,8 @@ SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
     "3 -> 2 on the ring": (loss_on_the_ring, False, 40.0),
     "2 -> 3 on the ring": (join_on_the_ring, False, 60.0),
     "leader lost in formation": (leader_lost, True, 20.0),
+    "leader back in formation": (leader_back, True, 45.0),
+    "another shape": (reshaped, True, 45.0),
     "16 on a ring of 40 m": (sixteen, False, 180.0),
     "coming and going": (coming_and_going, False, 60.0),
 }
