@@ -1,5 +1,6 @@
 """What each tactic wishes for: from the situation to a wish, and what has to be remembered from tick to tick."""
 
+from collections.abc import Collection
 from math import atan2, cos, dist, hypot, sin
 
 import numpy as np
@@ -12,6 +13,7 @@ from agents.homing import Homing
 from agents.joining import Joining, place_before
 from agents.linearize import polar_from_motion
 from agents.neighbours import Neighbours
+from agents.rejoining import way_point
 from agents.ring import ring_place
 from agents.settings import AgentConfig
 from agents.situation import Situation, Wish, extrapolated, mixed
@@ -43,6 +45,7 @@ class Planner:
         self._hold_m: Vector | None = None
         self._predecessor_id: int | None = None
         self._in_place: set[int] = set()
+        self._arrived = False
 
     @property
     def joined(self) -> bool:
@@ -60,6 +63,7 @@ class Planner:
         self._hold_m = None
         if tactic is Tactic.FORMATION:
             self._formation.reset()
+            self._arrived = False
         if tactic is Tactic.ENCIRCLE:
             self._encirclement.reset()
             self._joining.reset()
@@ -108,22 +112,41 @@ class Planner:
 
     def _form(self, situation: Situation) -> Wish:
         config = self._config
-        predecessor_id = self._predecessor() if config.formation.station == "predecessor" else None
+        predecessor_id, offset = None, (0.0, 0.0)
+        if config.formation.station == "predecessor":
+            formed = self._formed()
+            offset = self._way_in(situation, formed)
+            predecessor_id = self._predecessor(formed) if self._arrived else None
         if predecessor_id != self._predecessor_id:
             self._formation.reset()
             self._predecessor_id = predecessor_id
         rate = np.array([config.formation.speed_m_s, 0.0])
         if predecessor_id is None:
-            predecessor, offset = self._own_line(situation.acting_s), (0.0, 0.0)
+            predecessor = self._own_line(situation.acting_s)
         else:
             predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
             offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
         plan = self._formation.plan(situation.acting_motion, situation.disturbance, predecessor, offset)
         return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
 
-    def _predecessor(self) -> int | None:
+    def _way_in(self, situation: Situation, formed: Collection[int]) -> tuple[float, float]:
+        """Return where to go relative to its slot: a vehicle that is far from it goes around those that have arrived.
+
+        The first ones, and all at the start, go straight.
+        """
+        if self._arrived:
+            return 0.0, 0.0
         config = self._config
-        flying = {*self._formed(), config.vehicle_id} & set(config.slots)
+        off_x, off_y = (situation.acting_motion - self._own_line(situation.acting_s).motion)[POSITION].tolist()
+        if not formed or hypot(off_x, off_y) < config.formation.spacing_m / 2.0:
+            self._arrived = hypot(off_x, off_y) < config.formation.spacing_m / 2.0
+            return 0.0, 0.0
+        others_m = [config.slot_offset_m(each, config.vehicle_id) for each in formed]
+        return way_point((off_x, off_y), others_m, config.safety.separation_m)
+
+    def _predecessor(self, formed: Collection[int]) -> int | None:
+        config = self._config
+        flying = {*formed, config.vehicle_id} & set(config.slots)
         return predecessor_of(config.vehicle_id, flying, config.slots, config.formation.leader)
 
     def _formed(self) -> set[int]:
