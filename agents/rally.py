@@ -42,12 +42,18 @@ class Rally:
         self._announcing = self._announcing or asyncio.create_task(self._announce())
 
     def hear(self, payload: bytes) -> None:
-        """Take what came over the bus; all but musters, and all once the mission has begun, is nothing new here."""
-        if self._announcing is None or self._over:  # before, this clock has not got its speed
+        """Take what came over the bus; all but musters is nothing new here.
+
+        Once the mission has begun, who comes late, or back, is told when that was: it joins.
+        """
+        if self._announcing is None:  # this clock has not got its speed yet
             return
         with suppress(ValueError):
             message = decode(payload)
-            if isinstance(message, Muster):
+            if isinstance(message, Muster) and self._over:
+                if message.start_s is None and message.sender in self._assembly.others:
+                    self._say(self._assembly.speak(self._clock.now_s()))
+            elif isinstance(message, Muster):
                 lag_s = self._clock.now_s() - message.time_s
                 self._clocks.hear(message.sender, lag_s / self._clock.speed)
                 if abs(lag_s) < TOPICS[Muster].age_max_s:

@@ -10,8 +10,8 @@ from agents.barriers import Pair
 
 CLEAR = 2.0
 """In separations: how far from all slots a vehicle flies around them."""
-_LANE = 0.5
-"""In separations: how far off the middle of its lane a vehicle may be when it comes in."""
+_LANE, _LANE_KEPT = 0.15, 0.5
+"""In separations: how far off the middle of its lane a vehicle may be when it turns in, and from then on."""
 _FROM = ((-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0))
 """Where lanes come from, the first free one is taken: behind, left, right, ahead."""
 
@@ -27,8 +27,8 @@ def way_point(off_m: Pair, others_m: Sequence[Pair], separation_m: float) -> Pai
     out_m, aside_m = off_m[0] * x + off_m[1] * y, off_m[1] * x - off_m[0] * y
     slots = [(a * x + b * y, b * x - a * y) for a, b in ((0.0, 0.0), *others_m)]
     out_most_m, right_m, left_m = max(s[0] for s in slots), min(s[1] for s in slots), max(s[1] for s in slots)
-    in_lane = abs(aside_m) <= _LANE * separation_m and out_m >= -clear_m
-    if in_lane:
+    lane_m = (_LANE if out_m >= out_most_m else _LANE_KEPT) * separation_m
+    if abs(aside_m) <= lane_m and out_m >= -separation_m / 2.0:
         goal_m = 0.0, 0.0
     elif out_m >= out_most_m + clear_m / 2.0:
         goal_m = out_most_m + clear_m, 0.0

@@ -152,7 +152,7 @@ def loss_on_the_ring(seed: int) -> Scene:
     random = np.random.default_rng([1, seed])
     mission = field(random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
     lost = Absence(int(random.integers(1, 4)), CHANGE_S)
-    return Scene(parsed(mission), (lost,), 150.0, CHANGE_S, bent=True)
+    return Scene(parsed(mission), (lost,), 130.0, CHANGE_S, bent=True)
 
 
 def join_on_the_ring(seed: int) -> Scene:
@@ -163,7 +163,7 @@ def join_on_the_ring(seed: int) -> Scene:
     place_m = float(14.0 + away_m * cos(bearing_rad)), float(-5.0 + away_m * sin(bearing_rad))
     left_s = float(random.choice([0.0, 20.0]))
     comer = Absence(int(random.integers(1, 4)), left_s, CHANGE_S, place_m)
-    return Scene(parsed(mission), (comer,), 150.0, CHANGE_S)
+    return Scene(parsed(mission), (comer,), 130.0, CHANGE_S)
 
 
 def leader_lost(seed: int) -> Scene:
@@ -174,7 +174,7 @@ def leader_lost(seed: int) -> Scene:
     leader = int(random.integers(1, count + 1))
     mission["target"]["threat"] = 0.9
     mission["formation"] |= {"leader": leader, "speed_m_s": float(random.uniform(0.1, 1.0))}
-    return Scene(parsed(mission), (Absence(leader, CHANGE_S),), 120.0, CHANGE_S)
+    return Scene(parsed(mission), (Absence(leader, CHANGE_S),), 100.0, CHANGE_S)
 
 
 def leader_back(seed: int) -> Scene:
@@ -184,14 +184,14 @@ def leader_back(seed: int) -> Scene:
     back_s = CHANGE_S + float(random.uniform(10.0, 30.0))
     speed_m_s = scene.mission.formation.speed_m_s
     place_m = speed_m_s * back_s - float(random.uniform(8.0, 16.0)), float(random.uniform(-10.0, 10.0))
-    return replace(scene, absences=(replace(lost, to_s=back_s, at_m=place_m),), duration_s=180.0, from_s=back_s)
+    return replace(scene, absences=(replace(lost, to_s=back_s, at_m=place_m),), duration_s=150.0, from_s=back_s)
 
 
 def reshaped(seed: int) -> Scene:
     """Three to six in one shape are told to take another."""
     scene, random = leader_lost(seed), np.random.default_rng([7, seed])
     before, after = random.permutation(["line", "column", "wedge"])[:2].tolist()
-    return replace(scene, absences=(), shapes=((0.0, before), (CHANGE_S, after)), duration_s=150.0)
+    return replace(scene, absences=(), shapes=((0.0, before), (CHANGE_S, after)), duration_s=120.0)
 
 
 def sixteen(seed: int) -> Scene:
@@ -199,7 +199,7 @@ def sixteen(seed: int) -> Scene:
     random = np.random.default_rng([4, seed])
     target_m = float(random.uniform(20.0, 60.0)), float(random.uniform(-20.0, 20.0))
     mission = field(random, abreast(16), radius_m=40.0, rate_rad_s=drawn_rate(random, 0.02, 0.05), target_m=target_m)
-    return Scene(parsed(mission), (), 240.0, 0.0)
+    return Scene(parsed(mission), (), 200.0, 0.0)
 
 
 def coming_and_going(seed: int) -> Scene:

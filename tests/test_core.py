@@ -427,3 +427,53 @@ def test_a_vehicle_sent_back_beside_the_ring_does_not_cut_across_it(make_config:
     assert pilot.core.tactic is Tactic.ENCIRCLE
     assert min(radii) > 9.0
     assert radii[-1] == pytest.approx(10.0, abs=0.05)
+
+
+def test_who_comes_back_to_the_formation_is_followed_only_once_it_is_there(make_config: Maker) -> None:
+    pilot = Pilot(make_config(vehicle_id=3), motion=(0.0, -5.0, 0.0, 0.0))
+    way = [(-9.0, -6.0), *((-9.0 + 0.2 * tick, 0.0) for tick in range(45)), *[(0.0, 0.0)] * 200]
+    for tick, (off_x, y) in enumerate(way):
+        moving = 1 <= tick < 45
+        x = 0.2 * pilot.now_s + off_x + (0.5 if tick > 45 else 0.0)  # its place in the end: half a metre ahead
+        speed = (2.2, 0.0) if moving else (0.2, 0.0)
+        leader = MemberState(2, pilot.now_s, "formation", (x, y), speed, (x + 0.2175, y), speed)
+        pilot.core.on_message(encode(leader), pilot.now_s)
+        pilot.fly((tick + 1) * PERIOD_S)
+        off = pilot.motion[:2] - [0.2 * pilot.now_s, -5.0]
+        if tick <= 45:
+            assert np.abs(off).max() < 0.1, tick
+    assert off == pytest.approx([0.5, 0.0], abs=0.05)
+
+
+def test_in_another_shape_it_flies_to_its_new_slot(make_config: Maker) -> None:
+    pilot = Pilot(make_config(vehicle_id=3), motion=(0.0, -5.0, 0.0, 0.0))
+    pilot.fly(20.0)
+    pilot.core.on_message(encode(OperatorCommand(20.0, "formation", None, "pat", 1, "wedge")), 20.0)
+    outputs = pilot.fly(50.0)
+    assert pilot.motion == pytest.approx([0.2 * 50.0 - 3.5355, -3.5355, 0.2, 0.0], abs=0.02)
+    steps = np.diff([setpoint_of(output) for output in outputs], axis=0)
+    assert np.abs(steps).max() < 3.0  # as far as the bound on the speed lets it lead
+    assert "the formation's shape is 'wedge'" in [note.text for output in outputs for note in output.status.notes]
+
+
+def test_behind_somebodys_back_it_keeps_off_the_ring_and_says_nothing_of_its_bearing(make_config: Maker) -> None:
+    def flight(bearing_off: float) -> list[TickOutput]:
+        config = make_config(safety={"separation_m": 3.0, "guard": False}, decision={"distance_max_m": 50.0})
+        pilot = Pilot(config, motion=(20.0, 0.0, 0.0, 0.0))
+        outputs = []
+        for tick in range(40):
+            now_s = pilot.now_s
+            pilot.core.on_sighting(sighting(now_s, 0.0, 0.0))
+            for sender, bearing in ((1, bearing_off), (3, bearing_off + 2.0)):
+                pilot.core.on_message(encode(NeighbourAngle(sender, now_s, bearing + 0.05 * now_s, 0.05, 10.0)), now_s)
+            outputs += pilot.fly((tick + 1) * PERIOD_S)
+        return outputs
+
+    def told(outputs: list[TickOutput]) -> int:
+        return sum(isinstance(m, NeighbourAngle) for output in outputs for m in sent_by(output))
+
+    hidden, free = flight(0.1), flight(-3.1)
+    assert told(hidden) < 5
+    assert told(free) > 30
+    assert hidden[20].status.place is None
+    assert free[20].status.place is not None

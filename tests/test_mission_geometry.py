@@ -128,6 +128,30 @@ def test_places_in_the_formation_that_do_not_do_are_refused(name: str) -> None:
     assert faults(changed(changes)) == expected
 
 
+def test_shapes_that_the_mission_has_no_room_or_no_slots_for_are_refused() -> None:
+    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
+    near, shape = ("formation", "spacing_m"), ("formation", "shape")
+    assert faults(changed({shape: "free"})) == [
+        "formation.shape: a free formation needs every vehicle's slot_m, and none has one"
+    ]
+    too_near = "formation.spacing_m: 1.0 m is less than safety.separation_m = 3.0 m"
+    assert faults(changed({near: 1.0, shape: "column"})) == [too_near]
+    assert faults(changed(slots | {near: 1.0, shape: "wedge"})) == [too_near]
+    (unknown,) = faults(changed({shape: "diamond"}))
+    assert unknown.startswith("formation.shape: it must be 'line', 'column', 'wedge' or 'free'")
+    assert parsed(changed(slots | {shape: "wedge"})).agent_config(parsed(changed(slots)).vehicles[0]).shape == "wedge"
+
+
+def test_who_keeps_station_on_a_neighbour_can_hear_it() -> None:
+    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 40.0 * i] for i in range(3)}
+    far = slots | {("network", "range_m"): 30.0}
+    told = "m from vehicles[{}]'s, its neighbour in line order, and out of network.range_m = 30 m"
+    one, other = faults(changed(far))
+    assert one.startswith("vehicles[1].slot_m: 40 " + told.format(0))
+    assert other.startswith("vehicles[2].slot_m: 40 " + told.format(1))
+    parsed(changed(far | {("formation", "station"): "line"}))
+
+
 def test_with_places_of_their_own_vehicles_need_no_spacing() -> None:
     slots: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
     parsed(changed(slots | {("formation", "spacing_m"): 1.0}))

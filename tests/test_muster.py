@@ -1,15 +1,19 @@
 """Agreeing on a start: three assemblies over an exchange that loses and delays."""
 
+import asyncio
 import heapq
 from collections import defaultdict
+from typing import cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.messages import TOPICS, Muster
+from agents.clock import MissionClock
+from agents.messages import TOPICS, Muster, decode, encode
 from agents.muster import HEARD_LEAST, LEAD_TIME_S, Assembly, PeerClocks
-from agents.ports import VehicleRefusedError
+from agents.ports import PeerBus, VehicleRefusedError
+from agents.rally import Rally
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[Muster].period_s
@@ -139,3 +143,55 @@ def test_nobody_flies_with_a_peer_of_another_time(lag_s: float, told: str | None
         clocks.require_one_time()
     assert refused.value.reason == f"this computer's clock is {told} that of vehicle 3's"
     assert "chrony" in refused.value.next_step
+
+
+class Clock:
+    """Passes a little at every look."""
+
+    speed = 10000.0
+
+    def __init__(self) -> None:
+        self.time_s = 0.0
+
+    def now_s(self) -> float:
+        self.time_s += 0.02
+        return self.time_s
+
+
+class Air:
+    """A bus that keeps what is said; two others, 2 and 3, are up."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.said: list[Muster] = []
+        self.rally = Rally(cast(PeerBus, self), cast(MissionClock, clock), 1, [1, 2, 3])
+        self._clock = clock
+
+    def publish(self, _topic: str, payload: bytes) -> None:
+        message = decode(payload)
+        assert isinstance(message, Muster)
+        self.said.append(message)
+        if message.start_s is None:
+            for sender in (2, 3):
+                self.rally.hear(encode(Muster(sender, self._clock.time_s, None)))
+
+
+def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
+    async def late() -> None:
+        air = Air(Clock())
+        air.rally.announce()
+        start_s = await air.rally.agree()
+        air.said.clear()
+        air.rally.hear(encode(Muster(9, 1.0, None)))  # nobody of this team
+        air.rally.hear(encode(Muster(2, 1.0, start_s)))  # knows it
+        assert air.said == []
+        air.rally.hear(encode(Muster(2, 1.0, None, ready=False)))
+        air.rally.hear(encode(Muster(3, 1.0, None)))
+        assert [(told.sender, told.start_s, told.ready) for told in air.said] == [(1, start_s, True)] * 2
+
+    asyncio.run(late())
+
+
+def test_a_late_comer_takes_the_start_it_is_told() -> None:
+    comer = Assembly(2, (1, 2, 3))
+    comer.hear(Muster(1, 500.0, 102.0))
+    assert comer.start_s == 102.0

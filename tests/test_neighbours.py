@@ -93,6 +93,8 @@ def test_who_is_silent_goes_on_for_a_while_only() -> None:
     for now_s in (10.0 + GOING_ON_S, 40.0):
         (body,) = Neighbours(CONFIG).bodies(situation(now_s), HEIGHT_M, [], [spoken])
         assert body.position_m == pytest.approx((3.0 + GOING_ON_S, -4.0))
+        # There it stands: as one that still moved away it would be come too near to.
+        assert (body.velocity_m_s, body.acceleration_m_s2) == (STILL, STILL)
 
 
 @pytest.mark.parametrize(

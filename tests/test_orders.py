@@ -7,13 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
-from agents.messages import CommandAnswer, OperatorCommand, Verb, decode, encode
-from agents.orders import CUT, CUTTING, DID_LIMIT, NUMBERS_KEPT, Orders, final, obeyed
-from agents.settings import AgentConfig
+from agents.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
+from agents.orders import CUT, CUTTING, DID_LIMIT, NUMBERS_KEPT, Orders, Reshaping, final, obeyed
+from agents.settings import AgentConfig, ExcitationSettings
+from agents.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
+from estimation.state import Telemetry
 
 HOVER_S = 5.0
-VERBS: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "kill")
+VERBS: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "kill", "formation")
 Maker = Callable[..., AgentConfig]
 
 
@@ -93,6 +95,26 @@ def test_whatever_the_tactic_every_command_is_answered_and_obeyed_or_refused(tac
     assert decode(encode(answer)) == answer
     if not obeyed(did):
         assert vehicle.tactic is tactic
+
+
+def reshaping(shape: Shape | None, told_s: float = 1.0, number: int = 7) -> OperatorCommand:
+    return OperatorCommand(told_s, "formation", None, "pat@here", number, shape)
+
+
+@pytest.mark.parametrize(
+    ("shape", "tactic", "did"),
+    [
+        ("wedge", Tactic.FORMATION, "takes its place in the shape 'wedge'"),
+        ("wedge", Tactic.ENCIRCLE, "will take its place, once in formation, in the shape 'wedge'"),
+        ("free", Tactic.FORMATION, "refused: the mission's formation cannot be 'free' (shapes: line, wedge)"),
+        (None, Tactic.FORMATION, "refused: the mission's formation cannot be 'None' (shapes: line, wedge)"),
+    ],
+)
+def test_a_change_of_formation_is_taken_or_refused(shape: Shape | None, tactic: Tactic, did: str) -> None:
+    orders = Vehicle().orders
+    assert orders.take(reshaping(shape), tactic, 1.0) is None
+    assert [answer.did for answer in orders.answers(1.0)] == [did]
+    assert orders.reshaping == (Reshaping(1.0, "wedge") if obeyed(did) else None)
 
 
 def test_repeats_act_once_and_are_answered_again() -> None:
@@ -233,6 +255,40 @@ def test_a_core_that_hovers_for_an_abort_lands_though_it_lost_its_telemetry(make
     core = VehicleCore(make_config(vehicle_id=2, safety={"abort_hover_s": 2.0}))
     core.on_command(OperatorCommand(1.0, "abort", None, "pat@here", 7), 1.0)
     assert [core.tick(now_s).status.tactic for now_s in (2.9, 3.0)] == [Tactic.HOLD, Tactic.LAND]
+
+
+def told_shape(core: VehicleCore, now_s: float) -> tuple[str | None, float]:
+    """What it tells its peers of the formation's shape."""
+    core.on_telemetry(Telemetry(now_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
+    (state,) = (m for m in (decode(o.payload) for o in core.tick(now_s).messages) if isinstance(m, MemberState))
+    return state.shape, state.shaped_s
+
+
+def test_the_newest_shape_spreads_from_vehicle_to_vehicle(make_config: Maker) -> None:
+    def heard(shape: Shape, told_s: float, now_s: float) -> bytes:
+        place = (0.0, 5.0)
+        return encode(
+            MemberState(1, now_s, "formation", place, (0.0, 0.0), place, (0.0, 0.0), 8.0, 0.0, "", shape, told_s)
+        )
+
+    core = VehicleCore(make_config(vehicle_id=2))
+    assert told_shape(core, 1.0) == (None, 0.0)
+    core.on_message(encode(reshaping("wedge", 2.0)), 2.0)
+    assert told_shape(core, 2.0) == ("wedge", 2.0)
+    core.on_message(heard("column", 1.5, 2.1), 2.1)  # older: whoever says so has not heard the newer one yet
+    assert told_shape(core, 2.1) == ("wedge", 2.0)
+    core.on_message(heard("column", 2.1, 2.2), 2.2)
+    assert told_shape(core, 2.2) == ("column", 2.1)
+    core.on_message(heard("free", 2.2, 2.3), 2.3)  # its mission has none
+    assert told_shape(core, 2.3) == ("column", 2.1)
+    core.on_message(encode(reshaping("wedge", 2.0)), 2.4)  # a straggler of the first command
+    assert told_shape(core, 2.4) == ("column", 2.1)
+
+
+def test_a_flight_for_identification_knows_no_shapes(make_config: Maker) -> None:
+    core = VehicleCore(make_config(vehicle_id=2, excitation=ExcitationSettings()))
+    core.on_message(encode(reshaping("wedge")), 1.0)
+    assert told_shape(core, 1.0) == (None, 0.0)
 
 
 def test_a_core_shows_what_its_peers_answered(make_config: Maker) -> None:

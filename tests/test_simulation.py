@@ -1,6 +1,6 @@
 """The in-process simulation: its plants against the matrix exponential, its network against what was asked of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 from estimation.plant import Plant, PlantAxis
 from estimation.state import Sighting, Telemetry, Vector
+from sitl.absence import LANDED_AFTER_S, Absence, absence_at
 from sitl.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 
 PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))
@@ -231,3 +232,59 @@ def test_every_decision_and_every_tick_is_seen() -> None:
     assert [(tick, index) for tick, index, _ in seen] == [(tick, index) for tick in range(3) for index in range(2)]
     assert [asked.setpoint is None for _, _, asked in seen] == [False, True] * 3
     assert times_s == pytest.approx([0.0, 0.1, 0.2])
+
+
+# Agents that come and go
+
+
+def team(absences: Sequence[Absence]) -> tuple[SimulatedFlight, Recorder, list[Recorder]]:
+    """Fly two: the second, of id 2, is absent at times; return its cores, too, one for every time it is there."""
+    other, cores = Recorder(still, packets=1), [Recorder(weave, packets=1)]
+
+    def new_core() -> Recorder:
+        cores.append(Recorder(still))
+        return cores[-1]
+
+    absent = SimulatedVehicle(
+        cores[0], PLANT, (1.0, -2.0), 8.0, Sensor(), TelemetryNoise(), (0.0, 0.0), (0, 2, 1), absences, new_core
+    )
+    return fly([vehicle(other), absent], 40.0), other, cores
+
+
+def test_an_agent_that_dies_is_silent_deaf_and_its_vehicle_hovers_where_it_was() -> None:
+    flight, other, (core,) = team([Absence(2, 10.0)])
+    assert other.presence == [(2, False)]
+    assert [each.time_s for each in core.telemetry][-1] == pytest.approx(9.9)
+    assert max(now_s for now_s, _ in core.heard) == pytest.approx(9.9)
+    assert max(now_s for now_s, _ in other.heard) <= 10.0
+    there = flight.motion[100, 1, :2]
+    assert flight.motion[-1, 1] == pytest.approx([*there, 0.0, 0.0], abs=1e-3)
+    aloft_s = flight.time_s[flight.aloft[:, 1]]
+    assert aloft_s.max() == pytest.approx(10.0 + LANDED_AFTER_S, abs=0.11)
+    assert flight.aloft[:, 0].all()
+
+
+def test_one_that_comes_back_has_a_new_core_at_rest_in_its_new_place() -> None:
+    flight, other, (first, second) = team([Absence(2, 10.0, 30.0, (7.0, 8.0))])
+    assert other.presence == [(2, False), (2, True)]
+    assert len(first.telemetry) == 100
+    assert second.telemetry[0].time_s == pytest.approx(30.0)
+    assert second.telemetry[0].position_m[:2] == (7.0, 8.0)
+    assert flight.motion[300, 1].tolist() == [7.0, 8.0, 0.0, 0.0]
+    assert flight.aloft[300:, 1].all()
+
+
+def test_one_that_comes_late_was_not_in_the_air_before() -> None:
+    flight, other, (core,) = team([Absence(2, 0.0, 20.0, (7.0, 8.0))])
+    assert other.presence == [(2, False), (2, True)]
+    assert core.telemetry[0].time_s == pytest.approx(20.0)
+    assert not flight.aloft[:200, 1].any()
+    assert flight.aloft[200:, 1].all()
+
+
+def test_times_that_end_before_they_begin_are_refused() -> None:
+    with pytest.raises(ValueError, match="vehicle 2 is to be away"):
+        Absence(2, 5.0, 4.0)
+    with pytest.raises(ValueError, match="vehicle 2"):
+        Absence(2, -1.0)
+    assert absence_at([Absence(2, 1.0, 2.0), Absence(2, 5.0)], 2.0) is None

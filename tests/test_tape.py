@@ -50,6 +50,8 @@ def flown(core: VehicleCore) -> list[TickOutput]:
             core.on_message(b"no message of ours", now_s)
         if tick == 60:
             core.on_command(OperatorCommand(now_s, "resume", 2, "here", 8), now_s)
+        if tick == 80:
+            core.on_message(encode(OperatorCommand(now_s, "formation", None, "tower", 9, "wedge")), now_s)
         if tick == 90:
             core.on_presence(1, False)
         if tick == 120:
@@ -93,7 +95,7 @@ def test_an_output_follows_its_tick_and_nothing_is_told_twice(make_config: Calla
     assert kinds.count("LateTicks") == 2
     assert kinds.count("Bus") == 2
     assert kinds.count("Command") == 1
-    assert kinds.count("Message") == 2
+    assert kinds.count("Message") == 3
 
 
 def test_every_way_into_a_core_is_on_tape_and_back() -> None:
