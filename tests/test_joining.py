@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agents.joining import ASIDE, Joining, chosen_gap, place_before
 from agents.linearize import Polar
-from agents.ring import RingPlace, ring_place
+from agents.ring import RingPlace
 from agents.settings import AgentConfig
 
 Maker = Callable[..., AgentConfig]
