@@ -391,6 +391,7 @@ ITEMS: dict[CoreInput, str] = {
     Message(101.0, encode(CommandAnswer(3, 100.5, 7, "holds"))): "answers command 7: holds",
     Message(101.0, encode(OperatorCommand(100.5, "hold", None, "ground", 7))): "ground tells all vehicles: hold",
     Command(101.0, OperatorCommand(100.5, "land", 2, "ground", 7)): "ground tells vehicle 2: land (command 7)",
+    Command(101.0, OperatorCommand(100.5, "formation", None, "ground", 7, "wedge")): "all vehicles: formation wedge",
     Killed(101.0, "it flies on"): "motors: it flies on",
     Presence(3, present=False): "vehicle 3 has gone",
     Tick(101.0): "tick at 1.000 s",
