@@ -45,9 +45,9 @@ class Team:
     async def outcomes(self) -> dict[int, Outcome]:
         return (await asyncio.wait_for(self.flight, 60.0)).outcomes
 
-    async def command(self, verb: str, vehicle: int | None = None) -> dict[int, str]:
+    async def command(self, verb: str, vehicle: int | None = None, shape: str | None = None) -> dict[int, str]:
         asked = self.mission.ids if vehicle is None else (vehicle,)
-        answers = await Operator(self.mission).command(verb, asked, vehicle)  # type: ignore[arg-type]
+        answers = await Operator(self.mission).command(verb, asked, vehicle, shape)  # type: ignore[arg-type]
         assert None not in answers.values(), answers
         return {i: answer.did for i, answer in answers.items() if answer is not None}
 
@@ -85,6 +85,8 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
 
 async def test_every_command_is_answered_by_what_the_vehicle_does(fly_team: FlyTeam) -> None:
     async with fly_team() as team:
+        changes = dict.fromkeys((1, 2, 3), "takes its place in the shape 'wedge'")
+        assert await team.command("formation", shape="wedge") == changes
         assert await team.command("hold") == dict.fromkeys((1, 2, 3), "holds")
         assert await team.command("hold", 2) == {2: "was holding already"}
         await asyncio.sleep(0.5)
@@ -99,7 +101,7 @@ async def test_every_command_is_answered_by_what_the_vehicle_does(fly_team: FlyT
             3: "refused: it is landing",
         }
         await team.outcomes()
-    for line in ("vehicle 2: hold by", "vehicle 3: land by"):
+    for line in ("vehicle 2: formation by", "vehicle 2: hold by", "vehicle 3: land by"):
         assert any(line in said for said in team.said), team.said
 
 
