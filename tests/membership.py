@@ -202,6 +202,18 @@ def sixteen(seed: int) -> Scene:
     return Scene(parsed(mission), (), 200.0, 0.0)
 
 
+def two_groups(seed: int) -> Scene:
+    """Two groups come to one target from two sides, at first out of each other's reach."""
+    random = np.random.default_rng([8, seed])
+    here, there = (int(each) for each in random.integers(1, 5, 2))
+    away_m = float(random.uniform(30.0, 40.0))
+    starts = [(0.0, y) for _, y in abreast(here)] + [(away_m * 2.0, y) for _, y in abreast(there)]
+    rate = drawn_rate(random, 0.05, 0.12)
+    mission = field(random, starts, radius_m=12.0, rate_rad_s=rate, target_m=(away_m, 0.0))
+    mission["network"]["range_m"] = 40.0
+    return Scene(parsed(mission), (), 120.0, 0.0)
+
+
 def coming_and_going(seed: int) -> Scene:
     """Up to ten at a ring with little room to spare: some come late, some are lost, some of these come back."""
     random = np.random.default_rng([5, seed])
@@ -316,6 +328,7 @@ SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
     "leader back in formation": (leader_back, True, 45.0),
     "another shape": (reshaped, True, 45.0),
     "16 on a ring of 40 m": (sixteen, False, 180.0),
+    "two groups at one target": (two_groups, False, 90.0),
     "coming and going": (coming_and_going, False, 60.0),
 }
 
