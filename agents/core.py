@@ -203,15 +203,17 @@ class VehicleCore:
             return None
         target = self._target.estimate(now_s)
         acting_s = now_s + self._acts_after_s
+        acting = self._own.predicted(acting_s, 0.5 / self._config.rate_hz)
         return Situation(
             now_s,
             acting_s,
             own,
-            self._own.predicted_motion(own, acting_s),
-            own.mean[DISTURBANCE],
+            acting[MOTION],
+            acting[DISTURBANCE],
             target,
             None if target is None else polar_from_motion(own.mean[MOTION], target.mean),
             None if target is None else moved(target.mean, acting_s - target.time_s),
+            self._own.authority,
         )
 
     def _fail_safe(self, situation: Situation) -> None:

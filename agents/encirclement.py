@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from agents.detour import Obstacle, bent_ring_m
-from agents.linearize import Polar, polar_from_motion, setpoint_for, setpoint_for_acceleration
+from agents.linearize import Polar, motion_from_polar, polar_from_motion, setpoint_for, setpoint_for_acceleration
 from agents.lmpc import Bounds, Lmpc, QpStatus
 from agents.ring import RingPlace, spaced_rate_rad_s
 from agents.settings import AgentConfig, EncirclementSettings
@@ -64,17 +64,23 @@ class EncirclementPlanner:
         target: Vector,
         disturbance_m_s2: Vector,
         place: RingPlace,
+        authority: float = 1.0,
         *,
         radius_m: float | None = None,
         obstacles: Sequence[Obstacle] = (),
     ) -> EncirclementPlan:
         """Plan from the vehicle's and the target's motion (4,) at the moment the setpoint acts.
 
-        `radius_m` is where to fly if not on the ring itself, which bends around `obstacles`.
+        With less than full `authority` only that share of the vehicle's deviation from the ring is acted on. `radius_m`
+        is where to fly if not on the ring itself, which bends around `obstacles`.
         """
         settings = self._settings
         polar = polar_from_motion(motion, target)
         wanted = spaced_rate_rad_s(place, settings.angular_rate_rad_s, settings.spacing_gain_per_s)
+        if authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
+            on_ring = motion_from_polar(Polar(settings.radius_m, polar.bearing_rad, 0.0, wanted), target)
+            motion = on_ring + authority * (motion - on_ring)
+            polar = polar_from_motion(motion, target)
         approach = self._approach(polar.radius_m)
         if approach is not Approach.ORBIT:
             self.reset()

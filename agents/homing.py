@@ -115,7 +115,7 @@ class Homing:
         return self._config.formation.speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
 
     def _compensation(self, situation: Situation) -> Vector:
-        return situation.disturbance / self._config.plant.a0_per_s2
+        return situation.compensation / self._config.plant.a0_per_s2
 
 
 def assembled(

@@ -126,7 +126,7 @@ class Planner:
         else:
             predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
             offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
-        plan = self._formation.plan(situation.acting_motion, situation.disturbance, predecessor, offset)
+        plan = self._formation.plan(situation.acting_motion, situation.compensation, predecessor, offset)
         return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
 
     def _way_in(self, situation: Situation, formed: Collection[int]) -> tuple[float, float]:
@@ -183,8 +183,9 @@ class Planner:
         plan = self._encirclement.plan(
             situation.acting_motion,
             target,
-            situation.disturbance,
+            situation.compensation,
             place,
+            situation.authority,
             radius_m=self._joining.radius_m(polar, place) if gap is None else self._joining.waiting_m,
             obstacles=self._obstacles(situation, target, height_m),
         )

@@ -16,7 +16,10 @@ from estimation.state import POSITION, VELOCITY, OwnEstimate, TargetEstimate, Ve
 
 
 class Situation(msgspec.Struct, frozen=True):
-    """What a tick decides on: the estimates now, and both motions (4,) at the moment the next setpoint acts."""
+    """What a tick decides on: the estimates now, and both motions (4,) at the moment the next setpoint acts.
+
+    `authority`, in (0, 1], is the share of feedback and compensation that the model of the vehicle deserves.
+    """
 
     now_s: float
     acting_s: float
@@ -26,6 +29,12 @@ class Situation(msgspec.Struct, frozen=True):
     target: TargetEstimate | None
     polar: Polar | None
     acting_target: Vector | None
+    authority: float = 1.0
+
+    @property
+    def compensation(self) -> Vector:
+        """The part of the disturbance (2,) that setpoints are to make up for."""
+        return self.disturbance if self.authority == 1.0 else self.disturbance * self.authority
 
     @property
     def position_sigma_m(self) -> float:

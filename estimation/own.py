@@ -1,21 +1,34 @@
 """A vehicle's Kalman filter for its own motion: the identified plant is the process model, the setpoint its input.
 
-State [x y x' y' w_x w_y]: `w` is the acceleration that the plant does not explain (wind, model error), a bounded random
-walk (mathematics.md sections 1 and 8) that may turn at a known rate.
+State [x y x' y' c_x c_y s_x s_y q_x q_y]. What the plant does not explain is an acceleration w = c + s (wind, model
+error; mathematics.md sections 1 and 8): c stands still but for a random walk, s swings with the ring. A wrong plant
+that circles a target in steady motion errs by just these two, on each axis by its own share: s is an oscillator at the
+ring's rate, q its other half. Off the ring s is no more, and what it was is part of c.
 """
 
 from bisect import bisect_right
 from functools import lru_cache, partial
+from itertools import pairwise
 from math import cos, hypot, inf, sin
 
 import numpy as np
 
+from estimation.consistency import Consistency
 from estimation.kalman import STEP_DIGITS, Belief, correct, predict
 from estimation.plant import Plant, exact_step
 from estimation.settings import OwnFilterSettings
 from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, OwnEstimate, Telemetry, Vector
 
 _HISTORY_S = 2.0
+_STEADY, _SWINGING, _OSCILLATOR = slice(4, 6), slice(6, 8), slice(6, 10)
+_SIZE = 10
+_SEEN = np.eye(6, _SIZE)
+_SEEN[DISTURBANCE, _SWINGING] = np.eye(2)
+_LEVEL = np.zeros(2)
+PRIOR_M_S2 = 0.3
+"""How large each part of the disturbance may be before anything is known of it (standard deviation)."""
+SWING_SHARE = 0.5
+"""How fast the swinging part changes, relative to the steady one: a plant changes less than the wind."""
 JUMP_M, ACCELERATION_MAX_M_S2 = 1.0, 10.0
 """Between two samples a position that moves by more than this, beyond what its velocity and any thrust allow, jumps."""
 
@@ -31,9 +44,12 @@ class OwnFilter:
         self._settings = settings
         self._noise = np.diag([settings.position_noise_m**2] * 2 + [settings.velocity_noise_m_s**2] * 2)
         self._process = lru_cache(maxsize=1024)(partial(_process, plant, settings))
+        self._ramp_gain = lru_cache(maxsize=1024)(partial(_ramp_gain, plant))
         self._inputs = _InputHistory(plant.delay_s)
         self._belief: Belief | None = None
+        self._consistency = Consistency()
         self._turning_rad_s = 0.0
+        self._prior_m_s2 = min(settings.disturbance_max_m_s2 / 2.0, PRIOR_M_S2)
         self._doubted_s = inf
         self._before: Telemetry | None = None
         self._leapt = False
@@ -46,7 +62,12 @@ class OwnFilter:
         self._inputs.add(time_s, aim_m)
 
     def turn_disturbance(self, rate_rad_s: float) -> None:
-        """Expect the disturbance to turn at this rate from now on, counter-clockwise."""
+        """Look for a disturbance that swings at this rate from now on, besides the steady one; 0: for none."""
+        belief = self._belief
+        if belief is not None and rate_rad_s != 0.0 and self._turning_rad_s == 0.0:
+            covariance = belief.covariance.copy()
+            covariance[_OSCILLATOR, _OSCILLATOR] = np.eye(4) * self._prior_m_s2**2
+            self._belief = Belief(belief.time_s, belief.mean, covariance)
         self._turning_rad_s = rate_rad_s
 
     def measure(self, telemetry: Telemetry) -> None:
@@ -61,6 +82,8 @@ class OwnFilter:
             return
         prior = self._carried(self._belief, telemetry.time_s)
         result = correct(prior, measured, self._noise, self._settings.gate_sigma)
+        step_s = telemetry.time_s - self._belief.time_s
+        self._consistency.see(result.innovation_squared / 4.0, step_s, self._settings.gate_sigma**2)
         self._belief = self._bounded(result.belief)
         if result.accepted:
             self._doubted_s = inf
@@ -80,14 +103,28 @@ class OwnFilter:
         if self._belief is None:
             return None
         belief = self._carried(self._belief, max(now_s, self._belief.time_s))
-        return OwnEstimate(belief.time_s, belief.mean, belief.covariance)
+        return OwnEstimate(belief.time_s, self._seen(belief.mean), _SEEN.dot(belief.covariance).dot(_SEEN.T))
 
-    def predicted_motion(self, estimate: OwnEstimate, at_s: float) -> Vector:
-        """Return the motion (4,) at `at_s` under the setpoints already sent: where the next one finds the vehicle."""
-        step_s = round(at_s - estimate.time_s, STEP_DIGITS)
-        setpoint = self._inputs.mean(estimate.time_s, at_s)
-        step = exact_step(self._plant, step_s)
-        return step.advance(estimate.mean[MOTION], setpoint, estimate.mean[DISTURBANCE])
+    def predicted(self, at_s: float, unsent_s: float) -> Vector:
+        """Return the mean (6,) at `at_s` under the setpoints already sent: where the next one finds the vehicle.
+
+        For the last `unsent_s`, half of the time a setpoint is held, the next one acts itself: it will be as far
+        ahead of the last one as the vehicle flies meanwhile. Only after there was telemetry.
+        """
+        assert self._belief is not None
+        belief = self._belief
+        step_s = round(at_s - belief.time_s, STEP_DIGITS)
+        transition, _, gain = self._process(self._turning_rad_s, step_s)
+        setpoint, slope = self._inputs.ramp(belief.time_s, at_s)
+        mean = self._seen(transition.dot(belief.mean) + gain.dot(setpoint))
+        mean[MOTION] += self._ramp_gain(step_s).dot(slope)
+        mean[MOTION] += exact_step(self._plant, unsent_s).input_gain.dot(mean[VELOCITY] * (2.0 * unsent_s))
+        return mean
+
+    @property
+    def authority(self) -> float:
+        """The share, in (0, 1], of feedback and compensation that control may take from this filter's estimates."""
+        return self._consistency.authority
 
     @property
     def heard_s(self) -> float | None:
@@ -102,20 +139,29 @@ class OwnFilter:
         return predict(belief, to_s, transition, noise, gain, self._inputs.mean(belief.time_s, to_s))
 
     def _reset(self, time_s: float, measured: Vector) -> None:
-        mean = np.concatenate([measured, np.zeros(2)])
-        spread = np.concatenate([np.diag(self._noise), np.full(2, self._settings.disturbance_max_m_s2**2 / 4.0)])
+        mean = np.concatenate([measured, np.zeros(_SIZE - 4)])
+        spread = np.concatenate([np.diag(self._noise), np.full(_SIZE - 4, self._prior_m_s2**2)])
         self._belief = Belief(time_s, mean, np.diag(spread))
         self._doubted_s = inf
         self._inputs.start(time_s, measured[POSITION])
 
     def _bounded(self, belief: Belief) -> Belief:
+        """Keep each part of the disturbance within the bound: what cannot be compensated is not wound up either."""
         limit = self._settings.disturbance_max_m_s2
-        w_x, w_y = belief.mean[DISTURBANCE].tolist()
-        if abs(w_x) <= limit and abs(w_y) <= limit:
+        if np.abs(belief.mean[4:]).max() <= limit:
             return belief
         mean = belief.mean.copy()
-        np.clip(mean[DISTURBANCE], -limit, limit, out=mean[DISTURBANCE])
+        np.clip(mean[4:], -limit, limit, out=mean[4:])
         return Belief(belief.time_s, mean, belief.covariance)
+
+    def _seen(self, mean: Vector) -> Vector:
+        """Return motion and disturbance (6,), the parts of the disturbance added up and bounded, of a mean (10,)."""
+        seen = _SEEN.dot(mean)
+        w_x, w_y = seen[DISTURBANCE].tolist()
+        limit = self._settings.disturbance_max_m_s2
+        if abs(w_x) > limit or abs(w_y) > limit:
+            np.clip(seen[DISTURBANCE], -limit, limit, out=seen[DISTURBANCE])
+        return np.asarray(seen, dtype=np.float64)
 
 
 def _leaps(before: Telemetry, after: Telemetry) -> bool:
@@ -149,6 +195,21 @@ class _InputHistory:
         if oldest > 0:
             del self._from_s[:oldest], self._setpoint_m[:oldest]
 
+    def ramp(self, from_s: float, to_s: float) -> tuple[Vector, Vector]:
+        """Return the mean (2,) and the slope (2,) of the straight line nearest to the setpoints over an interval."""
+        first = max(bisect_right(self._from_s, from_s) - 1, 0)
+        last = max(bisect_right(self._from_s, to_s) - 1, 0)
+        if first == last or to_s <= from_s:
+            return self._setpoint_m[last], _LEVEL
+        span_s = to_s - from_s
+        edges = [from_s, *self._from_s[first + 1 : last + 1], to_s]
+        total, moment = 0.0 * _LEVEL, 0.0 * _LEVEL
+        for index, (begin_s, end_s) in enumerate(pairwise(edges)):
+            piece = (end_s - begin_s) * self._setpoint_m[first + index]
+            total = total + piece
+            moment = moment + ((begin_s + end_s - from_s - to_s) / 2.0) * piece
+        return total / span_s, moment * (12.0 / span_s**3)
+
     def mean(self, from_s: float, to_s: float) -> Vector:
         """Return the mean setpoint (2,) acting over an interval: over one loop period as good as the pieces."""
         first = max(bisect_right(self._from_s, from_s) - 1, 0)
@@ -161,22 +222,40 @@ class _InputHistory:
         return np.asarray(total / (to_s - from_s), dtype=np.float64)
 
 
+def _ramp_gain(plant: Plant, step_s: float) -> Vector:
+    """Return what a setpoint's slope about its mean over a step adds to the motion (4, 2)."""
+    flow = np.zeros((4, 4))
+    flow[POSITION, VELOCITY] = np.eye(2)
+    flow[VELOCITY, POSITION], flow[VELOCITY, VELOCITY] = -np.diag(plant.a0_per_s2), -np.diag(plant.a1_per_s)
+    entry = np.zeros((4, 2))
+    entry[VELOCITY] = np.diag(plant.a0_per_s2)
+    steady = exact_step(plant, step_s).input_gain
+    # The answer to a ramp is the integral of the answer to a step.
+    return np.asarray(np.linalg.solve(flow, steady - entry * step_s) - steady * step_s / 2.0)
+
+
 def _process(
     plant: Plant, settings: OwnFilterSettings, turning_rad_s: float, step_s: float
 ) -> tuple[Vector, Vector, Vector]:
-    """Return transition (6, 6), process noise (6, 6) and setpoint gain (6, 2) over one step."""
+    """Return transition (10, 10), process noise (10, 10) and setpoint gain (10, 2) over one step."""
     step = exact_step(plant, step_s)
-    transition = np.eye(6)
+    transition = np.eye(_SIZE)
     transition[MOTION, MOTION] = step.transition
-    transition[MOTION, DISTURBANCE] = step.disturbance_gain
-    cosine, sine = cos(turning_rad_s * step_s), sin(turning_rad_s * step_s)
-    transition[DISTURBANCE, DISTURBANCE] = [[cosine, -sine], [sine, cosine]]
-    gain = np.zeros((6, 2))
+    transition[MOTION, _STEADY] = transition[MOTION, _SWINGING] = step.disturbance_gain
+    gain = np.zeros((_SIZE, 2))
     gain[MOTION] = step.input_gain
-    noise = np.zeros((6, 6))
+    noise = np.zeros((_SIZE, _SIZE))
     density = settings.acceleration_noise_m_s2**2
     noise[POSITION, POSITION] = np.eye(2) * density * step_s**3 / 3.0
     noise[POSITION, VELOCITY] = noise[VELOCITY, POSITION] = np.eye(2) * density * step_s**2 / 2.0
     noise[VELOCITY, VELOCITY] = np.eye(2) * density * step_s
-    noise[DISTURBANCE, DISTURBANCE] = np.eye(2) * settings.disturbance_noise_m_s2**2 * step_s
+    walk = settings.disturbance_noise_m_s2**2 * step_s
+    noise[_STEADY, _STEADY] = np.eye(2) * walk
+    if turning_rad_s == 0.0:
+        transition[_OSCILLATOR, _OSCILLATOR] = 0.0
+        transition[_STEADY, _SWINGING] = np.eye(2)
+        return transition, noise, gain
+    cosine, sine = cos(turning_rad_s * step_s), sin(turning_rad_s * step_s)
+    transition[_OSCILLATOR, _OSCILLATOR] = np.kron([[cosine, -sine], [sine, cosine]], np.eye(2))
+    noise[_OSCILLATOR, _OSCILLATOR] = np.eye(4) * SWING_SHARE**2 * walk
     return transition, noise, gain

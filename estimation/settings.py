@@ -12,8 +12,9 @@ class Settings(BaseModel):
 class OwnFilterSettings(Settings):
     """Noise of a vehicle's own telemetry and of the plant model; standard deviations, and densities per root second.
 
-    The disturbance is what the plant leaves unexplained. It stands still, as wind does; or with `disturbance_turns` it
-    turns with the vehicle on the ring, as the plant's own errors do under an autopilot that takes the wind out itself.
+    The disturbance is what the plant leaves unexplained. Part of it stands still, as wind does; a vehicle on the ring
+    also looks for a part that swings at the ring's rate, as a wrong plant's errors do, unless `disturbance_turns` is
+    false.
     """
 
     position_noise_m: float = Field(0.02, gt=0.0, le=10.0)
@@ -21,7 +22,7 @@ class OwnFilterSettings(Settings):
     acceleration_noise_m_s2: float = Field(0.05, gt=0.0, le=10.0)
     disturbance_noise_m_s2: float = Field(0.03, gt=0.0, le=10.0)
     disturbance_max_m_s2: float = Field(0.6, ge=0.0, le=5.0)
-    disturbance_turns: bool = False
+    disturbance_turns: bool = True
     gate_sigma: float = Field(5.0, gt=1.0, le=20.0)
     gate_timeout_s: float = Field(1.0, gt=0.0, le=60.0)
 

@@ -1,7 +1,13 @@
 """From a mission to the parts that fly it: what simulation and flight have in common."""
 
+from math import inf
+
 from gcs.mission import Mission
 from gcs.result import FormationReference, RingReference, VerdictTolerances
+from sitl.nature import Nature
+from sitl.pace import PaceModel
+from sitl.shaping import ShapeLimits
+from sitl.wander import WanderModel
 from sitl.world import SensorModel, SimulatedSensor, TargetMotion
 
 
@@ -15,6 +21,21 @@ def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) 
     target, sensor = mission.target, mission.target.sensor
     model = SensorModel(sensor.range_m, sensor.rate_hz, sensor.noise_m, target.importance, target.threat)
     return SimulatedSensor(vehicle_id, model, target_motion(mission), start_s, seed)
+
+
+def simulated_nature(mission: Mission) -> Nature:
+    """Return what is not ideal about the mission's simulated vehicles, beside their plants and noise."""
+    simulation = mission.simulation
+    bounds = simulation.speed_max_m_s, simulation.acceleration_max_m_s2, simulation.jerk_max_m_s3
+    bounded = any(bound is not None for bound in bounds)
+    rate_hz = simulation.telemetry_rate_hz
+    return Nature(
+        ShapeLimits(*(inf if bound is None else bound for bound in bounds)) if bounded else None,
+        simulation.wind_m_s,
+        simulation.gusts,
+        wander=WanderModel(simulation.wander_m) if simulation.wander_m > 0.0 else None,
+        pace=None if rate_hz is None else PaceModel(rate_hz),
+    )
 
 
 def ring_reference(mission: Mission) -> RingReference:

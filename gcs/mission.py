@@ -119,11 +119,22 @@ class LinkSection(Settings):
 
 
 class SimulationSection(Settings):
-    """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise and a steady wind."""
+    """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise, a steady push `wind_m_s2`. The
+    other keys are for `cordon sim` alone: bounds that shape every motion, a wind by its speed (it pushes and drags)
+    with Dryden `gusts`, an estimator that wanders (standard deviation per axis), and telemetry at a rate of its own
+    instead of one sample at every tick.
+    """
 
     position_noise_m: float = Field(0.0, ge=0.0, le=10.0)
     velocity_noise_m_s: float = Field(0.0, ge=0.0, le=10.0)
     wind_m_s2: Acceleration2 = (0.0, 0.0)
+    wind_m_s: Velocity2 = (0.0, 0.0)
+    gusts: bool = False
+    speed_max_m_s: float | None = Field(None, gt=0.0, le=30.0)
+    acceleration_max_m_s2: float | None = Field(None, gt=0.0, le=30.0)
+    jerk_max_m_s3: float | None = Field(None, gt=0.0, le=100.0)
+    wander_m: float = Field(0.0, ge=0.0, le=5.0)
+    telemetry_rate_hz: float | None = Field(None, ge=2.0, le=100.0)
 
 
 class VerdictSection(Settings):

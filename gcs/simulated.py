@@ -1,6 +1,6 @@
 """Fly a mission in one process with simulated time: `cordon sim`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -11,11 +11,12 @@ from agents.core import VehicleCore
 from agents.outputs import TickOutput
 from agents.settings import AgentConfig
 from estimation.state import POSITION, VELOCITY
-from gcs.compose import target_motion, target_sensor
+from gcs.compose import simulated_nature, target_motion, target_sensor
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.mission import Mission
 from gcs.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from sitl.absence import Absence
+from sitl.nature import Nature
 from sitl.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 
 
@@ -63,10 +64,12 @@ def simulated_vehicles(
     seed: int,
     new_core: Callable[[AgentConfig], VehicleCore] = VehicleCore,
     absences: Sequence[Absence] = (),
+    natures: Mapping[int, Nature] | None = None,
 ) -> list[SimulatedVehicle[TickOutput]]:
     """Return the mission's vehicles with their cores, at rest where they start, and at work from time 0.
 
-    But for their `absences`: an agent that comes back is a new one, which knows when the mission started.
+    But for their `absences`: an agent that comes back is a new one, which knows when the mission started. Without
+    `natures`, by vehicle, all have the one that the mission's `[simulation]` says.
     """
 
     def at_work(config: AgentConfig) -> VehicleCore:
@@ -76,6 +79,7 @@ def simulated_vehicles(
 
     simulation = mission.simulation
     noise = TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
+    nature = simulated_nature(mission)
     vehicles = []
     for vehicle in mission.vehicles:
         begin = partial(at_work, mission.agent_config(vehicle))
@@ -89,6 +93,7 @@ def simulated_vehicles(
                 noise,
                 simulation.wind_m_s2,
                 seed=(seed, 2, vehicle.id),
+                nature=natures[vehicle.id] if natures else nature,
                 absences=[absence for absence in absences if absence.vehicle_id == vehicle.id],
                 new_core=begin,
             )

@@ -10,12 +10,17 @@ from math import hypot
 from time import perf_counter
 from typing import Generic, Protocol, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.plant import Plant, exact_step
+from estimation.plant import Plant
 from estimation.state import MOTION, POSITION, Sighting, Telemetry, Vector
 from sitl.absence import LANDED_AFTER_S, Absence, absence_at
+from sitl.body import Body
+from sitl.nature import IDEAL, Nature
+from sitl.pace import Pace
+from sitl.wander import Wander
 
 
 class Sensor(Protocol):
@@ -109,7 +114,7 @@ class TelemetryNoise:
 
 
 class SimulatedVehicle(Generic[OutputT]):
-    """One simulated vehicle: its true plant and motion, what it carries, and the setpoints on their way to it."""
+    """One simulated vehicle: its true motion, what it carries, and what its instruments make of it."""
 
     def __init__(
         self,
@@ -121,6 +126,7 @@ class SimulatedVehicle(Generic[OutputT]):
         noise: TelemetryNoise,
         disturbance_m_s2: tuple[float, float],
         seed: Sequence[int],
+        nature: Nature = IDEAL,
         absences: Sequence[Absence] = (),
         new_core: Callable[[], Core[OutputT]] | None = None,
     ) -> None:
@@ -132,15 +138,21 @@ class SimulatedVehicle(Generic[OutputT]):
         self._absences = absences
         self._new_core = new_core
         self._away: Absence | None = None
-        self.motion: Vector = np.array([*start_m, 0.0, 0.0])
         self._plant = plant
+        self._body = Body(plant, start_m, altitude_m, disturbance_m_s2, nature, np.random.default_rng([*seed, _WIND]))
         self._altitude_m = altitude_m
         self._sensor = sensor
         self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
-        self._disturbance = np.array(disturbance_m_s2)
         self._random = np.random.default_rng(seed)
-        self._aim_m: Vector = np.array(start_m)
-        self._pending: list[tuple[float, Vector]] = []
+        wander, pace = nature.wander, nature.pace
+        self._wander = None if wander is None else Wander(wander, np.random.default_rng([*seed, _WANDER]))
+        self._pace = None if pace is None else Pace(pace, np.random.default_rng([*seed, _PACE]))
+        self._samples: list[Telemetry] = []
+
+    @property
+    def motion(self) -> Vector:
+        """The true motion (4,)."""
+        return self._body.motion
 
     @property
     def present(self) -> bool:
@@ -157,26 +169,33 @@ class SimulatedVehicle(Generic[OutputT]):
         if before is self._away:
             return None
         if self._away is not None:
-            self._rest(self.motion[POSITION])
+            self._body.rest()
             return self._away
         assert before is not None
-        if before.at_m is not None:
-            self.motion = np.array([*before.at_m, 0.0, 0.0])
-        self._rest(self.motion[POSITION])
+        self._body.rest(before.at_m)
         if before.from_s > 0.0 and self._new_core is not None:
             self.core = self._new_core()
         return before
 
-    def sense(self, now_s: float) -> tuple[Telemetry, Sighting | None]:
-        """Return what its instruments say, and its sensor if it sees the target now."""
-        x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
-        true_x, true_y = self.motion[POSITION].tolist()
-        telemetry = Telemetry(now_s, (x, y, self._altitude_m), (x_rate, y_rate, 0.0))
-        return telemetry, self._sensor.sight(now_s, (true_x, true_y))
+    def sense(self, now_s: float) -> tuple[list[Telemetry], Sighting | None]:
+        """Return what its instruments have said since they were asked last, and its sensor if it sees the target now.
 
-    def think(self, now_s: float, telemetry: Telemetry, sighting: Sighting | None) -> OutputT:
+        The sensor sees the target from the vehicle: what the vehicle takes for its own place is in the sighting too.
+        """
+        samples, self._samples = self._samples, []
+        if self._pace is None or now_s == 0.0:
+            samples.append(self._sample(now_s))
+        true_x, true_y = self.motion[POSITION].tolist()
+        sighting = self._sensor.sight(now_s, (true_x, true_y))
+        if sighting is not None and self._wander is not None:
+            (x, y), (off_x, off_y) = sighting.position_m, self._off_m(now_s)
+            sighting = msgspec.structs.replace(sighting, position_m=(x + off_x, y + off_y))
+        return samples, sighting
+
+    def think(self, now_s: float, samples: Sequence[Telemetry], sighting: Sighting | None) -> OutputT:
         """Let the core take in what was sensed, and decide."""
-        self.core.on_telemetry(telemetry)
+        for telemetry in samples:
+            self.core.on_telemetry(telemetry)
         if sighting is not None:
             self.core.on_sighting(sighting)
         return self.core.tick(now_s)
@@ -184,31 +203,28 @@ class SimulatedVehicle(Generic[OutputT]):
     def command(self, now_s: float, wanted: WantedPosition | None) -> None:
         """Send a setpoint on its way; it acts one delay later."""
         if wanted is not None:
-            self._pending.append(
-                (now_s + self._plant.delay_s, self._plant.aim_m(wanted.position_m, wanted.velocity_m_s))
-            )
+            self._body.command(now_s, self._plant.aim_m(wanted.position_m, wanted.velocity_m_s))
 
     def advance(self, from_s: float, to_s: float) -> None:
-        """Move the true vehicle, changing setpoints exactly when they take effect."""
-        while self._pending and self._pending[0][0] <= to_s:
-            acts_s, aim_m = self._pending.pop(0)
-            self._fly(max(acts_s, from_s) - from_s)
-            from_s = max(acts_s, from_s)
-            self._aim_m = aim_m
-        self._fly(to_s - from_s)
+        """Move the true vehicle, changing setpoints when they take effect, and take the samples that are due."""
+        for due_s in [] if self._pace is None else self._pace.due_s(to_s):
+            if due_s > from_s:
+                self._body.advance(from_s, due_s, self._off_m(from_s))
+                from_s = due_s
+                self._samples.append(self._sample(due_s))
+        self._body.advance(from_s, to_s, self._off_m(from_s))
 
-    def _rest(self, place_m: Vector) -> None:
-        """Let the autopilot hold the vehicle at (2,), whatever setpoints are still on their way."""
-        self._pending.clear()
-        self._setpoint_m = place_m.copy()
+    def _off_m(self, at_s: float) -> tuple[float, float]:
+        return (0.0, 0.0) if self._wander is None else self._wander.error_m(at_s)
 
-    def _fly(self, step_s: float) -> None:
-        step_s = round(step_s, 9)
-        if step_s > 0.0:
-            step = exact_step(self._plant, step_s)
-            self.motion = step.advance(self.motion, self._aim_m, self._disturbance)
+    def _sample(self, at_s: float) -> Telemetry:
+        x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
+        off_x, off_y = self._off_m(at_s)
+        return Telemetry(at_s, (x + off_x, y + off_y, self._altitude_m), (x_rate, y_rate, 0.0))
 
 
+_WIND, _WANDER, _PACE = range(3)
+"""Each kind of chance has its own generator: one that is switched off leaves the others as they were."""
 _ROUNDING_S = 1e-9
 """A delay of whole ticks arrives on a tick, whatever its last binary digit says."""
 

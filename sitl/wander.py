@@ -1,0 +1,54 @@
+"""How a vehicle's own estimator wanders: its position is off by a slow random error that at times jumps."""
+
+from dataclasses import dataclass
+from math import cos, exp, inf, pi, sin, sqrt
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class WanderModel:
+    """The error's standard deviation per axis, how long it remembers, and how often by how much it jumps.
+
+    Each axis is a Gauss-Markov process. A jump, as of an estimator that is reset, fades as all of the error does.
+    """
+
+    sigma_m: float
+    correlation_s: float = 20.0
+    jumps_every_s: float = inf
+    jump_m: float = 1.0
+
+
+class Wander:
+    """One vehicle's error, by time; seeded."""
+
+    def __init__(self, model: WanderModel, random: np.random.Generator) -> None:
+        """Begin at time 0 with an error as large as at any other time."""
+        self._model = model
+        self._random = random
+        x, y = (model.sigma_m * random.standard_normal(2)).tolist()
+        self._error_m: tuple[float, float] = (x, y)
+        self._time_s = 0.0
+        self._jumps_s = self._next_jump_s(0.0)
+
+    def error_m(self, time_s: float) -> tuple[float, float]:
+        """Return how far off the estimate (x, y) is at a time not before the last one asked for."""
+        if time_s > self._time_s:
+            kept = exp((self._time_s - time_s) / self._model.correlation_s)
+            push_x, push_y = (self._model.sigma_m * sqrt(1.0 - kept**2) * self._random.standard_normal(2)).tolist()
+            x, y = self._error_m
+            self._error_m = kept * x + push_x, kept * y + push_y
+            self._time_s = time_s
+        while self._jumps_s <= time_s:
+            self._jump()
+        return self._error_m
+
+    def _jump(self) -> None:
+        direction_rad = self._random.uniform(0.0, 2.0 * pi)
+        x, y = self._error_m
+        self._error_m = x + self._model.jump_m * cos(direction_rad), y + self._model.jump_m * sin(direction_rad)
+        self._jumps_s = self._next_jump_s(self._jumps_s)
+
+    def _next_jump_s(self, after_s: float) -> float:
+        every_s = self._model.jumps_every_s
+        return inf if every_s == inf else after_s + float(self._random.exponential(every_s))

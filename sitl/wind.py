@@ -1,0 +1,109 @@
+"""The wind at a vehicle: a steady part, and Dryden turbulence at low altitude (MIL-F-8785C, section 3.7.2.5).
+
+Turbulence is a frozen pattern that is carried past the vehicle. Its pace is the speed of the air about a vehicle that
+hardly moves, which is the wind's own.
+"""
+
+from dataclasses import dataclass
+from math import hypot, pi, sqrt
+
+import numpy as np
+from scipy.linalg import expm
+
+from estimation.state import Vector
+
+FEET_M = 0.3048
+SPEED_LEAST_M_S = 1.0
+"""Below this speed of the wind the pattern is carried past by the vehicle's own motion."""
+_BLOCK = 512
+
+
+@dataclass(frozen=True, slots=True)
+class Turbulence:
+    """Dryden's parameters: scale length [m] and intensity [m/s], both horizontal, and the pattern's speed [m/s]."""
+
+    length_m: float
+    intensity_m_s: float
+    speed_m_s: float
+
+    def along_density(self, angular_rad_s: Vector) -> Vector:
+        """Return the one-sided spectral density along the wind, over angular frequency [m²/s² per rad/s]."""
+        span = self.length_m / self.speed_m_s
+        return np.asarray(self.intensity_m_s**2 * 2.0 * span / pi / (1.0 + (span * angular_rad_s) ** 2))
+
+    def across_density(self, angular_rad_s: Vector) -> Vector:
+        """Return the one-sided spectral density across the wind, over angular frequency [m²/s² per rad/s]."""
+        span = self.length_m / self.speed_m_s
+        reduced = (span * angular_rad_s) ** 2
+        return np.asarray(self.intensity_m_s**2 * span / pi * (1.0 + 3.0 * reduced) / (1.0 + reduced) ** 2)
+
+
+def low_altitude(wind_m_s: float, height_m: float) -> Turbulence:
+    """Return the turbulence below 1000 ft in a wind of `wind_m_s` at 20 ft; below 10 ft it is that of 10 ft."""
+    height_ft = max(height_m / FEET_M, 10.0)
+    shape = 0.177 + 0.000823 * height_ft
+    intensity_m_s = 0.1 * wind_m_s / shape**0.4
+    return Turbulence(height_ft / shape**1.2 * FEET_M, intensity_m_s, max(wind_m_s, SPEED_LEAST_M_S))
+
+
+class Wind:
+    """The wind at one vehicle, step by step [m/s, mission frame]; its turbulence has always been there."""
+
+    def __init__(
+        self, steady_m_s: tuple[float, float], gusts: Turbulence | None, step_s: float, random: np.random.Generator
+    ) -> None:
+        """Blow steadily, with gusts along and across that wind, or without."""
+        speed_m_s = hypot(*steady_m_s)
+        along = (steady_m_s[0] / speed_m_s, steady_m_s[1] / speed_m_s) if speed_m_s > 0.0 else (1.0, 0.0)
+        self._steady = steady_m_s
+        self._along = along
+        self._random = random
+        self._gusts = None if gusts is None else _Shaping(gusts, step_s, random)
+
+    def blow(self) -> tuple[float, float]:
+        """Return the wind (x, y) over the next step."""
+        if self._gusts is None:
+            return self._steady
+        along, across = self._gusts.advance()
+        (x, y), (cosine, sine) = self._steady, self._along
+        return x + along * cosine - across * sine, y + along * sine + across * cosine
+
+
+class _Shaping:
+    """White noise through Dryden's filters, discretised exactly: one state along, two across."""
+
+    def __init__(self, gusts: Turbulence, step_s: float, random: np.random.Generator) -> None:
+        span_s = gusts.length_m / gusts.speed_m_s
+        flow = np.array([[-1.0 / span_s, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0 / span_s**2, -2.0 / span_s]])
+        # White noise of unit density enters the last state of each chain; the outputs make of it the spectra above.
+        noise = np.diag([1.0, 0.0, 1.0])
+        block = expm(np.block([[-flow, noise], [np.zeros((3, 3)), flow.T]]) * step_s)
+        self._step = block[3:, 3:].T
+        covariance = self._step @ block[:3, 3:]
+        self._root = np.linalg.cholesky((covariance + covariance.T) / 2.0)
+        sigma = gusts.intensity_m_s
+        self._output = np.array(
+            [
+                [sigma * sqrt(2.0 / span_s), 0.0, 0.0],
+                [0.0, sigma / span_s**1.5, sigma * sqrt(3.0 / span_s)],
+            ]
+        )
+        stationary = np.diag([span_s / 2.0, span_s**3 / 4.0, span_s / 4.0])
+        self._state: Vector = np.sqrt(stationary) @ random.standard_normal(3)
+        self._random = random
+        self._ahead: list[list[float]] = []
+
+    def advance(self) -> tuple[float, float]:
+        if not self._ahead:
+            self._ahead = self._block()
+        along, across = self._ahead.pop()
+        return along, across
+
+    def _block(self) -> list[list[float]]:
+        """Return gusts of many steps at once, the last one first."""
+        pushes = self._random.standard_normal((_BLOCK, 3)) @ self._root.T
+        states = np.empty((_BLOCK, 3))
+        for row, push in enumerate(pushes):
+            self._state = self._step @ self._state + push
+            states[row] = self._state
+        return list((states @ self._output.T)[::-1].tolist())
