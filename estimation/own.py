@@ -140,7 +140,9 @@ class OwnFilter:
 
     def _reset(self, time_s: float, measured: Vector) -> None:
         mean = np.concatenate([measured, np.zeros(_SIZE - 4)])
-        spread = np.concatenate([np.diag(self._noise), np.full(_SIZE - 4, self._prior_m_s2**2)])
+        swings = 1.0 if self._turning_rad_s else 0.0
+        prior = self._prior_m_s2**2 * np.array([1.0] * 2 + [swings] * 4)
+        spread = np.concatenate([np.diag(self._noise), prior])
         self._belief = Belief(time_s, mean, np.diag(spread))
         self._doubted_s = inf
         self._inputs.start(time_s, measured[POSITION])

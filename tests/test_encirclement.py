@@ -17,7 +17,7 @@ from agents.ring import RingPlace, ring_place, spaced_rate_rad_s
 from agents.settings import AgentConfig
 from estimation.own import OwnFilter
 from estimation.plant import Plant, PlantAxis, exact_step
-from estimation.state import DISTURBANCE, Telemetry, Vector
+from estimation.state import DISTURBANCE, MOTION, Telemetry, Vector
 
 Maker = Callable[..., AgentConfig]
 
@@ -195,14 +195,13 @@ class Flyer:
     def tick(self, now_s: float, others: Sequence[Vector]) -> None:
         x, y, x_rate, y_rate = self.motion.tolist()
         self.own.measure(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
-        estimate = self.own.estimate(now_s)
-        assert estimate is not None
-        acting = self.own.predicted_motion(estimate, now_s + PERIOD_S / 2.0)
+        mean = self.own.predicted(now_s + PERIOD_S / 2.0, PERIOD_S / 2.0)
+        acting = mean[MOTION]
         target = target_at(now_s + PERIOD_S / 2.0)
         drift = self.config.encirclement.angular_rate_rad_s * PERIOD_S / 2.0
         bearings = [polar_from_motion(other, target_at(now_s)).bearing_rad + drift for other in others]
         place = ring_place(polar_from_motion(acting, target).bearing_rad, bearings)
-        self.plans.append(self.planner.plan(acting, target, estimate.mean[DISTURBANCE], place))
+        self.plans.append(self.planner.plan(acting, target, mean[DISTURBANCE], place))
         self.own.command(now_s, self.plans[-1].setpoint_m)
 
     def advance(self) -> None:
@@ -329,3 +328,21 @@ def test_the_clearance_is_the_angle_of_the_separation(make_config: Maker) -> Non
     config = make_config(safety={"separation_m": 3.0})
     assert 10.0 * config.clearance_rad == pytest.approx(3.0)
     assert make_config(safety={"separation_m": 99.0}).clearance_rad == pytest.approx(pi / 2.0)
+
+
+def test_with_little_authority_the_model_alone_leads_along_the_ring(make_config: Callable[..., AgentConfig]) -> None:
+    # On the ring feedback has nothing to say; off it, a tenth of the authority says a tenth - to first order.
+    config = make_config(encirclement={"angular_rate_rad_s": 0.1})
+    settings, alone = config.encirclement, RingPlace(1, None, None)
+    ring = Polar(settings.radius_m, 0.7, 0.0, settings.angular_rate_rad_s)
+
+    def setpoint(polar: Polar, authority: float) -> Vector:
+        planner = EncirclementPlanner(config)
+        motion = motion_from_polar(polar, TARGET)
+        return planner.plan(motion, TARGET, np.zeros(2), alone, authority).setpoint_m
+
+    led = setpoint(ring, 1.0)
+    assert setpoint(ring, 0.1) == pytest.approx(led, abs=1e-9)
+    off = Polar(ring.radius_m + 0.1, ring.bearing_rad, 0.05, ring.angular_rate_rad_s + 0.002)
+    assert setpoint(off, 0.1) - led == pytest.approx((setpoint(off, 1.0) - led) / 10.0, abs=2e-3)
+    assert np.linalg.norm(setpoint(off, 1.0) - led) > 0.05

@@ -66,7 +66,7 @@ class Flyer:
     def tick(self, now_s: float, predecessor: Predecessor, offset: tuple[float, float]) -> None:
         x, y, x_rate, y_rate = self.motion.tolist()
         self.own.measure(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
-        acting = self.own.predicted_motion(self.estimate(now_s), now_s + PERIOD_S / 2.0)
+        acting = self.own.predicted(now_s + PERIOD_S / 2.0, PERIOD_S / 2.0)[MOTION]
         plan = self.planner.plan(acting, self.estimate(now_s).mean[DISTURBANCE], predecessor, offset)
         self.undisturbed = plan.undisturbed_setpoint_m
         self.own.command(now_s, plan.setpoint_m)

@@ -177,8 +177,6 @@ def test_setpoints_act_one_delay_later() -> None:
 def test_the_motion_is_predicted_through_the_setpoints_on_their_way(ahead_s: float) -> None:
     own = OwnFilter(DELAYED, SETTINGS)
     truth = fly(own, DELAYED, 150)
-    estimate = own.estimate(15.0)
-    assert estimate is not None
     sent = [(tick * PERIOD_S + 0.25, 2.0 * np.sin(0.5 * tick * PERIOD_S), 0.3 * tick * PERIOD_S) for tick in range(151)]
     time_s = 15.0
     while time_s < 15.0 + ahead_s - 1e-9:
@@ -186,7 +184,7 @@ def test_the_motion_is_predicted_through_the_setpoints_on_their_way(ahead_s: flo
         _, x, y = [entry for entry in sent if entry[0] <= time_s + 1e-9][-1]
         truth = exact_step(DELAYED, until_s - time_s).advance(truth, np.array([x, y]), np.zeros(2))
         time_s = until_s
-    assert own.predicted_motion(estimate, 15.0 + ahead_s) == pytest.approx(truth, abs=2e-3)
+    assert own.predicted(15.0 + ahead_s, 0.0)[:4] == pytest.approx(truth, abs=2e-3)
 
 
 def test_there_is_no_estimate_before_telemetry_and_none_before_its_time() -> None:
@@ -255,3 +253,51 @@ def test_a_plant_that_is_another_resets_the_filter_but_is_no_jump() -> None:
         own.measure(telemetry(5.0 + time_s, np.array([1.5 * time_s**2, 0.0, 3.0 * time_s, 0.0])))
     assert own.resets >= 1
     assert own.jumps == 0
+
+
+def circled(own: OwnFilter, plant: Plant, *, rate_rad_s: float, duration_s: float) -> np.ndarray:
+    """Let `plant` follow a setpoint that circles at 2 m and drifts by 0.3 m/s; return how far predictions were off."""
+    motion, off, told = np.zeros(4), [], None
+    for tick in range(round(duration_s / PERIOD_S)):
+        now_s = tick * PERIOD_S
+        own.measure(telemetry(now_s, motion))
+        if told is not None:
+            off.append(motion - told)
+        angle = rate_rad_s * now_s
+        setpoint = np.array([2.0 * np.cos(angle) + 0.3 * now_s, 2.0 * np.sin(angle)])
+        own.command(now_s, setpoint)
+        motion = exact_step(plant, PERIOD_S).advance(motion, setpoint, np.array([0.1, -0.2]))
+        told = own.predicted(now_s + PERIOD_S, 0.0)[:4]
+    return np.array(off)
+
+
+def test_what_a_wrong_plant_errs_by_on_a_circle_is_found_without_a_lag() -> None:
+    # Each axis is wrong by another share: no disturbance that turns as a whole would do.
+    wrong = Plant(
+        PlantAxis(PLANT.x.a0_per_s2 * 1.2, PLANT.x.a1_per_s), PlantAxis(PLANT.y.a0_per_s2, PLANT.y.a1_per_s * 0.7)
+    )
+    errors = {}
+    for rate_rad_s in (0.0, 0.2):
+        own = OwnFilter(PLANT, SETTINGS)
+        own.turn_disturbance(rate_rad_s)
+        errors[rate_rad_s] = np.abs(circled(own, wrong, rate_rad_s=0.2, duration_s=200.0)[-300:]).max()
+    assert errors[0.2] < 2e-4
+    assert errors[0.0] > 10.0 * errors[0.2], "a disturbance that is taken to stand still lags"
+
+
+def test_the_swinging_part_is_not_lost_when_the_ring_is_left() -> None:
+    own = OwnFilter(PLANT, SETTINGS)
+    own.turn_disturbance(0.2)
+    circled(own, Plant(PLANT.x, PlantAxis(PLANT.y.a0_per_s2, PLANT.y.a1_per_s * 0.7)), rate_rad_s=0.2, duration_s=100.0)
+    before = own.predicted(100.0, 0.0)
+    own.turn_disturbance(0.0)
+    assert own.predicted(100.0, 0.0)[4:] == pytest.approx(before[4:], abs=0.02)
+
+
+def test_a_plant_that_is_another_lowers_the_authority_and_one_that_is_right_does_not() -> None:
+    own = settled()
+    assert own.authority == 1.0
+    for tick in range(1, 31):
+        time_s = tick * PERIOD_S
+        own.measure(telemetry(5.0 + time_s, np.array([1.5 * time_s**2, 0.0, 3.0 * time_s, 0.0])))
+    assert own.authority < 0.5

@@ -1,0 +1,45 @@
+"""The true motion: limits, wind and a wandering estimate against what they come to in the end."""
+
+import numpy as np
+import pytest
+
+from estimation.plant import Plant, PlantAxis
+from estimation.state import Vector
+from sitl.body import Body
+from sitl.nature import IDEAL, Nature
+from sitl.shaping import ShapeLimits
+
+PLANT = Plant(PlantAxis(0.8, 0.9), PlantAxis(0.5, 1.2), 0.1)
+
+
+def flown(nature: Nature, setpoint_m: tuple[float, float], *, off_m: tuple[float, float] = (0.0, 0.0)) -> Vector:
+    """Return the motions (T, 4) over 40 s at 20 Hz, from rest at (1, 2)."""
+    body = Body(PLANT, (1.0, 2.0), 8.0, (0.0, 0.0), nature, np.random.default_rng(0))
+    body.command(0.0, np.array(setpoint_m))
+    motions = []
+    for tick in range(800):
+        body.advance(tick * 0.05, (tick + 1) * 0.05, off_m)
+        motions.append(body.motion)
+    return np.array(motions)
+
+
+def test_wide_limits_leave_the_motion_as_it_is() -> None:
+    wide = flown(Nature(ShapeLimits(50.0, 50.0, 1e6)), (4.0, -1.0))
+    np.testing.assert_allclose(wide[::2], flown(IDEAL, (4.0, -1.0))[::2], atol=0.02)
+
+
+def test_limits_hold_in_speed_acceleration_and_in_the_end() -> None:
+    motions = flown(Nature(ShapeLimits(2.0, 1.0, 5.0)), (21.0, 2.0))
+    assert 1.8 < np.abs(motions[:, 2]).max() <= 2.0
+    assert np.abs(np.diff(motions[:, 2])).max() / 0.05 <= 1.0 + 1e-6
+    assert motions[-1] == pytest.approx([21.0, 2.0, 0.0, 0.0], abs=0.05)
+
+
+def test_a_steady_wind_moves_the_vehicle_by_drag_over_stiffness() -> None:
+    last = flown(Nature(wind_m_s=(8.0, -4.0), drag_per_s=0.05), (1.0, 2.0))[-1]
+    assert last == pytest.approx([1.0 + 0.4 / 0.8, 2.0 - 0.2 / 0.5, 0.0, 0.0], abs=1e-3)
+
+
+def test_a_vehicle_steers_its_estimate_to_the_setpoint_not_itself() -> None:
+    last = flown(IDEAL, (4.0, -1.0), off_m=(0.3, -0.2))[-1]
+    assert last[:2] == pytest.approx([4.0 - 0.3, -1.0 + 0.2], abs=1e-3)
