@@ -44,8 +44,8 @@ class EncirclementPlanner:
         self._settings = config.encirclement
         self._clearance_rad = config.clearance_rad
         spacing_weight = self._settings.lag_weight + self._settings.lead_weight
-        self._alone = _lmpc(self._settings, 0.0)
-        self._spaced = _lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
+        self._alone = ring_lmpc(self._settings, 0.0)
+        self._spaced = ring_lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
         times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
         self._drift_rad: Vector = np.asarray(self._settings.angular_rate_rad_s * times_s, dtype=np.float64)
         self._on_ring = np.zeros((self._settings.horizon, 4))
@@ -144,7 +144,7 @@ class EncirclementPlanner:
         return Bounds(-limit, limit, lowest, highest)
 
 
-def _lmpc(settings: EncirclementSettings, spacing_weight: float) -> Lmpc:
+def ring_lmpc(settings: EncirclementSettings, spacing_weight: float) -> Lmpc:
     """Build the LMPC of two double integrators in [r phi r' phi'] with inputs [r'' phi''] - (12)."""
     step_s = settings.prediction_step_s
     transition = np.eye(4)

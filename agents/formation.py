@@ -42,16 +42,7 @@ class FormationPlanner:
         self._lead_max_m = config.safety.setpoint_lead_max_m
         self._horizon = settings.horizon
         self._relative_setpoint_m: Vector | None = None
-        step = exact_step(config.plant, settings.prediction_step_s)
-        self._lmpc = Lmpc(
-            step.transition,
-            step.input_gain,
-            horizon=settings.horizon,
-            control_horizon=settings.control_horizon,
-            state_weight=np.diag([settings.position_weight] * 2 + [settings.velocity_weight] * 2),
-            increment_weight=np.full(2, settings.increment_weight),
-            constrained_states=_CONSTRAINED,
-        )
+        self._lmpc = formation_lmpc(config)
 
     def reset(self) -> None:
         """Forget the last relative setpoint: predecessor or tactic have changed."""
@@ -84,6 +75,21 @@ class FormationPlanner:
         highest[:] = self._speed_max_m_s - predecessor.motion[VELOCITY]
         lowest[:] = -self._speed_max_m_s - predecessor.motion[VELOCITY]
         return Bounds(from_vehicle - self._lead_max_m, from_vehicle + self._lead_max_m, lowest, highest)
+
+
+def formation_lmpc(config: AgentConfig) -> Lmpc:
+    """Build the LMPC of the error dynamics: the plant's own, in [e_x e_y e_x' e_y'] with inputs relative setpoints."""
+    settings = config.formation
+    step = exact_step(config.plant, settings.prediction_step_s)
+    return Lmpc(
+        step.transition,
+        step.input_gain,
+        horizon=settings.horizon,
+        control_horizon=settings.control_horizon,
+        state_weight=np.diag([settings.position_weight] * 2 + [settings.velocity_weight] * 2),
+        increment_weight=np.full(2, settings.increment_weight),
+        constrained_states=_CONSTRAINED,
+    )
 
 
 def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float) -> Predecessor:

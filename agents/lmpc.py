@@ -42,6 +42,17 @@ class Plan(msgspec.Struct, frozen=True):
         return np.asarray(self.inputs[0], dtype=np.float64)
 
 
+class Gains(msgspec.Struct, frozen=True):
+    """The first input where no bound binds: `state @ x + reference @ r + previous @ u`, r the same at all samples.
+
+    Shapes (m, n), (m, n) and (m, m).
+    """
+
+    state: Vector
+    reference: Vector
+    previous: Vector
+
+
 class Bounds(msgspec.Struct, frozen=True):
     """Bounds of one solve: inputs (m,) each way, and the constrained states (horizon, k) each way."""
 
@@ -82,6 +93,13 @@ class Lmpc:
         self._lower, self._upper = np.empty((2, control_horizon * inputs + len(rows)))
         self._rows = np.vstack([np.eye(control_horizon * inputs), forced[rows]])
         self._solver = _SoftQp(hessian, forced[rows])
+
+    @property
+    def gains(self) -> Gains:
+        """The linear feedback that the optimum is as long as no bound binds."""
+        first = self._interior[: self._inputs]
+        by_sample = (first @ self._gradient_by_reference).reshape(self._inputs, -1, self._gradient_by_state.shape[1])
+        return Gains(first @ self._gradient_by_state, by_sample.sum(axis=1), first @ self._gradient_by_previous)
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Plan:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""

@@ -43,7 +43,7 @@ def spaced_rate_rad_s(place: RingPlace, rate_rad_s: float, gain_per_s: float) ->
     """
     if place.lead_rad is None or place.lag_rad is None:
         return rate_rad_s
-    return rate_rad_s + _scaled_gain_per_s(place.members, gain_per_s) / 3.0 * (place.lead_rad - place.lag_rad)
+    return rate_rad_s + scaled_gain_per_s(place.members, gain_per_s) / 3.0 * (place.lead_rad - place.lag_rad)
 
 
 def spacing_decay_per_s(members: int, gain_per_s: float) -> float:
@@ -51,10 +51,10 @@ def spacing_decay_per_s(members: int, gain_per_s: float) -> float:
 
     It is the gain itself, but on a ring so large that the bound on the fastest mode holds it back.
     """
-    return 2.0 / 3.0 * _scaled_gain_per_s(members, gain_per_s) * (1.0 - cos(tau / members))
+    return 2.0 / 3.0 * scaled_gain_per_s(members, gain_per_s) * (1.0 - cos(tau / members))
 
 
-def _scaled_gain_per_s(members: int, gain_per_s: float) -> float:
+def scaled_gain_per_s(members: int, gain_per_s: float) -> float:
     """Return gamma for which the slowest of the ring modes `(2 gamma / 3) (1 - cos(2 pi k / n))` decays at the gain.
 
     It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would be more than a vehicle can follow.

@@ -8,7 +8,8 @@ from math import exp
 RISE_S, FALL_S = 1.0, 6.0
 """Over how long the average is taken: doubt comes fast and goes slowly."""
 TRUSTED, DOUBTED = 4.0, 16.0
-"""Up to twice the errors expected a filter has full authority; from four times on it has the least."""
+"""Averages up to which a filter has full authority, and from which it has the least. As doubt comes faster than it
+goes, errors as expected average to 1.7: these are errors of one and a half times and of three times as much."""
 AUTHORITY_LEAST = 0.1
 
 

@@ -11,7 +11,7 @@ RESULT = Group("Result")
 MissionName = Annotated[
     str,
     Parameter(
-        help="A bundled mission (case1, case2, case2-field, ardupilot-trio, px4-trio, mixed-team), or a TOML file."
+        help="A bundled mission (case1, case2, case2-field, shaped-trio, px4-trio, ardupilot-trio, mixed-team), or a file."
     ),
 ]
 RunningMission = Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")]

@@ -119,10 +119,10 @@ class LinkSection(Settings):
 
 
 class SimulationSection(Settings):
-    """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise, a steady push `wind_m_s2`. The
-    other keys are for `cordon sim` alone: bounds that shape every motion, a wind by its speed (it pushes and drags)
-    with Dryden `gusts`, an estimator that wanders (standard deviation per axis), and telemetry at a rate of its own
-    instead of one sample at every tick.
+    """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise, a steady push `wind_m_s2`.
+    All other keys are for `cordon sim` alone: bounds that shape every motion; a wind by its speed, which pushes and
+    drags, with Dryden `gusts`; an estimator that wanders (standard deviation per axis); and telemetry at a rate of its
+    own instead of one sample at every tick.
     """
 
     position_noise_m: float = Field(0.0, ge=0.0, le=10.0)

@@ -26,6 +26,7 @@ from agents.settings import (
 )
 from estimation.plant_file import PlantFileError, PlantShelf
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+from gcs.control_loops import kept_up, unstable_loops
 from gcs.excitation import excitation_faults, excited, limits_rise
 from gcs.exits import InputError
 from gcs.mission import (
@@ -131,6 +132,8 @@ def parse_mission(text: str, folder: Path, plant_texts: Mapping[str, str] | None
     sections.pop("decision")
     complete = tuple(resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
     mission = Mission(**sections, vehicles=complete, text=text, plant_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
+    if unstable := list(unstable_loops(mission)):
+        raise MissionError(unstable)
     return mission if excites is None else _excited(mission, excites)
 
 
@@ -244,7 +247,7 @@ def _cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVe
     if isinstance(frame, FrameSection):
         yield from _located(frame, known)
     link = sections.get("link")
-    yield from _kept_up(sections.get("mission"), link)
+    yield from kept_up(sections.get("mission"), link)
     if isinstance(link, LinkSection):
         yield from fed_as_told(link, vehicles)
     yield from _way_home(known, sections.get("choreography"))
@@ -357,16 +360,6 @@ def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) ->
     for i, vehicle in vehicles:
         if vehicle.origin_m is not None and not frame.local:
             yield f"vehicles[{i}].origin_m: with a [frame] on Earth the vehicle says itself where its origin is"
-
-
-def _kept_up(mission: Settings | None, link: Settings | None) -> Iterator[str]:
-    if not (isinstance(mission, MissionSection) and isinstance(link, LinkSection)):
-        return
-    if link.setpoint_rate_hz is not None and link.setpoint_rate_hz > mission.rate_hz:
-        yield (
-            f"link.setpoint_rate_hz: {link.setpoint_rate_hz} Hz is more than mission.rate_hz = {mission.rate_hz} Hz: "
-            "the loop makes no more setpoints; leave it out to send every one"
-        )
 
 
 def _within_reach(ring: EncirclementSettings) -> Iterator[str]:

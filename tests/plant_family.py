@@ -199,9 +199,9 @@ class Flown:
 
     def __str__(self) -> str:
         return (
-            f"radius {self.radius_rms_m:.3f} m rms (worst vehicle {self.worst_radius_rms_m:.3f}, bias {self.bias_m:+.3f}, "
-            f"most {self.strayed_m:.2f}), rate {self.rate_error:+.2%}, spacing {self.spacing_rms_deg:.2f} deg rms: "
-            f"{self.name}{' - left the ring' if self.diverged else ''}"
+            f"radius {self.radius_rms_m:.3f} m rms (worst vehicle {self.worst_radius_rms_m:.3f}, "
+            f"bias {self.bias_m:+.3f}, most {self.strayed_m:.2f}), rate {self.rate_error:+.2%}, "
+            f"spacing {self.spacing_rms_deg:.2f} deg rms: {self.name}{' - left the ring' if self.diverged else ''}"
         )
 
 
@@ -283,7 +283,7 @@ def _told(title: str, flights: list[Flown], held: Callable[[Flown], bool]) -> in
     )
     print("  largest radius error:", *sorted(flights, key=lambda flight: -flight.radius_rms_m)[:3], sep="\n    ")
     print("  largest error of rate:", *sorted(flights, key=lambda flight: -abs(flight.rate_error))[:3], sep="\n    ")
-    print("  not held:", *failed or ["none"], sep="\n    ", flush=True)
+    print(f"  not held: {len(failed)}", *failed, sep="\n    ", flush=True)
     return len(failed)
 
 

@@ -21,7 +21,7 @@ from gcs.mission_file import MissionError, bundled_missions, load_mission, parse
 from tests.conftest import MISSIONS
 from tests.mission_text import CASE2, Content, Place, content, drop, faults, parsed, places, put, shown, text_of
 
-BUNDLED = ["ardupilot-trio", "case1", "case2", "case2-field", "crossing", "mixed-team", "px4-trio"]
+BUNDLED = ["ardupilot-trio", "case1", "case2", "case2-field", "crossing", "mixed-team", "px4-trio", "shaped-trio"]
 VEHICLES = ("vehicles[0]", "vehicles[1]", "vehicles[2]")
 
 
