@@ -10,9 +10,7 @@ RESULT = Group("Result")
 
 MissionName = Annotated[
     str,
-    Parameter(
-        help="A bundled mission (case1, case2, case2-field, shaped-trio, px4-trio, ardupilot-trio, mixed-team), or a file."
-    ),
+    Parameter(help="A bundled mission (case1, case2, case2-field, shaped-trio, px4-trio and others), or a TOML file."),
 ]
 RunningMission = Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")]
 Seed = Annotated[
