@@ -246,7 +246,16 @@ def team(absences: Sequence[Absence]) -> tuple[SimulatedFlight, Recorder, list[R
         return cores[-1]
 
     absent = SimulatedVehicle(
-        cores[0], PLANT, (1.0, -2.0), 8.0, Sensor(), TelemetryNoise(), (0.0, 0.0), (0, 2, 1), absences, new_core
+        cores[0],
+        PLANT,
+        (1.0, -2.0),
+        8.0,
+        Sensor(),
+        TelemetryNoise(),
+        (0.0, 0.0),
+        (0, 2, 1),
+        absences=absences,
+        new_core=new_core,
     )
     return fly([vehicle(other), absent], 40.0), other, cores
 
