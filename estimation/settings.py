@@ -28,10 +28,17 @@ class OwnFilterSettings(Settings):
 
 
 class TargetFilterSettings(Settings):
-    """Constant-velocity model of the target: its acceleration, and how outliers and late sightings are met."""
+    """Constant-velocity model of the target: its acceleration, and how outliers and late sightings are met.
+
+    Once sightings clearly lean to one side, the velocity may have changed by the manoeuvre's, and for some time after
+    the acceleration grows by it. A target out of sight keeps its velocity for about `coast_s`.
+    """
 
     acceleration_noise_m_s2: float = Field(0.02, gt=0.0, le=10.0)
+    manoeuvre_acceleration_m_s2: float = Field(0.5, ge=0.0, le=20.0)
+    manoeuvre_speed_m_s: float = Field(1.5, gt=0.0, le=20.0)
     velocity_prior_m_s: float = Field(1.0, gt=0.0, le=20.0)
+    coast_s: float = Field(2.0, gt=0.0, le=60.0)
     gate_sigma: float = Field(4.0, gt=1.0, le=20.0)
     gate_timeout_s: float = Field(2.0, gt=0.0, le=60.0)
     late_max_s: float = Field(1.0, ge=0.0, le=10.0)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from math import nan
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +11,8 @@ from hypothesis import strategies as st
 
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting, TargetEstimate, Vector
-from estimation.target import TargetFilter
+from estimation.target import HISTORY_MAX, TargetFilter
+from tests.target_tracks import KINDS, Track, sightings, track
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -195,3 +197,111 @@ def test_one_outlier_after_a_pause_is_an_outlier() -> None:
     target.sight(sighting(7.5, (1000.0, 0.0)))
     target.sight(sighting(7.7, (0.0, 0.0)))
     assert mean_of(target, 7.7)[0] == pytest.approx(0.0, abs=0.1)
+
+
+# Targets that manoeuvre
+
+
+def of_track(kind: str, seed: int, **conditions: float) -> tuple[Track, list[Sighting]]:
+    seen = track(kind, seed)
+    return seen, sightings(seen, seed, **conditions)
+
+
+def watched(seen: Track, told: Sequence[Sighting]) -> tuple[TargetFilter, Vector, Vector]:
+    """A filter, its errors (T, 4) just before each sighting after 5 s, and their normalised squares (T,)."""
+    target, errors, squares = TargetFilter(SETTINGS), [], []
+    for one in told:
+        if one.time_s > 5.0:
+            estimate = target.estimate(one.time_s)
+            assert estimate is not None
+            errors.append(estimate.mean - seen.at(one.time_s))
+            squares.append(errors[-1][:2] @ np.linalg.inv(estimate.covariance[:2, :2]) @ errors[-1][:2])
+        target.sight(one)
+    return target, np.array(errors), np.array(squares)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_target_that_manoeuvres_is_followed_to_half_a_metre_through_outliers(kind: str) -> None:
+    target, errors, _ = watched(*of_track(kind, 1))
+    assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) <= 0.5
+    assert target.resets == 0
+    assert target.refused > 30
+
+
+def test_what_is_believed_of_a_steady_target_is_as_uncertain_as_it_says() -> None:
+    """Chi-squared with two degrees of freedom: sightings fade out of the belief, so that few errors are independent."""
+    squares = [watched(*of_track("steady", seed, outliers=0.0))[2].mean() for seed in range(3)]
+    assert 1.0 <= np.mean(squares) <= 3.0
+
+
+def test_innovations_of_a_steady_target_are_as_large_as_expected() -> None:
+    _, told = of_track("steady", 3, outliers=0.0)
+    target, squares = TargetFilter(SETTINGS), []
+    for one in told:
+        estimate = target.estimate(one.time_s)
+        if estimate is not None and one.time_s > 5.0:
+            spread = estimate.covariance[:2, :2] + noise_of(one)
+            off = np.array(one.position_m) - estimate.mean[:2]
+            squares.append(off @ np.linalg.inv(spread) @ off)
+        target.sight(one)
+    assert np.mean(squares) == pytest.approx(2.0, abs=4.0 * 2.0 / len(squares) ** 0.5)
+
+
+def test_a_turn_seen_by_accurate_sensors_is_no_outlier() -> None:
+    target, errors, _ = watched(*of_track("turns", 2, noise_m=0.05, outliers=0.0))
+    assert target.resets == 0
+    assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) <= 0.25
+
+
+@pytest.mark.parametrize("kind", ["turns", "stop and go"])
+def test_late_sightings_change_nothing_even_through_turns_and_outliers(kind: str) -> None:
+    _, told = of_track(kind, 4)
+    random = np.random.default_rng(4)
+    late_s = {sensor: SETTINGS.late_max_s * 0.45 * sensor / 3 for sensor in (1, 2, 3)}
+    arrival = sorted(told, key=lambda one: one.time_s + late_s[one.sensor_id] + random.uniform(0.0, 0.4))
+    one, other = TargetFilter(SETTINGS), TargetFilter(SETTINGS)
+    for seen in told:
+        one.sight(seen)
+    for seen in arrival:
+        other.sight(seen)
+    assert other.late > len(told) / 3
+    in_order, as_it_came = one.estimate(81.0), other.estimate(81.0)
+    assert in_order is not None
+    assert as_it_came is not None
+    assert as_it_came.mean.tolist() == in_order.mean.tolist()
+    assert as_it_came.covariance.tolist() == in_order.covariance.tolist()
+
+
+def test_a_silent_sensor_and_one_of_other_accuracy_are_made_up_for() -> None:
+    seen, told = of_track("turns", 5)
+    told = [one for one in told if one.sensor_id != 3 or not 20.0 < one.time_s < 60.0]
+    told = [msgspec.structs.replace(one, covariance_m2=(1.0, 0.0, 1.0)) if one.sensor_id == 2 else one for one in told]
+    _, errors, _ = watched(seen, told)
+    assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) <= 0.5
+
+
+def test_a_target_out_of_sight_goes_on_then_rests_and_may_be_ever_farther_off() -> None:
+    target = TargetFilter(SETTINGS.model_copy(update={"stale_after_s": 60.0}))
+    for tick in range(50):
+        target.sight(sighting(tick * 0.2, (2.0 * tick * 0.2, 0.0)))
+    gone_s = 9.8
+    later = [target.estimate(gone_s + after_s) for after_s in (0.0, 1.0, 3.0, 10.0, 20.0)]
+    x = [one.mean[0] - 2.0 * gone_s for one in later if one is not None]
+    speeds = [one.mean[2] for one in later if one is not None]
+    sigmas = [one.covariance[0, 0] ** 0.5 for one in later if one is not None]
+    assert x[1] == pytest.approx(2.0, abs=0.1)
+    assert x[4] == pytest.approx(2.0 + 2.0 * SETTINGS.coast_s, abs=0.1)
+    assert speeds[1] == pytest.approx(2.0, abs=0.1)
+    assert speeds[4] == pytest.approx(0.0, abs=0.01)
+    assert np.diff(sigmas).min() > 0.0
+    assert sigmas[4] > 5.0
+
+
+def test_a_flood_of_sightings_is_forgotten_as_it_comes() -> None:
+    target = TargetFilter(SETTINGS)
+    for tick in range(3 * HISTORY_MAX):
+        target.sight(sighting(tick * 1e-3, (0.0, 0.0)))
+    target.sight(sighting(0.4, (0.001, 0.0)))
+    assert target.refused == 1
+    target.sight(sighting(0.7, (0.001, 0.0)))
+    assert (target.refused, target.late) == (1, 1)
