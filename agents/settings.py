@@ -16,7 +16,8 @@ def pair(value: object) -> object:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _pairs(value: object) -> object:
+def pairs(value: object) -> object:
+    """Return a list of lists as a tuple of tuples."""
     return tuple(map(pair, value)) if isinstance(value, list) else value
 
 
@@ -86,7 +87,7 @@ class SafetySettings(Settings):
     separation_m: float = Field(1.0, gt=0.0, le=100.0)
     vertical_separation_m: float = Field(2.0, gt=0.0, le=100.0)
     keep_out_m: float = Field(0.0, ge=0.0, le=1000.0)
-    fence_m: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_pairs)] = ()
+    fence_m: Annotated[tuple[tuple[float, float], ...], BeforeValidator(pairs)] = ()
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)

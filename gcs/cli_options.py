@@ -10,7 +10,10 @@ RESULT = Group("Result")
 
 MissionName = Annotated[
     str,
-    Parameter(help="A bundled mission (case1, case2, case2-field, shaped-trio, px4-trio and others), or a TOML file."),
+    Parameter(
+        help="A bundled mission (case1, case2, case2-field, case3-turns, shaped-trio, px4-trio and others), or "
+        "a TOML file."
+    ),
 ]
 RunningMission = Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")]
 Seed = Annotated[

@@ -8,19 +8,26 @@ from sitl.nature import Nature
 from sitl.pace import PaceModel
 from sitl.shaping import ShapeLimits
 from sitl.wander import WanderModel
-from sitl.world import SensorModel, SimulatedSensor, TargetMotion
+from sitl.world import SensorModel, SimulatedSensor
 
-
-def target_motion(mission: Mission) -> TargetMotion:
-    """Return how the mission's simulated target moves."""
-    return TargetMotion(mission.target.start_m, mission.target.velocity_m_s)
+_SEES_NOTHING_M = -1.0
 
 
 def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) -> SimulatedSensor:
-    """Return the sensor of one vehicle; the target sets out at `start_s`."""
-    target, sensor = mission.target, mission.target.sensor
-    model = SensorModel(sensor.range_m, sensor.rate_hz, sensor.noise_m, target.importance, target.threat)
-    return SimulatedSensor(vehicle_id, model, target_motion(mission), start_s, seed)
+    """Return the sensor of one vehicle; the target sets out at `start_s`. One that others see no sensor here sees."""
+    target, sensor = mission.target, mission.sensor(vehicle_id)
+    model = SensorModel(
+        sensor.range_m if target.source == "simulated" else _SEES_NOTHING_M,
+        sensor.rate_hz,
+        sensor.noise_m,
+        target.importance,
+        target.threat,
+        sensor.outlier_share,
+        sensor.outlier_m,
+        sensor.delay_s,
+        sensor.blind_s,
+    )
+    return SimulatedSensor(vehicle_id, model, target.motion, start_s, seed)
 
 
 def simulated_nature(mission: Mission) -> Nature:

@@ -11,7 +11,6 @@ from agents.messages import MemberState
 from agents.outputs import CoreStatus
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.chronicle import Chronicle
-from gcs.compose import target_motion
 from gcs.mission import Mission
 from gcs.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from sitl.server import TruthTrack
@@ -100,7 +99,7 @@ class Journal:
             for vehicle_id in mission.ids
             if vehicle_id in self._seen
         )
-        target = target_motion(mission)
+        target = mission.target.motion
         return FlightRecord(
             mission=mission.mission.name,
             seed=mission.mission.seed if seed is None else seed,
@@ -108,7 +107,7 @@ class Journal:
             reference="truth" if truth else "estimate",
             time_s=time_s,
             target_position_m=np.array([target.position_m(at_s) for at_s in time_s.tolist()]),
-            target_velocity_m_s=np.tile(target.velocity_m_s, (time_s.size, 1)),
+            target_velocity_m_s=np.array([target.velocity_at_m_s(at_s) for at_s in time_s.tolist()]),
             vehicles=tracks,
             loop=LoopStatistics(mission.mission.rate_hz, ticks, missed, np.array(self._tick_us)),
             wall_time_s=wall_time_s,

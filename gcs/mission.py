@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from agents.settings import (
     AgentConfig,
@@ -17,11 +17,13 @@ from agents.settings import (
     FormationSettings,
     SafetySettings,
     pair,
+    pairs,
 )
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.identification import Identification
 from estimation.plant import Plant
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+from sitl.world import Leg, TargetMotion
 
 
 def _port(url: str) -> str:
@@ -48,6 +50,8 @@ Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
 Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(pair)]
 Velocity = Annotated[float, Field(ge=-20.0, le=20.0)]
 Velocity2 = Annotated[tuple[Velocity, Velocity], BeforeValidator(pair)]
+Interval = tuple[Annotated[float, Field(ge=0.0, le=86400.0)], Annotated[float, Field(ge=0.0, le=86400.0)]]
+Intervals = Annotated[tuple[Interval, ...], BeforeValidator(pairs)]
 Acceleration = Annotated[float, Field(ge=-10.0, le=10.0)]
 Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pair)]
 
@@ -76,22 +80,72 @@ class FrameSection(Settings):
 
 
 class SensorSection(Settings):
-    """`[target.sensor]`: how far, how often and how well a vehicle sees the simulated target."""
+    """`[target.sensor]`: how far, how often and how well a vehicle sees the simulated target. A share of the
+    sightings are outliers, off by `outlier_m` to some side; they are told `delay_s` late, and there are none from one
+    mission time to another of `blind_s`.
+    """
 
     range_m: float = Field(gt=0.0, le=10000.0)
     rate_hz: float = Field(5.0, gt=0.0, le=50.0)
     noise_m: float = Field(0.0, ge=0.0, le=100.0)
+    outlier_share: float = Field(0.0, ge=0.0, le=0.5)
+    outlier_m: float = Field(10.0, gt=0.0, le=1000.0)
+    delay_s: float = Field(0.0, ge=0.0, le=5.0)
+    blind_s: Intervals = ()
+
+
+class SensorChange(Settings):
+    """`sensor` of a vehicle: what its own sensor does otherwise than `[target.sensor]` says."""
+
+    range_m: float | None = Field(None, gt=0.0, le=10000.0)
+    rate_hz: float | None = Field(None, gt=0.0, le=50.0)
+    noise_m: float | None = Field(None, ge=0.0, le=100.0)
+    outlier_share: float | None = Field(None, ge=0.0, le=0.5)
+    outlier_m: float | None = Field(None, gt=0.0, le=1000.0)
+    delay_s: float | None = Field(None, ge=0.0, le=5.0)
+    blind_s: Intervals | None = None
+
+
+class LegSection(Settings):
+    """`[[target.legs]]`: a straight piece of the simulated target's way, and how long it stays at its end."""
+
+    to_m: Metres2
+    speed_m_s: float = Field(gt=0.0, le=20.0)
+    pause_s: float = Field(0.0, ge=0.0, le=3600.0)
 
 
 class TargetSection(Settings):
-    """`[target]`: where the target is, how it moves, and how important and dangerous it is held to be."""
+    """`[target]`: where the target is, how it moves, and how important and dangerous it is held to be. It moves at one
+    velocity, or along its `legs` one after the other, `rounds` times, and then stays. With source "external" nobody
+    simulates it: sightings come over the bus (docs/target.md), and its motion here is only planned with. With "mavlink"
+    it is the vehicle `system_id` on `url`; how often and how well that knows its place is the sensor's rate and noise.
+    """
 
-    source: Literal["simulated"] = "simulated"
+    source: Literal["simulated", "external", "mavlink"] = "simulated"
+    url: Annotated[str, AfterValidator(_port)] | None = None
+    system_id: int | None = Field(None, ge=1, le=254)
     start_m: Metres2
     velocity_m_s: Velocity2 = (0.0, 0.0)
+    legs: Annotated[tuple[LegSection, ...], BeforeValidator(pair)] = ()
+    rounds: int = Field(1, ge=1, le=1000)
     importance: float = Field(ge=0.0, le=1.0)
     threat: float = Field(ge=0.0, le=1.0)
     sensor: SensorSection
+
+    @model_validator(mode="after")
+    def _is_one_target(self) -> Self:
+        if self.legs and self.velocity_m_s != (0.0, 0.0):
+            raise ValueError("a target with legs has no velocity_m_s: leave one of them out")
+        named = self.url is not None and self.system_id is not None
+        if named != (self.source == "mavlink") or (self.url is None) != (self.system_id is None):
+            raise ValueError('a target with source = "mavlink", and no other, has a url and a system_id')
+        return self
+
+    @property
+    def motion(self) -> TargetMotion:
+        """How the simulated target moves."""
+        legs = tuple(Leg(leg.to_m, leg.speed_m_s, leg.pause_s) for leg in self.legs)
+        return TargetMotion(self.start_m, self.velocity_m_s, legs, self.rounds)
 
 
 class NetworkSection(Settings):
@@ -173,6 +227,7 @@ class VehicleSection(Settings):
     autopilot: Literal["px4", "ardupilot"] = "px4"
     true_scale: TrueScale = TrueScale()
     decision: DecisionSettings | None = None
+    sensor: SensorChange | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +297,11 @@ class Mission:
             if vehicle.id == vehicle_id:
                 return vehicle
         raise KeyError(vehicle_id)
+
+    def sensor(self, vehicle_id: int) -> SensorSection:
+        """Return how one vehicle sees the simulated target."""
+        change = self.vehicle(vehicle_id).section.sensor
+        return self.target.sensor.model_copy(update={} if change is None else change.model_dump(exclude_none=True))
 
     def mission_frame(self) -> MissionFrame:
         """Return the frame the mission is written in."""

@@ -184,7 +184,7 @@ def _place(path: str, below: Sequence[int | str]) -> str:
 
 def _known_keys(model: type[Settings], parents: Sequence[int | str]) -> list[str]:
     """Return the keys of a table somewhere below a section."""
-    for key in parents:
+    for key in filter(lambda part: isinstance(part, str), parents):
         annotation = model.model_fields[str(key)].annotation
         kinds = (annotation, *get_args(annotation))
         model = next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Settings))
@@ -370,7 +370,7 @@ def _within_reach(ring: EncirclementSettings) -> Iterator[str]:
 
 
 def _fast_enough(ring: EncirclementSettings, target: TargetSection) -> Iterator[str]:
-    needed = abs(ring.angular_rate_rad_s) * ring.radius_m + hypot(*target.velocity_m_s)
+    needed = abs(ring.angular_rate_rad_s) * ring.radius_m + target.motion.speed_max_m_s
     if needed > ring.speed_max_m_s:
         yield (
             f"encirclement.angular_rate_rad_s: {ring.angular_rate_rad_s} rad/s at {ring.radius_m} m about this target "

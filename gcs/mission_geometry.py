@@ -2,9 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, pairwise
-from math import dist, hypot
-
-import numpy as np
+from math import dist
 
 from agents.fence import Fence
 from agents.settings import EncirclementSettings, FormationSettings, SafetySettings
@@ -134,9 +132,7 @@ def _sound(corners: Sequence[tuple[float, float]]) -> Iterator[str]:
 
 def _around_target(fence: Fence, radius_m: float, target: TargetSection, duration_s: float) -> Iterator[str]:
     """Check target path and ring, and say when the first of them leaves the fence, and where."""
-    times_s = np.linspace(0.0, duration_s if hypot(*target.velocity_m_s) > 0.0 else 0.0, _PATH_POINTS).tolist()
-    for time_s in times_s:
-        x, y = (start + rate * time_s for start, rate in zip(target.start_m, target.velocity_m_s, strict=True))
+    for time_s, (x, y) in target.motion.path_m(duration_s, _PATH_POINTS):
         room_m = fence.clearance_m((x, y))
         if room_m < radius_m:
             what = "the target's path" if room_m < 0.0 else f"the ring of {radius_m} m around it"

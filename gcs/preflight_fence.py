@@ -44,12 +44,11 @@ def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
     start_x, start_y = vehicle.section.start_m
     if mission.excites:
         return [(start_x, start_y), *mission.safety.fence_m]
-    x_rate, y_rate = mission.target.velocity_m_s
     radius_m, duration_s = mission.encirclement.radius_m, mission.mission.duration_s
     places = [(start_x, start_y)]
-    for at_s in (duration_s * k / PATH_POINTS for k in range(PATH_POINTS + 1)):
-        places.append((start_x + mission.formation.speed_m_s * at_s, start_y))
-        x, y = mission.target.start_m[0] + x_rate * at_s, mission.target.start_m[1] + y_rate * at_s
+    times_s = [duration_s * k / PATH_POINTS for k in range(PATH_POINTS + 1)]
+    places += [(start_x + mission.formation.speed_m_s * at_s, start_y) for at_s in times_s]
+    for _, (x, y) in mission.target.motion.path_m(duration_s, PATH_POINTS + 1):
         angles = (2.0 * pi * k / RING_POINTS for k in range(RING_POINTS))
         places += [(x + radius_m * cos(angle), y + radius_m * sin(angle)) for angle in angles]
     return places

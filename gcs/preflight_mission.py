@@ -51,7 +51,7 @@ def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]
 
 def ring_speed_m_s(mission: Mission) -> float:
     """Return the highest ground speed on the ring: along it, and along with the target."""
-    return _along_ring_m_s(mission) + hypot(*mission.target.velocity_m_s)
+    return _along_ring_m_s(mission) + mission.target.motion.speed_max_m_s
 
 
 def ring_acceleration_m_s2(mission: Mission) -> float:
@@ -65,8 +65,7 @@ def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
     if mission.excites:
         return max(hypot(corner_x - x, corner_y - y) for corner_x, corner_y in mission.safety.fence_m)
     duration_s = mission.mission.duration_s
-    target, velocity = mission.target.start_m, mission.target.velocity_m_s
-    ends = (target, (target[0] + velocity[0] * duration_s, target[1] + velocity[1] * duration_s))
+    ends = [place for _, place in mission.target.motion.path_m(duration_s, 2)]
     around = max(hypot(end_x - x, end_y - y) for end_x, end_y in ends) + mission.encirclement.radius_m
     return max(around, mission.formation.speed_m_s * duration_s)
 
@@ -116,7 +115,7 @@ def _distance_error_m(mission: Mission) -> float:
 
 
 def _target_speed(mission: Mission) -> Finding:
-    ring, target_m_s = mission.encirclement, hypot(*mission.target.velocity_m_s)
+    ring, target_m_s = mission.encirclement, mission.target.motion.speed_max_m_s
     most_m_s = ring.speed_max_m_s - _along_ring_m_s(mission)
     well_rad_s = max(RESERVE * ring.speed_max_m_s - target_m_s, 0.0) / ring.radius_m
     return Finding.graded(

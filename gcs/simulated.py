@@ -11,7 +11,7 @@ from agents.core import VehicleCore
 from agents.outputs import TickOutput
 from agents.settings import AgentConfig
 from estimation.state import POSITION, VELOCITY
-from gcs.compose import simulated_nature, target_motion, target_sensor
+from gcs.compose import simulated_nature, target_sensor
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.mission import Mission
 from gcs.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
@@ -109,7 +109,7 @@ def _record(
     guard: GuardTally,
     wall_time_s: float,
 ) -> FlightRecord:
-    target = target_motion(mission)
+    target = mission.target.motion
     tracks = tuple(
         VehicleTrack(
             vehicle_id,
@@ -126,7 +126,7 @@ def _record(
         reference="truth",
         time_s=flight.time_s,
         target_position_m=np.array([target.position_m(time_s) for time_s in flight.time_s.tolist()]),
-        target_velocity_m_s=np.tile(target.velocity_m_s, (flight.time_s.size, 1)),
+        target_velocity_m_s=np.array([target.velocity_at_m_s(time_s) for time_s in flight.time_s.tolist()]),
         vehicles=tracks,
         loop=LoopStatistics(mission.mission.rate_hz, flight.tick_us.size, 0, flight.tick_us.ravel()),
         wall_time_s=wall_time_s,

@@ -1,38 +1,109 @@
 """The world around the vehicles: where the target truly is, the sensors that see it, and the wind."""
 
+from bisect import bisect_right
+from collections import deque
 from dataclasses import dataclass
-from math import hypot
+from functools import lru_cache
+from math import cos, hypot, inf, pi, sin
+from typing import NamedTuple
 
 import numpy as np
 
 from estimation.state import Sighting
 
+Pair = tuple[float, float]
+
+
+class Leg(NamedTuple):
+    """A straight piece of a target's way: where to, how fast, and for how long it stays there."""
+
+    to_m: Pair
+    speed_m_s: float
+    pause_s: float = 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class TargetMotion:
-    """A target that moves in a straight line: where it is at mission time 0, and its velocity."""
+    """How a target moves from where it is at mission time 0: at one velocity, or along legs if there are any.
 
-    start_m: tuple[float, float]
-    velocity_m_s: tuple[float, float]
+    It goes along its legs `rounds` times, and stays at the end of the last.
+    """
 
-    def position_m(self, mission_time_s: float) -> tuple[float, float]:
+    start_m: Pair
+    velocity_m_s: Pair = (0.0, 0.0)
+    legs: tuple[Leg, ...] = ()
+    rounds: int = 1
+
+    def position_m(self, mission_time_s: float) -> Pair:
         """Return where the target is; before the mission starts it waits."""
-        elapsed = max(mission_time_s, 0.0)
-        return (
-            self.start_m[0] + self.velocity_m_s[0] * elapsed,
-            self.start_m[1] + self.velocity_m_s[1] * elapsed,
-        )
+        piece, since_s = self._piece(mission_time_s)
+        return piece.from_m[0] + piece.velocity_m_s[0] * since_s, piece.from_m[1] + piece.velocity_m_s[1] * since_s
+
+    def velocity_at_m_s(self, mission_time_s: float) -> Pair:
+        """Return how it moves then, also if it has not set out yet."""
+        return self._piece(mission_time_s)[0].velocity_m_s
+
+    @property
+    def speed_max_m_s(self) -> float:
+        """The highest speed it ever has."""
+        return max(hypot(*piece.velocity_m_s) for piece in _pieces(self))
+
+    def path_m(self, until_s: float, points: int) -> list[tuple[float, Pair]]:
+        """Return times and places along its way, evenly in time, and its corners; one if it stays where it is."""
+        if self.speed_max_m_s == 0.0:
+            return [(0.0, self.start_m)]
+        corners_s = {piece.begin_s for piece in _pieces(self) if piece.begin_s <= until_s}
+        return [
+            (at_s, self.position_m(at_s)) for at_s in sorted({*np.linspace(0.0, until_s, points).tolist(), *corners_s})
+        ]
+
+    def _piece(self, mission_time_s: float) -> tuple["_Piece", float]:
+        time_s, pieces = max(mission_time_s, 0.0), _pieces(self)
+        piece = pieces[bisect_right(pieces, (time_s, (inf, inf), (inf, inf))) - 1]
+        return piece, time_s - piece.begin_s
+
+
+class _Piece(NamedTuple):
+    """A time of constant velocity: since when, from where, and how."""
+
+    begin_s: float
+    from_m: Pair
+    velocity_m_s: Pair
+
+
+@lru_cache(maxsize=64)
+def _pieces(motion: TargetMotion) -> list[_Piece]:
+    if not motion.legs:
+        return [_Piece(0.0, motion.start_m, motion.velocity_m_s)]
+    pieces, time_s, (x, y) = [], 0.0, motion.start_m
+    for leg in motion.legs * motion.rounds:
+        away_x, away_y = leg.to_m[0] - x, leg.to_m[1] - y
+        takes_s = hypot(away_x, away_y) / leg.speed_m_s
+        if takes_s > 0.0:
+            pieces.append(_Piece(time_s, (x, y), (away_x / takes_s, away_y / takes_s)))
+        time_s, (x, y) = time_s + takes_s, leg.to_m
+        pieces.append(_Piece(time_s, leg.to_m, (0.0, 0.0)))
+        time_s += leg.pause_s
+    return pieces
 
 
 @dataclass(frozen=True, slots=True)
 class SensorModel:
-    """A sensor of the target: how far and how often it sees, its noise per axis, and how it rates the target."""
+    """A sensor of the target: how far and how often it sees, its noise per axis, and how it rates the target.
+
+    A share of its sightings are outliers, off by `outlier_m` to some side. What it sees is told `delay_s` later, and
+    from one mission time to another it is blind.
+    """
 
     range_m: float
     rate_hz: float
     noise_m: float
     importance: float
     threat: float
+    outlier_share: float = 0.0
+    outlier_m: float = 0.0
+    delay_s: float = 0.0
+    blind_s: tuple[Pair, ...] = ()
 
 
 class SimulatedSensor:
@@ -48,19 +119,34 @@ class SimulatedSensor:
         self._start_s = start_s
         self._random = np.random.default_rng([seed, 1, sensor_id])
         self._due_s: float | None = None
+        self._untold: deque[Sighting] = deque()
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return a sighting when one is due and the target is within range of `position_m`."""
+        """Return the next sighting to be told, if any: the target was within range of `position_m` when it was due."""
+        seen = self._seen(now_s, position_m)
+        if seen is not None:
+            self._untold.append(seen)
+        told = self._untold and now_s >= self._untold[0].time_s + self._model.delay_s - 1e-6
+        return self._untold.popleft() if told else None
+
+    def _seen(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         due_s = now_s if self._due_s is None else self._due_s
         # A tick in advance of the due time by rounding alone still counts as on time.
         if now_s < due_s - 1e-6:
             return None
         period_s = 1.0 / self._model.rate_hz
         self._due_s = max(due_s + period_s, now_s + period_s / 2.0)
-        x, y = self._target.position_m(now_s - self._start_s)
+        mission_s = now_s - self._start_s
+        x, y = self._target.position_m(mission_s)
+        if any(begin_s <= mission_s < end_s for begin_s, end_s in self._model.blind_s):
+            return None
         if hypot(x - position_m[0], y - position_m[1]) > self._model.range_m:
             return None
         noise_x, noise_y = (self._random.standard_normal(2) * self._model.noise_m).tolist()
+        if self._model.outlier_share > 0.0 and self._random.random() < self._model.outlier_share:
+            side_rad = self._random.uniform(0.0, 2.0 * pi)
+            noise_x += self._model.outlier_m * cos(side_rad)
+            noise_y += self._model.outlier_m * sin(side_rad)
         variance = max(self._model.noise_m, self._NOISE_MIN_M) ** 2
         return Sighting(
             now_s,

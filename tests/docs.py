@@ -8,15 +8,17 @@ from pydantic_core import PydanticUndefined
 from agents.failsafe import TABLE, Reaction, Row
 from agents.tactics import diagram
 from estimation.settings import Settings
-from gcs.mission import SensorSection, TrueScale, VehicleSection
+from gcs.mission import LegSection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission_file import SECTIONS
 
 DOCS = Path(__file__).parent.parent / "docs"
 _TABLES: dict[str, type[Settings]] = {
     **{f"[{name}]": model for name, model in SECTIONS.items()},
     "[target.sensor]": SensorSection,
+    "[[target.legs]]": LegSection,
     "[[vehicles]]": VehicleSection,
     "true_scale of a vehicle": TrueScale,
+    "sensor of a vehicle": SensorChange,
 }
 _LIMITS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from agents.messages import OperatorCommand, encode
 from agents.shapes import Shape
 from estimation.state import POSITION, Vector
-from gcs.compose import target_motion
 from gcs.mission import Mission
 from gcs.simulated import simulated_vehicles
 from sitl.absence import Absence
@@ -244,7 +243,7 @@ def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Dr
     if in_formation:
         settled_s, off_m = formation_settled_s(scene, flight, stay)
         return Draw(seed, settled_s, separation_left_m(scene, flight), 0, inf, off_m)
-    target = target_motion(scene.mission)
+    target = scene.mission.target.motion
     about = np.array([target.position_m(time_s) for time_s in flight.time_s.tolist()])
     polar = (flight.motion[..., POSITION] - about[:, None]) @ np.array([1.0, 1.0j])
     ring_m = scene.mission.encirclement.radius_m

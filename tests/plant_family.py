@@ -19,7 +19,6 @@ import numpy as np
 from agents.outputs import TickOutput
 from estimation.plant import Plant, PlantAxis
 from estimation.state import POSITION, Vector
-from gcs.compose import target_motion
 from gcs.mission import Mission
 from gcs.simulated import simulated_vehicles
 from sitl.family import (
@@ -227,7 +226,7 @@ def flown(draw: Draw) -> Flown:
 
 
 def _judged(draw: Draw, flight: SimulatedFlight, *, on_ring: bool) -> Flown:
-    target, ring = target_motion(draw.mission), draw.mission.encirclement
+    target, ring = draw.mission.target.motion, draw.mission.encirclement
     late = flight.time_s >= draw.settled_s
     time_s = flight.time_s[late]
     places = np.array([target.position_m(at_s) for at_s in time_s.tolist()])

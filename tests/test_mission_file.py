@@ -21,7 +21,17 @@ from gcs.mission_file import MissionError, bundled_missions, load_mission, parse
 from tests.conftest import MISSIONS
 from tests.mission_text import CASE2, Content, Place, content, drop, faults, parsed, places, put, shown, text_of
 
-BUNDLED = ["ardupilot-trio", "case1", "case2", "case2-field", "crossing", "mixed-team", "px4-trio", "shaped-trio"]
+BUNDLED = [
+    "ardupilot-trio",
+    "case1",
+    "case2",
+    "case2-field",
+    "case3-turns",
+    "crossing",
+    "mixed-team",
+    "px4-trio",
+    "shaped-trio",
+]
 VEHICLES = ("vehicles[0]", "vehicles[1]", "vehicles[2]")
 
 
@@ -392,6 +402,34 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
     "a target that nobody can keep up with": (
         changed((("target", "velocity_m_s"), [2.0, 2.0])),
         [("encirclement.angular_rate_rad_s", "3.33 m/s")],
+    ),
+    "a target with two ways to move": (
+        changed(
+            (("target", "velocity_m_s"), [0.1, 0.0]), (("target", "legs"), [{"to_m": [0.0, 0.0], "speed_m_s": 1.0}])
+        ),
+        [("target", "leave one of them out")],
+    ),
+    "a leg that is none": (
+        changed((("target", "legs"), [{"to_m": [0.0, 0.0], "speed": 1.0}])),
+        [("target.legs[0].speed_m_s", "missing"), ("target.legs[0].speed", "did you mean 'speed_m_s'")],
+    ),
+    "a leg too fast to keep up with": (
+        changed(
+            (("target", "velocity_m_s"), [0.0, 0.0]), (("target", "legs"), [{"to_m": [0.0, 0.0], "speed_m_s": 4.0}])
+        ),
+        [("encirclement.angular_rate_rad_s", "4.50 m/s")],
+    ),
+    "a target's vehicle that is not named": (
+        changed((("target", "source"), "mavlink"), (("target", "url"), "udpin://127.0.0.1:14550")),
+        [("target", "a url and a system_id")],
+    ),
+    "a vehicle named for a target that is none": (
+        changed((("target", "url"), "udpin://127.0.0.1:14550"), (("target", "system_id"), 9)),
+        [("target", "a url and a system_id")],
+    ),
+    "a sensor of a vehicle's own that is none": (
+        changed((("vehicles", 1, "sensor"), {"noise_m": -1.0, "blind": [[1.0, 2.0]]})),
+        [("vehicles[1].sensor.noise_m", "-1.0"), ("vehicles[1].sensor.blind", "did you mean 'blind_s'")],
     ),
     "a battery that is critical before it is low": (
         changed((("failsafe",), {"battery_low": 0.2, "battery_critical": 0.25})),

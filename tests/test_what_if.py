@@ -12,7 +12,6 @@ from agents.tape import Tick, Told
 from estimation.own import OwnFilter
 from estimation.state import POSITION, Telemetry, Vector
 from gcs.cli import main
-from gcs.compose import target_motion
 from gcs.exits import InputError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, GuardWord, Truth
@@ -123,7 +122,7 @@ def test_errors_are_those_against_the_truth(field: Flight) -> None:
     truth = {each.time_s: np.array(each.position_m[:2]) for each in log.of_kind(2, Truth)}
     own = [np.array(each.own.mean[:2]) - truth[each.time_s] for each in decisions if each.own]
     assert found[2, "own"].recorded.error_m == pytest.approx(rms(own))
-    motion = target_motion(mission)
+    motion = mission.target.motion
     target = [np.array(e.target.mean[:2]) - motion.position_m(e.time_s) for e in decisions if e.target]
     assert found[2, "target"].recorded.error_m == pytest.approx(rms(target))
 

@@ -21,7 +21,6 @@ from estimation.own import OwnFilter
 from estimation.settings import OwnFilterSettings, TargetFilterSettings
 from estimation.state import MOTION, POSITION, VELOCITY, Sighting, Telemetry, Vector
 from estimation.target import TargetFilter
-from gcs.compose import target_motion
 from gcs.exits import InputError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
@@ -227,10 +226,9 @@ def _outcomes(
         return np.column_stack(columns)
 
     def target_m(time_s: Vector) -> Vector:
-        since_s = np.where(time_s >= (start_s or 0.0), time_s - (start_s or 0.0), np.nan)
-        motion = target_motion(mission)
-        place: Vector = np.array(motion.start_m) + np.outer(since_s, motion.velocity_m_s)
-        return place
+        since_s = time_s - (start_s or 0.0)
+        place: Vector = np.array([mission.target.motion.position_m(at_s) for at_s in since_s.tolist()]).reshape(-1, 2)
+        return np.where(since_s[:, None] >= 0.0, place, np.nan)
 
     known = bool(truth)
     for name, one, other, true in (
