@@ -4,8 +4,8 @@ from math import inf
 
 from gcs.mission import Mission
 from gcs.result import FormationReference, RingReference, VerdictTolerances
+from sitl.cadence import CadenceModel
 from sitl.nature import Nature
-from sitl.pace import PaceModel
 from sitl.shaping import ShapeLimits
 from sitl.wander import WanderModel
 from sitl.world import SensorModel, SimulatedSensor
@@ -41,7 +41,7 @@ def simulated_nature(mission: Mission) -> Nature:
         simulation.wind_m_s,
         simulation.gusts,
         wander=WanderModel(simulation.wander_m) if simulation.wander_m > 0.0 else None,
-        pace=None if rate_hz is None else PaceModel(rate_hz),
+        cadence=None if rate_hz is None else CadenceModel(rate_hz),
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
-class PaceModel:
+class CadenceModel:
     """Samples a second, by what share of a period each strays from its time, and how often they stop for how long.
 
     Raises ValueError when samples could come in another order than they were taken.
@@ -25,10 +25,10 @@ class PaceModel:
             raise ValueError(f"jitter = {self.jitter}: it must be less than half a period")
 
 
-class Pace:
+class Cadence:
     """One vehicle's times of telemetry; seeded."""
 
-    def __init__(self, model: PaceModel, random: np.random.Generator) -> None:
+    def __init__(self, model: CadenceModel, random: np.random.Generator) -> None:
         """Begin with a sample at time 0."""
         self._model = model
         self._random = random

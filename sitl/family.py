@@ -10,8 +10,8 @@ from math import cos, pi, sin
 import numpy as np
 
 from estimation.plant import Plant, PlantAxis
+from sitl.cadence import CadenceModel
 from sitl.nature import Nature
-from sitl.pace import PaceModel
 from sitl.shaping import ShapeLimits
 from sitl.wander import WanderModel
 
@@ -27,7 +27,7 @@ WANDER_M = 0.5
 WANDER_CORRELATION_S = 20.0
 JUMP_M = 1.0
 JUMPS_EVERY_S = 600.0
-PACE_HZ = (10.0, 50.0)
+CADENCE_HZ = (10.0, 50.0)
 JITTER = 0.3
 GAPS_EVERY_S, GAP_S = 20.0, 0.4
 
@@ -55,7 +55,7 @@ def relative(nominal: Plant, wind_m_s: tuple[float, float], random: np.random.Ge
         wind_m_s,
         gusts=True,
         wander=WanderModel(WANDER_M / 2.0, WANDER_CORRELATION_S, JUMPS_EVERY_S, JUMP_M),
-        pace=PaceModel(float(random.uniform(*PACE_HZ)), JITTER, GAPS_EVERY_S, GAP_S),
+        cadence=CadenceModel(float(random.uniform(*CADENCE_HZ)), JITTER, GAPS_EVERY_S, GAP_S),
     )
     return Relative(plant, nature)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sitl.pace import PaceModel
+from sitl.cadence import CadenceModel
 from sitl.shaping import ShapeLimits
 from sitl.wander import WanderModel
 
@@ -18,7 +18,7 @@ case for who has to find it out.
 
 @dataclass(frozen=True, slots=True)
 class Nature:
-    """Shaping of the motion; wind [m/s], gusts or none, and drag; a wandering estimator; telemetry at its own pace.
+    """Shaping of the motion; wind [m/s], gusts or none, and drag; a wandering estimator; a cadence of telemetry.
 
     None is the ideal: no bounds, no wander, one sample at every tick.
     """
@@ -28,7 +28,7 @@ class Nature:
     gusts: bool = False
     drag_per_s: float = DRAG_PER_S
     wander: WanderModel | None = None
-    pace: PaceModel | None = None
+    cadence: CadenceModel | None = None
 
 
 IDEAL = Nature()

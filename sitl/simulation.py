@@ -18,8 +18,8 @@ from estimation.plant import Plant
 from estimation.state import MOTION, POSITION, Sighting, Telemetry, Vector
 from sitl.absence import LANDED_AFTER_S, Absence, absence_at
 from sitl.body import Body
+from sitl.cadence import Cadence
 from sitl.nature import IDEAL, Nature
-from sitl.pace import Pace
 from sitl.wander import Wander
 
 
@@ -144,9 +144,9 @@ class SimulatedVehicle(Generic[OutputT]):
         self._sensor = sensor
         self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
         self._random = np.random.default_rng(seed)
-        wander, pace = nature.wander, nature.pace
+        wander, cadence = nature.wander, nature.cadence
         self._wander = None if wander is None else Wander(wander, np.random.default_rng([*seed, _WANDER]))
-        self._pace = None if pace is None else Pace(pace, np.random.default_rng([*seed, _PACE]))
+        self._cadence = None if cadence is None else Cadence(cadence, np.random.default_rng([*seed, _CADENCE]))
         self._samples: list[Telemetry] = []
 
     @property
@@ -183,7 +183,7 @@ class SimulatedVehicle(Generic[OutputT]):
         The sensor sees the target from the vehicle: what the vehicle takes for its own place is in the sighting too.
         """
         samples, self._samples = self._samples, []
-        if self._pace is None or now_s == 0.0:
+        if self._cadence is None or now_s == 0.0:
             samples.append(self._sample(now_s))
         true_x, true_y = self.motion[POSITION].tolist()
         sighting = self._sensor.sight(now_s, (true_x, true_y))
@@ -207,7 +207,7 @@ class SimulatedVehicle(Generic[OutputT]):
 
     def advance(self, from_s: float, to_s: float) -> None:
         """Move the true vehicle, changing setpoints when they take effect, and take the samples that are due."""
-        for due_s in [] if self._pace is None else self._pace.due_s(to_s):
+        for due_s in [] if self._cadence is None else self._cadence.due_s(to_s):
             if due_s > from_s:
                 self._body.advance(from_s, due_s, self._off_m(from_s))
                 from_s = due_s
@@ -223,7 +223,7 @@ class SimulatedVehicle(Generic[OutputT]):
         return Telemetry(at_s, (x + off_x, y + off_y, self._altitude_m), (x_rate, y_rate, 0.0))
 
 
-_WIND, _WANDER, _PACE = range(3)
+_WIND, _WANDER, _CADENCE = range(3)
 """Each kind of chance has its own generator: one that is switched off leaves the others as they were."""
 _ROUNDING_S = 1e-9
 """A delay of whole ticks arrives on a tick, whatever its last binary digit says."""

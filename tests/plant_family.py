@@ -21,6 +21,7 @@ from estimation.plant import Plant, PlantAxis
 from estimation.state import POSITION, Vector
 from gcs.mission import Mission
 from gcs.simulated import simulated_vehicles
+from sitl.cadence import CadenceModel
 from sitl.family import (
     ACCELERATION_M_S2,
     GAP_S,
@@ -39,7 +40,6 @@ from sitl.family import (
     relative,
 )
 from sitl.nature import IDEAL, Nature
-from sitl.pace import PaceModel
 from sitl.shaping import ShapeLimits
 from sitl.simulation import NetworkModel, SimulatedFlight, simulate
 from sitl.wander import WanderModel
@@ -146,7 +146,7 @@ MANOEUVRES: dict[str, tuple[Scale, float, Nature]] = {
     "wind 8 m/s, gusts": (_SAME, 0.0, Nature(wind_m_s=_WIND, gusts=True)),
     "estimator wanders": (_SAME, 0.0, Nature(wander=_WANDER)),
     "estimator jumps": (_SAME, 0.0, Nature(wander=_JUMPS)),
-    "telemetry 10 Hz, jitter, gaps": (_SAME, 0.0, Nature(pace=PaceModel(10.0, JITTER, GAPS_EVERY_S, GAP_S))),
+    "telemetry 10 Hz, jitter, gaps": (_SAME, 0.0, Nature(cadence=CadenceModel(10.0, JITTER, GAPS_EVERY_S, GAP_S))),
 }
 """Shares of a0 and a1 on x and on y, the true delay (the plant file says none), and what else is not ideal."""
 
