@@ -4,6 +4,7 @@ from agents.linearize import Polar
 from agents.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
+from agents.pace import Shares
 from agents.situation import Situation, Wish
 from agents.tactics import Tactic
 from estimation.state import MOTION, Sighting
@@ -41,9 +42,19 @@ def member_state(
     )
 
 
-def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar) -> Outgoing:
-    """Tell the place on the ring."""
-    return _outgoing(NeighbourAngle(vehicle_id, now_s, polar.bearing_rad, polar.angular_rate_rad_s, polar.radius_m))
+def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar, needed: Shares) -> Outgoing:
+    """Tell the place on the ring, and what of the ring this vehicle can fly."""
+    return _outgoing(
+        NeighbourAngle(
+            vehicle_id,
+            now_s,
+            polar.bearing_rad,
+            polar.angular_rate_rad_s,
+            polar.radius_m,
+            needed.rate,
+            needed.radius,
+        )
+    )
 
 
 def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, ...]) -> Outgoing:

@@ -8,6 +8,7 @@ from math import hypot
 
 import numpy as np
 
+from agents.blend import Blend
 from agents.broadcast import command_answer, member_state, neighbour_angle, sighting_told, target_package
 from agents.clock_watch import ClockWatch
 from agents.failsafe import Condition, FailsafeMonitor
@@ -49,6 +50,7 @@ class VehicleCore:
         self._config = config
         self._own = OwnFilter(config.plant, config.own_filter)
         self._target = TargetFilter(config.target_filter)
+        self._blend = Blend(config)
         self._team = Team()
         self._patience = 1.0
         self._guard = Guard(config)
@@ -121,9 +123,10 @@ class VehicleCore:
         self._own.measure(telemetry)
 
     def on_sighting(self, sighting: Sighting) -> None:
-        """Take a sighting by the vehicle's own sensor; peers are told in the next tick."""
+        """Take a sighting; what the vehicle's own sensor sees peers are told in the next tick, others hear the rest."""
         self._target.sight(sighting)
-        self._sightings.append(sighting)
+        if sighting.sensor_id == self._config.vehicle_id:
+            self._sightings.append(sighting)
 
     def on_message(self, payload: bytes, now_s: float) -> None:
         """Take a peer's message; what is malformed, foreign or from the future is counted and dropped."""
@@ -169,6 +172,7 @@ class VehicleCore:
         self._fail_safe(situation)
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
+        self._notes += [Note(now_s, "ring", text) for text in self._planner.news()]
         guarded = self._guarded(situation, wish)
         self._note_guard(now_s, wish, guarded)
         self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
@@ -204,6 +208,9 @@ class VehicleCore:
         target = self._target.estimate(now_s)
         acting_s = now_s + self._acts_after_s
         acting = self._own.predicted(acting_s, 0.5 / self._config.rate_hz)
+        acting_target = None if target is None else moved(target.mean, acting_s - target.time_s)
+        centre = self._blend.centre(target, now_s)
+        blended = centre is not None and self._blend.catching_up
         return Situation(
             now_s,
             acting_s,
@@ -211,8 +218,9 @@ class VehicleCore:
             acting[MOTION],
             acting[DISTURBANCE],
             target,
-            None if target is None else polar_from_motion(own.mean[MOTION], target.mean),
-            None if target is None else moved(target.mean, acting_s - target.time_s),
+            None if centre is None else polar_from_motion(own.mean[MOTION], centre),
+            acting_target,
+            moved(centre, acting_s - now_s) if centre is not None and blended else acting_target,
             self._own.authority,
         )
 
@@ -315,7 +323,8 @@ class VehicleCore:
         )
         messages = [state]
         if self._tactic is Tactic.ENCIRCLE and situation.polar is not None and self._planner.joined:
-            messages.append(neighbour_angle(self._config.vehicle_id, situation.now_s, situation.polar))
+            needed = self._planner.pace.needed
+            messages.append(neighbour_angle(self._config.vehicle_id, situation.now_s, situation.polar, needed))
         if self._sightings:
             recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)
             messages += [target_package(self._config.vehicle_id, sighting, recipients) for sighting in self._sightings]
@@ -355,4 +364,5 @@ class VehicleCore:
             notes,
             guarded,
             heard,
+            self._planner.pace.words if self._tactic is Tactic.ENCIRCLE else "",
         )

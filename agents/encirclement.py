@@ -10,6 +10,7 @@ import numpy as np
 from agents.detour import Obstacle, bent_ring_m
 from agents.linearize import Polar, motion_from_polar, polar_from_motion, setpoint_for, setpoint_for_acceleration
 from agents.lmpc import Bounds, Lmpc, QpStatus
+from agents.pace import Orbit
 from agents.ring import RingPlace, spaced_rate_rad_s
 from agents.settings import AgentConfig, EncirclementSettings
 from estimation.state import VELOCITY, Vector
@@ -46,10 +47,9 @@ class EncirclementPlanner:
         spacing_weight = self._settings.lag_weight + self._settings.lead_weight
         self._alone = ring_lmpc(self._settings, 0.0)
         self._spaced = ring_lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
-        times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
-        self._drift_rad: Vector = np.asarray(self._settings.angular_rate_rad_s * times_s, dtype=np.float64)
+        self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
         self._on_ring = np.zeros((self._settings.horizon, 4))
-        self._on_ring[:, 0] = self._settings.radius_m
+        self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         self._state_max = np.full((self._settings.horizon, len(_CONSTRAINED)), _FREE)
         self._state_max[:, 1] = self._settings.speed_max_m_s
         self._acceleration = np.zeros(2)
@@ -64,21 +64,26 @@ class EncirclementPlanner:
         target: Vector,
         disturbance_m_s2: Vector,
         place: RingPlace,
-        authority: float = 1.0,
+        orbit: Orbit | None = None,
         *,
+        authority: float = 1.0,
         radius_m: float | None = None,
         obstacles: Sequence[Obstacle] = (),
     ) -> EncirclementPlan:
         """Plan from the vehicle's and the target's motion (4,) at the moment the setpoint acts.
 
-        With less than full `authority` only that share of the vehicle's deviation from the ring is acted on. `radius_m`
-        is where to fly if not on the ring itself, which bends around `obstacles`.
+        It goes on around the last orbit unless there is another one; the first is the mission's. With less than full
+        `authority` only that share of the vehicle's deviation from where it is to fly is acted on. `radius_m` is where
+        to fly if not on the orbit itself; either bends around `obstacles`.
         """
-        settings = self._settings
+        if orbit is not None and orbit is not self._orbit:
+            self._take(orbit)
         polar = polar_from_motion(motion, target)
-        wanted = spaced_rate_rad_s(place, settings.angular_rate_rad_s, settings.spacing_gain_per_s)
+        wanted = spaced_rate_rad_s(place, self._orbit.angular_rate_rad_s, self._settings.spacing_gain_per_s)
+        level_m = self._orbit.radius_m if radius_m is None else radius_m
         if authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
-            on_ring = motion_from_polar(Polar(settings.radius_m, polar.bearing_rad, 0.0, wanted), target)
+            here_m = level_m if not obstacles else bent_ring_m(level_m, np.array([polar.bearing_rad]), obstacles).item()
+            on_ring = motion_from_polar(Polar(here_m, polar.bearing_rad, 0.0, wanted), target)
             motion = on_ring + authority * (motion - on_ring)
             polar = polar_from_motion(motion, target)
         approach = self._approach(polar.radius_m)
@@ -89,15 +94,19 @@ class EncirclementPlanner:
         lmpc = self._alone if place.members == 1 else self._spaced
         state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
         reference = self._reference(place, wanted)
-        if radius_m is not None:
-            reference[:, 0] = radius_m
         if obstacles:
-            bearings_rad = polar.bearing_rad + self._drift_rad
-            reference[:, 0] = bent_ring_m(reference.item(0, 0), bearings_rad, obstacles)
+            reference[:, 0] = bent_ring_m(level_m, polar.bearing_rad + self._drift_rad, obstacles)
+        elif radius_m is not None:
+            reference[:, 0] = radius_m
         plan = lmpc.solve(state, reference, self._acceleration, self._bounds(polar, place))
         self._acceleration = plan.first_input
         setpoint = setpoint_for(motion, polar, plan.first_input, disturbance_m_s2, self._plant)
         return EncirclementPlan(setpoint, approach, wanted, plan.status)
+
+    def _take(self, orbit: Orbit) -> None:
+        self._orbit = orbit
+        self._drift_rad: Vector = np.asarray(orbit.angular_rate_rad_s * self._times_s, dtype=np.float64)
+        self._on_ring[:, 0] = orbit.radius_m
 
     def _approach(self, radius_m: float) -> Approach:
         if radius_m < self._settings.radius_min_m:
@@ -107,7 +116,7 @@ class EncirclementPlanner:
     def _radial_setpoint(self, motion: Vector, target: Vector, polar: Polar, disturbance_m_s2: Vector) -> Vector:
         """Fly straight towards the ring, at a speed that the distance and the speed limit allow."""
         settings = self._settings
-        speed = _APPROACH_GAIN_PER_S * (settings.radius_m - polar.radius_m)
+        speed = _APPROACH_GAIN_PER_S * (self._orbit.radius_m - polar.radius_m)
         speed = max(-settings.speed_max_m_s, min(settings.speed_max_m_s, speed))
         outward = np.array([np.cos(polar.bearing_rad), np.sin(polar.bearing_rad)])
         error = target[VELOCITY] + speed * outward - motion[VELOCITY]

@@ -40,10 +40,14 @@ class Gap(msgspec.Struct, frozen=True):
 
 
 class Joining:
-    """Whether one vehicle has joined the ring, and whether it may come in."""
+    """Whether one vehicle has joined the ring, and whether it may come in.
+
+    `ring_m` is the radius at which the ring is flown at the moment. How many fit, and the room for one, are the
+    mission's ring's: that is what it comes back to.
+    """
 
     def __init__(self, config: AgentConfig) -> None:
-        self._ring_m = config.encirclement.radius_m
+        self._mission_ring_m = self.ring_m = config.encirclement.radius_m
         self._separation_m = config.safety.separation_m
         self._room_rad = _ROOM * config.clearance_rad
         self.joined = False
@@ -52,7 +56,7 @@ class Joining:
     @property
     def waiting_m(self) -> float:
         """The radius on which to wait outside the ring."""
-        return self._ring_m + ASIDE * self._separation_m
+        return self.ring_m + ASIDE * self._separation_m
 
     def reset(self) -> None:
         """Come from another tactic: nothing is joined."""
@@ -65,8 +69,8 @@ class Joining:
         gap = chosen_gap(polar.bearing_rad, bearings_rad)
         members = len(bearings_rad) + 1
         room_rad = min(self._room_rad, _ROOM_SHARE * gap.width_rad / 2.0)
-        fits = members == 1 or chord_m(self._ring_m, members) >= self._separation_m
-        at_ring = polar.radius_m <= self._ring_m + self._separation_m
+        fits = members == 1 or chord_m(self._mission_ring_m, members) >= self._separation_m
+        at_ring = polar.radius_m <= self.ring_m + self._separation_m
         self.joined = at_ring or (fits and gap.edge_rad >= room_rad)
         return None if self.joined else gap
 
@@ -74,11 +78,11 @@ class Joining:
         """Return the radius to fly at for one who has joined: the ring's, once there is room between the neighbours."""
         if not self._inside and place.lead_rad is not None and place.lag_rad is not None:
             room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
-            at_ring = polar.radius_m <= self._ring_m + self._separation_m
+            at_ring = polar.radius_m <= self.ring_m + self._separation_m
             if not at_ring and min(place.lead_rad, place.lag_rad) < room_rad:
                 return self.waiting_m
-        self._inside = self._inside or polar.radius_m <= self._ring_m + self._separation_m
-        return self._ring_m
+        self._inside = self._inside or polar.radius_m <= self.ring_m + self._separation_m
+        return self.ring_m
 
 
 def chosen_gap(bearing_rad: float, bearings_rad: Sequence[float]) -> Gap:

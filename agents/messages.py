@@ -47,13 +47,18 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
 
 
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
-    """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`."""
+    """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
+
+    It can fly these shares of the ring's angular rate and radius (`agents/pace.py`).
+    """
 
     sender: _Id
     time_s: _Time
     bearing_rad: _Angle
     angular_rate_rad_s: _Speed
     radius_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+    rate_share: _Fraction = 1.0
+    radius_share: Annotated[float, msgspec.Meta(ge=1.0, le=10.0)] = 1.0
 
 
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):

@@ -26,7 +26,7 @@ class Note(msgspec.Struct, frozen=True):
     """Something that people want to read about afterwards: when, of what kind, what happened, and by which numbers."""
 
     time_s: float
-    kind: Literal["tactic", "command", "failsafe", "guard"]
+    kind: Literal["tactic", "command", "failsafe", "guard", "ring"]
     text: str
     because: str = ""
 
@@ -35,7 +35,7 @@ class CoreStatus(msgspec.Struct, frozen=True):
     """What a vehicle is doing and what it believes, for people, logs and metrics.
 
     `alert` is the failsafe that holds it, empty if none; `notes` are what has happened, `answers` what peers
-    have answered operators, both since the last tick.
+    have answered operators, both since the last tick. `slowed` says what of the mission's ring is not flown, and why.
     """
 
     vehicle_id: int
@@ -54,6 +54,7 @@ class CoreStatus(msgspec.Struct, frozen=True):
     notes: tuple[Note, ...]
     guarded: Guarded | None
     answers: tuple[CommandAnswer, ...] = ()
+    slowed: str = ""
 
     @property
     def motion(self) -> Vector | None:

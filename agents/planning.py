@@ -13,6 +13,7 @@ from agents.homing import Homing
 from agents.joining import Joining, place_before
 from agents.linearize import polar_from_motion
 from agents.neighbours import Neighbours
+from agents.pace import Orbit, Pace
 from agents.rejoining import way_point
 from agents.ring import ring_place
 from agents.settings import AgentConfig
@@ -35,6 +36,8 @@ class Planner:
         self._team = team
         self._formation = FormationPlanner(config)
         self._encirclement = EncirclementPlanner(config)
+        self.pace = Pace(config)
+        self._news: list[str] = []
         self._joining = Joining(config)
         self._neighbours = Neighbours(config)
         self.homing = Homing(config)
@@ -66,6 +69,7 @@ class Planner:
             self._arrived = False
         if tactic is Tactic.ENCIRCLE:
             self._encirclement.reset()
+            self.pace.reset()
             self._joining.reset()
         if tactic is Tactic.EXCITE and self._exciter is not None:
             self._exciter.reset()
@@ -93,8 +97,8 @@ class Planner:
         """Return where a tactic wants to go; `height_m` is where the vehicle is."""
         if tactic is Tactic.FORMATION:
             return self._form(situation)
-        if tactic is Tactic.ENCIRCLE and situation.acting_target is not None:
-            ring = self._encircle(situation, situation.acting_target, height_m)
+        if tactic is Tactic.ENCIRCLE and situation.acting_centre is not None:
+            ring = self._encircle(situation, situation.acting_centre, height_m)
             share = self.mixing_share(tactic, situation.now_s)
             return ring if share >= 1.0 else mixed(self._left_behind(situation), ring, share)
         if tactic is Tactic.EXCITE and self._exciter is not None:
@@ -175,19 +179,27 @@ class Planner:
         config, flown_s = self._config, max(at_s - self._start_s, 0.0)
         return mission_line(config.plant, self._slot_m(config.vehicle_id), config.formation.speed_m_s, flown_s)
 
-    def _encircle(self, situation: Situation, target: Vector, height_m: float) -> Wish:
-        polar = polar_from_motion(situation.acting_motion, target)
-        bearings_rad = self._team.bearings_rad(situation.acting_s, self._config.encirclement.angular_rate_rad_s)
+    def news(self) -> list[str]:
+        """Return what is new about the ring, for people, since the last time."""
+        news, self._news = self._news, []
+        return news
+
+    def _encircle(self, situation: Situation, centre: Vector, height_m: float) -> Wish:
+        polar = polar_from_motion(situation.acting_motion, centre)
+        orbit = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
+        bearings_rad = self._team.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
         gap = self._joining.look(polar, bearings_rad)
         place = ring_place(polar.bearing_rad, bearings_rad) if gap is None else place_before(gap)
+        radius_m = self._joining.radius_m(polar, place) if gap is None else self._joining.waiting_m
         plan = self._encirclement.plan(
             situation.acting_motion,
-            target,
+            centre,
             situation.compensation,
             place,
-            situation.authority,
-            radius_m=self._joining.radius_m(polar, place) if gap is None else self._joining.waiting_m,
-            obstacles=self._obstacles(situation, target, height_m),
+            orbit,
+            authority=situation.authority,
+            radius_m=radius_m,
+            obstacles=self._obstacles(situation, centre, height_m),
         )
         return Wish(
             plan.setpoint_m,
@@ -198,14 +210,22 @@ class Planner:
             plan.status,
         )
 
-    def _obstacles(self, situation: Situation, target: Vector, height_m: float) -> list[Obstacle]:
+    def _orbit(self, now_s: float, target_m_s: float) -> Orbit:
+        """Return the ring of this moment: the one that all on it fly. Who waits outside takes it over without delay."""
+        told = self.pace.find(target_m_s, self._team.shares(), now_s, joined=self._joining.joined)
+        if told is not None:
+            self._news.append(told or "ring as the mission asks for it")
+        self._joining.ring_m = self.pace.orbit.radius_m
+        return self.pace.orbit
+
+    def _obstacles(self, situation: Situation, centre: Vector, height_m: float) -> list[Obstacle]:
         """Return what stands in the ring's way: who was lost there, and who does not fly on."""
         standing = [member for member in self._team.members() if member.tactic in _STANDING]
         lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
         if not (standing or lost):
             return []
         bodies = self._neighbours.bodies(situation, height_m, standing, lost)
-        centre_x, centre_y = target[POSITION].tolist()
+        centre_x, centre_y = centre[POSITION].tolist()
         away_m = [(body.position_m[0] - centre_x, body.position_m[1] - centre_y) for body in bodies]
         return [
             Obstacle(atan2(y, x), max(hypot(x, y), self._config.encirclement.radius_min_m), body.distance_m)

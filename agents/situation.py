@@ -16,8 +16,9 @@ from estimation.state import POSITION, VELOCITY, OwnEstimate, TargetEstimate, Ve
 
 
 class Situation(msgspec.Struct, frozen=True):
-    """What a tick decides on: the estimates now, and both motions (4,) at the moment the next setpoint acts.
+    """What a tick decides on: the estimates now, and all motions (4,) at the moment the next setpoint acts.
 
+    The centre is that of the ring: where the target is believed to be, or what catches up with it. Polar is about it.
     `authority`, in (0, 1], is the share of feedback and compensation that the model of the vehicle deserves.
     """
 
@@ -29,6 +30,7 @@ class Situation(msgspec.Struct, frozen=True):
     target: TargetEstimate | None
     polar: Polar | None
     acting_target: Vector | None
+    acting_centre: Vector | None = None
     authority: float = 1.0
 
     @property

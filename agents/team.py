@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from math import hypot
 
 from agents.messages import TOPICS, MemberState, NeighbourAngle
+from agents.pace import WHOLE, Shares
 from agents.tactics import Tactic
 from estimation.state import Vector
 
@@ -86,6 +87,14 @@ class Team:
             for sender, angle in self._angles.items()
             if self._engaged(sender)
         ]
+
+    def shares(self) -> Shares:
+        """Return the ring that all engaged peers can fly."""
+        shares = WHOLE
+        for sender, angle in self._angles.items():
+            if (angle.rate_share < shares.rate or angle.radius_share > shares.radius) and self._engaged(sender):
+                shares = shares.with_(Shares(angle.rate_share, angle.radius_share))
+        return shares
 
     def within(self, position_m: Vector, radius_m: float) -> tuple[int, ...]:
         """Return the peers within a radius of a position (2,)."""

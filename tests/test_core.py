@@ -477,3 +477,42 @@ def test_behind_somebodys_back_it_keeps_off_the_ring_and_says_nothing_of_its_bea
     assert told(free) > 30
     assert hidden[20].status.place is None
     assert free[20].status.place is not None
+
+
+def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.core.on_message(encode(member(1, 0.0, 0.0, 4.0)), 0.0)
+    pilot.core.on_sighting(msgspec.structs.replace(sighting(0.0), sensor_id=1007))
+    output = pilot.fly(0.05)[-1]
+    assert output.status.target is not None
+    assert not [message for message in sent_by(output) if isinstance(message, TargetPackage)]
+
+
+def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make_config: Maker) -> None:
+    ring = {"radius_m": 10.0, "angular_rate_rad_s": 0.15, "speed_max_m_s": 3.0, "acceleration_max_m_s2": 4.0}
+    pilot, outputs = Pilot(make_config(encirclement=ring)), []
+    for tick in range(60):
+        time_s = tick * PERIOD_S
+        pilot.core.on_sighting(sighting(time_s, 8.0 + 2.0 * time_s))
+        outputs += pilot.fly(time_s + PERIOD_S / 2.0)
+    last = outputs[-1]
+    assert last.status.tactic is Tactic.ENCIRCLE
+    assert last.status.slowed == "ring at 50% of its rate: the target moves at 2.0 m/s"
+    assert [note.text for output in outputs for note in output.status.notes if note.kind == "ring"][-1] == (
+        last.status.slowed
+    )
+    (angle,) = (message for message in sent_by(last) if isinstance(message, NeighbourAngle))
+    assert (angle.rate_share, angle.radius_share) == (0.5, 1.0)
+
+
+def test_a_target_seen_again_elsewhere_moves_no_setpoint_far(make_config: Maker) -> None:
+    pilot, outputs = Pilot(make_config(target_filter={"stale_after_s": 60.0}), motion=(8.0, 0.0, 0.0, 0.0)), []
+    for tick in range(450):
+        time_s = tick * PERIOD_S
+        if time_s < 15.0 or time_s >= 30.0:
+            pilot.core.on_sighting(sighting(time_s, 0.0 if time_s < 15.0 else 12.0))
+        outputs += pilot.fly(time_s + PERIOD_S / 2.0)
+    places = np.array([setpoint_of(output) for output in outputs[145:]])
+    assert np.hypot(*np.diff(places, axis=0).T).max() <= 0.5
+    assert outputs[-1].status.target is not None
+    assert outputs[-1].status.target[:2] == pytest.approx([12.0, 0.0], abs=0.1)

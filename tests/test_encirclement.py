@@ -10,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from agents.detour import MARGIN_M, Obstacle
 from agents.encirclement import Approach, EncirclementPlan, EncirclementPlanner, chord_m
 from agents.linearize import Polar, motion_from_polar, polar_from_motion
 from agents.lmpc import QpStatus
+from agents.pace import Orbit
 from agents.ring import RingPlace, ring_place, spaced_rate_rad_s
 from agents.settings import AgentConfig
 from estimation.own import OwnFilter
@@ -339,10 +341,36 @@ def test_with_little_authority_the_model_alone_leads_along_the_ring(make_config:
     def setpoint(polar: Polar, authority: float) -> Vector:
         planner = EncirclementPlanner(config)
         motion = motion_from_polar(polar, TARGET)
-        return planner.plan(motion, TARGET, np.zeros(2), alone, authority).setpoint_m
+        return planner.plan(motion, TARGET, np.zeros(2), alone, authority=authority).setpoint_m
 
     led = setpoint(ring, 1.0)
     assert setpoint(ring, 0.1) == pytest.approx(led, abs=1e-9)
     off = Polar(ring.radius_m + 0.1, ring.bearing_rad, 0.05, ring.angular_rate_rad_s + 0.002)
     assert setpoint(off, 0.1) - led == pytest.approx((setpoint(off, 1.0) - led) / 10.0, abs=2e-3)
     assert np.linalg.norm(setpoint(off, 1.0) - led) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "stands_m", "at_m"),
+    [
+        (19.0, None, 19.0),  # waiting outside the ring
+        (None, None, 15.0),  # on an orbit wider and slower than the mission's
+        (None, 15.0, 17.0 + MARGIN_M),  # on the bend about an obstacle
+    ],
+)
+def test_where_it_is_to_fly_a_vehicle_of_little_authority_stays(
+    radius_m: float | None, stands_m: float | None, at_m: float, make_config: Maker
+) -> None:
+    config = make_config(encirclement={"angular_rate_rad_s": 0.1})
+    orbit, alone = Orbit(15.0, 0.05), RingPlace(1, None, None)
+    obstacles = [] if stands_m is None else [Obstacle(0.7, stands_m, 2.0)]
+    motion = motion_from_polar(Polar(at_m, 0.7, 0.0, 0.05), TARGET)
+
+    def setpoint(authority: float) -> Vector:
+        planner = EncirclementPlanner(config)
+        plan = planner.plan(
+            motion, TARGET, STILL, alone, orbit, authority=authority, radius_m=radius_m, obstacles=obstacles
+        )
+        return plan.setpoint_m
+
+    assert setpoint(0.1) == pytest.approx(setpoint(1.0), abs=1e-9)

@@ -89,6 +89,15 @@ def test_it_comes_in_once_there_is_room_and_stays(make_config: Maker) -> None:
     assert joining.radius_m(at(20.0), RingPlace(1, None, None)) == 10.0
 
 
+def test_a_ring_that_is_wider_for_a_while_is_waited_for_farther_out(make_config: Maker) -> None:
+    joining = Joining(make_config(safety={"separation_m": 3.0}))
+    joining.ring_m = 16.0
+    assert joining.waiting_m == 16.0 + ASIDE * 3.0
+    assert joining.look(at(18.9), [0.1, 2.0, -2.0]) is None  # on the ring of the moment already
+    assert joining.radius_m(at(30.0), RingPlace(4, 0.2, 1.5)) == joining.waiting_m
+    assert joining.radius_m(at(30.0), RingPlace(4, 0.8, 0.9)) == 16.0
+
+
 @given(own=st.floats(-pi, pi), others=bearings)
 def test_the_place_before_a_gap_draws_towards_its_middle(own: float, others: list[float]) -> None:
     gap = chosen_gap(own, others)

@@ -43,6 +43,7 @@ LEVELS = {
     "tactic": LogLevel.Info,
     "command": LogLevel.Info,
     "guard": LogLevel.Warning,
+    "ring": LogLevel.Warning,
     "failsafe": LogLevel.Error,
 }
 
