@@ -14,11 +14,12 @@ from agents.kill_switch import KillSwitch
 from agents.messages import TOPICS, OperatorCommand, encode
 from agents.outcome import Ending, LoopReport, Outcome, Stop
 from agents.outputs import CoreStatus, TickOutput
+from agents.perception import Perception, is_told_from_outside
 from agents.ports import FlightMode, LifeSigns, PeerBus, TargetSensor, VehicleLink, VehicleRefusedError
 from agents.rally import Rally
 from agents.tactics import Event, Tactic
 from agents.ticker import Ticker, TickerStatistics
-from estimation.state import Telemetry
+from estimation.state import Sighting, Telemetry
 
 ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats come once a second: after this, an arming that was under way has been heard of."""
@@ -45,6 +46,7 @@ class Agent:
         sensor: Callable[[float], TargetSensor],
         observe: Callable[[CoreStatus, float | None], None],
         life: LifeSigns,
+        perception: Perception,
     ) -> None:
         """Take the parts; `sensor(start_s)` makes the sensor once the start is known, `observe` sees each tick.
 
@@ -62,6 +64,7 @@ class Agent:
         self._sensor: TargetSensor | None = None
         self._observe = observe
         self._life = life
+        self._perception = perception
         self._position_m = (0.0, 0.0)
         self._flying = False
         self._in_charge = False
@@ -132,6 +135,10 @@ class Agent:
         """Take a command of an operator at this computer."""
         self._core.on_command(command, self._clock.now_s())
         self._kill_if_told()
+
+    def see(self, sighting: Sighting) -> None:
+        """Take a sighting from outside the team."""
+        self._core.on_sighting(sighting)
 
     def pass_on(self, command: OperatorCommand) -> None:
         """Say a command to everybody else on the bus."""
@@ -342,6 +349,11 @@ class Agent:
             self._core.on_telemetry(telemetry)
 
     def _hear(self, payload: bytes) -> None:
+        if is_told_from_outside(payload):
+            seen = self._perception.take(payload, self._clock.now_s(), max(self._clock.speed, 1.0))
+            if seen is not None:
+                self.see(seen)
+            return
         self._core.on_message(payload, self._clock.now_s())
         self._kill_if_told()
         self._rally.hear(payload)

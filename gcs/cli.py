@@ -12,13 +12,14 @@ from gcs.cli_logs import identify, logs, replay, report
 from gcs.cli_options import RESULT, Duration, Json, Log, MissionName, Plot, RunningMission, Seed, Speed, Timing
 from gcs.exits import Exit, InputError
 from gcs.signals import hold_back
+from gcs.target_command import target
 
 app = App(
     name="cordon",
     help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
     help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
 )
-for _command in (logs, report, identify, replay):
+for _command in (logs, report, identify, replay, target):
     app.command(_command)
 
 

@@ -14,6 +14,7 @@ from agents.agent import Agent
 from agents.clock import MissionClock
 from agents.outcome import Ending, Outcome, Stop
 from agents.outputs import CoreStatus
+from agents.perception import Perception
 from agents.ports import VehicleRefusedError
 from gcs.chronicle import event_line
 from gcs.equipment import Equipment
@@ -34,6 +35,7 @@ from gcs.preflight import preflight
 from gcs.preflight_vehicle import clock_lag
 from gcs.record import FlightRecord
 from gcs.stubs import FlightStubs
+from gcs.target_vehicle import TargetVehicle
 from sitl.server import StubRecord
 
 _VIEW_PERIOD_S = 0.2
@@ -89,11 +91,15 @@ async def _fly(
         stubs = await stack.enter_async_context(FlightStubs(plan.mission if plan.stubs else None, clock.speed))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
-        team = [_member(plan, vehicle, hub, clock, journal, supervision, recording) for vehicle in plan.vehicles]
+        team = [
+            _member(plan, vehicle, hub, clock, journal, supervision, recording, view.say) for vehicle in plan.vehicles
+        ]
         for member in team:
             stack.push_async_callback(member.agent.close)
+        target = TargetVehicle(plan.mission, hub, clock, [member.agent for member in team])
+        stack.push_async_callback(target.close)
         view.update([], 0.0, "looking for the vehicles")
-        await _unless_stopped(_prepare(team, plan, clock, tell, recording), stop)
+        await _unless_stopped(_prepare(team, target, plan, clock, tell, recording), stop)
         recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
         helm = Helm([member.agent for member in team], clock)
@@ -115,6 +121,7 @@ def _member(
     journal: Journal,
     supervision: Supervision,
     recording: Recording,
+    say: Callable[[str], None],
 ) -> _Member:
     mission, equipment = plan.mission, plan.equipment or Equipment()
     config = mission.agent_config(vehicle)
@@ -140,6 +147,7 @@ def _member(
         sensor=partial(equipment.sensor, mission, vehicle.id),
         observe=partial(_observe, journal, recording),
         life=supervision.signs(vehicle.id),
+        perception=Perception(mission.mission_frame(), lambda text: say(f"vehicle {vehicle.id}: {text}")),
     )
     return _Member(vehicle, link, agent)
 
@@ -167,9 +175,15 @@ async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) ->
 
 
 async def _prepare(
-    team: Sequence[_Member], plan: FlightPlan, clock: MissionClock, tell: Tell, recording: Recording
+    team: Sequence[_Member],
+    target: TargetVehicle,
+    plan: FlightPlan,
+    clock: MissionClock,
+    tell: Tell,
+    recording: Recording,
 ) -> None:
     await _connect(team)
+    await target.connect()
     if plan.speed is None:
         await _find_speed(team, clock)
     for member in team:
@@ -316,7 +330,7 @@ def _row(member: _Member, status: CoreStatus | None) -> LiveRow:
 
 def _remark(status: CoreStatus) -> str:
     dropped = f"{status.messages_dropped} messages dropped" if status.messages_dropped else ""
-    return ", ".join(filter(None, [status.alert, dropped]))
+    return ", ".join(filter(None, [status.alert, status.slowed, dropped]))
 
 
 def _record(

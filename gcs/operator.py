@@ -10,8 +10,11 @@ from random import randrange
 from socket import gethostname
 from time import monotonic
 
+import msgspec
+
 from agents.messages import TOPICS, CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
 from agents.orders import final, obeyed
+from agents.perception import TOPIC, Seen, encode_seen
 from agents.ports import VehicleRefusedError
 from agents.shapes import Shape
 from agents.zenoh_bus import ZenohBus
@@ -26,6 +29,7 @@ _KILL_TIMEOUT_S = 12.0
 """That it is disarmed is heard by heartbeat, and a kill that is not heard of is tried again."""
 _POLL_S = 0.005
 _REPEAT_S = 0.1
+_POINTED_OUT_S = 0.5
 _ORIGIN_LENGTH = 32
 
 
@@ -48,6 +52,7 @@ class Operator:
     def __init__(self, mission: Mission) -> None:
         endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
         self._bus = ZenohBus(_OPERATOR_ID, mission.network.team, connect=endpoints)
+        self._vehicles = mission.ids
         self._time_s: dict[int, float] = {}
         self._present: set[int] = set()
         self._number = randrange(2**32)
@@ -63,20 +68,43 @@ class Operator:
 
         Raises VehicleRefusedError when nobody of the team is there.
         """
-        began_s = monotonic()
-        await self._bus.open(self._hear, self._see)
         try:
-            await self._until(lambda: bool(self._time_s or self._present), _HEARD_TIMEOUT_S)
-            if not (self._time_s or self._present):
-                raise VehicleRefusedError(
-                    f"no vehicle heard on the bus within {_HEARD_TIMEOUT_S:g} s",
-                    "check that the team flies, and that --mission names its mission",
-                )
-            await self._until(lambda: self._time_s.keys() >= set(vehicles), _ALL_HEARD_WITHIN_S)
-            self.joined_after_s = monotonic() - began_s
+            await self._join(vehicles)
             return await self._tell(verb, vehicles, vehicle, shape)
         finally:
             await self._bus.close()
+
+    async def point_out(self, seen: Seen, lasting_s: float) -> Collection[int]:
+        """Tell the whole team where the target is, again and again for a while; return who is there to hear it.
+
+        Raises VehicleRefusedError when nobody of the team is there.
+        """
+        try:
+            await self._join(self._vehicles)
+            end_s = monotonic() + lasting_s
+            while True:
+                # Said twice it counts once: a sighting of the same moment is a repeat.
+                payload = encode_seen(msgspec.structs.replace(seen, time_s=self._team_s))
+                for _ in range(2):
+                    self._bus.publish(TOPIC, payload)
+                    await asyncio.sleep(_REPEAT_S)
+                if monotonic() >= end_s:
+                    return self._time_s.keys() | self._present
+                await asyncio.sleep(_POINTED_OUT_S - 2.0 * _REPEAT_S)
+        finally:
+            await self._bus.close()
+
+    async def _join(self, vehicles: Collection[int]) -> None:
+        began_s = monotonic()
+        await self._bus.open(self._hear, self._see)
+        await self._until(lambda: bool(self._time_s or self._present), _HEARD_TIMEOUT_S)
+        if not (self._time_s or self._present):
+            raise VehicleRefusedError(
+                f"no vehicle heard on the bus within {_HEARD_TIMEOUT_S:g} s",
+                "check that the team flies, and that --mission names its mission",
+            )
+        await self._until(lambda: self._time_s.keys() >= set(vehicles), _ALL_HEARD_WITHIN_S)
+        self.joined_after_s = monotonic() - began_s
 
     async def _tell(
         self, verb: Verb, vehicles: Collection[int], vehicle: int | None, shape: Shape | None
@@ -95,11 +123,14 @@ class Operator:
         return vehicle in self._answers and final(verb, self._answers[vehicle].did)
 
     def _say(self, verb: Verb, vehicle: int | None, shape: Shape | None) -> None:
+        command = OperatorCommand(self._team_s, verb, vehicle, _origin(), self._number, shape)
+        self._bus.publish(TOPICS[OperatorCommand].name, encode(command))
+
+    @property
+    def _team_s(self) -> float:
         # The team's clock may run faster than the wall's: the newest time heard is the best to go by. Vehicles that
         # have not yet flown tell no time.
-        now_s = max(self._time_s.values(), default=time.time())
-        command = OperatorCommand(now_s, verb, vehicle, _origin(), self._number, shape)
-        self._bus.publish(TOPICS[OperatorCommand].name, encode(command))
+        return max(self._time_s.values(), default=time.time())
 
     def _see(self, vehicle_id: int, present: bool) -> None:
         if vehicle_id != _OPERATOR_ID:

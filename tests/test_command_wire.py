@@ -15,6 +15,7 @@ import pytest
 from rich.console import Console
 
 from agents.outcome import Ending, Outcome
+from agents.perception import Seen
 from gcs.flight import Flight, fly
 from gcs.flight_plan import FlightPlan
 from gcs.live import LiveView
@@ -115,6 +116,18 @@ async def test_an_abort_hovers_then_lands_by_itself_unless_resumed(fly_team: Fly
         assert team.tactics[1] == "formation"
         assert team.watch.vehicles[1].armed
         assert "vehicle 3: abort by" in "".join(line for line in team.said if "nobody resumed it" in line)
+
+
+async def test_an_operator_points_out_a_target_and_the_team_encircles_it(fly_team: FlyTeam) -> None:
+    async with fly_team() as team:
+        unsure = (0.25, 0.0, 0.25)
+        heard = await Operator(team.mission).point_out(Seen("mission", (8.0, 0.0), unsure, 0.8, 0.2), 0.0)
+        assert set(heard) == {1, 2, 3}
+        await until(lambda: list(team.tactics.values()) == ["encircle"] * 3, 20.0)
+        for _ in range(2):
+            await Operator(team.mission).point_out(Seen("utm", (8.0, 0.0), unsure, 0.8, 0.2), 0.0)
+        refused = [said for said in team.said if "'utm' is none of mission, geodetic" in said]
+        assert len(refused) == 3, team.said
 
 
 @pytest.mark.parametrize("when", ["rising", "flying", "landing", "taken"])
