@@ -94,4 +94,6 @@ def _toml(content: _Content) -> str:
 def _value(value: object) -> str:
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{key} = {_value(each)}' for key, each in value.items())} }}"
-    return json.dumps(value, ensure_ascii=False)  # of strings, numbers, truths and lists, JSON is TOML
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    return json.dumps(value, ensure_ascii=False)  # of strings, numbers and truths, JSON is TOML
