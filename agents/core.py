@@ -173,6 +173,7 @@ class VehicleCore:
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
         self._notes += [Note(now_s, "ring", text) for text in self._planner.news()]
+        self._follow_ring()
         guarded = self._guarded(situation, wish)
         self._note_guard(now_s, wish, guarded)
         self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
@@ -285,8 +286,7 @@ class VehicleCore:
         if event is Event.FOREIGN_MODE:
             self._failsafe.latch(Condition.FOREIGN_MODE, "somebody else has the vehicle")
         self._planner.begin(after, to_home=event is Event.RETURN)
-        on_ring = after is Tactic.ENCIRCLE and self._config.own_filter.disturbance_turns
-        self._own.turn_disturbance(self._config.encirclement.angular_rate_rad_s if on_ring else 0.0)
+        self._follow_ring()
         if after is Tactic.FORMATION:
             self._formed_s = None
 
@@ -310,6 +310,15 @@ class VehicleCore:
                 because = f"the setpoint wished for, ({x:.2f}, {y:.2f}) m, was moved by {moved_m:.2f} m"
                 self._notes.append(Note(now_s, "guard", ", ".join(cause.words for cause in guarded.causes), because))
             self._guarding_s = now_s
+
+    @property
+    def _ring_rate_rad_s(self) -> float:
+        """The angular rate at which this vehicle goes around, but for corrections of its place; 0 off the ring."""
+        return self._planner.pace.stepped_rate_rad_s if self._tactic is Tactic.ENCIRCLE else 0.0
+
+    def _follow_ring(self) -> None:
+        """Look for a disturbance that swings as the vehicle goes around: at the rate that is flown."""
+        self._own.turn_disturbance(self._ring_rate_rad_s if self._config.own_filter.disturbance_turns else 0.0)
 
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
         state = member_state(
@@ -365,4 +374,5 @@ class VehicleCore:
             guarded,
             heard,
             self._planner.pace.words if self._tactic is Tactic.ENCIRCLE else "",
+            self._ring_rate_rad_s,
         )

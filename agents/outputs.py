@@ -35,7 +35,8 @@ class CoreStatus(msgspec.Struct, frozen=True):
     """What a vehicle is doing and what it believes, for people, logs and metrics.
 
     `alert` is the failsafe that holds it, empty if none; `notes` are what has happened, `answers` what peers
-    have answered operators, both since the last tick. `slowed` says what of the mission's ring is not flown, and why.
+    have answered operators, both since the last tick. `slowed` says what of the mission's ring is not flown, and why;
+    `ring_rate_rad_s` is the angular rate of the one that is, 0 off the ring.
     """
 
     vehicle_id: int
@@ -55,6 +56,7 @@ class CoreStatus(msgspec.Struct, frozen=True):
     guarded: Guarded | None
     answers: tuple[CommandAnswer, ...] = ()
     slowed: str = ""
+    ring_rate_rad_s: float = 0.0
 
     @property
     def motion(self) -> Vector | None:

@@ -503,6 +503,10 @@ def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make
     )
     (angle,) = (message for message in sent_by(last) if isinstance(message, NeighbourAngle))
     assert (angle.rate_share, angle.radius_share) == (0.5, 1.0)
+    rates = [output.status.ring_rate_rad_s for output in outputs]
+    assert rates[0] == 0.15
+    assert rates == sorted(rates, reverse=True)
+    assert sorted(set(rates)) == pytest.approx([0.15 * step / 10.0 for step in range(5, 11)])
 
 
 def test_a_target_seen_again_elsewhere_moves_no_setpoint_far(make_config: Maker) -> None:

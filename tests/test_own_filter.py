@@ -285,6 +285,18 @@ def test_what_a_wrong_plant_errs_by_on_a_circle_is_found_without_a_lag() -> None
     assert errors[0.0] > 10.0 * errors[0.2], "a disturbance that is taken to stand still lags"
 
 
+def test_a_ring_that_turns_at_another_rate_is_followed() -> None:
+    wrong = Plant(PLANT.x, PlantAxis(PLANT.y.a0_per_s2, PLANT.y.a1_per_s * 0.7))
+    errors = []
+    for rates_rad_s in ((0.2,), (0.2, 0.1)):
+        own = OwnFilter(PLANT, SETTINGS)
+        for rate_rad_s in rates_rad_s:
+            own.turn_disturbance(rate_rad_s)
+        errors.append(np.abs(circled(own, wrong, rate_rad_s=0.1, duration_s=200.0)[-300:]).max())
+    assert errors[1] < 1e-4
+    assert errors[0] > 10.0 * errors[1]
+
+
 def test_the_swinging_part_is_not_lost_when_the_ring_is_left() -> None:
     own = OwnFilter(PLANT, SETTINGS)
     own.turn_disturbance(0.2)

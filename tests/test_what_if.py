@@ -38,9 +38,10 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Flight:
 
 @pytest.fixture(scope="module")
 def turning(tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    """The same with a disturbance that turns with the vehicle on the ring."""
+    """The same with a disturbance that turns with the vehicle on the ring, which slows down about a fast target."""
     path = tmp_path_factory.mktemp("logs") / "turning.mcap"
-    mission = engaging("case2-field", (("own_filter", "disturbance_turns"), True))
+    fast = ("target", "velocity_m_s"), [2.45, 0.0]
+    mission = engaging("case2-field", (("own_filter", "disturbance_turns"), True), fast)
     record_simulation(mission, path, seed=1, duration_s=20.0)
     return read_log(path), mission
 
@@ -94,7 +95,7 @@ def test_a_disturbance_turns_no_more_once_the_vehicle_is_told_to_leave_the_ring(
     recorded = next(each for each in log.of_kind(2, Decision) if each.tactic == "encircle")
     # It stands still though its setpoint is beside it: there is a disturbance.
     on_ring = msgspec.structs.replace(recorded, guard=GuardWord((0.3, 0.0), "passed", (), None))
-    holds = msgspec.structs.replace(on_ring, tactic="hold")
+    holds = msgspec.structs.replace(on_ring, tactic="hold", ring_rate_rad_s=0.0)
     samples = [Telemetry(i / 5.0, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)) for i in range(40)]
     told = Told(Event.HOLD)
     for sample in samples[:-2]:

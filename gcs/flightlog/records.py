@@ -145,6 +145,7 @@ class Decision(msgspec.Struct, frozen=True):
     """All that came out of one tick: what it believed, what it decided and why, what it sent.
 
     `peers` are the members that it counted on, `answers` what peers answered to operators, as it came over the bus.
+    `ring_rate_rad_s` is the angular rate of the ring as it is flown, 0 off it; None in logs older than rings that slow.
     """
 
     time_s: float
@@ -164,6 +165,7 @@ class Decision(msgspec.Struct, frozen=True):
     peers: tuple[int, ...]
     answers: tuple[bytes, ...]
     messages_dropped: int
+    ring_rate_rad_s: float | None = None
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -263,6 +265,7 @@ def decision_of(output: TickOutput) -> Decision:
         tuple([peer.sender for peer in status.peers]),
         tuple(map(encode, status.answers)),
         status.messages_dropped,
+        status.ring_rate_rad_s,
     )
 
 

@@ -163,7 +163,8 @@ class FilterRun:
         self._target = TargetFilter(settings.target_filter)
         noise = settings.own_filter
         self._noise = np.diag([noise.position_noise_m**2] * 2 + [noise.velocity_noise_m_s**2] * 2)
-        self._ring_rate_rad_s = config.encirclement.angular_rate_rad_s if noise.disturbance_turns else 0.0
+        self._turns = noise.disturbance_turns
+        self._mission_rate_rad_s = config.encirclement.angular_rate_rad_s
         self.own, self.target = Track(), Track()
 
     def take(self, turn: Turn, inputs: Sequence[Fed]) -> None:
@@ -173,7 +174,8 @@ class FilterRun:
                 self._measure(item)
             elif isinstance(item, Sighting):
                 self._sight(item)
-            elif turn.decision is not None:
+            elif turn.decision is not None and turn.decision.tactic != Tactic.ENCIRCLE.value:
+                # Told to leave the ring, it does so at once. All else is done in the tick.
                 self._turn(turn.decision)
         if turn.tick is None:
             return
@@ -189,7 +191,10 @@ class FilterRun:
                 self._own.command(now_s, np.array(turn.decision.guard.setpoint_m))
 
     def _turn(self, decision: Decision) -> None:
-        self._own.turn_disturbance(self._ring_rate_rad_s if decision.tactic == Tactic.ENCIRCLE.value else 0.0)
+        rate_rad_s = decision.ring_rate_rad_s
+        if rate_rad_s is None:
+            rate_rad_s = self._mission_rate_rad_s if decision.tactic == Tactic.ENCIRCLE.value else 0.0
+        self._own.turn_disturbance(rate_rad_s if self._turns else 0.0)
 
     def _measure(self, telemetry: Telemetry) -> None:
         prior, refused = self._own.estimate(telemetry.time_s), self._own.refused
