@@ -185,6 +185,16 @@ plausible = st.one_of(
 ).map(encode)
 
 
+def found(config: AgentConfig, motion: Vector) -> Vector:
+    """Where a vehicle that was told nothing yet is when its setpoint acts, half a period from now.
+
+    The bound on the lead counts from there: the setpoint acts meanwhile, as far ahead as the vehicle flies in a period.
+    """
+    half = exact_step(config.plant, PERIOD_S / 2.0)
+    flown_m = half.advance(motion, motion[:2], STILL)[2:] * PERIOD_S
+    return half.advance(motion, motion[:2] + flown_m, STILL)
+
+
 @given(payloads=st.lists(plausible | st.binary(max_size=60), max_size=12), smoothing_s=st.sampled_from([0.0, 3.5]))
 def test_no_message_makes_a_vehicle_raise_or_fly_off(
     payloads: list[bytes], smoothing_s: float, make_config: Maker
@@ -197,8 +207,7 @@ def test_no_message_makes_a_vehicle_raise_or_fly_off(
     for payload in payloads:
         core.on_message(payload, 10.0)
     x, y = setpoint_of(core.tick(10.0))
-    # The bound counts from where the vehicle is when the setpoint acts, half a period from now.
-    acting = exact_step(config.plant, PERIOD_S / 2.0).advance(motion, motion[:2], STILL)
+    acting = found(config, motion)
     assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
     core.tick(10.1)
 
@@ -219,7 +228,7 @@ def test_the_setpoint_never_leads_by_more_than_allowed_whatever_the_estimate(
     core.on_sighting(sighting(10.0, *target))
     output = core.tick(10.0)
     assert output.status.tactic is tactic
-    acting = exact_step(config.plant, PERIOD_S / 2.0).advance(np.array(motion), np.array(motion[:2]), STILL)
+    acting = found(config, np.array(motion))
     x, y = setpoint_of(output)
     assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
 
