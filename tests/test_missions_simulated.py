@@ -127,6 +127,13 @@ def test_case2_in_the_field_settles_at_the_promised_figures(field: Flown) -> Non
     assert known(field.result.ring.spacing_error_rms_deg) <= 1.5
 
 
+def test_vehicles_that_are_shaped_and_differ_from_their_model_keep_the_ring() -> None:
+    flight = flown(load_mission("shaped-trio"), duration_s=120.0)
+    assert all(known(v.radius_error_rms_m) <= 0.05 for v in flight.result.vehicles)
+    assert all(known(v.angular_rate_mean_rad_s) == pytest.approx(0.15, rel=0.01) for v in flight.result.vehicles)
+    assert known(flight.result.ring.spacing_error_rms_deg) <= 0.5
+
+
 def test_every_verdict_of_every_bundled_mission_holds(case1: Flown, case2: Flown, field: Flown) -> None:
     for flight in (case1, case2, field):
         assert flight.result.all_hold, flight.result.verdicts
