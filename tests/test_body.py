@@ -43,3 +43,13 @@ def test_a_steady_wind_moves_the_vehicle_by_drag_over_stiffness() -> None:
 def test_a_vehicle_steers_its_estimate_to_the_setpoint_not_itself() -> None:
     last = flown(IDEAL, (4.0, -1.0), off_m=(0.3, -0.2))[-1]
     assert last[:2] == pytest.approx([4.0 - 0.3, -1.0 + 0.2], abs=1e-3)
+
+
+def test_still_air_damps_as_much_as_the_drag() -> None:
+    dragged = flown(Nature(wind_m_s=(1e-9, 0.0), drag_per_s=0.3), (4.0, -1.0))
+    damped = Plant(PlantAxis(0.8, 0.9 + 0.3), PlantAxis(0.5, 1.2 + 0.3), 0.1)
+    body = Body(damped, (1.0, 2.0), 8.0, (0.0, 0.0), IDEAL, np.random.default_rng(0))
+    body.command(0.0, np.array([4.0, -1.0]))
+    for tick in range(20):
+        body.advance(tick * 0.1, (tick + 1) * 0.1, (0.0, 0.0))
+    assert dragged[19] == pytest.approx(body.motion, abs=0.03)
