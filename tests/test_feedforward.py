@@ -145,16 +145,22 @@ def feeding(name: str, plant: str, true_a0: float, true_a1: float, *changes: tup
     return engaging(name, *off, *changes)
 
 
-def test_a_ring_keeps_its_radius_on_plants_30_percent_off_even_without_an_estimate_of_that() -> None:
-    biases = {}
+def test_a_ring_keeps_radius_and_rate_on_plants_30_percent_off_even_without_an_estimate_of_that() -> None:
+    errors_m, slow = {}, {}
     unestimated = (("own_filter",), {"disturbance_max_m_s2": 0.0})
     for plant in ("stub", "stub-feedforward"):
         record = fly_simulated(feeding("case2", plant, 0.7, 1.3, unestimated), 1, 60.0, lambda _: None)
-        late = record.time_s > 50.0
-        radii = [np.hypot(*(each.position_m - record.target_position_m)[late].T) for each in record.vehicles]
-        biases[plant] = float(np.abs(np.mean(radii) - 10.0))
-    assert biases["stub"] > 0.015, "the plants are off by enough to matter"
-    assert biases["stub-feedforward"] < 0.1 * biases["stub"]
+        late = (record.time_s > 50.0) & (record.time_s < 60.0)
+        x, y = np.array([(each.position_m - record.target_position_m)[late].T for each in record.vehicles]).swapaxes(
+            0, 1
+        )
+        errors_m[plant] = float(np.sqrt(np.mean((np.hypot(x, y) - 10.0) ** 2)))
+        turned_rad = np.diff(np.unwrap(np.arctan2(y, x))[:, [0, -1]])
+        slow[plant] = float(1.0 - np.mean(turned_rad) / np.ptp(record.time_s[late]) / 0.05)
+    assert errors_m["stub"] > 0.03, "the plants are off by enough to matter"
+    assert slow["stub"] > 0.2
+    assert errors_m["stub-feedforward"] < 0.001
+    assert abs(slow["stub-feedforward"]) < 0.01
 
 
 def test_the_log_holds_the_velocities_and_is_replayed_bit_by_bit(tmp_path_factory: pytest.TempPathFactory) -> None:
