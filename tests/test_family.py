@@ -37,14 +37,14 @@ def test_draws_fill_their_bounds_axis_by_axis_and_stay_within() -> None:
     assert 11.8 < speeds[-1] <= 12.0
     winds = [float(np.hypot(*each.nature.wind_m_s)) for each in family]
     assert 7.9 < max(winds) <= 8.0
-    rates = [each.nature.pace.rate_hz for each in family if each.nature.pace is not None]
+    rates = [each.nature.cadence.rate_hz for each in family if each.nature.cadence is not None]
     assert 10.0 <= min(rates) < 11.0
     assert 49.0 < max(rates) <= 50.0
 
 
 def test_the_linear_part_is_another_plant_in_a_steady_wind_and_nothing_else() -> None:
     each = linear_relative(NOMINAL, (3.0, 4.0), np.random.default_rng(1))
-    assert (each.nature.shape, each.nature.gusts, each.nature.wander, each.nature.pace) == (None, False, None, None)
+    assert (each.nature.shape, each.nature.gusts, each.nature.wander, each.nature.cadence) == (None, False, None, None)
     assert each.nature.wind_m_s == (3.0, 4.0)
 
 
