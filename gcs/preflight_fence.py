@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import cos, pi, sin
+from operator import itemgetter
 
 from gcs.findings import AutopilotKind, FenceArea, Finding, Grade, VehicleFacts
 from gcs.mission import Mission, MissionVehicle
@@ -40,18 +41,17 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
 
 
 def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
-    """Return places [m] that the mission may take a vehicle to: its line to the end, the ring all along; or its box."""
+    """Return places [m] that the mission may take a vehicle to, in time: its line to the end, the ring; or its box."""
     start_x, start_y = vehicle.section.start_m
     if mission.excites:
         return [(start_x, start_y), *mission.safety.fence_m]
     radius_m, duration_s = mission.encirclement.radius_m, mission.mission.duration_s
-    places = [(start_x, start_y)]
     times_s = [duration_s * k / PATH_POINTS for k in range(PATH_POINTS + 1)]
-    places += [(start_x + mission.formation.speed_m_s * at_s, start_y) for at_s in times_s]
-    for _, (x, y) in mission.target.motion.path_m(duration_s, PATH_POINTS + 1):
+    timed = [(at_s, (start_x + mission.formation.speed_m_s * at_s, start_y)) for at_s in times_s]
+    for at_s, (x, y) in mission.target.motion.path_m(duration_s, PATH_POINTS + 1):
         angles = (2.0 * pi * k / RING_POINTS for k in range(RING_POINTS))
-        places += [(x + radius_m * cos(angle), y + radius_m * sin(angle)) for angle in angles]
-    return places
+        timed += [(at_s, (x + radius_m * cos(angle), y + radius_m * sin(angle))) for angle in angles]
+    return [(start_x, start_y), *(place for _, place in sorted(timed, key=itemgetter(0)))]
 
 
 def within(place: Place, corners: Sequence[Place]) -> bool:
