@@ -61,8 +61,11 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
     """Return a way to fly case2 on stubs."""
 
     @asynccontextmanager
-    async def flying(*, speed: float = SPEED, until_tactic: str = "formation") -> AsyncIterator[Team]:
-        mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "commanded"')))
+    async def flying(
+        *, speed: float = SPEED, until_tactic: str = "formation", hover_s: float = 5.0
+    ) -> AsyncIterator[Team]:
+        changes = ('name = "case2"', 'name = "commanded"'), ("[safety]\n", f"[safety]\nabort_hover_s = {hover_s}\n")
+        mission = load_mission(mission_file("case2", *changes))
         team = Team(mission, StubWatch(monkeypatch))
         view = LiveView(Console(file=StringIO()))
         monkeypatch.setattr(
@@ -107,9 +110,10 @@ async def test_every_command_is_answered_by_what_the_vehicle_does(fly_team: FlyT
 
 
 async def test_an_abort_hovers_then_lands_by_itself_unless_resumed(fly_team: FlyTeam) -> None:
-    async with fly_team() as team:
+    # Two commands more have to come in the meantime, four seconds of the wall's.
+    async with fly_team(hover_s=20.0) as team:
         did = await team.command("abort")
-        assert did == dict.fromkeys((1, 2, 3), "holds, lands in 5 s unless resumed")
+        assert did == dict.fromkeys((1, 2, 3), "holds, lands in 20 s unless resumed")
         assert await team.command("resume", 1) == {1: "resumes its mission"}
         assert await team.command("abort", 2) == {2: "lands"}
         await until(lambda: not team.watch.vehicles[2].armed and not team.watch.vehicles[3].armed, 20.0)
