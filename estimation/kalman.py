@@ -25,12 +25,11 @@ class Belief(msgspec.Struct, frozen=True):
 
 
 class Correction(msgspec.Struct, frozen=True):
-    """The belief after a measurement, whether it passed the gate, and its normalised innovation (m,), and squared."""
+    """The belief after a measurement, whether it passed the gate, and the square of its normalised innovation."""
 
     belief: Belief
     accepted: bool
     innovation_squared: float
-    innovation: Vector
 
 
 def predict(
@@ -62,7 +61,7 @@ def correct(belief: Belief, measurement: Vector, noise: Vector, gate_sigma: floa
     gain, innovation = whitened[:, :states], whitened[:, states]
     squared = float(innovation.dot(innovation))
     if not squared <= gate_sigma**2 * size:  # NaN is no innovation either
-        return Correction(belief, False, squared, innovation)
+        return Correction(belief, False, squared)
     covariance = belief.covariance - gain.T.dot(gain)
     mean = belief.mean + innovation.dot(gain)
-    return Correction(Belief(belief.time_s, mean, covariance), True, squared, innovation)
+    return Correction(Belief(belief.time_s, mean, covariance), True, squared)

@@ -7,26 +7,23 @@ vehicles believe the same once they have heard the same, whatever the order. doc
 
 from bisect import bisect_right
 from functools import lru_cache
-from itertools import takewhile
 from math import exp, inf, sqrt
 from typing import NamedTuple
 
 import msgspec
-import numpy as np
 
-from estimation.kalman import STEP_DIGITS, Belief, correct, predict
+from estimation.kalman import STEP_DIGITS
+from estimation.planar import Drift, Innovation, Motion, Spread, carried, corrected
 from estimation.settings import TargetFilterSettings
-from estimation.state import POSITION, VELOCITY, Sighting, TargetEstimate, Vector
+from estimation.state import Sighting, TargetEstimate
 
 OUT_OF_SIGHT_S = 1.0
 """A target that nobody has seen for longer may have turned or stopped since."""
 HISTORY_MAX = 256
 """So many sightings are kept at most, however often somebody sees the target: a late one costs no more than they."""
 
-_NO_GAIN, _NO_INPUT = np.zeros((4, 1)), np.zeros(1)
 _LEANING_S = 0.5
 _CLIP_SIGMA = 3.0
-_WITHIN_CLIP = _CLIP_SIGMA / sqrt(2.0)
 _CERTAIN = 16.0
 """Of the lean, chi-squared with two degrees of freedom: exceeded by chance in one of 3000."""
 _ONSET_S, _TURNS_AGAIN_S = 0.5, 8.0
@@ -44,11 +41,11 @@ class _Lean(NamedTuple):
         """The sum, normalised and squared; little is known from a sighting or two."""
         return (self.x**2 + self.y**2) / self.variance if self.variance > 1.5 else 0.0
 
-    def after(self, step_s: float, innovation: Vector) -> "_Lean":
+    def after(self, step_s: float, innovation: Innovation) -> "_Lean":
         kept = exp(-step_s / _LEANING_S)
-        e_x, e_y = innovation.tolist()
-        share = min(1.0, _CLIP_SIGMA / max(sqrt(e_x**2 + e_y**2), _CLIP_SIGMA))
-        return _Lean(kept * self.x + share * e_x, kept * self.y + share * e_y, kept**2 * self.variance + 1.0)
+        share = _CLIP_SIGMA / max(sqrt(innovation.squared), _CLIP_SIGMA)
+        x, y = kept * self.x + share * innovation.x, kept * self.y + share * innovation.y
+        return _Lean(x, y, kept**2 * self.variance + 1.0)
 
 
 class _Taken(msgspec.Struct, frozen=True):
@@ -59,7 +56,7 @@ class _Taken(msgspec.Struct, frozen=True):
     """
 
     sighting: Sighting
-    belief: Belief
+    belief: Motion
     lean: _Lean
     accepted_s: float
     doubted_s: float
@@ -129,8 +126,13 @@ class TargetFilter:
         self._forget()
 
     def _is_repeat(self, sighting: Sighting, place: int) -> bool:
-        before = takewhile(lambda taken: taken.sighting.time_s == sighting.time_s, reversed(self._taken[:place]))
-        return any(taken.sighting == sighting for taken in before)
+        for index in range(place - 1, -1, -1):
+            before = self._taken[index].sighting
+            if before.time_s != sighting.time_s:
+                return False
+            if before == sighting:
+                return True
+        return False
 
     def _after(self, sighting: Sighting) -> _Taken:
         """Return what is believed after a sighting that is the newest so far."""
@@ -145,33 +147,30 @@ class TargetFilter:
         return self._turned(taken) if taken.lean.squared > _CERTAIN else taken
 
     def _started(self, sighting: Sighting) -> _Taken:
-        covariance = np.zeros((4, 4))
-        covariance[POSITION, POSITION] = _noise_of(sighting)
-        covariance[VELOCITY, VELOCITY] = np.eye(2) * self._settings.velocity_prior_m_s**2
-        belief = Belief(sighting.time_s, np.array([*sighting.position_m, 0.0, 0.0]), covariance)
+        (xx, xy, yy), speed = sighting.covariance_m2, self._settings.velocity_prior_m_s**2
+        spread = Spread(xx, xy, 0.0, 0.0, yy, 0.0, 0.0, speed, 0.0, speed)
         time_s = sighting.time_s
+        belief = Motion(time_s, *sighting.position_m, 0.0, 0.0, spread)
         return _Taken(sighting, belief, _Lean(), time_s, inf, time_s, sighting.importance, sighting.threat)
 
     def _corrected(self, last: _Taken, sighting: Sighting) -> _Taken:
         """Return the belief after a sighting; one farther off than noise explains counts for less, or is refused."""
         prior = self._carried(last, sighting.time_s)
-        position, noise = np.array(sighting.position_m), _noise_of(sighting)
-        result = correct(prior, position, noise, _WITHIN_CLIP)
+        belief, innovation = corrected(prior, sighting.position_m, sighting.covariance_m2)
         unseen_s = sighting.time_s - last.accepted_s
-        if not result.accepted:
+        if not innovation.squared <= _CLIP_SIGMA**2:  # NaN is no innovation either
             # What turns comes this far off the belief in the meantime.
             reach_m = self._settings.velocity_prior_m_s * min(unseen_s, OUT_OF_SIGHT_S)
-            if not correct(prior, position, noise + np.eye(2) * reach_m**2, self._settings.gate_sigma).accepted:
+            _, within_reach = corrected(prior, sighting.position_m, _widened(sighting, 1.0, reach_m**2))
+            if not within_reach.squared <= 2.0 * self._settings.gate_sigma**2:
                 doubted_s = min(last.doubted_s, sighting.time_s)
                 return msgspec.structs.replace(last, sighting=sighting, belief=prior, doubted_s=doubted_s, refused=True)
-            excess = sqrt(result.innovation_squared) / _CLIP_SIGMA
-            result = msgspec.structs.replace(
-                correct(prior, position, noise * excess, inf), innovation=result.innovation
-            )
+            excess = sqrt(innovation.squared) / _CLIP_SIGMA
+            belief, _ = corrected(prior, sighting.position_m, _widened(sighting, excess, 0.0))
         return _Taken(
             sighting,
-            result.belief,
-            last.lean.after(unseen_s, result.innovation),
+            belief,
+            last.lean.after(unseen_s, innovation),
             sighting.time_s,
             inf,
             last.began_s,
@@ -186,15 +185,14 @@ class TargetFilter:
         since = [each for each in self._taken if each.began_s == taken.began_s]
         first = max(bisect_right(since, onset_s, key=_time_of) - 1, 0)
         before = since[first]
-        covariance = before.belief.covariance.copy()
-        covariance[VELOCITY, VELOCITY] += np.eye(2) * self._settings.manoeuvre_speed_m_s**2
-        belief = Belief(before.belief.time_s, before.belief.mean, covariance)
+        spread, doubt = before.belief.spread, self._settings.manoeuvre_speed_m_s**2
+        belief = before.belief._replace(spread=spread._replace(uu=spread.uu + doubt, vv=spread.vv + doubt))
         again = msgspec.structs.replace(before, belief=belief, lean=_Lean(), turned_s=taken.sighting.time_s)
         for each in (*since[first + 1 :], taken):
             again = self._corrected(again, each.sighting)
         return msgspec.structs.replace(again, lean=_Lean())
 
-    def _carried(self, taken: _Taken, to_s: float) -> Belief:
+    def _carried(self, taken: _Taken, to_s: float) -> Motion:
         """Return the belief later: seen just now it moves straight on, out of sight it comes to rest by and by."""
         belief, settings = taken.belief, self._settings
         out_of_sight_s = max(taken.accepted_s + OUT_OF_SIGHT_S, belief.time_s)
@@ -203,12 +201,10 @@ class TargetFilter:
             # What has turned turns again. In whole hundredths, so that the matrices of each are computed once.
             lively = round(exp(min(taken.turned_s - belief.time_s, 0.0) / _TURNS_AGAIN_S), 2)
             density = settings.acceleration_noise_m_s2**2 + lively * settings.manoeuvre_acceleration_m_s2**2
-            transition, noise = _straight(density, step_s)
-            belief = predict(belief, min(to_s, out_of_sight_s), transition, noise, _NO_GAIN, _NO_INPUT)
+            belief = carried(belief, min(to_s, out_of_sight_s), _straight(density, step_s))
         step_s = round(to_s - out_of_sight_s, STEP_DIGITS)
         if step_s > 0.0:
-            transition, noise = _wandering(settings.velocity_prior_m_s, settings.coast_s, step_s)
-            belief = predict(belief, to_s, transition, noise, _NO_GAIN, _NO_INPUT)
+            belief = carried(belief, to_s, _wandering(settings.velocity_prior_m_s, settings.coast_s, step_s))
         return belief
 
     def _forget(self) -> None:
@@ -223,37 +219,26 @@ def _time_of(taken: _Taken) -> float:
     return taken.sighting.time_s
 
 
-def _noise_of(sighting: Sighting) -> Vector:
+def _widened(sighting: Sighting, excess: float, reach_m2: float) -> tuple[float, float, float]:
+    """Return a sighting's covariance, `excess` times as large, and farther out in every direction."""
     xx, xy, yy = sighting.covariance_m2
-    return np.array([[xx, xy], [xy, yy]])
+    return xx * excess + reach_m2, xy * excess, yy * excess + reach_m2
 
 
 @lru_cache(maxsize=4096)
-def _straight(density: float, step_s: float) -> tuple[Vector, Vector]:
-    """Return transition (4, 4) of constant velocity, and process noise (4, 4) under white acceleration."""
-    transition = np.eye(4)
-    transition[POSITION, VELOCITY] = np.eye(2) * step_s
-    return transition, _isotropic(density * step_s**3 / 3.0, density * step_s**2 / 2.0, density * step_s)
+def _straight(density: float, step_s: float) -> Drift:
+    """Return a step of constant velocity under white acceleration."""
+    return Drift(step_s, 1.0, density * step_s**3 / 3.0, density * step_s**2 / 2.0, density * step_s)
 
 
 @lru_cache(maxsize=1024)
-def _wandering(speed_m_s: float, lasting_s: float, step_s: float) -> tuple[Vector, Vector]:
-    """Return transition (4, 4) and process noise (4, 4) of a velocity that is forgotten: an Ornstein-Uhlenbeck process.
+def _wandering(speed_m_s: float, lasting_s: float, step_s: float) -> Drift:
+    """Return a step of a velocity that is forgotten: an Ornstein-Uhlenbeck process.
 
     Its standard deviation tends to `speed_m_s`; what is known of it lasts for about `lasting_s`.
     """
     kept = exp(-step_s / lasting_s)
-    transition = np.eye(4)
-    transition[POSITION, VELOCITY] = np.eye(2) * lasting_s * (1.0 - kept)
-    transition[VELOCITY, VELOCITY] = np.eye(2) * kept
     variance = speed_m_s**2
     place = variance * lasting_s**2 * (2.0 * step_s / lasting_s - 3.0 + 4.0 * kept - kept**2)
-    return transition, _isotropic(place, variance * lasting_s * (1.0 - kept) ** 2, variance * (1.0 - kept**2))
-
-
-def _isotropic(place: float, mixed: float, velocity: float) -> Vector:
-    noise = np.zeros((4, 4))
-    noise[POSITION, POSITION] = np.eye(2) * place
-    noise[POSITION, VELOCITY] = noise[VELOCITY, POSITION] = np.eye(2) * mixed
-    noise[VELOCITY, VELOCITY] = np.eye(2) * velocity
-    return noise
+    mixed = variance * lasting_s * (1.0 - kept) ** 2
+    return Drift(lasting_s * (1.0 - kept), kept, place, mixed, variance * (1.0 - kept**2))
