@@ -65,7 +65,8 @@ class VehicleCore:
         self._tactic = Tactic.STANDBY
         self._start_s = np.inf
         self._formed_s: float | None = None
-        self._sightings: list[Sighting] = []
+        self._untold: list[Sighting] = []
+        self._sighted: list[Sighting] = []
         self._notes: list[Note] = []
         self._guarding_s = -np.inf
         shapes = config.shapes if config.excitation is None else ()
@@ -124,9 +125,9 @@ class VehicleCore:
 
     def on_sighting(self, sighting: Sighting) -> None:
         """Take a sighting; what the vehicle's own sensor sees peers are told in the next tick, others hear the rest."""
-        self._target.sight(sighting)
+        self._sighted.append(sighting)
         if sighting.sensor_id == self._config.vehicle_id:
-            self._sightings.append(sighting)
+            self._untold.append(sighting)
 
     def on_message(self, payload: bytes, now_s: float) -> None:
         """Take a peer's message; what is malformed, foreign or from the future is counted and dropped."""
@@ -203,6 +204,9 @@ class VehicleCore:
             self._notes.append(Note(self._now_s, "command", f"the formation's shape is '{told.shape}'"))
 
     def _assess(self, now_s: float) -> Situation | None:
+        if self._sighted:
+            self._target.sight(*self._sighted)
+            self._sighted.clear()
         own = self._own.estimate(now_s)
         if own is None:
             return None
@@ -295,7 +299,8 @@ class VehicleCore:
         if self._tactic in (Tactic.LAND, Tactic.STOOD_DOWN):
             return Guarded(wish.setpoint_m)
         lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
-        bodies = self._neighbours.bodies(situation, self._height_m, self._team.members(), lost)
+        near = self._neighbours.near(situation, self._team.members())
+        bodies = self._neighbours.bodies(situation, self._height_m, near, lost)
         return self._guard.check(situation, wish.setpoint_m, bodies)
 
     def _setpoint(self, situation: Situation, wish: Wish, guarded: Guarded) -> Setpoint:
@@ -334,21 +339,19 @@ class VehicleCore:
         if self._tactic is Tactic.ENCIRCLE and situation.polar is not None and self._planner.joined:
             needed = self._planner.pace.needed
             messages.append(neighbour_angle(self._config.vehicle_id, situation.now_s, situation.polar, needed))
-        if self._sightings:
+        if self._untold:
             recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)
-            messages += [target_package(self._config.vehicle_id, sighting, recipients) for sighting in self._sightings]
-            self._sightings.clear()
+            messages += [target_package(self._config.vehicle_id, sighting, recipients) for sighting in self._untold]
+            self._untold.clear()
         return tuple(messages)
 
     def _hear_target(self, package: TargetPackage) -> None:
         if self._config.vehicle_id not in package.recipients:
             return
         try:
-            sighting = sighting_told(package)
+            self._sighted.append(sighting_told(package))
         except ValueError:
             self._inbox.dropped += 1
-            return
-        self._target.sight(sighting)
 
     def _status(
         self, now_s: float, situation: Situation | None, wish: Wish | None, guarded: Guarded | None

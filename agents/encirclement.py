@@ -50,8 +50,7 @@ class EncirclementPlanner:
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
         self._on_ring = np.zeros((self._settings.horizon, 4))
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
-        self._state_max = np.full((self._settings.horizon, len(_CONSTRAINED)), _FREE)
-        self._state_max[:, 1] = self._settings.speed_max_m_s
+        self._highest, self._lowest = np.empty((2, self._settings.horizon, len(_CONSTRAINED)))
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
@@ -143,13 +142,14 @@ class EncirclementPlanner:
         """Bound the inputs by the acceleration, the states by the speed limit and the clearance to both neighbours."""
         settings = self._settings
         radius = polar.radius_m
-        limit = np.array([settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / radius])
-        highest = self._state_max.copy()
-        highest[:, 2] = settings.speed_max_m_s / radius
-        lowest = -highest
-        if place.lead_rad is not None and place.lag_rad is not None:
-            highest[:, 0] = place.lead_rad - self._clearance_rad + self._drift_rad
-            lowest[:, 0] = self._clearance_rad - place.lag_rad + self._drift_rad
+        limit = np.array((settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / radius))
+        fastest = np.array((_FREE, settings.speed_max_m_s, settings.speed_max_m_s / radius))
+        if place.lead_rad is None or place.lag_rad is None:
+            return Bounds(-limit, limit, -fastest, fastest)
+        highest, lowest = self._highest, self._lowest
+        highest[:], lowest[:] = fastest, -fastest
+        highest[:, 0] = self._drift_rad + (place.lead_rad - self._clearance_rad)
+        lowest[:, 0] = self._drift_rad + (self._clearance_rad - place.lag_rad)
         return Bounds(-limit, limit, lowest, highest)
 
 

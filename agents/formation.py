@@ -37,10 +37,10 @@ class FormationPlanner:
 
     def __init__(self, config: AgentConfig) -> None:
         settings = config.formation
-        self._plant = config.plant
+        self._a0_per_s2 = config.plant.a0_per_s2
         self._speed_max_m_s = settings.speed_max_m_s
         self._lead_max_m = config.safety.setpoint_lead_max_m
-        self._horizon = settings.horizon
+        self._reference = np.zeros((settings.horizon, 4))
         self._relative_setpoint_m: Vector | None = None
         self._lmpc = formation_lmpc(config)
 
@@ -59,22 +59,19 @@ class FormationPlanner:
         separation = np.array(offset_m)
         if self._relative_setpoint_m is None:
             self._relative_setpoint_m = separation
-        reference = np.zeros((self._horizon, 4))
-        reference[:, POSITION] = separation
+        self._reference[:, POSITION] = separation
         bounds = self._bounds(motion, predecessor)
-        plan = self._lmpc.solve(motion - predecessor.motion, reference, self._relative_setpoint_m, bounds)
+        plan = self._lmpc.solve(motion - predecessor.motion, self._reference, self._relative_setpoint_m, bounds)
         self._relative_setpoint_m = plan.first_input
         undisturbed = predecessor.setpoint_m + plan.first_input
-        compensation = disturbance_m_s2 / self._plant.a0_per_s2
+        compensation = disturbance_m_s2 / self._a0_per_s2
         return FormationPlan(undisturbed - compensation, undisturbed, plan.status)
 
     def _bounds(self, motion: Vector, predecessor: Predecessor) -> Bounds:
         """Bound the setpoint to the lead allowed before the vehicle, and the vehicle's own speed."""
         from_vehicle = motion[POSITION] - predecessor.setpoint_m
-        highest, lowest = np.empty((2, self._horizon, 2))
-        highest[:] = self._speed_max_m_s - predecessor.motion[VELOCITY]
-        lowest[:] = -self._speed_max_m_s - predecessor.motion[VELOCITY]
-        return Bounds(from_vehicle - self._lead_max_m, from_vehicle + self._lead_max_m, lowest, highest)
+        lead_m, speed_m_s, its_m_s = self._lead_max_m, self._speed_max_m_s, predecessor.motion[VELOCITY]
+        return Bounds(from_vehicle - lead_m, from_vehicle + lead_m, -speed_m_s - its_m_s, speed_m_s - its_m_s)
 
 
 def formation_lmpc(config: AgentConfig) -> Lmpc:

@@ -54,7 +54,7 @@ class Gains(msgspec.Struct, frozen=True):
 
 
 class Bounds(msgspec.Struct, frozen=True):
-    """Bounds of one solve: inputs (m,) each way, and the constrained states (horizon, k) each way."""
+    """Bounds of one solve: inputs (m,) and the constrained states, (horizon, k) or (k,) for all samples, each way."""
 
     input_min: Vector
     input_max: Vector
@@ -78,54 +78,54 @@ class Lmpc:
     ) -> None:
         """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,)."""
         states, inputs = input_gain.shape
-        self._inputs = inputs
+        size = control_horizon * inputs
+        self._states, self._inputs, self._size = states, inputs, size
         free, forced = _condense(transition, input_gain, horizon, control_horizon)
         weighted = np.kron(np.eye(horizon), state_weight) @ forced
-        difference = np.eye(control_horizon * inputs) - np.eye(control_horizon * inputs, k=-inputs)
+        difference = np.eye(size) - np.eye(size, k=-inputs)
         increment_cost = difference.T @ np.diag(np.tile(increment_weight, control_horizon))
         hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
-        self._gradient_by_state = 2.0 * weighted.T @ free
-        self._gradient_by_reference = -2.0 * weighted.T
-        self._gradient_by_previous = -2.0 * increment_cost[:, :inputs]
-        self._interior = -np.linalg.inv(hessian)
+        # What is given is state, reference and previous input in one vector: everything is linear in that.
+        self._given = np.zeros(states + horizon * states + inputs)
+        self._gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
         rows = [step * states + state for step in range(horizon) for state in constrained_states]
-        self._rows_free = free[rows]
-        self._lower, self._upper = np.empty((2, control_horizon * inputs + len(rows)))
-        self._rows = np.vstack([np.eye(control_horizon * inputs), forced[rows]])
+        self._free_rows = np.hstack([free[rows], np.zeros((len(rows), len(self._given) - states))])
+        self._best: Vector = -np.asarray(np.linalg.solve(hessian, self._gradient), dtype=np.float64)
+        self._outcome = np.vstack([self._best, self._free_rows + forced[rows] @ self._best])
+        self._lower, self._upper = np.empty((2, size + len(rows)))
         self._solver = _SoftQp(hessian, forced[rows])
 
     @property
     def gains(self) -> Gains:
         """The linear feedback that the optimum is as long as no bound binds."""
-        first = self._interior[: self._inputs]
-        by_sample = (first @ self._gradient_by_reference).reshape(self._inputs, -1, self._gradient_by_state.shape[1])
-        return Gains(first @ self._gradient_by_state, by_sample.sum(axis=1), first @ self._gradient_by_previous)
+        first, states = self._best[: self._inputs], self._states
+        by_sample = first[:, states : -self._inputs].reshape(self._inputs, -1, states)
+        return Gains(first[:, :states], by_sample.sum(axis=1), first[:, -self._inputs :])
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Plan:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
-        gradient = (
-            self._gradient_by_state.dot(state)
-            + self._gradient_by_reference.dot(reference.ravel())
-            + self._gradient_by_previous.dot(previous_input)
-        )
-        drift = self._rows_free.dot(state)
-        size = len(gradient)
-        lower, upper = self._lower, self._upper
+        given, size, lower, upper = self._given, self._size, self._lower, self._upper
+        given[: self._states] = state
+        given[self._states : -self._inputs] = reference.ravel()
+        given[-self._inputs :] = previous_input
+        samples = len(reference)
         lower[:size].reshape(-1, self._inputs)[:] = bounds.input_min
         upper[:size].reshape(-1, self._inputs)[:] = bounds.input_max
-        np.subtract(bounds.state_min.ravel(), drift, out=lower[size:])
-        np.subtract(bounds.state_max.ravel(), drift, out=upper[size:])
-        optimum, status = self._minimise(gradient, lower, upper)
+        lower[size:].reshape(samples, -1)[:] = bounds.state_min
+        upper[size:].reshape(samples, -1)[:] = bounds.state_max
+        # Mostly no bound binds: then the optimum is a matrix product, exact, and cheaper than any solver.
+        outcome = self._outcome.dot(given)
+        if np.minimum(outcome - lower, upper - outcome).min() >= -_FEASIBLE_SLACK:
+            return Plan(outcome[:size].reshape(-1, self._inputs), QpStatus.INTERIOR)
+        optimum, status = self._bounded(outcome[:size])
         return Plan(optimum.reshape(-1, self._inputs), status)
 
-    def _minimise(self, gradient: Vector, lower: Vector, upper: Vector) -> tuple[Vector, QpStatus]:
-        # Mostly no bound binds: then the optimum is a matrix product, exact, and cheaper than any solver.
-        interior = self._interior.dot(gradient)
-        values = self._rows.dot(interior)
-        if np.minimum(values - lower, upper - values).min() >= -_FEASIBLE_SLACK:
-            return interior, QpStatus.INTERIOR
-        size = len(gradient)
-        solution = self._solver.minimise(gradient, lower, upper)
+    def _bounded(self, interior: Vector) -> tuple[Vector, QpStatus]:
+        size, lower, upper = self._size, self._lower, self._upper
+        drift = self._free_rows.dot(self._given)
+        lower[size:] -= drift
+        upper[size:] -= drift
+        solution = self._solver.minimise(self._gradient.dot(self._given), lower, upper)
         if solution is not None:
             return np.clip(solution, lower[:size], upper[:size]), QpStatus.BOUNDED
         # An unsolved problem must not fly: the unbounded optimum, cut to what the inputs may do.

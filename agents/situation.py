@@ -42,7 +42,7 @@ class Situation(msgspec.Struct, frozen=True):
     def position_sigma_m(self) -> float:
         """The standard deviation of the own position, in the worse direction of the axes."""
         covariance = self.own.covariance
-        return sqrt(max(covariance[0, 0], covariance[1, 1]))
+        return sqrt(max(covariance.item(0, 0), covariance.item(1, 1)))
 
 
 class Wish(msgspec.Struct, frozen=True):

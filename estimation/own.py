@@ -7,8 +7,8 @@ ring's rate, q its other half. Off the ring s is no more, and what it was is par
 """
 
 from bisect import bisect_right
+from collections.abc import Iterable
 from functools import lru_cache, partial
-from itertools import pairwise
 from math import cos, hypot, inf, sin
 
 import numpy as np
@@ -24,7 +24,6 @@ _STEADY, _SWINGING, _OSCILLATOR = slice(4, 6), slice(6, 8), slice(6, 10)
 _SIZE = 10
 _SEEN = np.eye(6, _SIZE)
 _SEEN[DISTURBANCE, _SWINGING] = np.eye(2)
-_LEVEL = np.zeros(2)
 PRIOR_M_S2 = 0.3
 """How large each part of the disturbance may be before anything is known of it (standard deviation)."""
 SWING_SHARE = 0.5
@@ -40,11 +39,11 @@ class OwnFilter:
     """
 
     def __init__(self, plant: Plant, settings: OwnFilterSettings) -> None:
-        self._plant = plant
         self._settings = settings
         self._noise = np.diag([settings.position_noise_m**2] * 2 + [settings.velocity_noise_m_s**2] * 2)
         self._process = lru_cache(maxsize=1024)(partial(_process, plant, settings))
         self._ramp_gain = lru_cache(maxsize=1024)(partial(_ramp_gain, plant))
+        self._step = lru_cache(maxsize=8)(partial(exact_step, plant))
         self._inputs = _InputHistory(plant.delay_s)
         self._belief: Belief | None = None
         self._consistency = Consistency()
@@ -72,7 +71,8 @@ class OwnFilter:
 
     def measure(self, telemetry: Telemetry) -> None:
         """Take in a telemetry sample; one from the past is refused, and so is an outlier unless they go on."""
-        measured = np.array([*telemetry.position_m[:2], *telemetry.velocity_m_s[:2]])
+        (x, y, _), (x_rate, y_rate, _) = telemetry.position_m, telemetry.velocity_m_s
+        measured = np.array((x, y, x_rate, y_rate))
         before, self._before = self._before, telemetry
         if self._belief is None:
             self._reset(telemetry.time_s, measured)
@@ -118,7 +118,7 @@ class OwnFilter:
         setpoint, slope = self._inputs.ramp(belief.time_s, at_s)
         mean = self._seen(transition.dot(belief.mean) + gain.dot(setpoint))
         mean[MOTION] += self._ramp_gain(step_s).dot(slope)
-        mean[MOTION] += exact_step(self._plant, unsent_s).input_gain.dot(mean[VELOCITY] * (2.0 * unsent_s))
+        mean[MOTION] += self._step(unsent_s).input_gain.dot(mean[VELOCITY] * (2.0 * unsent_s))
         return mean
 
     @property
@@ -150,7 +150,8 @@ class OwnFilter:
     def _bounded(self, belief: Belief) -> Belief:
         """Keep each part of the disturbance within the bound: what cannot be compensated is not wound up either."""
         limit = self._settings.disturbance_max_m_s2
-        if np.abs(belief.mean[4:]).max() <= limit:
+        parts = belief.mean[4:].tolist()
+        if max(parts) <= limit and min(parts) >= -limit:
             return belief
         mean = belief.mean.copy()
         np.clip(mean[4:], -limit, limit, out=mean[4:])
@@ -182,46 +183,50 @@ class _InputHistory:
     def __init__(self, delay_s: float) -> None:
         self._delay_s = delay_s
         self._from_s: list[float] = []
-        self._setpoint_m: list[Vector] = []
+        self._setpoint_m: list[tuple[float, float]] = []
 
     def start(self, time_s: float, position_m: Vector) -> None:
         """Before the first setpoint a vehicle stays where it is."""
         if not self._from_s:
             self._from_s.append(time_s)
-            self._setpoint_m.append(position_m)
+            self._setpoint_m.append((position_m.item(0), position_m.item(1)))
 
     def add(self, time_s: float, setpoint_m: Vector) -> None:
         self._from_s.append(time_s + self._delay_s)
-        self._setpoint_m.append(setpoint_m)
+        self._setpoint_m.append((setpoint_m.item(0), setpoint_m.item(1)))
         oldest = bisect_right(self._from_s, time_s - _HISTORY_S) - 1
         if oldest > 0:
             del self._from_s[:oldest], self._setpoint_m[:oldest]
 
     def ramp(self, from_s: float, to_s: float) -> tuple[Vector, Vector]:
         """Return the mean (2,) and the slope (2,) of the straight line nearest to the setpoints over an interval."""
-        first = max(bisect_right(self._from_s, from_s) - 1, 0)
-        last = max(bisect_right(self._from_s, to_s) - 1, 0)
-        if first == last or to_s <= from_s:
-            return self._setpoint_m[last], _LEVEL
         span_s = to_s - from_s
-        edges = [from_s, *self._from_s[first + 1 : last + 1], to_s]
-        total, moment = 0.0 * _LEVEL, 0.0 * _LEVEL
-        for index, (begin_s, end_s) in enumerate(pairwise(edges)):
-            piece = (end_s - begin_s) * self._setpoint_m[first + index]
-            total = total + piece
-            moment = moment + ((begin_s + end_s - from_s - to_s) / 2.0) * piece
-        return total / span_s, moment * (12.0 / span_s**3)
+        if span_s <= 0.0:  # telemetry from ahead of the clock
+            return np.array(next(iter(self._pieces(from_s, from_s)))[2]), np.zeros(2)
+        x = y = x_moment = y_moment = 0.0
+        for begin_s, end_s, (x_m, y_m) in self._pieces(from_s, to_s):
+            lasts_s = end_s - begin_s
+            off_s = (begin_s + end_s - from_s - to_s) / 2.0 * lasts_s
+            x, y = x + lasts_s * x_m, y + lasts_s * y_m
+            x_moment, y_moment = x_moment + off_s * x_m, y_moment + off_s * y_m
+        steep = 12.0 / span_s**3
+        return np.array((x / span_s, y / span_s)), np.array((x_moment * steep, y_moment * steep))
 
     def mean(self, from_s: float, to_s: float) -> Vector:
         """Return the mean setpoint (2,) acting over an interval: over one loop period as good as the pieces."""
+        x = y = 0.0
+        for begin_s, end_s, (x_m, y_m) in self._pieces(from_s, to_s):
+            x, y = x + (end_s - begin_s) * x_m, y + (end_s - begin_s) * y_m
+        return np.array((x / (to_s - from_s), y / (to_s - from_s)))
+
+    def _pieces(self, from_s: float, to_s: float) -> Iterable[tuple[float, float, tuple[float, float]]]:
+        """Return what acts over an interval, piece by piece: from when, until when, and the setpoint."""
         first = max(bisect_right(self._from_s, from_s) - 1, 0)
         last = max(bisect_right(self._from_s, to_s) - 1, 0)
-        if first == last or to_s <= from_s:
-            return self._setpoint_m[last]
+        if first == last:
+            return ((from_s, to_s, self._setpoint_m[last]),)
         edges = [from_s, *self._from_s[first + 1 : last + 1], to_s]
-        pieces = self._setpoint_m[first : last + 1]
-        total = sum((end - begin) * piece for begin, end, piece in zip(edges, edges[1:], pieces, strict=False))
-        return np.asarray(total / (to_s - from_s), dtype=np.float64)
+        return zip(edges, edges[1:], self._setpoint_m[first : last + 1], strict=False)
 
 
 def _ramp_gain(plant: Plant, step_s: float) -> Vector:

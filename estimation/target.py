@@ -6,6 +6,7 @@ vehicles believe the same once they have heard the same, whatever the order. doc
 """
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from functools import lru_cache
 from math import exp, inf, sqrt
 from typing import NamedTuple
@@ -70,7 +71,8 @@ class _Taken(msgspec.Struct, frozen=True):
 class TargetFilter:
     """Estimates the target's position and velocity from the sightings of all vehicles.
 
-    `refused` counts sightings, `late` those put in among others, `resets` how often the belief began anew.
+    `refused` counts sightings - one that is believed after all, once others have come late, no more - `late` those put
+    in among others, `resets` how often the belief began anew.
     """
 
     def __init__(self, settings: TargetFilterSettings) -> None:
@@ -81,24 +83,22 @@ class TargetFilter:
         self.late = 0
         self.resets = 0
 
-    def sight(self, sighting: Sighting) -> None:
-        """Take in a sighting from any sensor, in any order; outliers, repeats and those too late are refused."""
-        newest = self._taken[-1] if self._taken else None
-        if newest is None or sighting.time_s > newest.sighting.time_s:
-            self._take_newest(newest, sighting)
+    def sight(self, *sightings: Sighting) -> None:
+        """Take in sightings from any sensors, in any order; outliers, repeats and those too late are refused.
+
+        Several at once cost less than one by one: what is newer than they are is taken in again once.
+        """
+        fresh = self._fresh(sightings)
+        if not fresh:
             return
-        place = bisect_right(self._taken, sighting.time_s, key=_time_of)
-        too_late = sighting.time_s < newest.sighting.time_s - self._settings.late_max_s
-        if too_late or sighting.time_s < self._forgotten_s or self._is_repeat(sighting, place):
-            self.refused += 1
-            return
-        newer = self._taken[place:]
-        del self._taken[place:]
-        self.late += bool(newer)
-        for each in (sighting, *(taken.sighting for taken in newer)):
-            self._taken.append(self._after(each))
-        self.refused += self._taken[place].refused
-        self.resets += self._taken[-1].began_s > max(newest.began_s, self._taken[0].began_s)
+        began_s = self._taken[-1].began_s if self._taken else inf
+        if self._taken and fresh[0].time_s < self._taken[-1].sighting.time_s:
+            fresh = self._put_among(fresh)
+        for each in fresh:
+            taken = self._after(each)
+            self._taken.append(taken)
+            self.refused += taken.refused
+        self.resets += self._taken[-1].began_s > max(began_s, self._taken[0].began_s)
         self._forget()
 
     def estimate(self, now_s: float) -> TargetEstimate | None:
@@ -118,15 +118,31 @@ class TargetFilter:
         """Time of the newest sighting that was believed, 0 before there is any."""
         return self._taken[-1].accepted_s if self._taken else 0.0
 
-    def _take_newest(self, newest: _Taken | None, sighting: Sighting) -> None:
-        taken = self._after(sighting)
-        self._taken.append(taken)
-        self.refused += taken.refused
-        self.resets += newest is not None and taken.began_s > newest.began_s
-        self._forget()
+    def _put_among(self, fresh: list[Sighting]) -> list[Sighting]:
+        """Take back what is newer than the first of these, and return all that is to be taken in again, in order."""
+        place = bisect_right(self._taken, fresh[0].time_s, key=_time_of)
+        newer = self._taken[place:]
+        del self._taken[place:]
+        self.late += sum(each.time_s < newer[-1].sighting.time_s for each in fresh)
+        self.refused -= sum(taken.refused for taken in newer)
+        return sorted([*(taken.sighting for taken in newer), *fresh], key=_when)
 
-    def _is_repeat(self, sighting: Sighting, place: int) -> bool:
-        for index in range(place - 1, -1, -1):
+    def _fresh(self, sightings: Sequence[Sighting]) -> list[Sighting]:
+        """Return what is new and not too late, in order of time."""
+        newest_s = self._taken[-1].sighting.time_s if self._taken else -inf
+        if len(sightings) == 1 and sightings[0].time_s > newest_s:
+            return list(sightings)
+        from_s = max(newest_s - self._settings.late_max_s, self._forgotten_s)
+        fresh = [
+            each
+            for each in dict.fromkeys(sorted(sightings, key=_when))
+            if each.time_s > newest_s or (each.time_s >= from_s and not self._is_repeat(each))
+        ]
+        self.refused += len(sightings) - len(fresh)
+        return fresh
+
+    def _is_repeat(self, sighting: Sighting) -> bool:
+        for index in range(bisect_right(self._taken, sighting.time_s, key=_time_of) - 1, -1, -1):
             before = self._taken[index].sighting
             if before.time_s != sighting.time_s:
                 return False
@@ -213,6 +229,10 @@ class TargetFilter:
         while len(self._taken) > 1 and (self._taken[1].sighting.time_s < before_s or len(self._taken) > HISTORY_MAX):
             del self._taken[0]
             self._forgotten_s = self._taken[0].sighting.time_s
+
+
+def _when(sighting: Sighting) -> float:
+    return sighting.time_s
 
 
 def _time_of(taken: _Taken) -> float:

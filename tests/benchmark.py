@@ -74,22 +74,27 @@ def meeting(count: int) -> Mission:
 @contextmanager
 def guard_watched(told: Callable[[float, bool], None]) -> Iterator[None]:
     """Tell of every tick how long bodies and guard took [us], and whether the guard intervened."""
-    check, bodies, took_us = Guard.check, Neighbours.bodies, 0.0
+    check, near, bodies, took_us = Guard.check, Neighbours.near, Neighbours.bodies, 0.0
 
-    def timed_bodies(*arguments: Any) -> Any:
+    def timed(call: Callable[..., Any], *arguments: Any) -> Any:
         nonlocal took_us
         began = perf_counter()
-        made = bodies(*arguments)
-        took_us = (perf_counter() - began) * 1e6
+        made = call(*arguments)
+        took_us += (perf_counter() - began) * 1e6
         return made
 
     def timed_check(*arguments: Any) -> Any:
-        began = perf_counter()
-        guarded = check(*arguments)
-        told(took_us + (perf_counter() - began) * 1e6, bool(guarded.causes))
+        nonlocal took_us
+        guarded = timed(check, *arguments)
+        told(took_us, bool(guarded.causes))
+        took_us = 0.0
         return guarded
 
-    with patch.object(Guard, "check", timed_check), patch.object(Neighbours, "bodies", timed_bodies):
+    with (
+        patch.object(Guard, "check", timed_check),
+        patch.object(Neighbours, "near", lambda *arguments: timed(near, *arguments)),
+        patch.object(Neighbours, "bodies", lambda *arguments: timed(bodies, *arguments)),
+    ):
         yield
 
 

@@ -3,14 +3,16 @@
 from collections.abc import Callable
 from math import hypot
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
+from agents.guard import Guard
 from agents.messages import MemberState, encode
-from agents.neighbours import GOING_ON_S, UNTOLD_ACCELERATION_M_S2, Neighbours
+from agents.neighbours import A_FEW, GOING_ON_S, UNTOLD_ACCELERATION_M_S2, Neighbours
 from agents.settings import AgentConfig
 from agents.situation import Situation
 from agents.tactics import Event
@@ -192,3 +194,32 @@ def test_a_setpoint_that_nobody_obeys_is_not_guarded(event: Event, guarded: bool
         status = core.tick(now_s).status
     assert status.guarded is not None
     assert bool(status.guarded.causes) is guarded
+
+
+@given(
+    away_m=st.floats(1.0, 80.0),
+    closing=st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 5.0)),
+    ahead_m=st.floats(-8.0, 8.0),
+    lead_m=st.floats(0.0, 8.0),
+    age_s=st.floats(0.0, 1.0),
+    tactic=st.sampled_from(["formation", "land"]),
+)
+def test_who_is_not_near_changes_no_setpoint(
+    away_m: float, closing: tuple[float, float], ahead_m: float, lead_m: float, age_s: float, tactic: str
+) -> None:
+    here = situation(10.0 + age_s)
+    here = msgspec.structs.replace(here, acting_motion=np.array([0.0, 0.0, closing[0], 0.0]))
+    spoken = member(10.0, tactic, (away_m, 0.0), (-closing[1], 0.0), (away_m + ahead_m, 0.0))
+    neighbours, guard, wish = Neighbours(CONFIG), Guard(CONFIG), np.array([lead_m, 0.0])
+    if not neighbours.near(here, [spoken] * (A_FEW + 1)):
+        heeded = guard.check(here, wish, neighbours.bodies(here, HEIGHT_M, [spoken], []))
+        alone = guard.check(here, wish, [])
+        assert heeded.setpoint_m == pytest.approx(alone.setpoint_m, abs=0.0)
+        assert heeded.causes == alone.causes
+
+
+def test_who_is_as_far_as_the_other_end_of_a_long_line_is_not_near() -> None:
+    heard = [member(position=(0.0, 5.0 * place)) for place in range(1, 16)]
+    near = Neighbours(CONFIG).near(situation(10.0), heard)
+    assert near == heard[: len(near)]
+    assert 1 <= len(near) <= 8
