@@ -6,7 +6,7 @@ from math import hypot
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
@@ -196,9 +196,10 @@ def test_a_setpoint_that_nobody_obeys_is_not_guarded(event: Event, guarded: bool
     assert bool(status.guarded.causes) is guarded
 
 
+@settings(max_examples=500)
 @given(
-    away_m=st.floats(1.0, 80.0),
-    closing=st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 5.0)),
+    away_m=st.floats(5.0, 40.0),
+    closing=st.tuples(st.floats(2.0, 5.0), st.floats(2.0, 5.0)),
     ahead_m=st.floats(-8.0, 8.0),
     lead_m=st.floats(0.0, 8.0),
     age_s=st.floats(0.0, 1.0),
