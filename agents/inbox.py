@@ -6,6 +6,7 @@ from agents.clock_watch import ClockWatch
 from agents.messages import TOPICS, BusMessage, MemberState, OperatorCommand, decode
 
 _CLOCK_AHEAD_MAX_S = 1.0
+_AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items()}
 
 
 class Inbox:
@@ -25,15 +26,13 @@ class Inbox:
         try:
             message = decode(payload)
         except ValueError:
-            message = None
-        age_s = 0.0 if message is None else (now_s - message.time_s) / patience
-        if isinstance(message, MemberState) and message.sender in self._others:
+            self.dropped += 1
+            return None
+        age_s = (now_s - message.time_s) / patience
+        known = isinstance(message, OperatorCommand) or message.sender in self._others
+        if known and isinstance(message, MemberState):
             self._clocks.hear(message.sender, age_s, now_s)
-        if message is None or not self._plausible(message, age_s):
+        if not (known and -_CLOCK_AHEAD_MAX_S <= age_s <= _AGE_MAX_S[type(message)]):
             self.dropped += 1
             return None
         return message
-
-    def _plausible(self, message: BusMessage, age_s: float) -> bool:
-        known = isinstance(message, OperatorCommand) or message.sender in self._others
-        return known and -_CLOCK_AHEAD_MAX_S <= age_s <= TOPICS[type(message)].age_max_s

@@ -142,8 +142,8 @@ class Planner:
             return 0.0, 0.0
         config = self._config
         off_x, off_y = (situation.acting_motion - self._own_line(situation.acting_s).motion)[POSITION].tolist()
-        if not formed or hypot(off_x, off_y) < config.formation.spacing_m / 2.0:
-            self._arrived = hypot(off_x, off_y) < config.formation.spacing_m / 2.0
+        self._arrived = hypot(off_x, off_y) < config.formation.spacing_m / 2.0
+        if self._arrived or not formed:
             return 0.0, 0.0
         others_m = [config.slot_offset_m(each, config.vehicle_id) for each in formed]
         return way_point((off_x, off_y), others_m, config.safety.separation_m)

@@ -10,6 +10,7 @@ from estimation.state import Vector
 
 _MEMBER_AGE_MAX_S = TOPICS[MemberState].age_max_s
 _ANGLE_AGE_MAX_S = TOPICS[NeighbourAngle].age_max_s
+_IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
 _LEAVING = (Tactic.LAND.value, Tactic.STOOD_DOWN.value)
 """Who said this last may fall silent."""
 
@@ -28,8 +29,9 @@ class Team:
         known = self._members.get(message.sender)
         if known is None or message.time_s > known.time_s:
             self._members[message.sender] = message
-            self._lost.pop(message.sender, None)
-            self._heard.add(message.sender)
+            if known is None:
+                self._lost.pop(message.sender, None)
+                self._heard.add(message.sender)
 
     def hear_angle(self, message: NeighbourAngle) -> None:
         """Take in a peer's place on the ring unless a newer one is known."""
@@ -54,7 +56,7 @@ class Team:
 
     def in_formation(self) -> Iterable[int]:
         """Return the ids of the peers that fly in formation."""
-        return [s for s, m in self._members.items() if m.tactic == Tactic.FORMATION.value]
+        return [s for s, m in self._members.items() if m.tactic == _IN_FORMATION]
 
     def members(self) -> tuple[MemberState, ...]:
         """Return the newest state of every peer that is known to be there."""
@@ -104,4 +106,4 @@ class Team:
     def _engaged(self, sender: int) -> bool:
         # A vehicle that has left the ring says so before its last bearing goes stale.
         member = self._members.get(sender)
-        return member is None or member.tactic == Tactic.ENCIRCLE.value
+        return member is None or member.tactic == _ON_RING

@@ -21,7 +21,7 @@ class OwnFilterSettings(Settings):
     velocity_noise_m_s: float = Field(0.02, gt=0.0, le=10.0)
     acceleration_noise_m_s2: float = Field(0.05, gt=0.0, le=10.0)
     disturbance_noise_m_s2: float = Field(0.03, gt=0.0, le=10.0)
-    disturbance_max_m_s2: float = Field(0.6, ge=0.0, le=5.0)
+    disturbance_max_m_s2: float = Field(0.6, ge=0.0, le=10.0)
     disturbance_turns: bool = True
     gate_sigma: float = Field(5.0, gt=1.0, le=20.0)
     gate_timeout_s: float = Field(1.0, gt=0.0, le=60.0)

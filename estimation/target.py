@@ -211,6 +211,8 @@ class TargetFilter:
     def _carried(self, taken: _Taken, to_s: float) -> Motion:
         """Return the belief later: seen just now it moves straight on, out of sight it comes to rest by and by."""
         belief, settings = taken.belief, self._settings
+        if to_s <= belief.time_s:
+            return belief
         out_of_sight_s = max(taken.accepted_s + OUT_OF_SIGHT_S, belief.time_s)
         step_s = round(min(to_s, out_of_sight_s) - belief.time_s, STEP_DIGITS)
         if step_s > 0.0:
