@@ -24,10 +24,11 @@ from gcs.simulated import simulated_vehicles
 from sitl.absence import Absence
 from sitl.simulation import NetworkModel, SimulatedFlight, simulate
 from tests.conftest import MISSIONS
-from tests.mission_text import Content, content, parsed
+from tests.mission_text import Content, content, drawn_vehicle, parsed
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
 CHANGE_S = 60.0
+PLANT_OFF_MOST = 0.2
 RADIUS_SHARE = 0.05
 NEAR_RING_SHARE = 0.15
 SPACING_DEG, SPACING_M = 5.0, 0.3
@@ -119,20 +120,9 @@ def field(
     }
     mission["target"]["sensor"]["range_m"] = 200.0
     mission["network"] |= {"delay_s": float(random.uniform(0.0, 0.15)), "loss": float(random.uniform(0.0, 0.3))}
-    mission["vehicles"] = [vehicle(random, slot, start_m) for slot, start_m in enumerate(starts_m)]
+    vehicles = (drawn_vehicle(random, slot, start_m, PLANT_OFF_MOST) for slot, start_m in enumerate(starts_m))
+    mission["vehicles"] = list(vehicles)
     return mission
-
-
-def vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float]) -> Content:
-    a0, a1 = random.uniform(0.8, 1.2, 2).tolist()
-    return {
-        "id": slot + 1,
-        "url": f"udpin://127.0.0.1:{14540 + slot}",
-        "endpoint": f"tcp/127.0.0.1:{7461 + slot}",
-        "plant": "stub-delayed",
-        "true_scale": {"a0": a0, "a1": a1},
-        "start_m": list(start_m),
-    }
 
 
 def abreast(count: int) -> list[tuple[float, float]]:

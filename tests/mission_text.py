@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs.mission import Mission
@@ -43,6 +44,19 @@ def toml(value: object) -> str:
 
 def text_of(mission: Content) -> str:
     return "\n".join(f"{json.dumps(key, ensure_ascii=False)} = {toml(value)}" for key, value in mission.items())
+
+
+def drawn_vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float], most_off: float) -> Content:
+    """Draw a vehicle on the stub's plant file, whose true numbers are each up to a share off the file's."""
+    a0, a1 = random.uniform(1.0 - most_off, 1.0 + most_off, 2).tolist()
+    return {
+        "id": slot + 1,
+        "url": f"udpin://127.0.0.1:{14540 + slot}",
+        "endpoint": f"tcp/127.0.0.1:{7461 + slot}",
+        "plant": "stub-delayed",
+        "true_scale": {"a0": a0, "a1": a1},
+        "start_m": list(start_m),
+    }
 
 
 def put(mission: Content, path: Place, value: object) -> Content:

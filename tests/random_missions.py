@@ -21,10 +21,11 @@ from gcs.mission import Mission
 from gcs.simulated import simulated_vehicles
 from sitl.simulation import NetworkModel, simulate
 from tests.conftest import MISSIONS
-from tests.mission_text import Content, content, parsed
+from tests.mission_text import Content, content, drawn_vehicle, parsed
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
 DURATION_S = 90.0
+PLANT_OFF_MOST = 0.15
 START_CLEARANCE_M = 0.5
 RING_CLEARANCE_M = 0.05
 
@@ -74,16 +75,8 @@ def random_mission(seed: int) -> Mission:
 
 
 def _vehicle(random: np.random.Generator, slot: int, start_m: Corner) -> Content:
-    a0, a1 = random.uniform(0.85, 1.15, 2).tolist()
-    return {
-        "id": slot + 1,
-        "url": f"udpin://127.0.0.1:{14540 + slot}",
-        "endpoint": f"tcp/127.0.0.1:{7461 + slot}",
-        "plant": "stub-delayed",
-        "true_scale": {"a0": a0, "a1": a1},
-        "start_m": list(start_m),
-        "decision": {"distance_max_m": float(random.uniform(8.0, 40.0))},
-    }
+    vehicle = drawn_vehicle(random, slot, start_m, PLANT_OFF_MOST)
+    return vehicle | {"decision": {"distance_max_m": float(random.uniform(8.0, 40.0))}}
 
 
 def _tight_fence(
