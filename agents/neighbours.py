@@ -22,6 +22,7 @@ class Neighbours:
 
     def __init__(self, config: AgentConfig) -> None:
         self._safety = config.safety
+        self._unnoticed_s = max(config.failsafe.peers_silent_s - GOING_ON_S, 0.0)
         axes = (config.plant.x, config.plant.y)
         self._stiffness = tuple((axis.a0_per_s2, axis.a1_per_s) for axis in axes)
         self._acceleration_max_m_s2 = config.safety.acceleration_max_m_s2
@@ -73,13 +74,15 @@ class Neighbours:
         safety = self._safety
         separation_m, age_s = safety.separation_m, situation.now_s - member.time_s
         ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
-        moved_m = min(UNTOLD_ACCELERATION_M_S2 / 2.0 * age_s**2, separation_m)
-        unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
-        distance_m = separation_m + min(unsure, separation_m) + moved_m
         x, x_rate, x_acceleration = self._ahead(0, member, ahead_s)
         y, y_rate, y_acceleration = self._ahead(1, member, ahead_s)
-        if ahead_s == GOING_ON_S:  # it hovers by now, or is on its way to the ground
+        moved_m = UNTOLD_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2
+        if ahead_s == GOING_ON_S:
+            # It hovers by now, or is on its way to the ground; unless only its radio is gone, and it has not noticed.
+            moved_m += hypot(x_rate, y_rate) * min(max(age_s - GOING_ON_S, 0.0), self._unnoticed_s)
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
+        unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
+        distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
         return Body((x, y), (x_rate, y_rate), (x_acceleration, y_acceleration), distance_m, shares)
 
     def _ahead(self, axis: int, member: MemberState, ahead_s: float) -> tuple[float, float, float]:

@@ -20,3 +20,10 @@ def test_a_leader_that_comes_back_disturbs_nobody() -> None:
     draw = measured(build, in_formation, 2)  # comes from the side, from beyond the end of the line
     assert draw.settled_s <= 25.0
     assert draw.separation_left_m >= 0.0
+
+
+def test_a_slow_formation_stays_in_line_beside_a_leader_that_is_lost() -> None:
+    build, in_formation, _ = SCENES["leader lost in formation"]
+    draw = measured(build, in_formation, 37)  # 0.1 m/s: half a minute passes until the lost one is out of reach
+    assert draw.settled_s == 0.0
+    assert draw.separation_left_m >= 0.0

@@ -77,8 +77,10 @@ def test_no_neighbour_is_taken_to_accelerate_by_more_than_the_limit() -> None:
 def test_the_distance_grows_with_both_uncertainties_and_with_the_age_of_the_message(make_config: Maker) -> None:
     neighbours = Neighbours(make_config(safety={"separation_m": 3.0, "uncertainty_sigmas": 2.0}))
 
-    def distance_m(age_s: float, own_sigma_m: float = 0.0, its_sigma_m: float = 0.0) -> float:
-        heard = [member(10.0, sigma_m=its_sigma_m)]
+    def distance_m(age_s: float, own_sigma_m: float = 0.0, its_sigma_m: float = 0.0, speed_m_s: float = 0.0) -> float:
+        # Steady flight: the setpoint is ahead by what drag takes.
+        setpoint = 3.0 + speed_m_s * STUB.x.a1_per_s / STUB.x.a0_per_s2, -4.0
+        heard = [member(10.0, velocity=(speed_m_s, 0.0), setpoint=setpoint, sigma_m=its_sigma_m)]
         (body,) = neighbours.bodies(situation(10.0 + age_s, sigma_m=own_sigma_m), HEIGHT_M, heard, [])
         return body.distance_m
 
@@ -87,7 +89,12 @@ def test_the_distance_grows_with_both_uncertainties_and_with_the_age_of_the_mess
     assert distance_m(0.4) == pytest.approx(3.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
     assert distance_m(0.4, 0.3, 0.4) == pytest.approx(4.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
     # Neither makes more of it than one separation: who is lost for a minute does not close the sky.
-    assert distance_m(30.0, 50.0, 50.0) == pytest.approx(9.0)
+    assert distance_m(30.0, 50.0, 50.0, speed_m_s=2.0) == pytest.approx(9.0)
+    # One that is lost may have changed its mind, and may have flown on until it missed the others, which takes 3 s. It
+    # is believed to have gone on for the first of these; the slower it was, the less that is.
+    assert distance_m(30.0) == pytest.approx(3.0 + 1.0)
+    assert distance_m(2.0, speed_m_s=0.4) == pytest.approx(3.0 + 1.0 + 0.4)
+    assert distance_m(30.0, speed_m_s=0.4) == pytest.approx(3.0 + 1.0 + 0.8)
 
 
 def test_who_is_silent_goes_on_for_a_while_only() -> None:
