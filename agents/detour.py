@@ -15,6 +15,11 @@ from estimation.state import Vector
 MARGIN_M = 0.5
 """How much farther than the guard demands: then it has nothing to correct."""
 _INWARD_MOST = 0.25
+"""In radii of the ring: a bend inwards is no deeper than this."""
+_INWARD_CLEARLY = 0.5
+"""In distances to keep: nor than this. On whose side of the ring something stands is then beyond doubt, and a vehicle
+does not change its mind on the way past one that was lost on the ring itself.
+"""
 
 
 class Obstacle(msgspec.Struct, frozen=True):
@@ -36,7 +41,7 @@ def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacl
         outer_m, inner_m = obstacle.radius_m + clear_m - ring_m, ring_m - obstacle.radius_m + clear_m
         if outer_m <= 0.0 or inner_m <= 0.0:
             continue
-        bend_m = -inner_m if inner_m <= _INWARD_MOST * ring_m and inner_m < outer_m else outer_m
+        bend_m = -inner_m if inner_m <= min(_INWARD_MOST * ring_m, _INWARD_CLEARLY * clear_m) else outer_m
         # A squared cosine of twice the obstacle's width: it is rounded at every bearing, and no step is flown.
         width_rad = 2.0 * asin(min(clear_m / obstacle.radius_m, 1.0))
         off_rad = np.abs((bearings_rad - obstacle.bearing_rad + pi) % (2.0 * pi) - pi)

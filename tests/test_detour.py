@@ -34,6 +34,11 @@ def test_it_bends_outwards_unless_a_little_inwards_will_do(radius: float, way: f
         assert abs(RING_M + bend - radius) == pytest.approx(6.0 + MARGIN_M)
 
 
+@pytest.mark.parametrize("off_m", [-1.5, -0.1, 0.1, 1.5])
+def test_around_one_that_was_on_the_ring_it_bends_to_one_side_wherever_that_is_believed_to_be(off_m: float) -> None:
+    assert bent_ring_m(40.0, np.array([0.3]), [Obstacle(0.3, 40.0 + off_m, 6.0)])[0] > 40.0
+
+
 def test_far_from_the_obstacle_it_is_the_ring() -> None:
     bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(0.0, 10.0, 4.0)])
     assert (bent[np.abs(BEARINGS) > 1.0] == RING_M).all()
