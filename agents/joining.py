@@ -10,6 +10,7 @@ from math import pi, tau
 
 import msgspec
 
+from agents.detour import MARGIN_M
 from agents.encirclement import chord_m
 from agents.linearize import Polar
 from agents.ring import RingPlace
@@ -57,6 +58,13 @@ class Joining:
     def waiting_m(self) -> float:
         """The radius on which to wait outside the ring."""
         return self.ring_m + ASIDE * self._separation_m
+
+    def unheard_m(self, unsure_m: float) -> float:
+        """Return the radius outside which one is that the others have lost: they bend the ring around where it was.
+
+        The bend is two separations high at most, and one lies between it and the vehicle, each and what is unsure.
+        """
+        return self.ring_m + 3.0 * self._separation_m + 2.0 * (unsure_m + MARGIN_M)
 
     def reset(self) -> None:
         """Come from another tactic: nothing is joined."""

@@ -5,6 +5,7 @@ from math import atan2, cos, dist, hypot, sin
 
 import numpy as np
 
+from agents.barriers import unsure_m
 from agents.detour import Obstacle
 from agents.encirclement import EncirclementPlanner
 from agents.exciting import Exciter
@@ -48,6 +49,7 @@ class Planner:
         self._hold_m: Vector | None = None
         self._predecessor_id: int | None = None
         self._in_place: set[int] = set()
+        self._left_ring = False
         self._arrived = False
 
     @property
@@ -66,8 +68,9 @@ class Planner:
         self._hold_m = None
         if tactic is Tactic.FORMATION:
             self._formation.reset()
-            self._arrived = False
+            self._arrived = self._left_ring = False
         if tactic is Tactic.ENCIRCLE:
+            self._left_ring = True
             self._encirclement.reset()
             self.pace.reset()
             self._joining.reset()
@@ -233,13 +236,24 @@ class Planner:
         ]
 
     def _step_aside(self, situation: Situation) -> Wish:
-        """Leave the ring straight outwards, to where it is in nobody's way; outside of it, or without one, hold."""
-        clear_m = self._joining.waiting_m
-        if self._hold_m is None and situation.polar is not None and situation.polar.radius_m < clear_m:
-            here, bearing_rad = situation.own.mean[POSITION], situation.polar.bearing_rad
-            outward = np.array([cos(bearing_rad), sin(bearing_rad)])
-            self._hold_m = here + (clear_m - situation.polar.radius_m) * outward
+        """Leave the ring straight outwards, to where it is in nobody's way; outside of it, or without one, hold.
+
+        The others cannot mind one that they do not hear: it keeps clear of a ring that comes after it.
+        """
+        unheard = not self._team.members() and bool(self._team.gone_s)
+        if self._left_ring and situation.polar is not None and (self._hold_m is None or unheard):
+            short_m = self._clear_m(situation, unheard=unheard) - situation.polar.radius_m
+            bearing_rad = situation.polar.bearing_rad
+            if short_m > 0.0:
+                self._hold_m = situation.own.mean[POSITION] + short_m * np.array([cos(bearing_rad), sin(bearing_rad)])
         return self._hold(situation)
+
+    def _clear_m(self, situation: Situation, *, unheard: bool) -> float:
+        """Return the radius from which on a vehicle is in nobody's way."""
+        if not unheard:
+            return self._joining.waiting_m
+        sigma_m = situation.position_sigma_m
+        return self._joining.unheard_m(unsure_m(self._config.safety.uncertainty_sigmas, sigma_m, sigma_m))
 
     def _hold(self, situation: Situation) -> Wish:
         if self._hold_m is None:

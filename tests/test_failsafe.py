@@ -477,6 +477,29 @@ def test_the_last_peer_to_fall_silent_counts_beside_those_that_landed(make_fligh
     assert (flight.told.tactic, flight.told.alert) == ("aside", "all peers silent")
 
 
+@pytest.mark.parametrize("drift_m_s", [0.0, 0.5])
+def test_on_the_ring_who_hears_nobody_stays_clear_of_all_that_the_others_may_fly(
+    drift_m_s: float, make_flight: Callable[..., Flight]
+) -> None:
+    flight = make_flight(Condition.TARGET_STALE)
+    flight.peers = {}
+    flight.fly(ONSET_S + 3.6)
+    assert flight.told.tactic == "aside"
+    assert flight.target_m is not None
+    x, y = flight.target_m
+    away_m = []
+    while flight.now_s < ONSET_S + 3.4 + ESCALATION_S:
+        # The ring comes after it.
+        course = flight.motion[:2] - np.array([x, y])
+        away_m.append(float(np.hypot(*course)))
+        x, y = (np.array([x, y]) + course / away_m[-1] * drift_m_s * PERIOD_S).tolist()
+        flight.target_m = x, y
+        flight.fly(flight.now_s + PERIOD_S)
+    # The ring, twice the separation of its bend, and one for the vehicle.
+    assert away_m[-1] == pytest.approx(10.0 + 3.0 + 1.0, abs=0.6)
+    assert min(away_m[-10:]) >= 10.0 + 3.0
+
+
 def test_who_was_never_heard_does_not_count_among_the_silent(make_flight: Callable[..., Flight]) -> None:
     flight = make_flight(None, heard=(2,))
     flight.peers = {}

@@ -1,6 +1,7 @@
 """Joining a ring on which others are: which gap, when to say so, and when to come in."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import pi, tau
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agents.detour import Obstacle, bent_ring_m
 from agents.joining import ASIDE, Joining, chosen_gap, place_before
 from agents.linearize import Polar
 from agents.ring import RingPlace
 from agents.settings import AgentConfig
+from tests.conftest import CONFIG
 
 Maker = Callable[..., AgentConfig]
 bearings = st.lists(st.floats(-pi, pi), min_size=1, max_size=8)
@@ -96,6 +99,19 @@ def test_a_ring_that_is_wider_for_a_while_is_waited_for_farther_out(make_config:
     assert joining.look(at(18.9), [0.1, 2.0, -2.0]) is None  # on the ring of the moment already
     assert joining.radius_m(at(30.0), RingPlace(4, 0.2, 1.5)) == joining.waiting_m
     assert joining.radius_m(at(30.0), RingPlace(4, 0.8, 0.9)) == 16.0
+
+
+@given(unsure_m=st.floats(0.0, 3.0), ring_m=st.floats(8.0, 40.0), moved_m=st.floats(0.0, 3.0))
+def test_who_is_not_heard_stays_clear_of_the_bend_around_where_it_was(
+    unsure_m: float, ring_m: float, moved_m: float
+) -> None:
+    config = replace(CONFIG, safety=CONFIG.safety.model_copy(update={"separation_m": 3.0}))
+    joining = Joining(config)
+    joining.ring_m = ring_m
+    lost = Obstacle(0.0, ring_m, 3.0 + unsure_m + moved_m)
+    outermost_m = bent_ring_m(ring_m, np.linspace(-pi, pi, 361), [lost]).max()
+    assert outermost_m >= ring_m + lost.distance_m
+    assert joining.unheard_m(unsure_m) >= outermost_m + 3.0 + unsure_m
 
 
 @given(own=st.floats(-pi, pi), others=bearings)
