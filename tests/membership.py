@@ -16,7 +16,9 @@ from math import cos, inf, isnan, pi, sin, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.messages import OperatorCommand, encode
+from agents.core import VehicleCore
+from agents.messages import OperatorCommand, decode, encode
+from agents.settings import AgentConfig
 from agents.shapes import Shape
 from estimation.state import POSITION, Vector
 from gcs.mission import Mission
@@ -57,7 +59,7 @@ class Scene:
     """A mission, who is away when, how long it is flown, and from when on settling counts.
 
     Where somebody was lost the ring is bent: then only the spacing is to settle, not the radius. In formation an
-    operator asks for the `shapes` at their times.
+    operator asks for the `shapes` at their times. The radio of `unheard_id` is gone from `CHANGE_S` on, both ways.
     """
 
     mission: Mission
@@ -66,6 +68,7 @@ class Scene:
     from_s: float
     bent: bool = False
     shapes: tuple[tuple[float, Shape], ...] = ()
+    unheard_id: int | None = None
 
     def there(self, time_s: Vector) -> NDArray[np.bool_]:
         """Return whose agents are there (T, N)."""
@@ -76,10 +79,25 @@ class Scene:
         return there
 
 
+class _CutOff(VehicleCore):
+    """An agent that hears nothing of one whose radio is gone; that one hears nothing at all."""
+
+    def __init__(self, unheard_id: int, config: AgentConfig) -> None:
+        super().__init__(config)
+        self._unheard_id, self._hears = unheard_id, config.vehicle_id != unheard_id
+
+    def on_message(self, payload: bytes, now_s: float) -> None:
+        message = decode(payload)
+        sender = None if isinstance(message, OperatorCommand) else message.sender
+        if now_s < CHANGE_S or (self._hears and sender != self._unheard_id):
+            super().on_message(payload, now_s)
+
+
 def flown(scene: Scene, seed: int) -> SimulatedFlight:
     """Fly a scene."""
     network = scene.mission.network
-    vehicles = simulated_vehicles(scene.mission, seed, absences=scene.absences)
+    core = VehicleCore if scene.unheard_id is None else partial(_CutOff, scene.unheard_id)
+    vehicles = simulated_vehicles(scene.mission, seed, core, scene.absences)
     shapes = list(scene.shapes)
 
     def tell(now_s: float) -> None:
@@ -144,6 +162,17 @@ def loss_on_the_ring(seed: int) -> Scene:
     return Scene(parsed(mission), (lost,), 130.0, CHANGE_S, bent=True)
 
 
+def cut_off_on_the_ring(seed: int) -> Scene:
+    """Three to eight on the ring; one's radio fails, and it flies on until it notices."""
+    random = np.random.default_rng([9, seed])
+    count = int(random.integers(3, 9))
+    radius_m = max(10.0, float(random.uniform(1.5, 2.5)) * 3.0 / (2.0 * sin(pi / count)))
+    rate = drawn_rate(random, 0.05, min(0.15, 1.5 / radius_m))
+    mission = field(random, abreast(count), radius_m=radius_m, rate_rad_s=rate, target_m=(radius_m + 4.0, -5.0))
+    unheard_id = int(random.integers(1, count + 1))
+    return Scene(parsed(mission), (), 130.0, CHANGE_S, bent=True, unheard_id=unheard_id)
+
+
 def join_on_the_ring(seed: int) -> Scene:
     """Two on the ring; a third comes up somewhere outside of it, or comes back there."""
     random = np.random.default_rng([2, seed])
@@ -164,6 +193,12 @@ def leader_lost(seed: int) -> Scene:
     mission["target"]["threat"] = 0.9
     mission["formation"] |= {"leader": leader, "speed_m_s": float(random.uniform(0.1, 1.0))}
     return Scene(parsed(mission), (Absence(leader, CHANGE_S),), 100.0, CHANGE_S)
+
+
+def leader_cut_off(seed: int) -> Scene:
+    """Three to six in formation; the leader's radio fails, and it flies on until it notices."""
+    scene = leader_lost(seed)
+    return replace(scene, absences=(), unheard_id=scene.mission.formation.leader)
 
 
 def leader_back(seed: int) -> Scene:
@@ -228,8 +263,8 @@ def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Dr
     """Fly the scene of a seed and measure."""
     scene = build(seed)
     flight = flown(scene, seed)
-    away = [absence for absence in scene.absences if absence.to_s == inf]
-    stay = np.array([each not in [absence.vehicle_id for absence in away] for each in scene.mission.ids])
+    gone = [scene.unheard_id, *(absence.vehicle_id for absence in scene.absences if absence.to_s == inf)]
+    stay = np.array([each not in gone for each in scene.mission.ids])
     if in_formation:
         settled_s, off_m = formation_settled_s(scene, flight, stay)
         return Draw(seed, settled_s, separation_left_m(scene, flight), 0, inf, off_m)
@@ -312,8 +347,10 @@ def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
 
 SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
     "3 -> 2 on the ring": (loss_on_the_ring, False, 40.0),
+    "cut off on the ring": (cut_off_on_the_ring, False, 60.0),
     "2 -> 3 on the ring": (join_on_the_ring, False, 60.0),
     "leader lost in formation": (leader_lost, True, 20.0),
+    "leader cut off in formation": (leader_cut_off, True, 20.0),
     "leader back in formation": (leader_back, True, 45.0),
     "another shape": (reshaped, True, 45.0),
     "16 on a ring of 40 m": (sixteen, False, 180.0),

@@ -27,3 +27,11 @@ def test_a_slow_formation_stays_in_line_beside_a_leader_that_is_lost() -> None:
     draw = measured(build, in_formation, 37)  # 0.1 m/s: half a minute passes until the lost one is out of reach
     assert draw.settled_s == 0.0
     assert draw.separation_left_m >= 0.0
+
+
+@pytest.mark.parametrize(("name", "seed"), [("cut off on the ring", 108), ("leader cut off in formation", 106)])
+def test_one_whose_radio_fails_gets_out_of_the_others_way(name: str, seed: int) -> None:
+    build, in_formation, limit_s = SCENES[name]
+    draw = measured(build, in_formation, seed)
+    assert draw.settled_s <= limit_s
+    assert draw.separation_left_m >= 0.0
