@@ -8,30 +8,19 @@ case2-field. What is measured is the truth of the simulation. Exit code 1 when a
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
-from math import cos, inf, isnan, pi, sin, tau
+from math import inf, isnan, pi, tau
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.core import VehicleCore
-from agents.messages import OperatorCommand, decode, encode
-from agents.settings import AgentConfig
-from agents.shapes import Shape
 from estimation.state import POSITION, Vector
-from gcs.mission import Mission
-from gcs.simulated import simulated_vehicles
-from sitl.absence import Absence
-from sitl.simulation import NetworkModel, SimulatedFlight, simulate
-from tests.conftest import MISSIONS
-from tests.mission_text import Content, content, drawn_vehicle, parsed
+from sitl.simulation import SimulatedFlight
+from tests.membership_scenes import SCENES, Scene, flown
 
-FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
-CHANGE_S = 60.0
-PLANT_OFF_MOST = 0.2
-RADIUS_SHARE = 0.05
+ON_RING_SHARE = 0.05
 NEAR_RING_SHARE = 0.15
 SPACING_DEG, SPACING_M = 5.0, 0.3
 
@@ -54,217 +43,11 @@ class Draw:
         )
 
 
-@dataclass(frozen=True)
-class Scene:
-    """A mission, who is away when, how long it is flown, and from when on settling counts.
-
-    Where somebody was lost the ring is bent: then only the spacing is to settle, not the radius. In formation an
-    operator asks for the `shapes` at their times. The radio of `unheard_id` is gone from `CHANGE_S` on, both ways.
-    """
-
-    mission: Mission
-    absences: tuple[Absence, ...]
-    duration_s: float
-    from_s: float
-    bent: bool = False
-    shapes: tuple[tuple[float, Shape], ...] = ()
-    unheard_id: int | None = None
-
-    def there(self, time_s: Vector) -> NDArray[np.bool_]:
-        """Return whose agents are there (T, N)."""
-        there = np.ones((time_s.size, len(self.mission.ids)), dtype=np.bool_)
-        for absence in self.absences:
-            away = (time_s >= absence.from_s) & (time_s < absence.to_s)
-            there[away, self.mission.ids.index(absence.vehicle_id)] = False
-        return there
-
-
-class _CutOff(VehicleCore):
-    """An agent that hears nothing of one whose radio is gone; that one hears nothing at all."""
-
-    def __init__(self, unheard_id: int, config: AgentConfig) -> None:
-        super().__init__(config)
-        self._unheard_id, self._hears = unheard_id, config.vehicle_id != unheard_id
-
-    def on_message(self, payload: bytes, now_s: float) -> None:
-        message = decode(payload)
-        sender = None if isinstance(message, OperatorCommand) else message.sender
-        if now_s < CHANGE_S or (self._hears and sender != self._unheard_id):
-            super().on_message(payload, now_s)
-
-
-def flown(scene: Scene, seed: int) -> SimulatedFlight:
-    """Fly a scene."""
-    network = scene.mission.network
-    core = VehicleCore if scene.unheard_id is None else partial(_CutOff, scene.unheard_id)
-    vehicles = simulated_vehicles(scene.mission, seed, core, scene.absences)
-    shapes = list(scene.shapes)
-
-    def tell(now_s: float) -> None:
-        if shapes and now_s >= shapes[0][0]:
-            _, shape = shapes.pop(0)
-            # One hears it; the others have it from each other.
-            told = next(vehicle for vehicle in vehicles if vehicle.present)
-            command = OperatorCommand(now_s, "formation", None, "tower", len(shapes), shape)
-            told.core.on_message(encode(command), now_s)
-
-    return simulate(
-        vehicles,
-        NetworkModel(network.range_m, network.delay_s, network.loss),
-        rate_hz=scene.mission.mission.rate_hz,
-        duration_s=scene.duration_s,
-        seed=seed,
-        observe=lambda *_: None,
-        progress=tell,
-    )
-
-
-def field(
-    random: np.random.Generator,
-    starts_m: list[tuple[float, float]],
-    *,
-    radius_m: float,
-    rate_rad_s: float,
-    target_m: tuple[float, float],
-) -> Content:
-    """Return case2-field with this many vehicles, which all see the target and want to encircle it."""
-    mission = content(FIELD)
-    course_rad, speed_m_s = float(random.uniform(0.0, tau)), float(random.uniform(0.0, 0.2))
-    mission["encirclement"] |= {"radius_m": radius_m, "angular_rate_rad_s": rate_rad_s, "radius_far_m": 3.0 * radius_m}
-    mission["decision"]["distance_max_m"] = 200.0
-    mission["target"] |= {
-        "start_m": list(target_m),
-        "velocity_m_s": [speed_m_s * cos(course_rad), speed_m_s * sin(course_rad)],
-    }
-    mission["target"]["sensor"]["range_m"] = 200.0
-    mission["network"] |= {"delay_s": float(random.uniform(0.0, 0.15)), "loss": float(random.uniform(0.0, 0.3))}
-    vehicles = (drawn_vehicle(random, slot, start_m, PLANT_OFF_MOST) for slot, start_m in enumerate(starts_m))
-    mission["vehicles"] = list(vehicles)
-    return mission
-
-
-def abreast(count: int) -> list[tuple[float, float]]:
-    return [(0.0, ((count - 1) / 2.0 - slot) * 5.0) for slot in range(count)]
-
-
-def drawn_rate(random: np.random.Generator, least: float, most: float) -> float:
-    return float(random.uniform(least, most) * random.choice([-1.0, 1.0]))
-
-
-# The scenes
-
-
-def loss_on_the_ring(seed: int) -> Scene:
-    """Three on the ring; one dies."""
-    random = np.random.default_rng([1, seed])
-    mission = field(random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
-    lost = Absence(int(random.integers(1, 4)), CHANGE_S)
-    return Scene(parsed(mission), (lost,), 130.0, CHANGE_S, bent=True)
-
-
-def cut_off_on_the_ring(seed: int) -> Scene:
-    """Three to eight on the ring; one's radio fails, and it flies on until it notices."""
-    random = np.random.default_rng([9, seed])
-    count = int(random.integers(3, 9))
-    radius_m = max(10.0, float(random.uniform(1.5, 2.5)) * 3.0 / (2.0 * sin(pi / count)))
-    rate = drawn_rate(random, 0.05, min(0.15, 1.5 / radius_m))
-    mission = field(random, abreast(count), radius_m=radius_m, rate_rad_s=rate, target_m=(radius_m + 4.0, -5.0))
-    unheard_id = int(random.integers(1, count + 1))
-    return Scene(parsed(mission), (), 130.0, CHANGE_S, bent=True, unheard_id=unheard_id)
-
-
-def join_on_the_ring(seed: int) -> Scene:
-    """Two on the ring; a third comes up somewhere outside of it, or comes back there."""
-    random = np.random.default_rng([2, seed])
-    mission = field(random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
-    bearing_rad, away_m = random.uniform(0.0, tau), random.uniform(14.0, 30.0)
-    place_m = float(14.0 + away_m * cos(bearing_rad)), float(-5.0 + away_m * sin(bearing_rad))
-    left_s = float(random.choice([0.0, 20.0]))
-    comer = Absence(int(random.integers(1, 4)), left_s, CHANGE_S, place_m)
-    return Scene(parsed(mission), (comer,), 130.0, CHANGE_S)
-
-
-def leader_lost(seed: int) -> Scene:
-    """Three to six in formation; the leader dies."""
-    random = np.random.default_rng([3, seed])
-    count = int(random.integers(3, 7))
-    mission = field(random, abreast(count), radius_m=10.0, rate_rad_s=0.05, target_m=(14.0, -5.0))
-    leader = int(random.integers(1, count + 1))
-    mission["target"]["threat"] = 0.9
-    mission["formation"] |= {"leader": leader, "speed_m_s": float(random.uniform(0.1, 1.0))}
-    return Scene(parsed(mission), (Absence(leader, CHANGE_S),), 100.0, CHANGE_S)
-
-
-def leader_cut_off(seed: int) -> Scene:
-    """Three to six in formation; the leader's radio fails, and it flies on until it notices."""
-    scene = leader_lost(seed)
-    return replace(scene, absences=(), unheard_id=scene.mission.formation.leader)
-
-
-def leader_back(seed: int) -> Scene:
-    """Three to six in formation; the leader dies, and comes back from somewhere behind."""
-    scene = leader_lost(seed)
-    (lost,), random = scene.absences, np.random.default_rng([6, seed])
-    back_s = CHANGE_S + float(random.uniform(10.0, 30.0))
-    speed_m_s = scene.mission.formation.speed_m_s
-    place_m = speed_m_s * back_s - float(random.uniform(8.0, 16.0)), float(random.uniform(-10.0, 10.0))
-    return replace(scene, absences=(replace(lost, to_s=back_s, at_m=place_m),), duration_s=150.0, from_s=back_s)
-
-
-def reshaped(seed: int) -> Scene:
-    """Three to six in one shape are told to take another."""
-    scene, random = leader_lost(seed), np.random.default_rng([7, seed])
-    before, after = random.permutation(["line", "column", "wedge"])[:2].tolist()
-    return replace(scene, absences=(), shapes=((0.0, before), (CHANGE_S, after)), duration_s=120.0)
-
-
-def sixteen(seed: int) -> Scene:
-    """Sixteen in a line encircle one target."""
-    random = np.random.default_rng([4, seed])
-    target_m = float(random.uniform(20.0, 60.0)), float(random.uniform(-20.0, 20.0))
-    mission = field(random, abreast(16), radius_m=40.0, rate_rad_s=drawn_rate(random, 0.02, 0.05), target_m=target_m)
-    return Scene(parsed(mission), (), 200.0, 0.0)
-
-
-def two_groups(seed: int) -> Scene:
-    """Two groups come to one target from two sides, at first out of each other's reach."""
-    random = np.random.default_rng([8, seed])
-    here, there = (int(each) for each in random.integers(1, 5, 2))
-    away_m = float(random.uniform(30.0, 40.0))
-    starts = [(0.0, y) for _, y in abreast(here)] + [(away_m * 2.0, y) for _, y in abreast(there)]
-    rate = drawn_rate(random, 0.05, 0.12)
-    mission = field(random, starts, radius_m=12.0, rate_rad_s=rate, target_m=(away_m, 0.0))
-    mission["network"]["range_m"] = 40.0
-    return Scene(parsed(mission), (), 120.0, 0.0)
-
-
-def coming_and_going(seed: int) -> Scene:
-    """Up to ten at a ring with little room to spare: some come late, some are lost, some of these come back."""
-    random = np.random.default_rng([5, seed])
-    count = int(random.integers(4, 11))
-    radius_m = max(8.0, float(random.uniform(1.5, 2.5)) * 3.0 / (2.0 * sin(pi / count)))
-    rate = drawn_rate(random, 0.04, min(0.15, 1.5 / radius_m))
-    mission = field(random, abreast(count), radius_m=radius_m, rate_rad_s=rate, target_m=(radius_m + 4.0, -5.0))
-    absences = []
-    for vehicle_id in random.permutation(count)[: count // 2] + 1:
-        bearing_rad, away_m = random.uniform(0.0, tau), radius_m + random.uniform(10.0, 25.0)
-        place_m = float(radius_m + 4.0 + away_m * cos(bearing_rad)), float(-5.0 + away_m * sin(bearing_rad))
-        from_s = float(random.choice([0.0, 5.0 * random.integers(8, 14)]))
-        back_s = float(random.choice([CHANGE_S * 2.0 - random.integers(0, 40), inf])) if from_s else CHANGE_S
-        absences.append(Absence(int(vehicle_id), from_s, back_s, place_m))
-    last_s = max(time_s for absence in absences for time_s in (absence.from_s, absence.to_s) if time_s < inf)
-    return Scene(parsed(mission), tuple(absences), 240.0, last_s, bent=True)
-
-
-# What is measured
-
-
 def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Draw:
     """Fly the scene of a seed and measure."""
     scene = build(seed)
     flight = flown(scene, seed)
-    gone = [scene.unheard_id, *(absence.vehicle_id for absence in scene.absences if absence.to_s == inf)]
-    stay = np.array([each not in gone for each in scene.mission.ids])
+    stay = np.array([each not in scene.gone for each in scene.mission.ids])
     if in_formation:
         settled_s, off_m = formation_settled_s(scene, flight, stay)
         return Draw(seed, settled_s, separation_left_m(scene, flight), 0, inf, off_m)
@@ -277,7 +60,7 @@ def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Dr
     since_s = flight.time_s[after] - scene.from_s
     return Draw(
         seed,
-        ring_settled_s(since_s, polar[after][:, stay], inf if scene.bent else RADIUS_SHARE, ring_m),
+        ring_settled_s(since_s, polar[after][:, stay], scene.radius_share, ring_m),
         separation_left_m(scene, flight),
         overtakings(polar_there, ring_m),
         innermost_share(polar_there, ring_m),
@@ -303,8 +86,8 @@ def ring_settled_s(time_s: Vector, polar: NDArray[np.complex128], radius_share: 
 def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.bool_]) -> tuple[float, float]:
     """Return when every spacing between neighbours is right for good after the loss, and how wrong one was."""
     config = scene.mission.agent_config(scene.mission.vehicles[0])
-    if scene.shapes:
-        config = config.reshaped(scene.shapes[-1][1])
+    if scene.shape is not None:
+        config = config.reshaped(scene.shape)
     slots = np.array([config.slot_offset_m(each, scene.mission.ids[0]) for each in scene.mission.ids])
     off = (flight.motion[..., POSITION] - slots)[:, stay]
     error_m = np.linalg.norm(np.diff(off, axis=1), axis=-1).max(axis=1)
@@ -340,23 +123,9 @@ def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
     for radius in np.abs(polar).T:
         reached = False
         for share in (radius / ring_m).tolist():
-            reached = not isnan(share) and (reached or share >= 1.0 - RADIUS_SHARE)
+            reached = not isnan(share) and (reached or share >= 1.0 - ON_RING_SHARE)
             least = min(least, share) if reached else least
     return least
-
-
-SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
-    "3 -> 2 on the ring": (loss_on_the_ring, False, 40.0),
-    "cut off on the ring": (cut_off_on_the_ring, False, 60.0),
-    "2 -> 3 on the ring": (join_on_the_ring, False, 60.0),
-    "leader lost in formation": (leader_lost, True, 20.0),
-    "leader cut off in formation": (leader_cut_off, True, 20.0),
-    "leader back in formation": (leader_back, True, 45.0),
-    "another shape": (reshaped, True, 45.0),
-    "16 on a ring of 40 m": (sixteen, False, 180.0),
-    "two groups at one target": (two_groups, False, 90.0),
-    "coming and going": (coming_and_going, False, 60.0),
-}
 
 
 def main(arguments: list[str]) -> int:
