@@ -52,7 +52,7 @@ def test_a_leader_that_comes_back_disturbs_nobody() -> None:
 
 def test_a_slow_formation_stays_in_line_beside_a_leader_that_is_lost() -> None:
     build, in_formation, _ = SCENES["leader lost in formation"]
-    draw = measured(build, in_formation, 31)  # 0.17 m/s: the others are beside the lost one for half a minute
+    draw = measured(build, in_formation, 31)  # 0.17 m/s: the others are beside the lost one for twenty seconds
     assert draw.settled_s == 0.0
     assert draw.separation_left_m >= 0.0
 
