@@ -30,10 +30,11 @@ class Obstacle(msgspec.Struct, frozen=True):
     distance_m: float
 
 
-def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle]) -> Vector:
+def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle], own_m: float = 0.0) -> Vector:
     """Return the radius of the ring at bearings (n,): bent around the obstacles on it.
 
-    It bends outwards, unless an obstacle stands so far outside that a small bend inwards will do.
+    It bends outwards, unless an obstacle stands so far outside that a small bend inwards will do; but not for a vehicle
+    whose radius `own_m` says that it is farther out already.
     """
     radius_m = np.full(bearings_rad.shape, ring_m)
     for obstacle in obstacles:
@@ -41,7 +42,8 @@ def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacl
         outer_m, inner_m = obstacle.radius_m + clear_m - ring_m, ring_m - obstacle.radius_m + clear_m
         if outer_m <= 0.0 or inner_m <= 0.0:
             continue
-        bend_m = -inner_m if inner_m <= min(_INWARD_MOST * ring_m, _INWARD_CLEARLY * clear_m) else outer_m
+        inwards = inner_m <= min(_INWARD_MOST * ring_m, _INWARD_CLEARLY * clear_m) and own_m <= obstacle.radius_m
+        bend_m = -inner_m if inwards else outer_m
         # A squared cosine of twice the obstacle's width: it is rounded at every bearing, and no step is flown.
         width_rad = 2.0 * asin(min(clear_m / obstacle.radius_m, 1.0))
         off_rad = np.abs((bearings_rad - obstacle.bearing_rad + pi) % (2.0 * pi) - pi)

@@ -81,7 +81,8 @@ class EncirclementPlanner:
         wanted = spaced_rate_rad_s(place, self._orbit.angular_rate_rad_s, self._settings.spacing_gain_per_s)
         level_m = self._orbit.radius_m if radius_m is None else radius_m
         if authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
-            here_m = level_m if not obstacles else bent_ring_m(level_m, np.array([polar.bearing_rad]), obstacles).item()
+            bearing_rad = np.array([polar.bearing_rad])
+            here_m = bent_ring_m(level_m, bearing_rad, obstacles, polar.radius_m).item() if obstacles else level_m
             on_ring = motion_from_polar(Polar(here_m, polar.bearing_rad, 0.0, wanted), target)
             motion = on_ring + authority * (motion - on_ring)
             polar = polar_from_motion(motion, target)
@@ -94,7 +95,7 @@ class EncirclementPlanner:
         state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
         reference = self._reference(place, wanted)
         if obstacles:
-            reference[:, 0] = bent_ring_m(level_m, polar.bearing_rad + self._drift_rad, obstacles)
+            reference[:, 0] = bent_ring_m(level_m, polar.bearing_rad + self._drift_rad, obstacles, polar.radius_m)
         elif radius_m is not None:
             reference[:, 0] = radius_m
         plan = lmpc.solve(state, reference, self._acceleration, self._bounds(polar, place))

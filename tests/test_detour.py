@@ -39,6 +39,13 @@ def test_around_one_that_was_on_the_ring_it_bends_to_one_side_wherever_that_is_b
     assert bent_ring_m(40.0, np.array([0.3]), [Obstacle(0.3, 40.0 + off_m, 6.0)])[0] > 40.0
 
 
+@pytest.mark.parametrize(("own_m", "way"), [(10.0, -1.0), (14.9, -1.0), (15.1, 1.0), (19.0, 1.0)])
+def test_who_is_on_its_way_around_outside_stays_outside(own_m: float, way: float) -> None:
+    bend = bent_ring_m(RING_M, np.array([0.3]), [Obstacle(0.3, 15.0, 6.0)], own_m)[0] - RING_M
+    assert np.sign(bend) == way
+    assert abs(RING_M + bend - 15.0) == pytest.approx(6.0 + MARGIN_M)
+
+
 def test_far_from_the_obstacle_it_is_the_ring() -> None:
     bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(0.0, 10.0, 4.0)])
     assert (bent[np.abs(BEARINGS) > 1.0] == RING_M).all()
