@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.result import FlightResult, VehicleResult
+from gcs.reynolds_view import reynolds_grid
 
 RowT = TypeVar("RowT")
 
@@ -158,7 +159,15 @@ def plain_line(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> 
 
 def summary(result: FlightResult) -> RenderableType:
     """Return a flight's result for people: verdicts with what they rest on, and a table of the vehicles."""
-    return Group(_headline(result), _verdict_table(result), Text(), _vehicle_table(result), _loop_line(result))
+    flocking = reynolds_grid(result.reynolds)
+    return Group(
+        _headline(result),
+        _verdict_table(result),
+        Text(),
+        _vehicle_table(result),
+        *(() if flocking is None else (Text(), flocking, Text())),
+        _loop_line(result),
+    )
 
 
 def _cells(row: LiveRow) -> tuple[Text, ...]:

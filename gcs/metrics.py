@@ -8,22 +8,21 @@ from dataclasses import dataclass
 from math import tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimation.state import Vector
-from gcs.record import FlightRecord
+from gcs.record import FlightRecord, Mask
 from gcs.result import (
     FlightResult,
     FormationReference,
     LoopResult,
+    ReynoldsResult,
     RingReference,
     RingResult,
     VehicleResult,
     VerdictTolerances,
     judge,
 )
-
-Mask = NDArray[np.bool_]
+from gcs.reynolds import condensed, flocking
 
 FORMATION_START_S = 30.0
 SETTLED_RADIUS_FRACTION = 0.05
@@ -87,6 +86,7 @@ def evaluate(
         window_s=window_s,
         vehicles=vehicles,
         ring=ring_result,
+        reynolds=_reynolds(record, window),
         closest_approach_m=closest_m,
         guard_interventions=None if record.guard is None else record.guard.interventions,
         guard_causes={} if record.guard is None else dict(record.guard.causes),
@@ -110,7 +110,8 @@ def formation_errors(record: FlightRecord, formation: FormationReference) -> tup
     NaN but from 30 s after the start to the first engagement, for a vehicle in formation; the first of the line has no
     place to be off.
     """
-    mask = _formation_mask(record, engagement_times_s(record))
+    judged = _formation_span(record.time_s, engagement_times_s(record))
+    mask = np.asarray(_heard(record) & _flies(record, "formation") & judged)
     speed_error_m_s = np.full(mask.shape, np.nan)
     for row, track in enumerate(record.vehicles):
         speed_error_m_s[row, mask[row]] = np.hypot(*(track.velocity_m_s[mask[row]] - (formation.speed_m_s, 0.0)).T)
@@ -242,11 +243,20 @@ def _vehicle_results(
     return tuple(results)
 
 
-def _formation_mask(record: FlightRecord, engaged_s: tuple[float | None, ...]) -> Mask:
-    """Return the samples (V, T) in formation between 30 s and the first engagement."""
-    first_s = min((time_s for time_s in engaged_s if time_s is not None), default=np.inf)
-    judged = (record.time_s >= FORMATION_START_S - TIME_GRAIN_S) & (record.time_s < first_s - TIME_GRAIN_S)
-    return np.asarray(_heard(record) & _flies(record, "formation") & judged)
+def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
+    figures = flocking(record)
+    spans = (
+        _formation_span(record.time_s, engagement_times_s(record)),
+        window,
+        np.ones(record.time_s.shape, dtype=np.bool_),
+    )
+    return ReynoldsResult(*(condensed(figures, span) for span in spans))
+
+
+def _formation_span(time_s: Vector, engaged_s: tuple[float | None, ...]) -> Mask:
+    """Return the samples (T,) between 30 s and the first engagement."""
+    first_s = min((engaged for engaged in engaged_s if engaged is not None), default=np.inf)
+    return np.asarray((time_s >= FORMATION_START_S - TIME_GRAIN_S) & (time_s < first_s - TIME_GRAIN_S))
 
 
 def _formation_spacing_error_m(record: FlightRecord, formation: FormationReference, mask: Mask) -> Vector:

@@ -5,9 +5,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.guard import Guarded
 from estimation.state import Vector
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

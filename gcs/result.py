@@ -99,6 +99,32 @@ class RingResult:
 
 
 @dataclass(frozen=True, slots=True)
+class FlockingResult:
+    """Reynolds' rules over a stretch of flight, None where fewer than two vehicles were measured.
+
+    Separation is the distance to the nearest other vehicle; the alignment's error is the velocity relative to the
+    team's mean, its order the length of the mean direction of flight (1 when all fly the same way, 0 when their ways
+    cancel out); cohesion is the distance to the team's centroid. All are horizontal.
+    """
+
+    separation_min_m: float | None = None
+    separation_mean_m: float | None = None
+    alignment_error_rms_m_s: float | None = None
+    alignment_order_mean: float | None = None
+    cohesion_mean_m: float | None = None
+    cohesion_max_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReynoldsResult:
+    """Reynolds' rules in formation (30 s to the first engagement), in the ring's window, and over the whole flight."""
+
+    formation: FlockingResult = FlockingResult()
+    ring: FlockingResult = FlockingResult()
+    flight: FlockingResult = FlockingResult()
+
+
+@dataclass(frozen=True, slots=True)
 class LoopResult:
     """The control loop: its rate, its ticks and the ones it missed, and percentiles of the computing time."""
 
@@ -151,6 +177,7 @@ class FlightResult:
     window_s: tuple[float, float] | None
     vehicles: tuple[VehicleResult, ...]
     ring: RingResult
+    reynolds: ReynoldsResult
     closest_approach_m: float | None
     guard_interventions: int | None
     guard_causes: dict[str, int]

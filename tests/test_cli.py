@@ -28,14 +28,15 @@ HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlin
 
 RESULT_KEYS = {
     "": (
-        "mission seed source reference duration_s window_s vehicles ring closest_approach_m guard_interventions "
-        "guard_causes loop verdicts wall_time_s realtime_factor events"
+        "mission seed source reference duration_s window_s vehicles ring reynolds closest_approach_m "
+        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events"
     ),
     "vehicles": (
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
         "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"
     ),
     "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg",
+    "reynolds": "formation ring flight",
     "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
     "verdicts": "C1 C2 C3 formation separation",
 }

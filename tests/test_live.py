@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from gcs.live import LiveRow, LiveView, live_table, plain_line, summary
-from gcs.result import FlightResult, LoopResult, RingResult, VehicleResult, Verdicts
+from gcs.result import FlightResult, FlockingResult, LoopResult, ReynoldsResult, RingResult, VehicleResult, Verdicts
 
 ROWS = (
     LiveRow(1, "encircle", "offboard", True, 10.02, 0.0512, 119.24, 121.3, 0.83),
@@ -28,6 +28,7 @@ RESULT = FlightResult(
         VehicleResult(2, None, "formation", formation_speed_error_rms_m_s=0.014, formation_spacing_error_rms_m=0.02),
     ),
     ring=RingResult(6.1, 0.58, 4.96),
+    reynolds=ReynoldsResult(flight=FlockingResult(1.37, 17.321, 0.50149, 0.1, 10.0, 12.345)),
     closest_approach_m=1.37,
     guard_interventions=14,
     guard_causes={"separation": 14},
@@ -167,7 +168,8 @@ def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
     ]
     assert lines[9].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
     assert lines[10].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
-    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[11]
+    assert lines[14].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
+    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[16]
 
 
 def test_the_summary_colours_failures_red() -> None:
@@ -182,6 +184,7 @@ def test_the_summary_of_a_flight_without_a_ring_claims_nothing() -> None:
         window_s=None,
         vehicles=(VehicleResult(1, None, "unknown"),),
         ring=RingResult(),
+        reynolds=ReynoldsResult(),
         closest_approach_m=None,
         guard_interventions=None,
         guard_causes={},
@@ -194,6 +197,7 @@ def test_the_summary_of_a_flight_without_a_ring_claims_nothing() -> None:
         "radius", "rate", "spacing", "formation", "separation",
     ]  # fmt: skip
     assert "guard" not in told
+    assert "Reynolds" not in told
     assert "600 s, judged by truth" in rendered(summary(RESULT.untimed()))
     assert "tick took" not in told
     assert "never settled" in rendered(summary(replace(RESULT, ring=RingResult())))

@@ -3,7 +3,7 @@
 import json
 import time
 from collections import Counter
-from dataclasses import replace
+from dataclasses import astuple, replace
 from math import pi, radians, sqrt, tau
 
 import numpy as np
@@ -14,7 +14,14 @@ from hypothesis import strategies as st
 from estimation.state import Vector
 from gcs.metrics import engagement_times_s, evaluate, ring_motion
 from gcs.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
-from gcs.result import FlightResult, FormationReference, RingReference, VerdictTolerances
+from gcs.result import (
+    FlightResult,
+    FlockingResult,
+    FormationReference,
+    ReynoldsResult,
+    RingReference,
+    VerdictTolerances,
+)
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -35,6 +42,7 @@ KEYS = [
     "window_s",
     "vehicles",
     "ring",
+    "reynolds",
     "closest_approach_m",
     "guard_interventions",
     "guard_causes",
@@ -344,6 +352,51 @@ def test_closest_approach_counts_the_moments_in_which_both_were_heard() -> None:
     assert judged(line(1), silenced(line(2), 0.0, 601.0)).closest_approach_m is None
 
 
+# --- Reynolds' rules ---
+
+
+def test_reynolds_rules_in_formation_and_on_the_ring_are_what_the_geometry_says() -> None:
+    """Side by side at y = 5, 0 and -5 for 300 s, then a ring about a target that stands still at the line's centre.
+
+    In line the nearest is 5 m away; the outer two are 5 m off the centroid, the middle one 0. On the ring each chord
+    is 2 R sin 60°, the speeds of R w = 0.5 m/s cancel out, and everybody is R off the centroid.
+    """
+    engaged_s = 300.0
+    flying = engaged_s - 1e-9 <= TIME_S
+    rest_m = np.zeros_like(TARGET_M)
+    tracks = []
+    for abreast, around in zip(map(line, SLOTS), ring_of_three(engaged_s=engaged_s), strict=True):
+        orbit_m, orbit_m_s = around.position_m - TARGET_M, around.velocity_m_s - TARGET_M_S
+        position_m = np.where(flying[:, None], orbit_m, abreast.position_m)
+        velocity_m_s = np.where(flying[:, None], orbit_m_s, abreast.velocity_m_s)
+        tracks.append(replace(around, position_m=position_m, velocity_m_s=velocity_m_s))
+    flown = replace(record(*tracks), target_position_m=rest_m, target_velocity_m_s=rest_m)
+    told = evaluate(flown, RING, FORMATION, TOLERANCES).reynolds
+    chord_m, speed_m_s = 10.0 * sqrt(3.0), 0.5
+    assert astuple(told.formation) == pytest.approx((5.0, 5.0, 0.0, 1.0, 10.0 / 3.0, 5.0), abs=1e-9)
+    assert astuple(told.ring) == pytest.approx((chord_m, chord_m, speed_m_s, 0.0, 10.0, 10.0), abs=1e-9)
+    # 3000 of the 6001 samples are in line, from the start on; the others are on the ring.
+    line_share, ring_share = 3000 / 6001, 3001 / 6001
+    whole = (
+        5.0,
+        5.0 * line_share + chord_m * ring_share,
+        speed_m_s * sqrt(ring_share),
+        line_share,
+        10.0 / 3.0 * line_share + 10.0 * ring_share,
+        10.0,
+    )
+    assert astuple(told.flight) == pytest.approx(whole)
+
+
+def test_reynolds_rules_are_null_for_one_alone_and_for_stretches_that_were_not_flown() -> None:
+    assert judged(orbit(1, 0.0)).reynolds == ReynoldsResult()
+    never_engaged, at_once = judged(line(1), line(2)).reynolds, judged(*ring_of_three()).reynolds
+    assert never_engaged.ring == FlockingResult()
+    assert never_engaged.formation.separation_mean_m == pytest.approx(5.0)
+    assert at_once.formation == FlockingResult()
+    assert at_once.ring == at_once.flight
+
+
 # --- vehicles not heard ---
 
 
@@ -446,6 +499,15 @@ def test_json_has_the_documented_keys_in_their_order() -> None:
     told = json.loads(result.to_json())
     assert list(told) == KEYS
     assert list(told["vehicles"][0]) == VEHICLE_KEYS
+    assert list(told["reynolds"]) == ["formation", "ring", "flight"]
+    assert list(told["reynolds"]["ring"]) == [
+        "separation_min_m",
+        "separation_mean_m",
+        "alignment_error_rms_m_s",
+        "alignment_order_mean",
+        "cohesion_mean_m",
+        "cohesion_max_m",
+    ]
     assert list(told["ring"]) == ["settling_time_s", "spacing_error_rms_deg", "spacing_error_max_deg"]
     assert told["loop"] == {
         "rate_hz": 10.0,

@@ -30,6 +30,7 @@ def by_metric(first: ComparedFlight, second: ComparedFlight) -> dict[str, Compar
 
 
 def test_differences_and_which_is_better(flights: tuple[ComparedFlight, ComparedFlight]) -> None:
+    first, _ = flights
     found = by_metric(*flights)
     assert (found["closest approach [m]"].difference, found["closest approach [m]"].better) == ("+1.500", "windy")
     radius = found["vehicle 1: radius error rms [m]"]
@@ -38,6 +39,9 @@ def test_differences_and_which_is_better(flights: tuple[ComparedFlight, Compared
     same = found["vehicle 2: radius error rms [m]"]
     assert (same.difference, same.better) == ("0", "")
     assert found["duration [s]"].better == ""
+    apart = found["ring: nearest other, mean [m]"]
+    assert apart.first == f"{first.result.reynolds.ring.separation_mean_m:.2f}"
+    assert (apart.difference, apart.better) == ("0", "")
 
 
 def test_swapping_the_flights_turns_the_signs_around(flights: tuple[ComparedFlight, ComparedFlight]) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.state import Vector
 from gcs.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.report.reynolds import condensed, flocking
+from gcs.reynolds import condensed, flocking
 
 TIME_S = np.arange(400) / 10.0
 
@@ -87,9 +87,9 @@ def test_the_numbers_condense_a_stretch() -> None:
     """Two vehicles fly apart by 2 m each second from 4 m on; nothing after 10 s counts."""
     figures = flocking(record(straight((-2.0, 0.0), (-1.0, 0.0)), straight((2.0, 0.0), (1.0, 0.0))))
     numbers = condensed(figures, TIME_S <= 10.0)
-    assert numbers.nearest_min_m == pytest.approx(4.0)
-    assert numbers.nearest_mean_m == pytest.approx(14.0)
-    assert numbers.mismatch_rms_m_s == pytest.approx(1.0)
-    assert numbers.order_mean == pytest.approx(0.0)
-    assert numbers.off_centre_mean_m == pytest.approx(7.0)
-    assert numbers.off_centre_max_m == pytest.approx(12.0)
+    assert numbers.separation_min_m == pytest.approx(4.0)
+    assert numbers.separation_mean_m == pytest.approx(14.0)
+    assert numbers.alignment_error_rms_m_s == pytest.approx(1.0)
+    assert numbers.alignment_order_mean == pytest.approx(0.0)
+    assert numbers.cohesion_mean_m == pytest.approx(7.0)
+    assert numbers.cohesion_max_m == pytest.approx(12.0)

@@ -1,7 +1,7 @@
 """Two flights side by side: every metric with its difference, both's verdicts, and their errors in one chart each."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -20,7 +20,8 @@ from gcs.report.page import KeyLine, render
 from gcs.report.panels import say, title
 from gcs.report.thinning import thinned
 from gcs.report.view import Section, Table, Verdict
-from gcs.result import FlightResult, RingReference, VehicleResult
+from gcs.result import FlightResult, ReynoldsResult, RingReference, VehicleResult
+from gcs.reynolds_view import FLOCKING_FORMS, FLOCKING_WORDS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,6 +66,10 @@ class _Metric:
     of: Callable[[FlightResult], float | None]
 
 
+def _of_stretch(stretch: str, figure: int) -> Callable[[FlightResult], float | None]:
+    return lambda result: astuple(getattr(result.reynolds, stretch))[figure]
+
+
 def _of_vehicle(vehicle_id: int, of: Callable[[VehicleResult], float | None]) -> Callable[[FlightResult], float | None]:
     return lambda result: next((of(vehicle) for vehicle in result.vehicles if vehicle.id == vehicle_id), None)
 
@@ -80,6 +85,12 @@ _TEAM = (
     _Metric("computing time, median [µs]", ".0f", "less", lambda r: r.loop.tick_p50_us),
     _Metric("computing time, 99 % [µs]", ".0f", "less", lambda r: r.loop.tick_p99_us),
     _Metric("times real time", ".3g", "neither", lambda r: r.realtime_factor),
+)
+# What is better depends on what the mission asked for: a wide ring is not worse than a narrow one.
+_REYNOLDS = tuple(
+    _Metric(f"{stretch.name}: {words}", form, "neither", _of_stretch(stretch.name, index))
+    for stretch in fields(ReynoldsResult)
+    for index, (words, form) in enumerate(zip(FLOCKING_WORDS, FLOCKING_FORMS, strict=True))
 )
 _VEHICLE: tuple[tuple[str, str, Better, Callable[[VehicleResult], float | None]], ...] = (
     ("engaged [s]", ".1f", "neither", lambda v: v.engaged_at_s),
@@ -100,7 +111,7 @@ def comparisons(first: ComparedFlight, second: ComparedFlight) -> tuple[Comparis
         for vehicle_id in dict.fromkeys(vehicles)
         for words, form, better, of in _VEHICLE
     )
-    compared = (_compared(metric, first, second) for metric in (*_TEAM, *of_vehicles))
+    compared = (_compared(metric, first, second) for metric in (*_TEAM, *_REYNOLDS, *of_vehicles))
     return tuple(each for each in compared if each is not None)
 
 

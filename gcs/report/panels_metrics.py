@@ -12,8 +12,8 @@ from gcs.report.asked import Asked
 from gcs.report.chart import level, logarithmic, over_time
 from gcs.report.lyapunov import Decay, lyapunov_rad2
 from gcs.report.panels import Sheet, say, title
-from gcs.report.reynolds import Flocking
 from gcs.report.style import DASHES, DESIRED, FAIL, INK, WINDOW
+from gcs.reynolds import Flocking
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

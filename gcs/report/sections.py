@@ -15,9 +15,9 @@ from gcs.report.evidence import FlightEvidence, VehicleEvidence
 from gcs.report.lyapunov import decays
 from gcs.report.panels import Sheet
 from gcs.report.panels_lanes import draw_lanes, key_rows, lanes_height_in
-from gcs.report.reynolds import Flocking, flocking
 from gcs.report.view import Section
 from gcs.result import FlightResult
+from gcs.reynolds import Flocking, flocking
 
 _POINTS = 1200
 # Sixteen vehicles share what makes a page of a few megabytes; half a dozen have as many points as they like.
@@ -249,7 +249,7 @@ def _reynolds(flight: Flight) -> Section:
         "cancel out, and alignment gives way to the even spacing."
     )
     charts = tuple(chart(name, partial(draw, sheet=sheet, flocking=figures), alt) for name, draw, alt in draws)
-    table = tables.flocking_table(figures, sheet.record, flight.result)
+    table = tables.reynolds_table(flight.result)
     return Section("reynolds", "Reynolds' rules", lead, charts, (table,))
 
 

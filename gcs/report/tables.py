@@ -6,15 +6,14 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.live import number
-from gcs.metrics import Mask
-from gcs.record import FlightEvent, FlightRecord
+from gcs.record import FlightEvent
 from gcs.report.beliefs import SIGMAS, Error
 from gcs.report.evidence import FlightEvidence, Hearing, VehicleEvidence
 from gcs.report.lyapunov import FALLEN_SHARE, Decay
 from gcs.report.panels_inside import intervals_ms
-from gcs.report.reynolds import Flocking, condensed
 from gcs.report.view import Table
 from gcs.result import FlightResult
+from gcs.reynolds_view import FLOCKING_WORDS, flocking_cells, stretches
 
 _FOLDED_ROWS = 12
 
@@ -76,37 +75,10 @@ def event_table(events: Sequence[FlightEvent]) -> Table:
     return Table(count, ("time [s]", "vehicle", "kind", "what"), rows, words=4, folded=True)
 
 
-def flocking_table(figures: Flocking, record: FlightRecord, result: FlightResult) -> Table:
+def reynolds_table(result: FlightResult) -> Table:
     """Return Reynolds' figures in formation, on the ring, and over the whole flight."""
-    engaged_s = [v.engaged_at_s for v in result.vehicles if v.engaged_at_s is not None]
-    time_s, everything = record.time_s, np.ones(record.time_s.shape, dtype=np.bool_)
-    spans: list[tuple[str, Mask]] = [("until the first engaged", time_s < min(engaged_s))] if engaged_s else []
-    if result.window_s is not None:
-        spans.append(("window of the ring", (time_s >= result.window_s[0]) & (time_s <= result.window_s[1])))
-    rows = []
-    for name, span in [*spans, ("whole flight", everything)]:
-        n = condensed(figures, span)
-        rows.append(
-            (
-                name,
-                number(n.nearest_min_m, ".2f"),
-                number(n.nearest_mean_m, ".2f"),
-                number(n.mismatch_rms_m_s, ".3f"),
-                number(n.order_mean, ".3f"),
-                number(n.off_centre_mean_m, ".2f"),
-                number(n.off_centre_max_m, ".2f"),
-            )
-        )
-    columns = (
-        "stretch",
-        "nearest other, least [m]",
-        "mean [m]",
-        "velocity mismatch rms [m/s]",
-        "order parameter, mean",
-        "off the centroid, mean [m]",
-        "at most [m]",
-    )
-    return Table("Reynolds' rules in numbers", columns, tuple(rows))
+    rows = tuple((name, *flocking_cells(figures)) for name, figures in stretches(result.reynolds))
+    return Table("Reynolds' rules in numbers", ("stretch", *FLOCKING_WORDS), rows)
 
 
 def decay_table(stretches: Sequence[Decay]) -> Table:

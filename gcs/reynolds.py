@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.state import Vector
-from gcs.metrics import Mask
-from gcs.record import FlightRecord
+from gcs.record import FlightRecord, Mask
+from gcs.result import FlockingResult
 
 # The direction of flight of a vehicle slower than this is noise.
 STILL_M_S = 0.02
@@ -32,18 +32,6 @@ class Flocking:
     off_centre_m: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class FlockingNumbers:
-    """The figures of a stretch of flight condensed; None where there is nothing to condense."""
-
-    nearest_min_m: float | None
-    nearest_mean_m: float | None
-    mismatch_rms_m_s: float | None
-    order_mean: float | None
-    off_centre_mean_m: float | None
-    off_centre_max_m: float | None
-
-
 def flocking(record: FlightRecord) -> Flocking:
     """Measure the three rules over a flight; with fewer than two vehicles heard there is no team to measure."""
     shape = (len(record.vehicles), record.time_s.size)
@@ -60,17 +48,17 @@ def flocking(record: FlightRecord) -> Flocking:
     )
 
 
-def condensed(figures: Flocking, span: Mask) -> FlockingNumbers:
+def condensed(figures: Flocking, span: Mask) -> FlockingResult:
     """Condense the samples (T,) of a span."""
     nearest_m, off_centre_m = figures.nearest_m[:, span], figures.off_centre_m[:, span]
     mean_square = _over(figures.mismatch_m_s[:, span] ** 2, np.mean)
-    return FlockingNumbers(
-        nearest_min_m=_over(nearest_m, np.min),
-        nearest_mean_m=_over(nearest_m, np.mean),
-        mismatch_rms_m_s=None if mean_square is None else mean_square**0.5,
-        order_mean=_over(figures.order[span], np.mean),
-        off_centre_mean_m=_over(off_centre_m, np.mean),
-        off_centre_max_m=_over(off_centre_m, np.max),
+    return FlockingResult(
+        separation_min_m=_over(nearest_m, np.min),
+        separation_mean_m=_over(nearest_m, np.mean),
+        alignment_error_rms_m_s=None if mean_square is None else mean_square**0.5,
+        alignment_order_mean=_over(figures.order[span], np.mean),
+        cohesion_mean_m=_over(off_centre_m, np.mean),
+        cohesion_max_m=_over(off_centre_m, np.max),
     )
 
 
