@@ -29,6 +29,7 @@ from agents.situation import Situation, Wish, moved, shifted
 from agents.symptoms import Symptoms
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team import Team
+from agents.yaw import Yaw
 from estimation.own import OwnFilter
 from estimation.state import (
     DISTURBANCE,
@@ -54,6 +55,7 @@ class VehicleCore:
         self._team = Team()
         self._patience = 1.0
         self._guard = Guard(config)
+        self._yaw = Yaw(config)
         self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
         self._neighbours = Neighbours(config)
         self._planner = Planner(config, self._team)
@@ -305,7 +307,8 @@ class VehicleCore:
 
     def _setpoint(self, situation: Situation, wish: Wish, guarded: Guarded) -> Setpoint:
         (x, y), velocity = self._feedforward.split(situation, wish, guarded)
-        return Setpoint((x, y, self._guard.altitude_m(self._altitude_m)), velocity_m_s=velocity)
+        yaw_rad = self._yaw.turn(self._tactic, situation)
+        return Setpoint((x, y, self._guard.altitude_m(self._altitude_m)), yaw_rad, velocity)
 
     def _note_guard(self, now_s: float, wish: Wish, guarded: Guarded) -> None:
         """Note when the guard begins to change setpoints, and why; not again while it goes on and off."""

@@ -26,7 +26,7 @@ class FormationSettings(Settings):
     abreast, a "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, and that unless told
     otherwise where they have one; `cordon command formation` changes it in flight. The line of the mission begins at
     `start_m`, the leader's own start unless told otherwise. A vehicle keeps station on its "predecessor", the next one
-    towards the leader, or on the mission's "line" itself.
+    towards the leader, or on the mission's "line" itself. Noses point along x ("fixed"), or along the "path" flown.
     """
 
     spacing_m: float = Field(gt=0.0, le=1000.0)
@@ -35,6 +35,7 @@ class FormationSettings(Settings):
     start_m: Annotated[tuple[float, float], BeforeValidator(pair)] | None = None
     shape: Shape | None = None
     station: Literal["predecessor", "line"] = "predecessor"
+    yaw: Literal["fixed", "path"] = "fixed"
     position_weight: float = Field(1.0, gt=0.0, le=1e6)
     velocity_weight: float = Field(1.0, ge=0.0, le=1e6)
     increment_weight: float = Field(0.5, gt=0.0, le=1e6)
@@ -45,10 +46,13 @@ class FormationSettings(Settings):
 
 
 class EncirclementSettings(Settings):
-    """The ring: radius and angular rate, the spacing gain of (22), the weights of (24), the bounds of the LMPC."""
+    """The ring: radius and angular rate, the spacing gain of (22), the weights of (24), the bounds of the LMPC. On it
+    a vehicle's nose points along x ("fixed"), or at the "target".
+    """
 
     radius_m: float = Field(gt=0.0, le=1000.0)
     angular_rate_rad_s: float = Field(ge=-2.0, le=2.0)
+    yaw: Literal["fixed", "target"] = "fixed"
     smoothing_time_s: float = Field(3.5, ge=0.0, le=60.0)
     spacing_gain_per_s: float = Field(0.3, ge=0.0, le=2.0)
     radius_weight: float = Field(1.0, gt=0.0, le=1e6)
@@ -80,7 +84,8 @@ class SafetySettings(Settings):
     target (0: none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two
     altitudes; and below the speed. `uncertainty_sigmas` is how much of the estimates' uncertainty is added,
     `barrier_rate_per_s` how fast a distance may shrink, relative to what is left of it; `lost_avoided_s` is how long
-    the last place of a silent vehicle is avoided. `guard = false` switches it off: for simulations.
+    the last place of a silent vehicle is avoided. `yaw_rate_max_deg_s` is how fast noses are turned, where they are.
+    `guard = false` switches the guard off: for simulations.
     """
 
     guard: bool = True
@@ -92,6 +97,7 @@ class SafetySettings(Settings):
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)
     acceleration_max_m_s2: float = Field(4.0, gt=0.0, le=20.0)
+    yaw_rate_max_deg_s: float = Field(45.0, gt=0.0, le=360.0)
     barrier_rate_per_s: float = Field(1.3, gt=0.0, le=5.0)
     uncertainty_sigmas: float = Field(3.0, ge=0.0, le=10.0)
     lost_avoided_s: float = Field(60.0, ge=0.0, le=3600.0)
@@ -203,6 +209,11 @@ class AgentConfig:
         """The shapes that the formation can take: where there are slots, or the spacing keeps the separation."""
         spaced = self.formation.spacing_m >= self.safety.separation_m or len(self.slots) == 1
         return tuple(shape for shape in SHAPES if (self.slots_m if shape == "free" else spaced))
+
+    @property
+    def turns_nose(self) -> bool:
+        """Whether the yaw of setpoints is anything but 0."""
+        return self.formation.yaw != "fixed" or self.encirclement.yaw != "fixed"
 
     def reshaped(self, shape: Shape) -> "AgentConfig":
         """Return the same with a formation of another shape."""

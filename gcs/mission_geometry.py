@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, pairwise
-from math import dist
+from math import degrees, dist
 
 from agents.fence import Fence
 from agents.settings import EncirclementSettings, FormationSettings, SafetySettings
@@ -61,6 +61,14 @@ def limits_agree(
             f"safety.keep_out_m: {safety.keep_out_m} m about the target leaves no room for the ring of "
             f"encirclement.radius_m = {ring.radius_m} m"
         )
+    if ring is not None and ring.yaw == "target":
+        turning_deg_s = degrees(abs(ring.angular_rate_rad_s))
+        if turning_deg_s > safety.yaw_rate_max_deg_s:
+            yield (
+                f"safety.yaw_rate_max_deg_s: {safety.yaw_rate_max_deg_s} degrees/s is less than the "
+                f"{turning_deg_s:.1f} degrees/s of encirclement.angular_rate_rad_s = {ring.angular_rate_rad_s} rad/s, "
+                'which encirclement.yaw = "target" takes'
+            )
     along_m_s = 0.0 if ring is None else abs(ring.angular_rate_rad_s) * ring.radius_m
     if ring is not None and along_m_s > ring.speed_max_m_s:
         return  # the ring contradicts itself, which is told already

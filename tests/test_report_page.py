@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from gcs.metrics import evaluate
 from gcs.report.chart import chart
 from gcs.report.evidence import FlightEvidence, VehicleEvidence
 from gcs.report.page import report_html, write_report
 from gcs.report.panels import say, title
+from gcs.report.panels_inside import draw_yaws
 from gcs.report.panels_metrics import running_rms
 from gcs.report.sections import flight_of
 from gcs.report.tables import loop_table
@@ -238,6 +240,21 @@ def test_what_was_not_kept_is_said_in_a_line_instead_of_drawn() -> None:
     titles = page.text
     assert "Radius about the target (figure 3, 5), Angular velocity (figure 3, 5)" in titles
     assert len(page.all("figure")) == 10
+
+
+def test_noses_that_turn_are_drawn_and_no_line_crosses_the_chart_where_a_yaw_wraps() -> None:
+    evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    assert "Yaw of the setpoints" not in Page(report_html(evidence, result, asked)).text
+    first, *others = evidence.vehicles
+    turning_rad = (0.1 * first.loop.time_s + np.pi) % (2.0 * np.pi) - np.pi
+    loop = replace(first.loop, yaw_rad=turning_rad)
+    turned = replace(evidence, vehicles=(replace(first, loop=loop), *others))
+    assert "Yaw of the setpoints" in Page(report_html(turned, result, asked)).text
+    axes = Figure().subplots()
+    draw_yaws(axes, flight_of(turned, result, asked).sheet, turned)
+    drawn_deg = axes.lines[0].get_ydata()
+    assert np.nanmax(np.abs(np.diff(np.asarray(drawn_deg)))) < 180.0
+    assert np.nanmax(drawn_deg) > 170.0
 
 
 def test_evidence_of_some_vehicles_in_any_order_finds_its_vehicle() -> None:

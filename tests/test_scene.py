@@ -2,7 +2,8 @@
 
 import json
 from collections import defaultdict
-from math import atan2, cos, hypot, radians, sin
+from collections.abc import Callable
+from math import atan2, cos, hypot, pi, radians, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +17,10 @@ from mcap_protobuf.decoder import DecoderFactory
 from pyproj import Geod
 from scipy.stats import chi2
 
+from agents.ports import Setpoint
+from agents.settings import AgentConfig
 from agents.tape import Tick
+from estimation.state import Telemetry
 from gcs.flightlog.drawing import newest_target
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.recorder import Recorder
@@ -186,6 +190,18 @@ def test_an_ellipse_lies_along_the_larger_variance(yaw_rad: float, variance_m2: 
     half_axes_m = np.sqrt(chi2.ppf(0.95, 2) * variance_m2 * np.array([ratio, 1.0]))
     assert (long_m, short_m) == pytest.approx(tuple(half_axes_m), rel=1e-6)
     assert sin(found_rad - yaw_rad) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_vehicle_that_flies_looks_ahead_unless_it_is_told_where_to_look(
+    make_config: Callable[..., AgentConfig],
+) -> None:
+    nothing = (None, None, None, None, None, None, None, "", (), (), (), (), 0)
+    told = Decision(9.0, "encircle", 1.0, Setpoint((0.0, 0.0, 8.0), -1.2), *nothing)
+    sideways = Telemetry(9.0, (1.0, 2.0, 8.0), (0.0, 1.5, 0.0))
+    for config, yaw_rad in ((make_config(), pi / 2.0), (make_config(encirclement={"yaw": "target"}), -1.2)):
+        seen = SeenVehicle(config, "#000000", decision=told)
+        seen.move(sideways, 9)
+        assert seen.yaw_rad == pytest.approx(yaw_rad)
 
 
 def test_of_several_beliefs_the_one_heard_of_last_is_shown() -> None:

@@ -47,10 +47,10 @@ class SeenVehicle:
         return self.telemetry.position_m
 
     def move(self, telemetry: Telemetry, time_ns: int) -> None:
-        """Take where it is now. It looks where it flies; standing still, as its setpoint says."""
+        """Take where it is now. It looks where it flies; standing still or told where to look, as its setpoint says."""
         self.telemetry, self.place_ns = telemetry, time_ns
         x_rate, y_rate, _ = telemetry.velocity_m_s
-        if hypot(x_rate, y_rate) >= MOVING_M_S:
+        if hypot(x_rate, y_rate) >= MOVING_M_S and not self.config.turns_nose:
             self.yaw_rad = atan2(y_rate, x_rate)
         elif self.decision is not None and self.decision.setpoint is not None:
             self.yaw_rad = self.decision.setpoint.yaw_rad

@@ -44,7 +44,8 @@ class Loop:
 
     `qp` says where each plan came from (`interior`, `bounded`, `fallback`), `guard` what the guard did with the wish
     (`passed`, `changed`, `yielded`, `braked`); `setpoint_m` (T, 3) is what was sent, NaN where nothing was;
-    `velocity_m_s` (T, 3) is the velocity that went with it, 0 where none did.
+    `velocity_m_s` (T, 3) is the velocity that went with it, 0 where none did, and `yaw_rad` (T,) the yaw, NaN where
+    nothing was sent.
     """
 
     time_s: Vector = field(default_factory=_none)
@@ -54,6 +55,7 @@ class Loop:
     guard: Names = field(default_factory=_no_names)
     setpoint_m: Vector = field(default_factory=lambda: np.empty((0, 3)))
     velocity_m_s: Vector = field(default_factory=lambda: np.empty((0, 3)))
+    yaw_rad: Vector = field(default_factory=_none)
 
 
 @dataclass(frozen=True, slots=True)

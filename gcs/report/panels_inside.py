@@ -96,6 +96,14 @@ def draw_altitudes(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None
     _draw_each(axes, sheet, "height [m]", evidence, lambda row: _height(evidence, row))
 
 
+def draw_yaws(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
+    """Draw the yaws of the setpoints."""
+    title(axes, "Yaw of the setpoints", "counter-clockwise from x")
+    _draw_each(axes, sheet, "yaw [°]", evidence, lambda row: _yaw(evidence, row))
+    axes.set_ylim(-185.0, 185.0)
+    axes.set_yticks(range(-180, 181, 90))
+
+
 def draw_batteries(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
     """Draw what the batteries held."""
     title(axes, "Battery", "")
@@ -119,6 +127,13 @@ def _height(evidence: FlightEvidence, row: int) -> tuple[Vector, Vector]:
     vehicle = evidence.vehicles[row]
     samples = min(vehicle.own.time_s.size, vehicle.altitude_m.size)
     return vehicle.own.time_s[:samples], vehicle.altitude_m[:samples]
+
+
+def _yaw(evidence: FlightEvidence, row: int) -> tuple[Vector, Vector]:
+    """Return the yaws [degrees]; a line that leaves at one side, to come back at the other, has a gap between."""
+    loop = evidence.vehicles[row].loop
+    wraps = np.abs(np.diff(loop.yaw_rad, prepend=np.nan)) > np.pi
+    return loop.time_s[: wraps.size], np.where(wraps, np.nan, np.degrees(loop.yaw_rad))
 
 
 def _battery(evidence: FlightEvidence, row: int) -> tuple[Vector, Vector]:

@@ -122,6 +122,7 @@ class _Columns:
     guard: list[str] = field(default_factory=list)
     setpoint_m: list[tuple[float, ...]] = field(default_factory=list)
     velocity_m_s: list[tuple[float, ...]] = field(default_factory=list)
+    yaw_rad: list[float] = field(default_factory=list)
 
 
 class _Pass:
@@ -199,6 +200,7 @@ class _Pass:
                 np.array(rows.guard, dtype="<U16"),
                 np.array(rows.setpoint_m).reshape(-1, 3),
                 np.array(rows.velocity_m_s).reshape(-1, 3),
+                np.array(rows.yaw_rad),
             ),
             samples=telemetry[:, 1:4] - [start_s, 0.0, 0.0],
             telemetry=Hearing(heard_s - start_s, (heard_s - sampled_s) / speed),
@@ -232,6 +234,7 @@ class _Pass:
         rows.guard.append(decision.guard.status)
         sent = decision.HasField("setpoint")
         rows.setpoint_m.append(tuple(decision.setpoint.position_m) if sent else (np.nan, np.nan, np.nan))
+        rows.yaw_rad.append(decision.setpoint.yaw_rad if sent else np.nan)
         # A log of before there were velocities has no such field.
         rows.velocity_m_s.append(tuple(getattr(decision.setpoint, "velocity_m_s", ())) or (0.0, 0.0, 0.0))
         if decision.HasField("own"):

@@ -296,8 +296,11 @@ def _power(flight: Flight) -> Section:
     if any(v.battery.size for v in evidence.vehicles):
         draw = partial(panels_inside.draw_batteries, sheet=sheet, evidence=evidence)
         charts.append(chart("batteries", draw, "Battery of every vehicle over time."))
+    if any(np.nan_to_num(v.loop.yaw_rad).any() for v in evidence.vehicles):
+        draw = partial(panels_inside.draw_yaws, sheet=sheet, evidence=evidence)
+        charts.append(chart("yaws", draw, "Yaw of every vehicle's setpoints over time."))
     missing = () if charts else ("Neither heights nor batteries were kept.",)
-    return Section("power", "Height and battery", charts=tuple(charts), missing=missing)
+    return Section("power", "Height, yaw and battery", charts=tuple(charts), missing=missing)
 
 
 def _metrics(flight: Flight) -> Section:
