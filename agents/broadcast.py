@@ -68,6 +68,8 @@ def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, .
             sighting.importance,
             sighting.threat,
             recipients,
+            sighting.altitude_m,
+            sighting.altitude_sigma_m,
         )
     )
 
@@ -81,6 +83,8 @@ def sighting_told(package: TargetPackage) -> Sighting:
         package.covariance_m2,
         package.importance,
         package.threat,
+        package.altitude_m,
+        package.altitude_sigma_m,
     )
 
 

@@ -8,6 +8,7 @@ from math import hypot
 
 import numpy as np
 
+from agents.altitude import Altitude
 from agents.blend import Blend
 from agents.broadcast import command_answer, member_state, neighbour_angle, sighting_told, target_package
 from agents.clock_watch import ClockWatch
@@ -56,6 +57,7 @@ class VehicleCore:
         self._patience = 1.0
         self._guard = Guard(config)
         self._yaw = Yaw(config)
+        self._altitudes = Altitude(config)
         self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
         self._neighbours = Neighbours(config)
         self._planner = Planner(config, self._team)
@@ -208,6 +210,7 @@ class VehicleCore:
     def _assess(self, now_s: float) -> Situation | None:
         if self._sighted:
             self._target.sight(*self._sighted)
+            self._altitudes.sight(*self._sighted)
             self._sighted.clear()
         own = self._own.estimate(now_s)
         if own is None:
@@ -308,7 +311,8 @@ class VehicleCore:
     def _setpoint(self, situation: Situation, wish: Wish, guarded: Guarded) -> Setpoint:
         (x, y), velocity = self._feedforward.split(situation, wish, guarded)
         yaw_rad = self._yaw.turn(self._tactic, situation)
-        return Setpoint((x, y, self._guard.altitude_m(self._altitude_m)), yaw_rad, velocity)
+        altitude_m = self._altitudes.next_m(self._tactic, self._altitude_m)
+        return Setpoint((x, y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
 
     def _note_guard(self, now_s: float, wish: Wish, guarded: Guarded) -> None:
         """Note when the guard begins to change setpoints, and why; not again while it goes on and off."""
@@ -381,4 +385,5 @@ class VehicleCore:
             heard,
             self._planner.pace.words if self._tactic is Tactic.ENCIRCLE else "",
             self._ring_rate_rad_s,
+            self._altitudes.target_m,
         )

@@ -64,7 +64,7 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     """One raw sighting of the target and whom it is for: the members within the sender's communication radius.
 
-    The covariance holds (xx, xy, yy).
+    The covariance holds (xx, xy, yy); the altitude is above the mission's origin, None if the sensor tells none.
     """
 
     sender: _Id
@@ -74,6 +74,8 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     importance: _Fraction
     threat: _Fraction
     recipients: tuple[_Id, ...]
+    altitude_m: _Metres | None = None
+    altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
 
 
 class Muster(msgspec.Struct, frozen=True, array_like=True, tag="muster"):

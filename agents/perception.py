@@ -38,10 +38,11 @@ class Refusal(Enum):
     COVARIANCE = "its covariance is not positive definite"
 
 
-class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A sighting as it is told: covariance (xx, xy, yy) in the frame's axes, which are north and east if geodetic.
 
-    `time_s` is when, on the team's clock (Unix time, but in faster simulations); None is on arrival.
+    `time_s` is when, on the team's clock (Unix time, but in faster simulations); None is on arrival. `altitude_m` is
+    above the mission's origin, in either frame; None is not known.
     """
 
     frame: str
@@ -51,6 +52,8 @@ class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     threat: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
     time_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e12)] | None = None
     source: Annotated[int, msgspec.Meta(ge=0, le=9999)] = 0
+    altitude_m: Annotated[float, msgspec.Meta(ge=-1e4, le=1e5)] | None = None
+    altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
 
 
 _decoder = msgspec.json.Decoder(Seen)
@@ -113,7 +116,16 @@ class Perception:
             x, y, _ = self._frame.mission_from_geodetic(Geodetic(*seen.position, self._frame.origin.altitude_m))
             position_m = x, y
             covariance_m2 = self._turned(covariance_m2)
-        return Sighting(time_s, SOURCES_FROM + seen.source, position_m, covariance_m2, seen.importance, seen.threat)
+        return Sighting(
+            time_s,
+            SOURCES_FROM + seen.source,
+            position_m,
+            covariance_m2,
+            seen.importance,
+            seen.threat,
+            seen.altitude_m,
+            seen.altitude_sigma_m,
+        )
 
     def _turned(self, covariance_m2: tuple[float, float, float]) -> tuple[float, float, float]:
         """Return a covariance of north and east in the mission's axes."""

@@ -47,12 +47,17 @@ class FormationSettings(Settings):
 
 class EncirclementSettings(Settings):
     """The ring: radius and angular rate, the spacing gain of (22), the weights of (24), the bounds of the LMPC. On it
-    a vehicle's nose points along x ("fixed"), or at the "target".
+    a vehicle's nose points along x ("fixed"), or at the "target". It flies at its `altitude_m` ("layers"), or follows
+    the altitude of the "target" at `climb_max_m_s` at most: the lowest vehicle `altitude_offset_m` above it, the others
+    as much higher as their `altitude_m` are.
     """
 
     radius_m: float = Field(gt=0.0, le=1000.0)
     angular_rate_rad_s: float = Field(ge=-2.0, le=2.0)
     yaw: Literal["fixed", "target"] = "fixed"
+    altitude: Literal["layers", "target"] = "layers"
+    altitude_offset_m: float | None = Field(None, ge=-200.0, le=200.0)
+    climb_max_m_s: float = Field(1.0, ge=0.5, le=5.0)
     smoothing_time_s: float = Field(3.5, ge=0.0, le=60.0)
     spacing_gain_per_s: float = Field(0.3, ge=0.0, le=2.0)
     radius_weight: float = Field(1.0, gt=0.0, le=1e6)
@@ -175,8 +180,8 @@ class AgentConfig:
     `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
     mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
     messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
-    layer's height (None: the flying height), `slots_m` the vehicles' places in a free formation, empty without one.
-    With `excitation` there is no mission: it flies for identification.
+    layer's height and `altitude_lowest_m` the lowest flying height (None: the own), `slots_m` the vehicles' places in a
+    free formation, empty without one. With `excitation` there is no mission: it flies for identification.
     """
 
     vehicle_id: int
@@ -196,6 +201,7 @@ class AgentConfig:
     choreography: ChoreographySettings = field(default_factory=ChoreographySettings)
     home_m: tuple[float, float] | None = None
     layers_from_m: float | None = None
+    altitude_lowest_m: float | None = None
     slots_m: tuple[tuple[float, float], ...] = ()
     excitation: ExcitationSettings | None = None
 

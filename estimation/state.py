@@ -34,8 +34,9 @@ class Telemetry(msgspec.Struct, frozen=True):
 class Sighting(msgspec.Struct, frozen=True):
     """One observation of the target by one vehicle's sensor, with the target's importance and threat in [0, 1].
 
-    `covariance_m2` holds (xx, xy, yy). Raises ValueError when a number is not finite, the covariance is not positive
-    definite, or importance or threat leave [0, 1].
+    `covariance_m2` holds (xx, xy, yy); `altitude_m` is above the mission's origin, None if the sensor tells none.
+    Raises ValueError when a number is not finite, the covariance is not positive definite, the altitude's standard
+    deviation is not positive, or importance or threat leave [0, 1].
     """
 
     time_s: float
@@ -44,6 +45,8 @@ class Sighting(msgspec.Struct, frozen=True):
     covariance_m2: tuple[float, float, float]
     importance: float
     threat: float
+    altitude_m: float | None = None
+    altitude_sigma_m: float = 1.0
 
     def __post_init__(self) -> None:
         xx, xy, yy = self.covariance_m2
@@ -52,6 +55,10 @@ class Sighting(msgspec.Struct, frozen=True):
             raise ValueError(f"sighting covariance {self.covariance_m2} is not positive definite")
         if not (0.0 <= self.importance <= 1.0 and 0.0 <= self.threat <= 1.0):
             raise ValueError(f"importance {self.importance} and threat {self.threat} must lie in [0, 1]")
+        if self.altitude_m is not None:
+            _require_finite("sighting", self.altitude_m, self.altitude_sigma_m)
+            if self.altitude_sigma_m <= 0.0:
+                raise ValueError(f"altitude_sigma_m {self.altitude_sigma_m} of a sighting must be positive")
 
 
 class OwnEstimate(msgspec.Struct, frozen=True):

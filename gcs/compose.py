@@ -26,6 +26,7 @@ def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) 
         sensor.outlier_m,
         sensor.delay_s,
         sensor.blind_s,
+        target.altitude_m,
     )
     return SimulatedSensor(vehicle_id, model, target.motion, start_s, seed)
 

@@ -119,6 +119,7 @@ class TargetSection(Settings):
     velocity, or along its `legs` one after the other, `rounds` times, and then stays. With source "external" nobody
     simulates it: sightings come over the bus (docs/target.md), and its motion here is only planned with. With "mavlink"
     it is the vehicle `system_id` on `url`; how often and how well that knows its place is the sensor's rate and noise.
+    With `altitude_m`, above the mission's origin, simulated sensors tell that as well.
     """
 
     source: Literal["simulated", "external", "mavlink"] = "simulated"
@@ -128,6 +129,7 @@ class TargetSection(Settings):
     velocity_m_s: Velocity2 = (0.0, 0.0)
     legs: Annotated[tuple[LegSection, ...], BeforeValidator(pair)] = ()
     rounds: int = Field(1, ge=1, le=1000)
+    altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
     importance: float = Field(ge=0.0, le=1.0)
     threat: float = Field(ge=0.0, le=1.0)
     sensor: SensorSection
@@ -330,6 +332,7 @@ class Mission:
             choreography=self.choreography,
             home_m=vehicle.section.start_m,
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
+            altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
             excitation=self.excitation if self.excites else None,
         )

@@ -40,7 +40,7 @@ from gcs.mission import (
     VehicleSection,
     VerdictSection,
 )
-from gcs.mission_geometry import IndexedVehicles, altitudes_fit, fence_fits, limits_agree, slots_fit
+from gcs.mission_geometry import IndexedVehicles, altitudes_fit, fence_fits, follows_fit, limits_agree, slots_fit
 from gcs.mission_plants import LoadedVehicle, fed_as_told, resolved
 
 LAYER_LEAST_M = 1.0
@@ -278,6 +278,7 @@ def _inside_limits(
     layers = sections.get("choreography")
     layer_m = layers.layer_m if isinstance(layers, ChoreographySettings) else 0.0
     yield from altitudes_fit(vehicles, safety, layer_m)
+    yield from follows_fit(vehicles, safety, ring, target)
     yield from fence_fits(safety, vehicles, ring, target, mission)
 
 

@@ -101,6 +101,40 @@ def altitudes_fit(vehicles: IndexedVehicles, safety: SafetySettings, layer_m: fl
             yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is above safety.altitude_max_m = {high} m"
 
 
+def follows_fit(
+    vehicles: IndexedVehicles,
+    safety: SafetySettings,
+    ring: EncirclementSettings | None,
+    target: TargetSection | None,
+) -> Iterator[str]:
+    """Check that a ring that follows the target's altitude is told how, and where to stop."""
+    if ring is None:
+        return
+    low, high, offset_m = safety.altitude_min_m, safety.altitude_max_m, ring.altitude_offset_m
+    if ring.altitude == "layers":
+        if offset_m is not None:
+            yield (
+                f'encirclement.altitude_offset_m: {offset_m} m is above the target: it goes with altitude = "target" '
+                'only, and not with "layers"'
+            )
+        return
+    wanted = (("encirclement.altitude_offset_m", offset_m), ("safety.altitude_min_m", low))
+    for key, value in (*wanted, ("safety.altitude_max_m", high)):
+        if value is None:
+            yield f'{key}: this key is missing; encirclement.altitude = "target" needs it'
+    if low is None or high is None or offset_m is None or target is None or target.altitude_m is None or not vehicles:
+        return
+    altitudes_m = [vehicle.altitude_m for _, vehicle in vehicles]
+    lowest_m = target.altitude_m + offset_m
+    highest_m = lowest_m + max(altitudes_m) - min(altitudes_m)
+    if lowest_m < low or highest_m > high:
+        yield (
+            f"encirclement.altitude_offset_m: {offset_m} m above target.altitude_m = {target.altitude_m} m vehicles "
+            f"fly at {lowest_m:g} to {highest_m:g} m, not between safety.altitude_min_m = {low} m and altitude_max_m = "
+            f"{high} m"
+        )
+
+
 def fence_fits(
     safety: SafetySettings,
     vehicles: IndexedVehicles,

@@ -74,7 +74,8 @@ def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
     """Return the greatest height at which a vehicle flies: that of its mission, or a layer on its way up or down."""
     config = mission.agent_config(vehicle)
     home_m = config.return_altitude_m if mission.choreography.landing == "return" else 0.0
-    return max(config.altitude_m, config.take_off_altitude_m, home_m)
+    above_target_m = mission.safety.altitude_max_m if mission.encirclement.altitude == "target" else None
+    return max(config.altitude_m, config.take_off_altitude_m, home_m, above_target_m or 0.0)
 
 
 def _along_ring_m_s(mission: Mission) -> float:

@@ -96,6 +96,7 @@ def simulated_vehicles(
                 nature=natures[vehicle.id] if natures else nature,
                 absences=[absence for absence in absences if absence.vehicle_id == vehicle.id],
                 new_core=begin,
+                climbs=mission.encirclement.altitude == "target",
             )
         )
     return vehicles

@@ -23,6 +23,10 @@ def target(
     sigma: Annotated[
         float, Parameter(help="How sure that is: standard deviation in metres.", validator=Number(gt=0.0, lte=1000.0))
     ] = 2.0,
+    altitude: Annotated[
+        float | None,
+        Parameter(help="Metres above the mission's origin, as sure as the place.", validator=Number(gte=-1e4, lte=1e5)),
+    ] = None,
     importance: Annotated[Share, Parameter(help="How important the target is held to be, 0 to 1.")] = 0.8,
     threat: Annotated[Share, Parameter(help="How dangerous it is held to be, 0 to 1.")] = 0.2,
     lasting: Annotated[
@@ -57,7 +61,8 @@ def target(
     if geodetic and not (abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0):
         raise InputError([f"--lat: {place[0]}, {place[1]} is not a place on Earth"])
     frame = "geodetic" if geodetic else "mission"
-    seen = Seen(frame, (place[0], place[1]), (sigma**2, 0.0, sigma**2), importance, threat)
+    position, covariance_m2 = (place[0], place[1]), (sigma**2, 0.0, sigma**2)
+    seen = Seen(frame, position, covariance_m2, importance, threat, altitude_m=altitude, altitude_sigma_m=sigma)
     try:
         heard = asyncio.run(Operator(flown).point_out(seen, lasting))
     except VehicleRefusedError as refusal:

@@ -60,14 +60,14 @@ class TargetVehicle:
 def sightings_of(target: TargetSection, see: Callable[[Sighting], None]) -> Callable[[Telemetry], None]:
     """Return what takes the vehicle's telemetry and lets `see` have sightings at the sensor's rate."""
     sensor = target.sensor
-    variance_m2, period_s, due_s = max(sensor.noise_m, 0.1) ** 2, 1.0 / sensor.rate_hz, 0.0
+    sigma_m, period_s, due_s = max(sensor.noise_m, 0.1), 1.0 / sensor.rate_hz, 0.0
 
     def take(telemetry: Telemetry) -> None:
         nonlocal due_s
         if telemetry.time_s >= due_s - _EARLY_SHARE * period_s:
             due_s = telemetry.time_s + period_s
-            x, y, _ = telemetry.position_m
-            covariance = (variance_m2, 0.0, variance_m2)
-            see(Sighting(telemetry.time_s, TARGET_VEHICLE, (x, y), covariance, target.importance, target.threat))
+            x, y, altitude_m = telemetry.position_m
+            covariance, rated = (sigma_m**2, 0.0, sigma_m**2), (target.importance, target.threat)
+            see(Sighting(telemetry.time_s, TARGET_VEHICLE, (x, y), covariance, *rated, altitude_m, sigma_m))
 
     return take

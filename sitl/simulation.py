@@ -6,7 +6,7 @@ It knows a core only by what goes in and out of it, as a vehicle link and a peer
 import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import expm1, hypot
 from time import perf_counter
 from typing import Generic, Protocol, TypeVar
 
@@ -129,10 +129,12 @@ class SimulatedVehicle(Generic[OutputT]):
         nature: Nature = IDEAL,
         absences: Sequence[Absence] = (),
         new_core: Callable[[], Core[OutputT]] | None = None,
+        climbs: bool = False,
     ) -> None:
         """Put a vehicle at rest, hovering at `start_m`; `plant` is the truth, which its core need not know.
 
-        `new_core` makes the core of an agent that comes back after one of the `absences`.
+        One that `climbs` follows the altitude of its setpoints, any other stays at its own. `new_core` makes the core
+        of an agent that comes back after one of the `absences`.
         """
         self.core = core
         self._absences = absences
@@ -140,7 +142,8 @@ class SimulatedVehicle(Generic[OutputT]):
         self._away: Absence | None = None
         self._plant = plant
         self._body = Body(plant, start_m, altitude_m, disturbance_m_s2, nature, np.random.default_rng([*seed, _WIND]))
-        self._altitude_m = altitude_m
+        self.altitude_m = self._wanted_altitude_m = altitude_m
+        self._climbs = climbs
         self._sensor = sensor
         self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
         self._random = np.random.default_rng(seed)
@@ -204,15 +207,25 @@ class SimulatedVehicle(Generic[OutputT]):
         """Send a setpoint on its way; it acts one delay later."""
         if wanted is not None:
             self._body.command(now_s, self._plant.aim_m(wanted.position_m, wanted.velocity_m_s))
+            if self._climbs:
+                self._wanted_altitude_m = wanted.position_m[2]
 
     def advance(self, from_s: float, to_s: float) -> None:
         """Move the true vehicle, changing setpoints when they take effect, and take the samples that are due."""
         for due_s in [] if self._cadence is None else self._cadence.due_s(to_s):
             if due_s > from_s:
-                self._body.advance(from_s, due_s, self._off_m(from_s))
+                self._move(from_s, due_s)
                 from_s = due_s
                 self._samples.append(self._sample(due_s))
+        self._move(from_s, to_s)
+
+    def _move(self, from_s: float, to_s: float) -> None:
         self._body.advance(from_s, to_s, self._off_m(from_s))
+        self.altitude_m += self._left_m * -expm1(-CLIMB_PER_S * (to_s - from_s))
+
+    @property
+    def _left_m(self) -> float:
+        return self._wanted_altitude_m - self.altitude_m
 
     def _off_m(self, at_s: float) -> tuple[float, float]:
         return (0.0, 0.0) if self._wander is None else self._wander.error_m(at_s)
@@ -220,9 +233,11 @@ class SimulatedVehicle(Generic[OutputT]):
     def _sample(self, at_s: float) -> Telemetry:
         x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
         off_x, off_y = self._off_m(at_s)
-        return Telemetry(at_s, (x + off_x, y + off_y, self._altitude_m), (x_rate, y_rate, 0.0))
+        return Telemetry(at_s, (x + off_x, y + off_y, self.altitude_m), (x_rate, y_rate, CLIMB_PER_S * self._left_m))
 
 
+CLIMB_PER_S = 0.62
+"""Climb rate per metre that the altitude is off, as of the stub vehicles (sitl/airframe.py)."""
 _WIND, _WANDER, _CADENCE = range(3)
 """Each kind of chance has its own generator: one that is switched off leaves the others as they were."""
 _ROUNDING_S = 1e-9
@@ -261,7 +276,7 @@ class _Network:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedFlight:
-    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), and what each tick cost [us] (T, N).
+    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), altitudes and what each tick cost [us] (T, N).
 
     A tick's cost is all a vehicle's core does in one period: what peers say, its own sensors, decision and plan.
     `aloft` (T, N) says who is in the air.
@@ -269,6 +284,7 @@ class SimulatedFlight:
 
     time_s: Vector
     motion: Vector
+    altitude_m: Vector
     tick_us: Vector
     aloft: NDArray[np.bool_]
 
@@ -287,13 +303,14 @@ def simulate(
     ticks = round(duration_s * rate_hz) + 1
     time_s = np.arange(ticks) / rate_hz
     motion = np.empty((ticks, len(vehicles), 4))
-    tick_us = np.zeros((ticks, len(vehicles)))
+    altitude_m, tick_us = np.zeros((2, ticks, len(vehicles)))
     aloft = np.ones((ticks, len(vehicles)), dtype=np.bool_)
     air = _Network(network, seed)
     for tick, now_s in enumerate(time_s.tolist()):
         _attend(vehicles, now_s)
         for index, vehicle in enumerate(vehicles):
             motion[tick, index, MOTION] = vehicle.motion
+            altitude_m[tick, index] = vehicle.altitude_m
             aloft[tick, index] = vehicle.aloft(now_s)
         for receiver, payload in air.arrived(now_s):
             if not vehicles[receiver].present:
@@ -314,7 +331,7 @@ def simulate(
         for vehicle in vehicles:
             vehicle.advance(now_s, now_s + 1.0 / rate_hz)
         progress(now_s)
-    return SimulatedFlight(time_s, motion, tick_us, aloft)
+    return SimulatedFlight(time_s, motion, altitude_m, tick_us, aloft)
 
 
 def _attend(vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None:

@@ -92,7 +92,7 @@ class SensorModel:
     """A sensor of the target: how far and how often it sees, its noise per axis, and how it rates the target.
 
     A share of its sightings are outliers, off by `outlier_m` to some side. What it sees is told `delay_s` later, and
-    from one mission time to another it is blind.
+    from one mission time to another it is blind. `altitude_m` is the target's where it tells that as well.
     """
 
     range_m: float
@@ -104,6 +104,7 @@ class SensorModel:
     outlier_m: float = 0.0
     delay_s: float = 0.0
     blind_s: tuple[Pair, ...] = ()
+    altitude_m: float | None = None
 
 
 class SimulatedSensor:
@@ -147,7 +148,11 @@ class SimulatedSensor:
             side_rad = self._random.uniform(0.0, 2.0 * pi)
             noise_x += self._model.outlier_m * cos(side_rad)
             noise_y += self._model.outlier_m * sin(side_rad)
-        variance = max(self._model.noise_m, self._NOISE_MIN_M) ** 2
+        sigma_m = max(self._model.noise_m, self._NOISE_MIN_M)
+        variance = sigma_m**2
+        altitude: tuple[float, ...] = ()
+        if self._model.altitude_m is not None:
+            altitude = (self._model.altitude_m + self._random.standard_normal() * self._model.noise_m, sigma_m)
         return Sighting(
             now_s,
             self._sensor_id,
@@ -155,4 +160,5 @@ class SimulatedSensor:
             (variance, 0.0, variance),
             self._model.importance,
             self._model.threat,
+            *altitude,
         )

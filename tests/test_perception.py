@@ -43,6 +43,13 @@ def test_a_sighting_in_the_missions_frame_is_taken_as_it_is() -> None:
     assert told == []
 
 
+@pytest.mark.parametrize("frame", [{}, {"frame": "geodetic", "position": [47.3978, 8.5457]}])
+def test_an_altitude_is_above_the_missions_origin_in_either_frame(frame: dict[str, object]) -> None:
+    assert take(frame)[0].altitude_m is None
+    sighting, _, _ = take({**frame, "altitude_m": -3.5, "altitude_sigma_m": 0.2})
+    assert (sighting.altitude_m, sighting.altitude_sigma_m) == (-3.5, 0.2)
+
+
 def test_one_without_a_time_is_of_now() -> None:
     assert take({"time_s": ...})[0].time_s == NOW_S
 
@@ -87,7 +94,9 @@ def test_a_covariance_keeps_its_size_and_shape_however_the_mission_lies() -> Non
         ({"importance": 1.1}, Refusal.MALFORMED),
         ({"threat": -0.1}, Refusal.MALFORMED),
         ({"source": -1}, Refusal.MALFORMED),
-        ({"altitude_m": 3.0}, Refusal.MALFORMED),
+        ({"height_m": 3.0}, Refusal.MALFORMED),
+        ({"altitude_m": "3"}, Refusal.MALFORMED),
+        ({"altitude_m": 3.0, "altitude_sigma_m": 0.0}, Refusal.MALFORMED),
     ],
 )
 def test_what_no_sighting_can_be_is_refused_with_the_reason(changes: dict[str, object], refusal: Refusal) -> None:

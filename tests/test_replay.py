@@ -384,6 +384,7 @@ ITEMS: dict[CoreInput, str] = {
     Bus(alive=False): "the bus does not work",
     Telemetry(101.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.5)): "of 1.000 s: at (1.000, 2.000, 3.000) m",
     Sighting(101.0, 2, (1.0, 2.0), (0.25, 0.0, 0.04), 0.8, 0.2): "at (1.000, 2.000) m, to 0.50 m, importance 0.800",
+    Sighting(101.0, 2, (1.0, 2.0), (0.2, 0.0, 0.2), 0.8, 0.2, 7.5, 0.4): "altitude 7.500 m, to 0.40 m, importance",
     Message(101.0, b"\xff"): "heard at 1.000 s: 1 bytes that are no message",
     Message(101.0, encode(NeighbourAngle(3, 100.5, 1.0, 0.05, 10.0))): "vehicle 3 of 0.500 s: on the ring at 1.000 rad",
     Message(101.0, encode(TargetPackage(3, 100.5, (1.0, 2.0), (1.0, 0.0, 1.0), 0.8, 0.2, ()))): "3 of 0.500 s: sighted",

@@ -17,6 +17,7 @@ def test_telemetry_becomes_sightings_at_the_sensors_rate(telemetry_hz: float, se
         take(Telemetry(time_s, (3.0, time_s, 7.0), (0.0, 1.0, 0.0)))
     assert len(seen) == pytest.approx(20.0 * seen_hz, abs=3)
     assert all(one.position_m == (3.0, one.time_s) for one in seen)
+    assert {(one.altitude_m, one.altitude_sigma_m) for one in seen} == {(7.0, 0.5)}
     assert {one.sensor_id for one in seen} == {TARGET_VEHICLE}
     assert {one.covariance_m2 for one in seen} == {(0.25, 0.0, 0.25)}
     assert {(one.importance, one.threat) for one in seen} == {(0.8, 0.2)}

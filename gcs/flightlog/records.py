@@ -146,6 +146,7 @@ class Decision(msgspec.Struct, frozen=True):
 
     `peers` are the members that it counted on, `answers` what peers answered to operators, as it came over the bus.
     `ring_rate_rad_s` is the angular rate of the ring as it is flown, 0 off it; None in logs older than rings that slow.
+    `target_altitude_m` is what it believed of the target's altitude, None where it followed none.
     """
 
     time_s: float
@@ -166,6 +167,7 @@ class Decision(msgspec.Struct, frozen=True):
     answers: tuple[bytes, ...]
     messages_dropped: int
     ring_rate_rad_s: float | None = None
+    target_altitude_m: float | None = None
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -266,6 +268,7 @@ def decision_of(output: TickOutput) -> Decision:
         tuple(map(encode, status.answers)),
         status.messages_dropped,
         status.ring_rate_rad_s,
+        status.target_altitude_m,
     )
 
 

@@ -22,12 +22,10 @@ class SimulationRecording:
         self._now_s = self._drained_s = 0.0
         self._recorder = Recorder(writer, lambda: self._now_s, lambda: 1.0, picture)
         self._tapes: dict[int, VehicleTape] = {}
-        self._altitudes_m: dict[int, float] = {}
         self._recorder.note(0, 0, run)
 
     def core(self, config: AgentConfig) -> VehicleCore:
         """Return a core that is recorded."""
-        self._altitudes_m[config.vehicle_id] = config.altitude_m
         tape = self._tapes[config.vehicle_id] = self._recorder.tape(config.vehicle_id)
         return TapedCore(config, tape)
 
@@ -42,9 +40,9 @@ class SimulationRecording:
         """Add the truth, and what each tick took."""
         ticks = flight.time_s.size
         for column, vehicle_id in enumerate(vehicles):
-            tape, altitude_m = self._tapes[vehicle_id], self._altitudes_m[vehicle_id]
-            motions, costs_us = flight.motion[:, column].tolist(), flight.tick_us[:, column].tolist()
-            for self._now_s, motion, tick_us in zip(flight.time_s.tolist(), motions, costs_us, strict=True):
+            tape, times_s = self._tapes[vehicle_id], flight.time_s.tolist()
+            known = (each[:, column].tolist() for each in (flight.motion, flight.altitude_m, flight.tick_us))
+            for self._now_s, motion, altitude_m, tick_us in zip(times_s, *known, strict=True):
                 x, y, x_rate, y_rate = motion
                 tape.note(Truth(self._now_s, (x, y, altitude_m), (x_rate, y_rate, 0.0)))
                 tape.note(Cost(self._now_s, tick_us))

@@ -61,7 +61,8 @@ def _target(item: Sighting | TargetPackage) -> str:
     xx, _, yy = item.covariance_m2
     spread_m = max(xx, yy, 0.0) ** 0.5
     worth = f"importance {item.importance:.3f}, threat {item.threat:.3f}"
-    return f"target at {place(item.position_m, 3)} m, to {spread_m:.2f} m, {worth}"
+    height = "" if item.altitude_m is None else f"altitude {item.altitude_m:.3f} m, to {item.altitude_sigma_m:.2f} m, "
+    return f"target at {place(item.position_m, 3)} m, to {spread_m:.2f} m, {height}{worth}"
 
 
 def _message(item: Message, time: Time) -> str:
