@@ -17,6 +17,7 @@ from agents.feedforward import FeedForward
 from agents.guard import Guard, Guarded, GuardStatus
 from agents.homing import assembled
 from agents.inbox import Inbox
+from agents.increment import Increment
 from agents.linearize import polar_from_motion
 from agents.lmpc import QpStatus
 from agents.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
@@ -55,6 +56,7 @@ class VehicleCore:
         self._blend = Blend(config)
         self._team = Team()
         self._patience = 1.0
+        self._increment = Increment(config.safety)
         self._guard = Guard(config)
         self._yaw = Yaw(config)
         self._altitudes = Altitude(config)
@@ -179,11 +181,13 @@ class VehicleCore:
         wish = self._planner.wish(self._tactic, situation, self._height_m)
         self._notes += [Note(now_s, "ring", text) for text in self._planner.news()]
         self._follow_ring()
+        wish = self._increment.bounded(self._tactic, wish, now_s)
         guarded = self._guarded(situation, wish)
         self._note_guard(now_s, wish, guarded)
         self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         setpoint = None if self._tactic is Tactic.STOOD_DOWN else self._setpoint(situation, wish, guarded)
         wish = shifted(wish, guarded.setpoint_m)
+        self._increment.sent(guarded.setpoint_m, now_s)
         self._own.command(now_s, guarded.setpoint_m)
         return TickOutput(
             setpoint,

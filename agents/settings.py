@@ -83,6 +83,10 @@ class DecisionSettings(Settings):
     distance_max_m: float = Field(12.0, gt=0.0, le=10000.0)
 
 
+_SETPOINTS_FASTER = 2.0
+"""Times the speed limit: a setpoint moves with its vehicle, and before it when the vehicle is to speed up or turn."""
+
+
 class SafetySettings(Settings):
     """What is never to be exceeded, whatever a tactic wishes: the guard changes setpoints so that vehicles keep
     `separation_m` from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the
@@ -90,7 +94,8 @@ class SafetySettings(Settings):
     altitudes; and below the speed. `uncertainty_sigmas` is how much of the estimates' uncertainty is added,
     `barrier_rate_per_s` how fast a distance may shrink, relative to what is left of it; `lost_avoided_s` is how long
     the last place of a silent vehicle is avoided. `yaw_rate_max_deg_s` is how fast noses are turned, where they are.
-    `guard = false` switches the guard off: for simulations.
+    Wishes move the setpoint by `setpoint_speed_max_m_s` at most, twice `speed_max_m_s` unless told otherwise; the guard
+    may move it faster. `guard = false` switches the guard off: for simulations.
     """
 
     guard: bool = True
@@ -107,8 +112,15 @@ class SafetySettings(Settings):
     uncertainty_sigmas: float = Field(3.0, ge=0.0, le=10.0)
     lost_avoided_s: float = Field(60.0, ge=0.0, le=3600.0)
     setpoint_lead_max_m: float = Field(6.0, gt=0.0, le=50.0)
+    setpoint_speed_max_m_s: float | None = Field(None, gt=0.0, le=100.0)
     telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
     abort_hover_s: float = Field(5.0, ge=0.0, le=60.0)
+
+    @property
+    def setpoint_speed_bound_m_s(self) -> float:
+        """How fast wishes may move the setpoint."""
+        told_m_s = self.setpoint_speed_max_m_s
+        return _SETPOINTS_FASTER * self.speed_max_m_s if told_m_s is None else told_m_s
 
 
 class FailsafeSettings(Settings):

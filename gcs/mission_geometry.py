@@ -56,6 +56,12 @@ def limits_agree(
     low, high = safety.altitude_min_m, safety.altitude_max_m
     if low is not None and high is not None and low >= high:
         yield f"safety.altitude_min_m: {low} m is not below altitude_max_m = {high} m"
+    setpoints_m_s = safety.setpoint_speed_max_m_s
+    if setpoints_m_s is not None and setpoints_m_s < safety.speed_max_m_s:
+        yield (
+            f"safety.setpoint_speed_max_m_s: at {setpoints_m_s} m/s setpoints cannot keep up with vehicles at "
+            f"speed_max_m_s = {safety.speed_max_m_s} m/s"
+        )
     if ring is not None and safety.keep_out_m >= ring.radius_m:
         yield (
             f"safety.keep_out_m: {safety.keep_out_m} m about the target leaves no room for the ring of "

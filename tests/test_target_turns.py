@@ -1,9 +1,16 @@
-"""One flight about a target that turns, and is out of sight for 20 s; `python -m tests.target_turns` flies many."""
+"""Flights about a target that turns and is out of sight for 20 s; `python -m tests.target_turns` flies many."""
 
-from tests.target_turns import BLIND_FROM_S, BLIND_S, flown
+from agents.tactics import Tactic
+from tests.target_turns import Flight, flown
 
 
 def test_a_turning_target_is_encircled_and_its_return_to_sight_moves_no_setpoint_far() -> None:
-    turns = flown(3, blind=True, duration_s=BLIND_FROM_S + BLIND_S + 16.0)
-    assert turns.within_limits(blind=False), turns
-    assert turns.within_limits(blind=True), turns
+    turns = flown(3, Flight.AWAITED)
+    assert turns.within_limits, turns
+    assert turns.tactics == {Tactic.ENCIRCLE}
+
+
+def test_a_target_out_of_sight_for_too_long_is_held_for_and_taken_up_again_without_a_jump() -> None:
+    turns = flown(3, Flight.HELD)
+    assert turns.within_limits, turns
+    assert turns.tactics == {Tactic.ENCIRCLE, Tactic.HOLD, Tactic.FORMATION}
