@@ -56,7 +56,7 @@ class VehicleCore:
         self._blend = Blend(config)
         self._team = Team()
         self._patience = 1.0
-        self._increment = Increment(config.safety)
+        self._increment = Increment(config)
         self._guard = Guard(config)
         self._yaw = Yaw(config)
         self._altitudes = Altitude(config)
@@ -181,13 +181,13 @@ class VehicleCore:
         wish = self._planner.wish(self._tactic, situation, self._height_m)
         self._notes += [Note(now_s, "ring", text) for text in self._planner.news()]
         self._follow_ring()
-        wish = self._increment.bounded(self._tactic, wish, now_s)
+        wish = self._increment.bounded(self._tactic, wish)
         guarded = self._guarded(situation, wish)
         self._note_guard(now_s, wish, guarded)
         self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         setpoint = None if self._tactic is Tactic.STOOD_DOWN else self._setpoint(situation, wish, guarded)
         wish = shifted(wish, guarded.setpoint_m)
-        self._increment.sent(guarded.setpoint_m, now_s)
+        self._increment.sent(guarded.setpoint_m)
         self._own.command(now_s, guarded.setpoint_m)
         return TickOutput(
             setpoint,

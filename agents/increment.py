@@ -3,9 +3,7 @@
 The guard comes after it: what keeps vehicles apart moves a setpoint as far as it has to be moved.
 """
 
-from math import inf
-
-from agents.settings import SafetySettings
+from agents.settings import AgentConfig
 from agents.situation import Wish, shifted, towards
 from agents.tactics import Tactic
 from estimation.state import Vector
@@ -17,17 +15,17 @@ _FREE = (Tactic.EXCITE, Tactic.LAND, Tactic.STOOD_DOWN)
 class Increment:
     """Bounds the way of one vehicle's setpoint; remembers the last one that was sent, and so winds nothing up."""
 
-    def __init__(self, safety: SafetySettings) -> None:
-        self._speed_max_m_s = safety.setpoint_speed_bound_m_s
+    def __init__(self, config: AgentConfig) -> None:
+        # By ticks, not by time: a clock that steps neither frees a setpoint nor holds it.
+        self._longest_m = config.safety.setpoint_speed_bound_m_s / config.rate_hz
         self._sent_m: Vector | None = None
-        self._sent_s = -inf
 
-    def bounded(self, tactic: Tactic, wish: Wish, now_s: float) -> Wish:
-        """Return the wish, or what of it can be reached by `now_s` from the setpoint sent last."""
+    def bounded(self, tactic: Tactic, wish: Wish) -> Wish:
+        """Return the wish, or what of it can be reached in a tick from the setpoint that was sent last."""
         if self._sent_m is None or tactic in _FREE:
             return wish
-        return shifted(wish, towards(wish.setpoint_m, self._sent_m, self._speed_max_m_s * (now_s - self._sent_s)))
+        return shifted(wish, towards(wish.setpoint_m, self._sent_m, self._longest_m))
 
-    def sent(self, setpoint_m: Vector, now_s: float) -> None:
+    def sent(self, setpoint_m: Vector) -> None:
         """Take the setpoint (2,) that is sent."""
-        self._sent_m, self._sent_s = setpoint_m, now_s
+        self._sent_m = setpoint_m

@@ -40,22 +40,18 @@ class Flight(Enum):
 class Turns:
     """What a flight shows: the target's error rms and the worst share of R by which the ring is broken, both until
     nobody sees the target; the farthest that a setpoint moves from one tick to the next, from then - without such a
-    blackout, once settled - to the end; and the tactics that were flown.
+    blackout, once settled - to the end; and the tactics of the first vehicle, one after the other.
     """
 
     target_error_rms_m: float
     broken: float
     jump_m: float
-    tactics: frozenset[Tactic]
+    tactics: tuple[Tactic, ...]
 
     @property
     def within_limits(self) -> bool:
         """Whether the figures are as promised."""
-        return (
-            self.target_error_rms_m <= TARGET_ERROR_MAX_M
-            and self.broken <= BROKEN_MAX
-            and self.jump_m <= JUMP_MAX_M
-        )
+        return self.target_error_rms_m <= TARGET_ERROR_MAX_M and self.broken <= BROKEN_MAX and self.jump_m <= JUMP_MAX_M
 
 
 def mission(flight: Flight) -> Mission:
@@ -77,7 +73,7 @@ def flown(seed: int, flight: Flight) -> Turns:
     rate_hz, duration_s, count = turning.mission.rate_hz, turning.mission.duration_s, len(turning.vehicles)
     believed_m = np.full((round(duration_s * rate_hz) + 1, count, 2), np.nan)
     setpoint_m = np.full_like(believed_m, np.nan)
-    tactics = set()
+    tactics: list[Tactic] = []
     vehicles = simulated_vehicles(turning, seed)
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
@@ -85,7 +81,8 @@ def flown(seed: int, flight: Flight) -> Turns:
             believed_m[tick, vehicle] = output.status.target[POSITION]
         if output.setpoint is not None:
             setpoint_m[tick, vehicle] = output.setpoint.position_m[:2]
-        tactics.add(output.status.tactic)
+        if vehicle == 0 and tactics[-1:] != [output.status.tactic]:
+            tactics.append(output.status.tactic)
         if flight is Flight.HELD and tick == round(RESUMED_S * rate_hz):
             resume = OperatorCommand(RESUMED_S, "resume", None, "tower", 1)
             vehicles[vehicle].core.on_message(encode(resume), RESUMED_S)
@@ -112,7 +109,7 @@ def flown(seed: int, flight: Flight) -> Turns:
         float(np.sqrt(np.mean(error_m**2))),
         float(np.abs(radius_m - ring_m).max()) / ring_m,
         float(jumps_m.max()),
-        frozenset(tactics),
+        tuple(tactics),
     )
 
 
