@@ -7,6 +7,7 @@ is counted, and told the first time.
 from collections import Counter
 from collections.abc import Callable
 from enum import Enum
+from math import hypot
 from typing import Annotated
 
 import msgspec
@@ -18,6 +19,8 @@ TOPIC = "perception"
 SOURCES_FROM = 1000
 """The sensor id of source 0: vehicles' own sensors have the vehicles' ids."""
 AHEAD_MAX_S = 1.0
+AWAY_MAX_M = 1e6
+"""No farther than peers can tell of: numbers beyond are no places, and would spoil what is computed from them."""
 _FIRST_BYTE = b"{"
 
 
@@ -34,8 +37,12 @@ class Refusal(Enum):
     MALFORMED = "it is not what docs/target.md describes"
     FRAME = "its frame is not known"
     NOWHERE = "it is geodetic, and the mission's frame lies nowhere on Earth"
+    AWAY = "it is too far away"
     FUTURE = "it is from the future"
     COVARIANCE = "its covariance is not positive definite"
+
+
+_Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
 
 
 class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -47,7 +54,7 @@ class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
     frame: str
     position: tuple[float, float]
-    covariance_m2: tuple[float, float, float]
+    covariance_m2: tuple[_Variance, _Variance, _Variance]
     importance: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
     threat: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
     time_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e12)] | None = None
@@ -64,11 +71,11 @@ def is_told_from_outside(payload: bytes) -> bool:
     return payload.startswith(_FIRST_BYTE)
 
 
-class _RefusedError(Exception):
-    """A sighting from outside is refused."""
+class SightingRefusedError(Exception):
+    """A sighting from outside is refused: why, and by which of its values."""
 
     def __init__(self, refusal: Refusal, detail: str) -> None:
-        super().__init__(detail)
+        super().__init__(f"{refusal.value} ({detail})")
         self.refusal = refusal
 
 
@@ -86,40 +93,48 @@ class Perception:
         `patience` is how many times as fast as the wall's clock the team's passes.
         """
         try:
+            return self.read(payload, now_s, patience)
+        except SightingRefusedError as error:
+            self.refused[error.refusal] += 1
+            if self.refused[error.refusal] == 1:
+                self._tell(f"a sighting from outside is refused, and so will be others: {error}")
+        return None
+
+    def read(self, payload: bytes, now_s: float, patience: float) -> Sighting:
+        """Return the same; raises SightingRefusedError."""
+        try:
             seen = _decoder.decode(payload)
             time_s = now_s if seen.time_s is None else seen.time_s
             if time_s > now_s + AHEAD_MAX_S * patience:
-                raise _RefusedError(Refusal.FUTURE, f"by {time_s - now_s:.1f} s")
+                raise SightingRefusedError(Refusal.FUTURE, f"by {time_s - now_s:.1f} s")
             return self._sighting(seen, self._frame_of(seen), time_s)
-        except _RefusedError as error:
-            self._refuse(error.refusal, str(error))
         except (msgspec.MsgspecError, RecursionError, ValueError) as error:
-            self._refuse(Refusal.MALFORMED, str(error))
-        return None
+            raise SightingRefusedError(Refusal.MALFORMED, str(error)) from error
 
     def _frame_of(self, seen: Seen) -> Frame:
         try:
             frame = Frame(seen.frame)
         except ValueError as error:
             known = ", ".join(each.value for each in Frame)
-            raise _RefusedError(Refusal.FRAME, f"{seen.frame[:32]!r} is none of {known}") from error
+            raise SightingRefusedError(Refusal.FRAME, f"{seen.frame[:32]!r} is none of {known}") from error
         if frame is Frame.GEODETIC and self._frame.is_local:
-            raise _RefusedError(Refusal.NOWHERE, "tell it in the mission's frame")
+            raise SightingRefusedError(Refusal.NOWHERE, "tell it in the mission's frame")
         return frame
 
     def _sighting(self, seen: Seen, frame: Frame, time_s: float) -> Sighting:
         xx, xy, yy = covariance_m2 = seen.covariance_m2
         if not (xx > 0.0 and xx * yy - xy**2 > 0.0):
-            raise _RefusedError(Refusal.COVARIANCE, str(covariance_m2))
-        position_m = seen.position
+            raise SightingRefusedError(Refusal.COVARIANCE, str(covariance_m2))
+        x, y, z = *seen.position, 0.0
         if frame is Frame.GEODETIC and self._frame.origin is not None:
-            x, y, _ = self._frame.mission_from_geodetic(Geodetic(*seen.position, self._frame.origin.altitude_m))
-            position_m = x, y
+            x, y, z = self._frame.mission_from_geodetic(Geodetic(*seen.position, self._frame.origin.altitude_m))
             covariance_m2 = self._turned(covariance_m2)
+        if hypot(x, y, z) > AWAY_MAX_M:
+            raise SightingRefusedError(Refusal.AWAY, f"{hypot(x, y, z) / 1e3:g} km, at most {AWAY_MAX_M / 1e3:g}")
         return Sighting(
             time_s,
             SOURCES_FROM + seen.source,
-            position_m,
+            (x, y),
             covariance_m2,
             seen.importance,
             seen.threat,
@@ -136,11 +151,6 @@ class Perception:
             xn * yn * nn + (xn * ye + xe * yn) * ne + xe * ye * ee,
             yn * yn * nn + 2.0 * yn * ye * ne + ye * ye * ee,
         )
-
-    def _refuse(self, refusal: Refusal, detail: str) -> None:
-        self.refused[refusal] += 1
-        if self.refused[refusal] == 1:
-            self._tell(f"a sighting from outside is refused, and so will be others: {refusal.value} ({detail})")
 
 
 def encode_seen(seen: Seen) -> bytes:

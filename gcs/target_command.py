@@ -43,7 +43,7 @@ def target(
     """
     from math import isfinite  # noqa: PLC0415
 
-    from agents.perception import Seen  # noqa: PLC0415
+    from agents.perception import Perception, Seen, SightingRefusedError, encode_seen  # noqa: PLC0415
     from agents.ports import VehicleRefusedError  # noqa: PLC0415
     from gcs.mission_file import load_mission  # noqa: PLC0415
     from gcs.operator import Operator  # noqa: PLC0415
@@ -63,6 +63,11 @@ def target(
     frame = "geodetic" if geodetic else "mission"
     position, covariance_m2 = (place[0], place[1]), (sigma**2, 0.0, sigma**2)
     seen = Seen(frame, position, covariance_m2, importance, threat, altitude_m=altitude, altitude_sigma_m=sigma)
+    try:
+        # What the vehicles would refuse is refused here, where somebody reads it.
+        Perception(flown.mission_frame(), lambda _: None).read(encode_seen(seen), now_s=0.0, patience=1.0)
+    except SightingRefusedError as refused:
+        raise InputError([f"target: {refused}"]) from refused
     try:
         heard = asyncio.run(Operator(flown).point_out(seen, lasting))
     except VehicleRefusedError as refusal:

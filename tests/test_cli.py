@@ -338,6 +338,24 @@ def test_a_layout_overwrites_nothing(refused: Refused, tmp_path: Path) -> None:
     assert (tmp_path / "kept.json").read_text() == "kept"
 
 
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (("1e400", "0"), "is no place"),
+        (("35",), "give its place as X Y in metres, or as --lat and --lon in degrees"),
+        (("--lat", "91", "--lon", "8"), "is not a place on Earth"),
+        (("1e7", "0"), "it is too far away (10000 km, at most 1000)"),
+        (("--lat", "-47", "--lon", "-171"), "it is too far away (12734.2 km, at most 1000)"),
+        (("35", "-5", "--sigma", "1e-200"), "its covariance is not positive definite"),
+        (("35", "-5", "--sigma", "nan"), "nan"),
+    ],
+)
+def test_a_target_where_no_vehicle_would_believe_it_is_refused_before_it_is_said(
+    place: tuple[str, ...], words: str, refused: Refused
+) -> None:
+    assert words in "".join(refused("target", *place))
+
+
 def test_a_drill_of_an_unknown_mission_is_refused(refused: Refused) -> None:
     assert refused("drill", "nowhere")[0].startswith("nowhere: ")
 

@@ -1,6 +1,7 @@
 """An operator's commands to a flying team, from another terminal and by keys: answered, obeyed, able to end it."""
 
 import asyncio
+import json
 import os
 import pty
 import sys
@@ -15,7 +16,8 @@ import pytest
 from rich.console import Console
 
 from agents.outcome import Ending, Outcome
-from agents.perception import Seen
+from agents.perception import TOPIC, Seen
+from agents.zenoh_bus import ZenohBus
 from gcs.flight import Flight, fly
 from gcs.flight_plan import FlightPlan
 from gcs.live import LiveView
@@ -122,16 +124,33 @@ async def test_an_abort_hovers_then_lands_by_itself_unless_resumed(fly_team: Fly
         assert "vehicle 3: abort by" in "".join(line for line in team.said if "nobody resumed it" in line)
 
 
-async def test_an_operator_points_out_a_target_and_the_team_encircles_it(fly_team: FlyTeam) -> None:
+async def test_a_target_is_pointed_out_and_encircled_but_not_where_no_sighting_can_be(fly_team: FlyTeam) -> None:
+    good: dict[str, object] = {"frame": "mission", "position": [8.0, 0.0], "covariance_m2": [0.25, 0.0, 0.25]}
+    good |= {"importance": 0.8, "threat": 0.2}
+    bad: tuple[tuple[dict[str, object], str], ...] = (
+        ({"frame": "utm"}, "its frame is not known ('utm' is none of mission, geodetic)"),
+        ({"time_s": 1e11}, "it is from the future"),
+        ({"covariance_m2": [1.0, 1.0, 1.0]}, "its covariance is not positive definite"),
+        ({"covariance_m2": [1e200, 1e200, 1e200]}, "it is not what docs/target.md describes"),
+        ({"position": [1e7, 0.0]}, "it is too far away (10000 km, at most 1000)"),
+    )
     async with fly_team() as team:
+        endpoints = [vehicle.section.endpoint for vehicle in team.mission.vehicles]
+        camera = ZenohBus(0, team.mission.network.team, connect=endpoints)
+        seen: set[int] = set()
+        await camera.open(lambda _: None, lambda vehicle_id, _: seen.add(vehicle_id))
+        await until(lambda: seen >= {1, 2, 3})
+        payloads = [json.dumps(good | changes).encode() for changes, _ in bad]
+        for payload in (*payloads, *payloads):
+            camera.publish(TOPIC, payload)
+        await until(lambda: sum(words in said for said in team.said for _, words in bad) >= 3 * len(bad))
+        await camera.close()
+        assert [sum(words in said for said in team.said) for _, words in bad] == [3] * len(bad), team.said
+        assert set(team.tactics.values()) == {"formation"}
         unsure = (0.25, 0.0, 0.25)
         heard = await Operator(team.mission).point_out(Seen("mission", (8.0, 0.0), unsure, 0.8, 0.2), 0.0)
         assert set(heard) == {1, 2, 3}
         await until(lambda: list(team.tactics.values()) == ["encircle"] * 3, 20.0)
-        for _ in range(2):
-            await Operator(team.mission).point_out(Seen("utm", (8.0, 0.0), unsure, 0.8, 0.2), 0.0)
-        refused = [said for said in team.said if "'utm' is none of mission, geodetic" in said]
-        assert len(refused) == 3, team.said
 
 
 @pytest.mark.parametrize("when", ["rising", "flying", "landing", "taken"])
