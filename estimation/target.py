@@ -53,7 +53,7 @@ class _Taken(msgspec.Struct, frozen=True):
     """A sighting, and what is believed once it was taken in or `refused`; importance and threat are the last told.
 
     `accepted_s` is when the last one was believed, `doubted_s` since when none is, `began_s` when the belief began,
-    `turned_s` when the target was last found to manoeuvre.
+    `turned_s` when the target was last found to manoeuvre, `resets` how often it began anew once confirmed.
     """
 
     sighting: Sighting
@@ -65,6 +65,7 @@ class _Taken(msgspec.Struct, frozen=True):
     importance: float
     threat: float
     turned_s: float = -inf
+    resets: int = 0
     refused: bool = False
 
 
@@ -72,7 +73,7 @@ class TargetFilter:
     """Estimates the target's position and velocity from the sightings of all vehicles.
 
     `refused` counts sightings - one that is believed after all, once others have come late, no more - `late` those put
-    in among others, `resets` how often the belief began anew.
+    in among others, `resets` how often a belief that was more than a first sighting began anew.
     """
 
     def __init__(self, settings: TargetFilterSettings) -> None:
@@ -91,14 +92,14 @@ class TargetFilter:
         fresh = self._fresh(sightings)
         if not fresh:
             return
-        began_s = self._taken[-1].began_s if self._taken else inf
+        resets = self._taken[-1].resets if self._taken else 0
         if self._taken and fresh[0].time_s < self._taken[-1].sighting.time_s:
             fresh = self._put_among(fresh)
         for each in fresh:
             taken = self._after(each)
             self._taken.append(taken)
             self.refused += taken.refused
-        self.resets += self._taken[-1].began_s > max(began_s, self._taken[0].began_s)
+        self.resets += max(self._taken[-1].resets - resets, 0)
         self._forget()
 
     def estimate(self, now_s: float) -> TargetEstimate | None:
@@ -159,8 +160,17 @@ class TargetFilter:
         if taken.refused:
             # Every sensor has disagreed with the belief for a while: the belief is what is wrong.
             too_long = sighting.time_s - taken.doubted_s > self._settings.gate_timeout_s
-            return self._started(sighting) if too_long else taken
+            if too_long:
+                return msgspec.structs.replace(self._started(sighting), resets=last.resets + 1)
+            return self._outvoted(last, sighting) or taken
         return self._turned(taken) if taken.lean.squared > _CERTAIN else taken
+
+    def _outvoted(self, last: _Taken, sighting: Sighting) -> _Taken | None:
+        """Return what to believe when nobody has confirmed a first sighting and the last two agree on another place."""
+        if not (last.refused and last.accepted_s == last.began_s):
+            return None
+        other = self._corrected(self._started(last.sighting), sighting)
+        return None if other.refused else msgspec.structs.replace(other, resets=last.resets)
 
     def _started(self, sighting: Sighting) -> _Taken:
         (xx, xy, yy), speed = sighting.covariance_m2, self._settings.velocity_prior_m_s**2
@@ -193,6 +203,7 @@ class TargetFilter:
             sighting.importance,
             sighting.threat,
             last.turned_s,
+            last.resets,
         )
 
     def _turned(self, taken: _Taken) -> _Taken:

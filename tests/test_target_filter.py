@@ -140,6 +140,24 @@ def test_sightings_that_disagree_for_long_start_the_filter_anew() -> None:
     assert mean_of(target, 7.6) == pytest.approx([10.0, 2.0, 0.0, 0.0])
 
 
+def test_a_first_sighting_that_is_an_outlier_is_outvoted_by_two_that_agree_and_no_reset() -> None:
+    target, places = TargetFilter(SETTINGS), [(8.0, 0.0), (0.0, 0.0), (30.0, 9.0), (0.2, 0.1), (0.4, 0.0)]
+    for tick, place in enumerate(places):
+        target.sight(sighting(tick * 0.1, place, (0.25, 0.0, 0.25)))
+        assert mean_of(target, tick * 0.1)[0] == pytest.approx(8.0 if tick < 4 else 0.3, abs=0.15)
+    x, y, *velocity = mean_of(target, 0.4)
+    assert (x, y) == pytest.approx((0.3, 0.05), abs=0.1)
+    assert np.hypot(*velocity) < 2.0
+    assert target.resets == 0
+
+
+def test_one_that_somebody_confirms_is_not_outvoted() -> None:
+    target = TargetFilter(SETTINGS)
+    for tick, x in enumerate((8.0, 0.0, 8.0, 0.0, 0.0, 0.0)):
+        target.sight(sighting(tick * 0.1, (x, 0.0), (0.25, 0.0, 0.25)))
+    assert mean_of(target, 0.5)[0] == pytest.approx(8.0, abs=0.5)
+
+
 def test_a_sighting_is_put_where_it_belongs_unless_it_comes_too_late() -> None:
     target = settled()
     target.sight(sighting(4.05, (0.1, 0.0)))
