@@ -1,12 +1,16 @@
 """`cordon target`: an operator tells the team where the target is."""
 
 import asyncio
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gcs.exits import Exit, InputError
+
+if TYPE_CHECKING:
+    from agents.perception import Seen
+    from gcs.mission import Mission
 
 Share = Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))]
 
@@ -43,11 +47,8 @@ def target(
     """
     from math import isfinite  # noqa: PLC0415
 
-    from agents.perception import Perception, Seen, SightingRefusedError, encode_seen  # noqa: PLC0415
-    from agents.ports import VehicleRefusedError  # noqa: PLC0415
+    from agents.perception import Seen  # noqa: PLC0415, F811
     from gcs.mission_file import load_mission  # noqa: PLC0415
-    from gcs.operator import Operator  # noqa: PLC0415
-    from gcs.output import STDERR  # noqa: PLC0415
 
     place = [value for value in (x, y, lat, lon) if value is not None]
     geodetic = lat is not None and lon is not None
@@ -63,13 +64,22 @@ def target(
     frame = "geodetic" if geodetic else "mission"
     position, covariance_m2 = (place[0], place[1]), (sigma**2, 0.0, sigma**2)
     seen = Seen(frame, position, covariance_m2, importance, threat, altitude_m=altitude, altitude_sigma_m=sigma)
+    return _tell(seen, flown, lasting)
+
+
+def _tell(seen: "Seen", flown: "Mission", lasting_s: float) -> Exit:
+    """Tell the team a sighting for some seconds; what the vehicles would refuse is refused here, where it is read."""
+    from agents.perception import Perception, SightingRefusedError, encode_seen  # noqa: PLC0415
+    from agents.ports import VehicleRefusedError  # noqa: PLC0415
+    from gcs.operator import Operator  # noqa: PLC0415
+    from gcs.output import STDERR  # noqa: PLC0415
+
     try:
-        # What the vehicles would refuse is refused here, where somebody reads it.
         Perception(flown.mission_frame(), lambda _: None).read(encode_seen(seen), now_s=0.0, patience=1.0)
     except SightingRefusedError as refused:
         raise InputError([f"target: {refused}"]) from refused
     try:
-        heard = asyncio.run(Operator(flown).point_out(seen, lasting))
+        heard = asyncio.run(Operator(flown).point_out(seen, lasting_s))
     except VehicleRefusedError as refusal:
         STDERR.print(f"{refusal.reason}\nnext: {refusal.next_step}", markup=False, highlight=False, soft_wrap=True)
         return Exit.REFUSED
