@@ -47,7 +47,7 @@ def target(
     """
     from math import isfinite  # noqa: PLC0415
 
-    from agents.perception import Seen  # noqa: PLC0415, F811
+    from agents.perception import Seen  # noqa: PLC0415
     from gcs.mission_file import load_mission  # noqa: PLC0415
 
     place = [value for value in (x, y, lat, lon) if value is not None]
