@@ -176,18 +176,21 @@ def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_to
 def test_the_core_keeps_away_from_where_somebody_was_lost(
     tactic: str, height_m: float, avoided: bool, make_config: Maker
 ) -> None:
-    core = VehicleCore(make_config(safety={"lost_avoided_s": 5.0}))
-    for tick in range(100):
+    core, motion, away_m = VehicleCore(make_config(safety={"lost_avoided_s": 5.0})), np.zeros(4), []
+    for tick in range(200):
         now_s = 10.0 + 0.1 * tick
-        core.on_telemetry(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
+        x, y, x_rate, y_rate = motion.tolist()
+        core.on_telemetry(Telemetry(now_s, (x, y, HEIGHT_M), (x_rate, y_rate, 0.0)))
         if tick == 0:
             core.on_message(encode(member(now_s, tactic, position=(0.5, 0.0), altitude_m=height_m)), now_s)
         if tick == 5:
             core.on_presence(1, present=False)
         guarded = core.tick(now_s).status.guarded
         assert guarded is not None
-        if tick > 0:
-            assert bool(guarded.causes) is (now_s < 15.0 and avoided), now_s
+        motion = exact_step(STUB, 0.1).advance(motion, guarded.setpoint_m, np.zeros(2))
+        away_m.append(hypot(motion[0] - 0.5, motion[1]))
+    assert (min(away_m[20:49]) > 1.0) is avoided
+    assert away_m[-1] == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.parametrize(("event", "guarded"), [(Event.HOLD, True), (Event.LAND, False), (Event.FOREIGN_MODE, False)])
