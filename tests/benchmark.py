@@ -29,10 +29,12 @@ from gcs.mission_file import load_mission
 from gcs.record import FlightRecord
 from gcs.simulated import fly_simulated
 from tests.conftest import MISSIONS
+from tests.membership_scenes import sixteen
 from tests.mission_text import content, parsed
 
 REFERENCE_RUNS = 5000
 MEETING_S = 40.0
+LARGE_TEAM_S = 120.0
 PAIRS, PAIR_S = 7, 200.0
 
 
@@ -149,16 +151,22 @@ def _tick_us(record: FlightRecord) -> float:
     return float(np.median(record.loop.tick_us))
 
 
+def print_tick(name: str, mission: Mission, duration_s: float, reference: float) -> None:
+    """Fly in simulation, and print what a tick costs."""
+    record = fly_simulated(mission, 0, duration_s, lambda _: None)
+    tick = _tick_us(record)
+    speed = record.time_s[-1] / record.wall_time_s
+    print(f"{name}: tick {tick:.0f} us = {tick / reference:.2f} references; {speed:.0f} times real time")
+
+
 def main() -> None:
     """Fly each bundled mission in simulation, and print what a tick costs: telemetry, estimates, decision, plan."""
     reference = reference_us()
     print(f"reference: {reference:.1f} us")
     for name in ("case1", "case2", "case2-field"):
         mission = load_mission(name)
-        record = fly_simulated(mission, 0, mission.mission.duration_s, lambda _: None)
-        tick = float(np.median(record.loop.tick_us))
-        speed = record.time_s[-1] / record.wall_time_s
-        print(f"{name}: tick {tick:.0f} us = {tick / reference:.2f} references; {speed:.0f} times real time")
+        print_tick(name, mission, mission.mission.duration_s, reference)
+    print_tick("16 vehicles on a ring of 40 m", sixteen(0).mission, LARGE_TEAM_S, reference)
     for count in (3, 16):
         print_guard(count, reference)
     print_recording(reference)
