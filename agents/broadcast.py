@@ -22,9 +22,9 @@ def member_state(
 ) -> Outgoing:
     """Tell tactic, motion and the undisturbed setpoint, taken back from when it acts to the present."""
     x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
-    at_now = wish.undisturbed_m - wish.rate_m_s * (situation.acting_s - situation.now_s)
-    setpoint_x, setpoint_y = at_now.tolist()
+    setpoint_x, setpoint_y = wish.undisturbed_m.tolist()
     rate_x, rate_y = wish.rate_m_s.tolist()
+    ahead_s = situation.acting_s - situation.now_s
     return _outgoing(
         MemberState(
             vehicle_id,
@@ -32,7 +32,7 @@ def member_state(
             tactic.value,
             (x, y),
             (x_rate, y_rate),
-            (setpoint_x, setpoint_y),
+            (setpoint_x - rate_x * ahead_s, setpoint_y - rate_y * ahead_s),
             (rate_x, rate_y),
             altitude_m,
             situation.position_sigma_m,

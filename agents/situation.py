@@ -12,7 +12,7 @@ from agents.linearize import Polar
 from agents.lmpc import QpStatus
 from agents.messages import MemberState
 from agents.ring import RingPlace
-from estimation.state import POSITION, VELOCITY, OwnEstimate, TargetEstimate, Vector
+from estimation.state import OwnEstimate, TargetEstimate, Vector
 
 
 class Situation(msgspec.Struct, frozen=True):
@@ -63,9 +63,8 @@ class Wish(msgspec.Struct, frozen=True):
 
 def moved(motion: Vector, by_s: float) -> Vector:
     """Return a motion (4,) some time later at constant velocity."""
-    later = motion.copy()
-    later[POSITION] += motion[VELOCITY] * by_s
-    return later
+    x, y, x_rate, y_rate = motion.tolist()
+    return np.array((x + x_rate * by_s, y + y_rate * by_s, x_rate, y_rate))
 
 
 def shifted(wish: Wish, setpoint_m: Vector) -> Wish:
