@@ -118,7 +118,7 @@ def _field(nominal: str) -> Content:
     # The lead that the softest vehicle needs at full speed, the disturbance that the wrong plant file amounts to, and a
     # gate that takes a jump of the estimator for what it is.
     mission["safety"] |= {"separation_m": 2.0, "setpoint_lead_max_m": 10.0}
-    mission["own_filter"] |= {"disturbance_max_m_s2": 9.0, "gate_sigma": 8.0}
+    mission["own_filter"] |= {"disturbance_max_m_s2": 7.0, "gate_sigma": 8.0}
     return mission
 
 
