@@ -137,6 +137,15 @@ def beside_target(mission: Content, at_s: float, bearing_rad: float, away_m: flo
     return float(x + x_rate * at_s + away_m * cos(bearing_rad)), float(y + y_rate * at_s + away_m * sin(bearing_rad))
 
 
+def tight(
+    random: np.random.Generator, count: int, *, radius_least_m: float, rate_least_rad_s: float
+) -> tuple[Content, float]:
+    """Return a mission about a ring with little room to spare for this many vehicles, and the ring's radius."""
+    radius_m = max(radius_least_m, float(random.uniform(1.5, 2.5)) * 3.0 / (2.0 * sin(pi / count)))
+    rate = drawn_rate(random, rate_least_rad_s, min(0.15, 1.5 / radius_m))
+    return field(random, abreast(count), radius_m=radius_m, rate_rad_s=rate, target_m=(radius_m + 4.0, -5.0)), radius_m
+
+
 def drawn_rate(random: np.random.Generator, least: float, most: float) -> float:
     return float(random.uniform(least, most) * random.choice([-1.0, 1.0]))
 
@@ -153,9 +162,7 @@ def cut_off_on_the_ring(seed: int) -> Scene:
     """Three to eight on the ring; one's radio fails, and it flies on until it notices."""
     random = np.random.default_rng([9, seed])
     count = int(random.integers(3, 9))
-    radius_m = max(10.0, float(random.uniform(1.5, 2.5)) * 3.0 / (2.0 * sin(pi / count)))
-    rate = drawn_rate(random, 0.05, min(0.15, 1.5 / radius_m))
-    mission = field(random, abreast(count), radius_m=radius_m, rate_rad_s=rate, target_m=(radius_m + 4.0, -5.0))
+    mission, _ = tight(random, count, radius_least_m=10.0, rate_least_rad_s=0.05)
     unheard_id = int(random.integers(1, count + 1))
     return Scene(parsed(mission), (), 130.0, CHANGE_S, radius_share=inf, unheard_id=unheard_id)
 
@@ -282,9 +289,7 @@ def coming_and_going(seed: int) -> Scene:
     """Up to ten at a ring with little room to spare: some come late, some are lost, some of these come back."""
     random = np.random.default_rng([5, seed])
     count = int(random.integers(4, 11))
-    radius_m = max(8.0, float(random.uniform(1.5, 2.5)) * 3.0 / (2.0 * sin(pi / count)))
-    rate = drawn_rate(random, 0.04, min(0.15, 1.5 / radius_m))
-    mission = field(random, abreast(count), radius_m=radius_m, rate_rad_s=rate, target_m=(radius_m + 4.0, -5.0))
+    mission, radius_m = tight(random, count, radius_least_m=8.0, rate_least_rad_s=0.04)
     absences = []
     for vehicle_id in random.permutation(count)[: count // 2] + 1:
         bearing_rad, away_m = random.uniform(0.0, tau), radius_m + random.uniform(10.0, 25.0)
