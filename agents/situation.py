@@ -1,6 +1,6 @@
 """What a tick decides on, and what comes of it: the situation and the wish, and how both are carried and mixed."""
 
-from math import hypot, sqrt
+from math import hypot
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ from agents.linearize import Polar
 from agents.lmpc import QpStatus
 from agents.messages import MemberState
 from agents.ring import RingPlace
-from estimation.state import OwnEstimate, TargetEstimate, Vector
+from estimation.state import OwnEstimate, TargetEstimate, Vector, position_sigma_m
 
 
 class Situation(msgspec.Struct, frozen=True):
@@ -41,8 +41,7 @@ class Situation(msgspec.Struct, frozen=True):
     @property
     def position_sigma_m(self) -> float:
         """The standard deviation of the own position, in the worse direction of the axes."""
-        covariance = self.own.covariance
-        return sqrt(max(covariance.item(0, 0), covariance.item(1, 1)))
+        return position_sigma_m(self.own.covariance)
 
 
 class Wish(msgspec.Struct, frozen=True):

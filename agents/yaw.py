@@ -4,13 +4,13 @@ It turns at a bounded rate, the shorter way around, whatever the direction asked
 for, or none is known, it stays as it is.
 """
 
-from math import atan2, hypot, radians, sqrt
+from math import atan2, hypot, radians
 
 from agents.settings import AgentConfig
 from agents.situation import Situation
 from agents.tactics import Tactic
 from estimation.frames import wrap_signed_rad
-from estimation.state import POSITION, VELOCITY
+from estimation.state import POSITION, VELOCITY, position_sigma_m
 
 STRAYS_M_S, RETURNS_M_S = 0.6, 0.3
 """A vehicle whose velocity is this far off the formation's flies a way of its own, until it is this near again."""
@@ -62,6 +62,5 @@ class Yaw:
         if situation.target is None or situation.acting_target is None:
             return None
         x, y = (situation.acting_target - situation.acting_motion)[POSITION].tolist()
-        covariance = situation.target.covariance
-        unsure_m = SURE_SIGMAS * sqrt(max(covariance[0, 0], covariance[1, 1]))
+        unsure_m = SURE_SIGMAS * position_sigma_m(situation.target.covariance)
         return atan2(y, x) if hypot(x, y) > max(self._near_m, unsure_m) else None

@@ -3,7 +3,7 @@
 Everything is in the mission frame (x, y right-handed with z up), SI units and radians.
 """
 
-from math import isfinite
+from math import isfinite, sqrt
 
 import msgspec
 import numpy as np
@@ -81,6 +81,11 @@ class TargetEstimate(msgspec.Struct, frozen=True):
     sighted_s: float
     importance: float
     threat: float
+
+
+def position_sigma_m(covariance: Vector) -> float:
+    """Return the standard deviation of a position, in the worse direction of the axes, from a covariance (n, n)."""
+    return sqrt(max(covariance.item(0, 0), covariance.item(1, 1)))
 
 
 def _require_finite(what: str, *values: float) -> None:
