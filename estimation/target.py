@@ -13,10 +13,9 @@ from typing import NamedTuple
 
 import msgspec
 
-from estimation.kalman import STEP_DIGITS
 from estimation.planar import Drift, Innovation, Motion, Spread, carried, corrected
 from estimation.settings import TargetFilterSettings
-from estimation.state import Sighting, TargetEstimate
+from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
 
 OUT_OF_SIGHT_S = 1.0
 """A target that nobody has seen for longer may have turned or stopped since."""
