@@ -50,7 +50,11 @@ class EncirclementPlanner:
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
         self._on_ring = np.zeros((self._settings.horizon, 4))
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
-        self._highest, self._lowest = np.empty((2, self._settings.horizon, len(_CONSTRAINED)))
+        self._pushes = self._settings.acceleration_max_m_s2 * np.array([[-1.0, -1.0], [1.0, 1.0]])
+        self._limits = np.empty((2, self._settings.horizon, len(_CONSTRAINED)))
+        self._limits[0], self._limits[1] = -self._settings.speed_max_m_s, self._settings.speed_max_m_s
+        self._bearings_min, self._bearings_max = self._limits[..., 0]
+        self._rates_min, self._rates_max = self._limits[..., 2]
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
@@ -143,15 +147,15 @@ class EncirclementPlanner:
         """Bound the inputs by the acceleration, the states by the speed limit and the clearance to both neighbours."""
         settings = self._settings
         radius = polar.radius_m
-        limit = np.array((settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / radius))
-        fastest = np.array((_FREE, settings.speed_max_m_s, settings.speed_max_m_s / radius))
+        angular_rad_s2, fastest_rad_s = settings.acceleration_max_m_s2 / radius, settings.speed_max_m_s / radius
+        self._pushes[0, 1], self._pushes[1, 1] = -angular_rad_s2, angular_rad_s2
+        self._rates_min[:], self._rates_max[:] = -fastest_rad_s, fastest_rad_s
         if place.lead_rad is None or place.lag_rad is None:
-            return Bounds(-limit, limit, -fastest, fastest)
-        highest, lowest = self._highest, self._lowest
-        highest[:], lowest[:] = fastest, -fastest
-        highest[:, 0] = self._drift_rad + (place.lead_rad - self._clearance_rad)
-        lowest[:, 0] = self._drift_rad + (self._clearance_rad - place.lag_rad)
-        return Bounds(-limit, limit, lowest, highest)
+            self._bearings_min[:], self._bearings_max[:] = -_FREE, _FREE
+        else:
+            np.add(self._drift_rad, self._clearance_rad - place.lag_rad, out=self._bearings_min)
+            np.add(self._drift_rad, place.lead_rad - self._clearance_rad, out=self._bearings_max)
+        return Bounds(self._pushes, self._limits)
 
 
 def ring_lmpc(settings: EncirclementSettings, spacing_weight: float) -> Lmpc:

@@ -5,6 +5,7 @@ setpoint. The leader's predecessor is the mission's line itself: a vehicle witho
 """
 
 from collections.abc import Collection
+from functools import lru_cache
 
 import msgspec
 import numpy as np
@@ -38,8 +39,9 @@ class FormationPlanner:
     def __init__(self, config: AgentConfig) -> None:
         settings = config.formation
         self._a0_per_s2 = config.plant.a0_per_s2
-        self._speed_max_m_s = settings.speed_max_m_s
-        self._lead_max_m = config.safety.setpoint_lead_max_m
+        both_ways = np.array(((-1.0,), (1.0,)))
+        self._leads_m = both_ways * config.safety.setpoint_lead_max_m
+        self._speeds_m_s = both_ways[:, np.newaxis] * settings.speed_max_m_s
         self._reference = np.zeros((settings.horizon, 4))
         self._relative_setpoint_m: Vector | None = None
         self._lmpc = formation_lmpc(config)
@@ -70,8 +72,7 @@ class FormationPlanner:
     def _bounds(self, motion: Vector, predecessor: Predecessor) -> Bounds:
         """Bound the setpoint to the lead allowed before the vehicle, and the vehicle's own speed."""
         from_vehicle = motion[POSITION] - predecessor.setpoint_m
-        lead_m, speed_m_s, its_m_s = self._lead_max_m, self._speed_max_m_s, predecessor.motion[VELOCITY]
-        return Bounds(from_vehicle - lead_m, from_vehicle + lead_m, -speed_m_s - its_m_s, speed_m_s - its_m_s)
+        return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
 
 
 def formation_lmpc(config: AgentConfig) -> Lmpc:
@@ -95,9 +96,9 @@ def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, m
     In steady flight the plant trails its setpoint by `a1 / a0` times the speed: that is the preview that lets a ramp be
     followed without lag.
     """
-    velocity = np.array([speed_m_s, 0.0])
-    position = np.array(start_m) + velocity * mission_time_s
-    return Predecessor(np.concatenate([position, velocity]), position + velocity * plant.a1_per_s / plant.a0_per_s2)
+    x_m, y_m = start_m[0] + speed_m_s * mission_time_s, start_m[1]
+    lead_m = speed_m_s * plant.x.a1_per_s / plant.x.a0_per_s2
+    return Predecessor(np.array((x_m, y_m, speed_m_s, 0.0)), np.array((x_m + lead_m, y_m)))
 
 
 def leader_of(flying: Collection[int], slots: tuple[int, ...], appointed: int) -> int:
@@ -106,7 +107,8 @@ def leader_of(flying: Collection[int], slots: tuple[int, ...], appointed: int) -
     return min(flying, key=lambda member: (abs(slots.index(member) - place), slots.index(member)))
 
 
-def predecessor_of(vehicle_id: int, flying: Collection[int], slots: tuple[int, ...], appointed: int) -> int | None:
+@lru_cache(maxsize=256)
+def predecessor_of(vehicle_id: int, flying: frozenset[int], slots: tuple[int, ...], appointed: int) -> int | None:
     """Return the vehicle to keep station on: the next in line towards the leader; None for the leader itself."""
     line = [member for member in slots if member in flying]
     own, leader = line.index(vehicle_id), line.index(leader_of(flying, slots, appointed))

@@ -54,12 +54,13 @@ class Gains(msgspec.Struct, frozen=True):
 
 
 class Bounds(msgspec.Struct, frozen=True):
-    """Bounds of one solve: inputs (m,) and the constrained states, (horizon, k) or (k,) for all samples, each way."""
+    """Bounds of one solve, least and most: inputs (2, m) and constrained states (2, horizon, k).
 
-    input_min: Vector
-    input_max: Vector
-    state_min: Vector
-    state_max: Vector
+    With a horizon of 1 those on states are for all samples.
+    """
+
+    inputs: Vector
+    states: Vector
 
 
 class Lmpc:
@@ -87,12 +88,17 @@ class Lmpc:
         hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
         # What is given is state, reference and previous input in one vector: everything is linear in that.
         self._given = np.zeros(states + horizon * states + inputs)
+        self._given_reference = self._given[states:-inputs].reshape(horizon, states)
         self._gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
         rows = [step * states + state for step in range(horizon) for state in constrained_states]
         self._free_rows = np.hstack([free[rows], np.zeros((len(rows), len(self._given) - states))])
         self._best: Vector = -np.asarray(np.linalg.solve(hessian, self._gradient), dtype=np.float64)
         self._outcome = np.vstack([self._best, self._free_rows + forced[rows] @ self._best])
-        self._lower, self._upper = np.empty((2, size + len(rows)))
+        self._lower, self._upper = self._limits = np.empty((2, size + len(rows)))
+        # The same by input and by sample: what bounds are given for.
+        self._input_limits = self._limits[:, :size].reshape(2, control_horizon, inputs).swapaxes(0, 1)
+        self._state_limits = self._limits[:, size:].reshape(2, horizon, len(constrained_states))
+        self._room = np.empty_like(self._limits)
         self._solver = _SoftQp(hessian, forced[rows])
 
     @property
@@ -104,18 +110,17 @@ class Lmpc:
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Plan:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
-        given, size, lower, upper = self._given, self._size, self._lower, self._upper
+        given, size, room = self._given, self._size, self._room
         given[: self._states] = state
-        given[self._states : -self._inputs] = reference.ravel()
+        self._given_reference[:] = reference
         given[-self._inputs :] = previous_input
-        samples = len(reference)
-        lower[:size].reshape(-1, self._inputs)[:] = bounds.input_min
-        upper[:size].reshape(-1, self._inputs)[:] = bounds.input_max
-        lower[size:].reshape(samples, -1)[:] = bounds.state_min
-        upper[size:].reshape(samples, -1)[:] = bounds.state_max
+        self._input_limits[:] = bounds.inputs
+        self._state_limits[:] = bounds.states
         # Mostly no bound binds: then the optimum is a matrix product, exact, and cheaper than any solver.
         outcome = self._outcome.dot(given)
-        if np.minimum(outcome - lower, upper - outcome).min() >= -_FEASIBLE_SLACK:
+        np.subtract(outcome, self._lower, out=room[0])
+        np.subtract(self._upper, outcome, out=room[1])
+        if np.minimum.reduce(room, axis=None) >= -_FEASIBLE_SLACK:
             return Plan(outcome[:size].reshape(-1, self._inputs), QpStatus.INTERIOR)
         optimum, status = self._bounded(outcome[:size])
         return Plan(optimum.reshape(-1, self._inputs), status)

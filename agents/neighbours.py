@@ -61,14 +61,16 @@ class Neighbours:
 
         One that lands, is lost, or that somebody else flies does not keep away itself.
         """
-        members = [(member, member.tactic not in _DOES_NOT_EVADE) for member in heard]
-        members += [(member, False) for member in lost]
         apart_m, own_sigma_m = self._safety.vertical_separation_m, situation.position_sigma_m
-        return [
-            self._body(member, situation, own_sigma_m, shares=shares)
-            for member, shares in members
+        bodies = [
+            self._body(member, situation, own_sigma_m, shares=member.tactic not in _DOES_NOT_EVADE)
+            for member in heard
             if abs(member.altitude_m - height_m) < apart_m
         ]
+        for member in lost:
+            if abs(member.altitude_m - height_m) < apart_m:
+                bodies.append(self._body(member, situation, own_sigma_m, shares=False))
+        return bodies
 
     def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:
         safety = self._safety

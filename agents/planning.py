@@ -1,6 +1,7 @@
 """What each tactic wishes for: from the situation to a wish, and what has to be remembered from tick to tick."""
 
 from collections.abc import Collection
+from functools import lru_cache
 from math import atan2, cos, dist, hypot, sin
 
 import numpy as np
@@ -33,7 +34,7 @@ class Planner:
     """Plans one vehicle's flight in every tactic."""
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
-        self._config = config
+        self._take(config)
         self._team = team
         self._formation = FormationPlanner(config)
         self._encirclement = EncirclementPlanner(config)
@@ -81,9 +82,14 @@ class Planner:
 
     def reshape(self, config: AgentConfig) -> None:
         """Take a formation of another shape: nobody is in place until it is in its new one."""
-        self._config = config
+        self._take(config)
         self._formation.reset()
         self._in_place.clear()
+
+    def _take(self, config: AgentConfig) -> None:
+        self._config = config
+        self._slot_offset_m = lru_cache(config.slot_offset_m)
+        self._line_rate = np.array((config.formation.speed_m_s, 0.0))
 
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Begin to leave for the ring: from the formation, or (2,) from a place of its own."""
@@ -127,14 +133,13 @@ class Planner:
         if predecessor_id != self._predecessor_id:
             self._formation.reset()
             self._predecessor_id = predecessor_id
-        rate = np.array([config.formation.speed_m_s, 0.0])
         if predecessor_id is None:
             predecessor = self._own_line(situation.acting_s)
         else:
             predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
-            offset = config.slot_offset_m(config.vehicle_id, predecessor_id)
+            offset = self._slot_offset_m(config.vehicle_id, predecessor_id)
         plan = self._formation.plan(situation.acting_motion, situation.compensation, predecessor, offset)
-        return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, rate, qp=plan.status)
+        return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, self._line_rate, qp=plan.status)
 
     def _way_in(self, situation: Situation, formed: Collection[int]) -> tuple[float, float]:
         """Return where to go relative to its slot: a vehicle that is far from it goes around those that have arrived.
@@ -148,12 +153,12 @@ class Planner:
         self._arrived = hypot(off_x, off_y) < config.formation.spacing_m / 2.0
         if self._arrived or not formed:
             return 0.0, 0.0
-        others_m = [config.slot_offset_m(each, config.vehicle_id) for each in formed]
+        others_m = [self._slot_offset_m(each, config.vehicle_id) for each in formed]
         return way_point((off_x, off_y), others_m, config.safety.separation_m)
 
     def _predecessor(self, formed: Collection[int]) -> int | None:
         config = self._config
-        flying = {*formed, config.vehicle_id} & set(config.slots)
+        flying = frozenset((*formed, config.vehicle_id)).intersection(config.slots)
         return predecessor_of(config.vehicle_id, flying, config.slots, config.formation.leader)
 
     def _formed(self) -> set[int]:
@@ -174,7 +179,7 @@ class Planner:
     def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
         """Return where a vehicle's slot is when the mission starts."""
         config = self._config
-        shift_x, shift_y = config.slot_offset_m(vehicle_id, config.formation.leader)
+        shift_x, shift_y = self._slot_offset_m(vehicle_id, config.formation.leader)
         return config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
 
     def _own_line(self, at_s: float) -> Predecessor:

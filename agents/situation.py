@@ -84,9 +84,12 @@ def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
 def extrapolated(member: MemberState, at_s: float) -> Predecessor:
     """Return a peer's motion and setpoint at a moment, each going on at its published rate."""
     ahead_s = at_s - member.time_s
-    motion = np.array([*member.position_m, *member.velocity_m_s])
-    setpoint = np.array(member.setpoint_m) + np.array(member.setpoint_rate_m_s) * ahead_s
-    return Predecessor(moved(motion, ahead_s), setpoint)
+    (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
+    (wanted_x, wanted_y), (wanted_x_rate, wanted_y_rate) = member.setpoint_m, member.setpoint_rate_m_s
+    return Predecessor(
+        np.array((x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate)),
+        np.array((wanted_x + wanted_x_rate * ahead_s, wanted_y + wanted_y_rate * ahead_s)),
+    )
 
 
 def mixed(formation: Wish, ring: Wish, share: float) -> Wish:

@@ -49,7 +49,7 @@ def loops(config: AgentConfig) -> Iterator[Loop]:
         yield Loop("formation", f"keeping its place along {'xy'[index]}", _modulus(place))
         radius = motion.linearised(polar.state[0, [0, 2]], polar.previous[0, 0])
         yield Loop("encirclement", f"keeping the radius along {'xy'[index]}", _modulus(radius))
-        for mode in range(members):
+        for mode in range(members // 2 + 1):  # the others are mirror images of these, as stable
             by_motion = _spacing_feedback(config, polar, members, mode)
             turning = motion.linearised(by_motion, polar.previous[1, 1])
             yield Loop("encirclement", f"mode {mode} of the spacing along {'xy'[index]}", _modulus(turning, mode == 0))

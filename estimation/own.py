@@ -212,15 +212,15 @@ def _covariance(x: Spread, y: Spread) -> Vector:
     """Return the covariance (6, 6) of [x y x' y' w_x w_y], the disturbance's parts added up."""
     x_w, x_vw, x_ww = x.pc + x.ps, x.vc + x.vs, x.cc + 2.0 * x.cs + x.ss
     y_w, y_vw, y_ww = y.pc + y.ps, y.vc + y.vs, y.cc + 2.0 * y.cs + y.ss
-    rows = (
-        (x.pp, 0.0, x.pv, 0.0, x_w, 0.0),
-        (0.0, y.pp, 0.0, y.pv, 0.0, y_w),
-        (x.pv, 0.0, x.vv, 0.0, x_vw, 0.0),
-        (0.0, y.pv, 0.0, y.vv, 0.0, y_vw),
-        (x_w, 0.0, x_vw, 0.0, x_ww, 0.0),
-        (0.0, y_w, 0.0, y_vw, 0.0, y_ww),
+    entries = (
+        *(x.pp, 0.0, x.pv, 0.0, x_w, 0.0),
+        *(0.0, y.pp, 0.0, y.pv, 0.0, y_w),
+        *(x.pv, 0.0, x.vv, 0.0, x_vw, 0.0),
+        *(0.0, y.pv, 0.0, y.vv, 0.0, y_vw),
+        *(x_w, 0.0, x_vw, 0.0, x_ww, 0.0),
+        *(0.0, y_w, 0.0, y_vw, 0.0, y_ww),
     )
-    return np.array(rows)
+    return np.array(entries).reshape(6, 6)
 
 
 def _leaps(before: Telemetry, after: Telemetry) -> bool:

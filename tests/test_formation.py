@@ -146,15 +146,15 @@ def test_without_error_a_follower_asks_for_the_offset_alone(make_config: Callabl
 @pytest.mark.parametrize(
     ("flying", "leader", "predecessors"),
     [
-        ({1, 2, 3, 4, 5}, 3, {1: 2, 2: 3, 3: None, 4: 3, 5: 4}),
-        ({1, 2, 4, 5}, 2, {1: 2, 2: None, 4: 2, 5: 4}),
-        ({1, 4, 5}, 4, {1: 4, 4: None, 5: 4}),
-        ({1, 3, 5}, 3, {1: 3, 3: None, 5: 3}),
-        ({1, 5}, 1, {1: None, 5: 1}),
-        ({5}, 5, {5: None}),
+        (frozenset({1, 2, 3, 4, 5}), 3, {1: 2, 2: 3, 3: None, 4: 3, 5: 4}),
+        (frozenset({1, 2, 4, 5}), 2, {1: 2, 2: None, 4: 2, 5: 4}),
+        (frozenset({1, 4, 5}), 4, {1: 4, 4: None, 5: 4}),
+        (frozenset({1, 3, 5}), 3, {1: 3, 3: None, 5: 3}),
+        (frozenset({1, 5}), 1, {1: None, 5: 1}),
+        (frozenset({5}), 5, {5: None}),
     ],
 )
-def test_succession(flying: set[int], leader: int, predecessors: dict[int, int | None]) -> None:
+def test_succession(flying: frozenset[int], leader: int, predecessors: dict[int, int | None]) -> None:
     slots = (1, 2, 3, 4, 5)
     assert leader_of(flying, slots, 3) == leader
     assert {vehicle: predecessor_of(vehicle, flying, slots, 3) for vehicle in flying} == predecessors
@@ -163,7 +163,7 @@ def test_succession(flying: set[int], leader: int, predecessors: dict[int, int |
 @pytest.mark.parametrize("slots", list(permutations((7, 8, 9, 200))))
 def test_whatever_the_line_everybody_follows_the_same_leader(slots: tuple[int, ...]) -> None:
     for size in range(1, len(slots) + 1):
-        flying = set(slots[-size:])
+        flying = frozenset(slots[-size:])
         leader = leader_of(flying, slots, 8)
         for vehicle in flying:
             hops, seen = vehicle, 0

@@ -76,20 +76,20 @@ class Problem:
             jac=lambda u: 2.0 * jacobian.T @ (jacobian @ u + offset),
             bounds=list(
                 zip(
-                    np.tile(bounds.input_min, self.control_horizon),
-                    np.tile(bounds.input_max, self.control_horizon),
+                    np.tile(bounds.inputs[0], self.control_horizon),
+                    np.tile(bounds.inputs[1], self.control_horizon),
                     strict=True,
                 )
             ),
             constraints=[
                 {
                     "type": "ineq",
-                    "fun": lambda u: bounds.state_max.ravel() - self.speeds(u).ravel(),
+                    "fun": lambda u: bounds.states[1].ravel() - self.speeds(u).ravel(),
                     "jac": lambda u: -slope,
                 },
                 {
                     "type": "ineq",
-                    "fun": lambda u: self.speeds(u).ravel() - bounds.state_min.ravel(),
+                    "fun": lambda u: self.speeds(u).ravel() - bounds.states[0].ravel(),
                     "jac": lambda u: slope,
                 },
             ],
@@ -120,9 +120,13 @@ def problem(seed: int, control_horizon: int) -> Problem:
     )
 
 
+def both_ways(most: Vector) -> Vector:
+    return np.stack([-most, most])
+
+
 def bounds(input_max: float = FREE, state_max: float = FREE) -> Bounds:
     states = np.full((HORIZON, 2), state_max)
-    return Bounds(np.full(2, -input_max), np.full(2, input_max), -states, states)
+    return Bounds(both_ways(np.full(2, input_max)), both_ways(states))
 
 
 @pytest.mark.parametrize("control_horizon", [1, 2, 4])
@@ -145,7 +149,7 @@ def test_on_the_bounds_the_plan_is_what_slsqp_finds(
     given = problem(seed, control_horizon)
     limits = bounds(input_max, max(state_max, 1.05 * np.abs(given.state[2:]).max()))
     unbounded = given.unbounded_optimum()
-    inside = (np.abs(unbounded) <= input_max).all() and (np.abs(given.speeds(unbounded)) <= limits.state_max).all()
+    inside = (np.abs(unbounded) <= input_max).all() and (np.abs(given.speeds(unbounded)) <= limits.states[1]).all()
     plan = given.lmpc().solve(given.state, given.reference, given.previous, limits)
     assert plan.status is (QpStatus.INTERIOR if inside else QpStatus.BOUNDED)
     optimum = given.bounded_optimum(limits)
@@ -165,11 +169,11 @@ def test_a_warm_start_leads_to_the_same_plan() -> None:
 
 
 def crossed() -> Bounds:
-    return Bounds(np.full(2, -0.5), np.full(2, 0.5), np.full((HORIZON, 2), 1.0), np.full((HORIZON, 2), -1.0))
+    return Bounds(both_ways(np.full(2, 0.5)), both_ways(np.full((HORIZON, 2), -1.0)))
 
 
 def out_of_reach() -> Bounds:
-    return Bounds(np.full(2, -0.5), np.full(2, 0.5), np.full((HORIZON, 2), 50.0), np.full((HORIZON, 2), 60.0))
+    return Bounds(both_ways(np.full(2, 0.5)), np.stack([np.full((HORIZON, 2), 50.0), np.full((HORIZON, 2), 60.0)]))
 
 
 @pytest.mark.parametrize("impossible", [crossed(), out_of_reach()], ids=["crossed", "out of reach"])
