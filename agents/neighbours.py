@@ -67,9 +67,11 @@ class Neighbours:
             for member in heard
             if abs(member.altitude_m - height_m) < apart_m
         ]
-        for member in lost:
-            if abs(member.altitude_m - height_m) < apart_m:
-                bodies.append(self._body(member, situation, own_sigma_m, shares=False))
+        bodies += [
+            self._body(member, situation, own_sigma_m, shares=False)
+            for member in lost
+            if abs(member.altitude_m - height_m) < apart_m
+        ]
         return bodies
 
     def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:
