@@ -41,11 +41,11 @@ class _Lean(NamedTuple):
         """The sum, normalised and squared; little is known from a sighting or two."""
         return (self.x**2 + self.y**2) / self.variance if self.variance > 1.5 else 0.0
 
-    def after(self, step_s: float, innovation: Innovation) -> "_Lean":
+    def after(self, step_s: float, innovation: Innovation, squared: float) -> "_Lean":
+        x, y, variance = self
         kept = exp(-step_s / _LEANING_S)
-        share = _CLIP_SIGMA / max(sqrt(innovation.squared), _CLIP_SIGMA)
-        x, y = kept * self.x + share * innovation.x, kept * self.y + share * innovation.y
-        return _Lean(x, y, kept**2 * self.variance + 1.0)
+        share = 1.0 if squared <= _CLIP_SIGMA**2 else _CLIP_SIGMA / sqrt(squared)
+        return _Lean(kept * x + share * innovation.x, kept * y + share * innovation.y, kept * kept * variance + 1.0)
 
 
 class _Taken(msgspec.Struct, frozen=True):
@@ -182,20 +182,20 @@ class TargetFilter:
         """Return the belief after a sighting; one farther off than noise explains counts for less, or is refused."""
         prior = self._carried(last, sighting.time_s)
         belief, innovation = corrected(prior, sighting.position_m, sighting.covariance_m2)
-        unseen_s = sighting.time_s - last.accepted_s
-        if not innovation.squared <= _CLIP_SIGMA**2:  # NaN is no innovation either
+        unseen_s, squared = sighting.time_s - last.accepted_s, innovation.squared
+        if not squared <= _CLIP_SIGMA**2:  # NaN is no innovation either
             # What turns comes this far off the belief in the meantime.
             reach_m = self._settings.velocity_prior_m_s * min(unseen_s, OUT_OF_SIGHT_S)
             _, within_reach = corrected(prior, sighting.position_m, _widened(sighting, 1.0, reach_m**2))
             if not within_reach.squared <= 2.0 * self._settings.gate_sigma**2:
                 doubted_s = min(last.doubted_s, sighting.time_s)
                 return msgspec.structs.replace(last, sighting=sighting, belief=prior, doubted_s=doubted_s, refused=True)
-            excess = sqrt(innovation.squared) / _CLIP_SIGMA
+            excess = sqrt(squared) / _CLIP_SIGMA
             belief, _ = corrected(prior, sighting.position_m, _widened(sighting, excess, 0.0))
         return _Taken(
             sighting,
             belief,
-            last.lean.after(unseen_s, innovation),
+            last.lean.after(unseen_s, innovation, squared),
             sighting.time_s,
             inf,
             last.began_s,

@@ -265,12 +265,12 @@ class _Network:
                     heapq.heappush(self._flying, arrival)
                     self._count += 1
 
-    def arrived(self, now_s: float) -> list[tuple[int, bytes]]:
-        """Take out what has arrived: receivers and payloads."""
-        arrived = []
+    def arrived(self, now_s: float) -> dict[int, list[bytes]]:
+        """Take out what has arrived, by receiver."""
+        arrived: dict[int, list[bytes]] = {}
         while self._flying and self._flying[0][0] <= now_s + _ROUNDING_S:
             _, _, receiver, payload = heapq.heappop(self._flying)
-            arrived.append((receiver, payload))
+            arrived.setdefault(receiver, []).append(payload)
         return arrived
 
 
@@ -312,19 +312,16 @@ def simulate(
             motion[tick, index, MOTION] = vehicle.motion
             altitude_m[tick, index] = vehicle.altitude_m
             aloft[tick, index] = vehicle.aloft(now_s)
-        for receiver, payload in air.arrived(now_s):
-            if not vehicles[receiver].present:
-                continue
-            began = perf_counter()
-            vehicles[receiver].core.on_message(payload, now_s)
-            tick_us[tick, receiver] += (perf_counter() - began) * 1e6
+        arrived = air.arrived(now_s)
         for index, vehicle in enumerate(vehicles):
             sensed = vehicle.sense(now_s)
             if not vehicle.present:
                 continue
             began = perf_counter()
+            for payload in arrived.get(index, ()):
+                vehicle.core.on_message(payload, now_s)
             output = vehicle.think(now_s, *sensed)
-            tick_us[tick, index] += (perf_counter() - began) * 1e6
+            tick_us[tick, index] = (perf_counter() - began) * 1e6
             vehicle.command(now_s, output.setpoint)
             air.send(now_s, index, output.messages, motion[tick, :, POSITION])
             observe(tick, index, output)

@@ -27,9 +27,13 @@ SPACING_DEG, SPACING_M = 5.0, 0.3
 
 @dataclass(frozen=True)
 class Draw:
-    """One flight: how long it took until all was well for good, and what must not happen on the way."""
+    """One flight: how long it took until all was well for good, and what must not happen on the way.
+
+    All are spaced once every spacing is right for good; all is well once the ring is round as well.
+    """
 
     seed: int
+    spaced_s: float
     settled_s: float
     separation_left_m: float
     overtakings: int
@@ -38,8 +42,9 @@ class Draw:
 
     def __str__(self) -> str:
         return (
-            f"seed {self.seed}: settled after {self.settled_s:.1f} s, separation {self.separation_left_m:+.2f} m, "
-            f"{self.overtakings} overtakings, innermost {self.innermost_share:.2f} R, most off {self.off_most_m:.2f} m"
+            f"seed {self.seed}: spaced after {self.spaced_s:.1f} s, settled after {self.settled_s:.1f} s, "
+            f"separation {self.separation_left_m:+.2f} m, {self.overtakings} overtakings, "
+            f"innermost {self.innermost_share:.2f} R, most off {self.off_most_m:.2f} m"
         )
 
 
@@ -50,7 +55,7 @@ def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Dr
     stay = np.array([each not in scene.gone for each in scene.mission.ids])
     if in_formation:
         settled_s, off_m = formation_settled_s(scene, flight, stay)
-        return Draw(seed, settled_s, separation_left_m(scene, flight), 0, inf, off_m)
+        return Draw(seed, settled_s, settled_s, separation_left_m(scene, flight), 0, inf, off_m)
     target = scene.mission.target.motion
     about = np.array([target.position_m(time_s) for time_s in flight.time_s.tolist()])
     polar = (flight.motion[..., POSITION] - about[:, None]) @ np.array([1.0, 1.0j])
@@ -60,7 +65,7 @@ def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Dr
     since_s = flight.time_s[after] - scene.from_s
     return Draw(
         seed,
-        ring_settled_s(since_s, polar[after][:, stay], scene.radius_share, ring_m),
+        *ring_settled_s(since_s, polar[after][:, stay], scene.radius_share, ring_m),
         separation_left_m(scene, flight),
         overtakings(polar_there, ring_m),
         innermost_share(polar_there, ring_m),
@@ -75,12 +80,15 @@ def settled_s(time_s: Vector, well: NDArray[np.bool_]) -> float:
     return 0.0 if bad.size == 0 else float(time_s[bad[-1] + 1])
 
 
-def ring_settled_s(time_s: Vector, polar: NDArray[np.complex128], radius_share: float, ring_m: float) -> float:
+def ring_settled_s(
+    time_s: Vector, polar: NDArray[np.complex128], radius_share: float, ring_m: float
+) -> tuple[float, float]:
+    """Return when every spacing is right for good, and when every radius is as well."""
     turns = np.sort(np.angle(polar), axis=1)
     gaps = np.diff(turns, axis=1, append=turns[:, :1] + tau)
     even = np.degrees(np.abs(gaps - tau / polar.shape[1])).max(axis=1) <= SPACING_DEG
     round_ = np.abs(np.abs(polar) / ring_m - 1.0).max(axis=1) <= radius_share
-    return settled_s(time_s, even & round_)
+    return settled_s(time_s, even), settled_s(time_s, even & round_)
 
 
 def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.bool_]) -> tuple[float, float]:
@@ -141,8 +149,9 @@ def main(arguments: list[str]) -> int:
             bad = [d for d in draws if not (d.settled_s <= limit_s and d.separation_left_m >= 0.0)]
             missed += len(bad)
             print(
-                f"{name}: settled after {np.median(took_s):.1f} s in the middle, {took_s.max():.1f} s at worst (limit "
-                f"{limit_s:g} s); separation {min(d.separation_left_m for d in draws):+.2f} m; "
+                f"{name}: spaced after {max(d.spaced_s for d in draws):.1f} s at worst; settled after "
+                f"{np.median(took_s):.1f} s in the middle, {took_s.max():.1f} s at worst (limit {limit_s:g} s); "
+                f"separation {min(d.separation_left_m for d in draws):+.2f} m; "
                 f"{sum(d.overtakings for d in draws)} overtakings; innermost "
                 f"{min(d.innermost_share for d in draws):.2f} R; most off {max(d.off_most_m for d in draws):.2f} m; "
                 f"{len(bad)} of {count} miss",
