@@ -18,6 +18,8 @@ _FLOOR = 0.3
 _WIDEST = 2.0
 _STEPS = 10.0
 _WORSE_S, _BETTER_S = 0.5, 8.0
+_UNKNOWN_S = 3.0
+"""For so long a target that was just found may seem to move at any speed: two sightings that are outliers will do."""
 _RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
 
 
@@ -56,6 +58,7 @@ class Pace:
         self._worse_s = self._better_s = inf
         self._flown = WHOLE
         self._time_s: float | None = None
+        self._began_s = -inf
         self.needed = WHOLE
         self.orbit = self._whole
 
@@ -74,6 +77,8 @@ class Pace:
         """
         before, step_s = self.needed, 0.0 if self._time_s is None else now_s - self._time_s
         step_s = step_s if joined else inf
+        if self._time_s is None:
+            self._began_s = now_s
         self._time_s = now_s
         if target_m_s <= self._easy_m_s and before == self._flown == others == WHOLE:
             self._worse_s = inf
@@ -138,8 +143,9 @@ class Pace:
 
     def _need(self, found: Shares, target_m_s: float, now_s: float) -> None:
         """Take up a need once it has lasted: soon if it is more, late if it is less."""
-        worse = found.rate < self.needed.rate or found.radius > self.needed.radius
-        better = not worse and found != self.needed
+        known = now_s - self._began_s >= _UNKNOWN_S
+        worse = known and (found.rate < self.needed.rate or found.radius > self.needed.radius)
+        better = known and not worse and found != self.needed
         self._worse_s = min(self._worse_s, now_s) if worse else inf
         self._better_s = min(self._better_s, now_s) if better else inf
         if now_s - self._worse_s >= _WORSE_S:

@@ -24,9 +24,10 @@ HISTORY_MAX = 256
 
 _LEANING_S = 0.5
 _CLIP_SIGMA = 3.0
-_CERTAIN = 16.0
-"""Of the lean, chi-squared with two degrees of freedom: exceeded by chance in one of 3000."""
-_ONSET_S, _TURNS_AGAIN_S = 0.5, 8.0
+_CERTAIN, _CERTAIN_AGAIN = 20.0, 16.0
+"""Of the lean, chi-squared with two degrees of freedom: exceeded by chance in one of 20 000, or of 3000 for a target
+that has turned before and is likely to do it again."""
+_ONSET_S, _LIVELY_S, _TURNS_AGAIN_S = 0.5, 8.0, 40.0
 
 
 class _Lean(NamedTuple):
@@ -155,21 +156,33 @@ class TargetFilter:
         if not self._taken:
             return self._started(sighting)
         last = self._taken[-1]
+        if last.refused and (other := self._outvoted(last, sighting)) is not None:
+            return other
         taken = self._corrected(last, sighting)
         if taken.refused:
             # Every sensor has disagreed with the belief for a while: the belief is what is wrong.
             too_long = sighting.time_s - taken.doubted_s > self._settings.gate_timeout_s
             if too_long:
                 return msgspec.structs.replace(self._started(sighting), resets=last.resets + 1)
-            return self._outvoted(last, sighting) or taken
-        return self._turned(taken) if taken.lean.squared > _CERTAIN else taken
+            return taken
+        turns = taken.sighting.time_s - taken.turned_s < _TURNS_AGAIN_S
+        certain = _CERTAIN_AGAIN if turns else _CERTAIN
+        return self._turned(taken) if taken.lean.squared > certain else taken
 
     def _outvoted(self, last: _Taken, sighting: Sighting) -> _Taken | None:
-        """Return what to believe when nobody has confirmed a first sighting and the last two agree on another place."""
-        if not (last.refused and last.accepted_s == last.began_s):
+        """Return what to believe when nobody has confirmed a first sighting and the last two agree better."""
+        if last.accepted_s != last.began_s:
             return None
-        other = self._corrected(self._started(last.sighting), sighting)
+        first = self._started(last.sighting)
+        if self._off(first, sighting) >= self._off(last, sighting):
+            return None
+        other = self._corrected(first, sighting)
         return None if other.refused else msgspec.structs.replace(other, resets=last.resets)
+
+    def _off(self, taken: _Taken, sighting: Sighting) -> float:
+        """Return how far a sighting is off a belief, squared and normalised."""
+        prior = self._carried(taken, sighting.time_s)
+        return corrected(prior, sighting.position_m, sighting.covariance_m2)[1].squared
 
     def _started(self, sighting: Sighting) -> _Taken:
         (xx, xy, yy), speed = sighting.covariance_m2, self._settings.velocity_prior_m_s**2
@@ -227,7 +240,7 @@ class TargetFilter:
         step_s = round(min(to_s, out_of_sight_s) - belief.time_s, STEP_DIGITS)
         if step_s > 0.0:
             # What has turned turns again. In whole hundredths, so that the matrices of each are computed once.
-            lively = round(exp(min(taken.turned_s - belief.time_s, 0.0) / _TURNS_AGAIN_S), 2)
+            lively = round(exp(min(taken.turned_s - belief.time_s, 0.0) / _LIVELY_S), 2)
             density = settings.acceleration_noise_m_s2**2 + lively * settings.manoeuvre_acceleration_m_s2**2
             belief = carried(belief, min(to_s, out_of_sight_s), _straight(density, step_s))
         step_s = round(to_s - out_of_sight_s, STEP_DIGITS)

@@ -500,7 +500,7 @@ def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> No
 def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make_config: Maker) -> None:
     ring = {"radius_m": 10.0, "angular_rate_rad_s": 0.15, "speed_max_m_s": 3.0, "acceleration_max_m_s2": 4.0}
     pilot, outputs = Pilot(make_config(encirclement=ring)), []
-    for tick in range(60):
+    for tick in range(90):
         time_s = tick * PERIOD_S
         pilot.core.on_sighting(sighting(time_s, 8.0 + 2.0 * time_s))
         outputs += pilot.fly(time_s + PERIOD_S / 2.0)

@@ -64,6 +64,7 @@ def test_a_ring_too_tight_for_a_turn_is_widened_by_what_it_takes(make_config: Ma
 
 def test_a_need_is_told_once_taken_up_soon_and_left_late(make_config: Maker) -> None:
     pace = Pace(make_config(encirclement=RING | {"acceleration_max_m_s2": 4.0}))
+    assert fly(pace, 0.1, -4.0, 4.0) == []
     assert fly(pace, 2.0, 0.0, 0.4) == []
     assert fly(pace, 2.0, 0.4, 6.0) == ["ring at 50% of its rate: the target moves at 2.0 m/s"]
     assert pace.orbit.angular_rate_rad_s == pytest.approx(0.075)
@@ -74,6 +75,12 @@ def test_a_need_is_told_once_taken_up_soon_and_left_late(make_config: Maker) -> 
     assert pace.needed.rate == 0.5
     assert fly(pace, 0.0, 21.4, 60.0)[-1] == ""
     assert pace.orbit.angular_rate_rad_s == pytest.approx(0.15)
+
+
+def test_how_fast_a_target_seems_to_be_when_it_was_just_found_changes_nothing(make_config: Maker) -> None:
+    pace = Pace(make_config(encirclement=RING))
+    assert fly(pace, 5.0, 0.0, 2.5) + fly(pace, 0.2, 2.5, 10.0) == []
+    assert pace.orbit == Pace(make_config(encirclement=RING)).orbit
 
 
 def test_a_ring_changes_smoothly(make_config: Maker) -> None:
