@@ -83,7 +83,8 @@ class Pace:
         if target_m_s <= self._easy_m_s and before == self._flown == others == WHOLE:
             self._worse_s = inf
             return None
-        self._need(self.shares(target_m_s), target_m_s, now_s)
+        if now_s - self._began_s >= _UNKNOWN_S:
+            self._need(self.shares(target_m_s), target_m_s, now_s)
         wanted = self.needed.with_(others)
         if wanted is not self._flown and wanted != self._flown:
             self._flown = Shares(
@@ -143,9 +144,8 @@ class Pace:
 
     def _need(self, found: Shares, target_m_s: float, now_s: float) -> None:
         """Take up a need once it has lasted: soon if it is more, late if it is less."""
-        known = now_s - self._began_s >= _UNKNOWN_S
-        worse = known and (found.rate < self.needed.rate or found.radius > self.needed.radius)
-        better = known and not worse and found != self.needed
+        worse = found.rate < self.needed.rate or found.radius > self.needed.radius
+        better = not worse and found != self.needed
         self._worse_s = min(self._worse_s, now_s) if worse else inf
         self._better_s = min(self._better_s, now_s) if better else inf
         if now_s - self._worse_s >= _WORSE_S:
