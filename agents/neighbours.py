@@ -61,18 +61,14 @@ class Neighbours:
 
         One that lands, is lost, or that somebody else flies does not keep away itself.
         """
+        members = [(member, member.tactic not in _DOES_NOT_EVADE) for member in heard]
+        members += [(member, False) for member in lost]
         apart_m, own_sigma_m = self._safety.vertical_separation_m, situation.position_sigma_m
-        bodies = [
-            self._body(member, situation, own_sigma_m, shares=member.tactic not in _DOES_NOT_EVADE)
-            for member in heard
+        return [
+            self._body(member, situation, own_sigma_m, shares=shares)
+            for member, shares in members
             if abs(member.altitude_m - height_m) < apart_m
         ]
-        bodies += [
-            self._body(member, situation, own_sigma_m, shares=False)
-            for member in lost
-            if abs(member.altitude_m - height_m) < apart_m
-        ]
-        return bodies
 
     def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:
         safety = self._safety
