@@ -42,9 +42,9 @@ class _Lean(NamedTuple):
         """The sum, normalised and squared; little is known from a sighting or two."""
         return (self.x**2 + self.y**2) / self.variance if self.variance > 1.5 else 0.0
 
-    def after(self, step_s: float, innovation: Innovation, squared: float) -> "_Lean":
+    def after(self, step_s: float, innovation: Innovation) -> "_Lean":
         x, y, variance = self
-        kept = exp(-step_s / _LEANING_S)
+        kept, squared = exp(-step_s / _LEANING_S), innovation.squared
         share = 1.0 if squared <= _CLIP_SIGMA**2 else _CLIP_SIGMA / sqrt(squared)
         return _Lean(kept * x + share * innovation.x, kept * y + share * innovation.y, kept * kept * variance + 1.0)
 
@@ -208,7 +208,7 @@ class TargetFilter:
         return _Taken(
             sighting,
             belief,
-            last.lean.after(unseen_s, innovation, squared),
+            last.lean.after(unseen_s, innovation),
             sighting.time_s,
             inf,
             last.began_s,

@@ -165,14 +165,14 @@ def test_a_late_first_outlier_is_not_confirmed_by_what_another_sighting_explains
 def test_a_steady_target_is_not_taken_for_one_that_turns(seed: int) -> None:
     random, target, before = np.random.default_rng(seed), TargetFilter(SETTINGS), None
     for tick in range(3000):
-        time_s, period_s = tick / 5.0, 0.2
+        time_s = tick / 5.0
         place = np.array([0.15 * time_s, 0.05 * time_s])
         for sensor in (1, 2, 3):
             seen = place + random.normal(size=2) * 0.5
             target.sight(sighting(time_s, (seen[0], seen[1]), (0.25, 0.0, 0.25), sensor))
         now = mean_of(target, time_s)
         if before is not None and tick > 50:
-            assert np.hypot(*(now[:2] - before[:2] - before[2:] * period_s)) < 0.4
+            assert np.hypot(*(now[:2] - before[:2] - before[2:] / 5.0)) < 0.4
         before = now
 
 
