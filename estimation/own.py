@@ -21,6 +21,7 @@ from estimation.state import STEP_DIGITS, OwnEstimate, Telemetry, Vector
 
 _HISTORY_S = 2.0
 _MEASURED = 4
+_NO_SPREAD = Spread(*[0.0] * 15)
 PRIOR_M_S2 = 0.3
 """How large each part of the disturbance may be before anything is known of it (standard deviation)."""
 SWING_SHARE = 0.5
@@ -150,9 +151,7 @@ class OwnFilter:
         position_m2, rate_m2_s2 = self._noise
         prior = self._prior_m_s2**2
         swings = prior if self._turning_rad_s else 0.0
-        spread = Spread(
-            *(position_m2, 0.0, 0.0, 0.0, 0.0), *(rate_m2_s2, 0.0, 0.0, 0.0), prior, 0.0, 0.0, swings, 0.0, swings
-        )
+        spread = _NO_SPREAD._replace(pp=position_m2, vv=rate_m2_s2, cc=prior, ss=swings, qq=swings)
         self._belief = Along(x, x_rate, 0.0, 0.0, 0.0, spread), Along(y, y_rate, 0.0, 0.0, 0.0, spread)
         self._time_s = telemetry.time_s
         self._doubted_s = inf
@@ -191,18 +190,14 @@ def _swinging(along: Along, prior_m_s2: float) -> Along:
     """Return the belief with all disturbance in its steady part, and a swing of which nothing is known but its size."""
     p, v, c, s, _, spread = along
     prior = prior_m_s2**2
-    spread = spread._replace(
+    spread = _NO_SPREAD._replace(
+        pp=spread.pp,
+        pv=spread.pv,
         pc=spread.pc + spread.ps,
+        vv=spread.vv,
         vc=spread.vc + spread.vs,
         cc=spread.cc + 2.0 * spread.cs + spread.ss,
-        ps=0.0,
-        pq=0.0,
-        vs=0.0,
-        vq=0.0,
-        cs=0.0,
-        cq=0.0,
         ss=prior,
-        sq=0.0,
         qq=prior,
     )
     return Along(p, v, c + s, 0.0, 0.0, spread)
@@ -212,15 +207,15 @@ def _covariance(x: Spread, y: Spread) -> Vector:
     """Return the covariance (6, 6) of [x y x' y' w_x w_y], the disturbance's parts added up."""
     x_w, x_vw, x_ww = x.pc + x.ps, x.vc + x.vs, x.cc + 2.0 * x.cs + x.ss
     y_w, y_vw, y_ww = y.pc + y.ps, y.vc + y.vs, y.cc + 2.0 * y.cs + y.ss
-    entries = (
-        *(x.pp, 0.0, x.pv, 0.0, x_w, 0.0),
-        *(0.0, y.pp, 0.0, y.pv, 0.0, y_w),
-        *(x.pv, 0.0, x.vv, 0.0, x_vw, 0.0),
-        *(0.0, y.pv, 0.0, y.vv, 0.0, y_vw),
-        *(x_w, 0.0, x_vw, 0.0, x_ww, 0.0),
-        *(0.0, y_w, 0.0, y_vw, 0.0, y_ww),
+    rows = (
+        (x.pp, 0.0, x.pv, 0.0, x_w, 0.0),
+        (0.0, y.pp, 0.0, y.pv, 0.0, y_w),
+        (x.pv, 0.0, x.vv, 0.0, x_vw, 0.0),
+        (0.0, y.pv, 0.0, y.vv, 0.0, y_vw),
+        (x_w, 0.0, x_vw, 0.0, x_ww, 0.0),
+        (0.0, y_w, 0.0, y_vw, 0.0, y_ww),
     )
-    return np.array(entries).reshape(6, 6)
+    return np.array(rows)
 
 
 def _leaps(before: Telemetry, after: Telemetry) -> bool:
