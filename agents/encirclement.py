@@ -50,6 +50,7 @@ class EncirclementPlanner:
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
         self._on_ring = np.zeros((self._settings.horizon, 4))
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
+        # The bounds of a plan, filled anew for each: what does not change stands in them from the beginning.
         self._pushes = self._settings.acceleration_max_m_s2 * np.array([[-1.0, -1.0], [1.0, 1.0]])
         self._limits = np.empty((2, self._settings.horizon, len(_CONSTRAINED)))
         self._limits[0], self._limits[1] = -self._settings.speed_max_m_s, self._settings.speed_max_m_s

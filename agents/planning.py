@@ -88,8 +88,9 @@ class Planner:
 
     def _take(self, config: AgentConfig) -> None:
         self._config = config
+        # Asked for in every tick, and always the same until the formation changes its shape.
         self._slot_offset_m = lru_cache(config.slot_offset_m)
-        self._line_rate = np.array((config.formation.speed_m_s, 0.0))
+        self._line_rate_m_s = np.array((config.formation.speed_m_s, 0.0))
 
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Begin to leave for the ring: from the formation, or (2,) from a place of its own."""
@@ -139,7 +140,7 @@ class Planner:
             predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
             offset = self._slot_offset_m(config.vehicle_id, predecessor_id)
         plan = self._formation.plan(situation.acting_motion, situation.compensation, predecessor, offset)
-        return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, self._line_rate, qp=plan.status)
+        return Wish(plan.setpoint_m, plan.undisturbed_setpoint_m, self._line_rate_m_s, qp=plan.status)
 
     def _way_in(self, situation: Situation, formed: Collection[int]) -> tuple[float, float]:
         """Return where to go relative to its slot: a vehicle that is far from it goes around those that have arrived.
