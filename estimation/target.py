@@ -9,9 +9,9 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from functools import lru_cache
 from math import exp, inf, sqrt
-from typing import NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from estimation.planar import Drift, Innovation, Motion, Spread, carried, corrected
 from estimation.settings import TargetFilterSettings
@@ -21,6 +21,8 @@ OUT_OF_SIGHT_S = 1.0
 """A target that nobody has seen for longer may have turned or stopped since."""
 HISTORY_MAX = 256
 """So many sightings are kept at most, however often somebody sees the target: a late one costs no more than they."""
+_STRETCH_S, _STRETCH_MAX = 0.05, 32
+"""Of the beliefs one in so long, or in so many sightings, is kept: a late one finds a belief from shortly before it."""
 
 _LEANING_S = 0.5
 _CLIP_SIGMA = 3.0
@@ -30,7 +32,7 @@ that has turned before and is likely to do it again."""
 _ONSET_S, _LIVELY_S, _TURNS_AGAIN_S = 0.5, 8.0, 40.0
 
 
-class _Lean(NamedTuple):
+class _Lean(msgspec.Struct, frozen=True):
     """How sightings lean to one side of the belief: a fading sum of normalised innovations, and its variance."""
 
     x: float = 0.0
@@ -43,21 +45,24 @@ class _Lean(NamedTuple):
         return (self.x**2 + self.y**2) / self.variance if self.variance > 1.5 else 0.0
 
     def after(self, step_s: float, innovation: Innovation) -> "_Lean":
-        x, y, variance = self
         kept, squared = exp(-step_s / _LEANING_S), innovation.squared
         share = 1.0 if squared <= _CLIP_SIGMA**2 else _CLIP_SIGMA / sqrt(squared)
-        return _Lean(kept * x + share * innovation.x, kept * y + share * innovation.y, kept * kept * variance + 1.0)
+        return _Lean(
+            kept * self.x + share * innovation.x,
+            kept * self.y + share * innovation.y,
+            kept * kept * self.variance + 1.0,
+        )
 
 
-class _Taken(msgspec.Struct, frozen=True):
-    """A sighting, and what is believed once it was taken in or `refused`; importance and threat are the last told.
+class _Belief(msgspec.Struct, frozen=True):
+    """What is believed once a sighting was taken in or `refused`; importance and threat are the last told.
 
     `accepted_s` is when the last one was believed, `doubted_s` since when none is, `began_s` when the belief began,
     `turned_s` when the target was last found to manoeuvre, `resets` how often it began anew once confirmed.
     """
 
     sighting: Sighting
-    belief: Motion
+    motion: Motion
     lean: _Lean
     accepted_s: float
     doubted_s: float
@@ -69,6 +74,21 @@ class _Taken(msgspec.Struct, frozen=True):
     refused: bool = False
 
 
+class _Stretch:
+    """Sightings one after the other, and what was believed before the first of them (None: nothing yet)."""
+
+    __slots__ = ("before", "refused", "sightings")
+
+    def __init__(self, before: _Belief | None, first: Sighting) -> None:
+        self.before = before
+        self.sightings = [first]
+        self.refused = 0
+
+    @property
+    def from_s(self) -> float:
+        return self.sightings[0].time_s
+
+
 class TargetFilter:
     """Estimates the target's position and velocity from the sightings of all vehicles.
 
@@ -78,7 +98,9 @@ class TargetFilter:
 
     def __init__(self, settings: TargetFilterSettings) -> None:
         self._settings = settings
-        self._taken: list[_Taken] = []
+        self._belief: _Belief | None = None
+        self._stretches: list[_Stretch] = []
+        self._kept = 0
         self._forgotten_s = -inf
         self.refused = 0
         self.late = 0
@@ -92,45 +114,44 @@ class TargetFilter:
         fresh = self._fresh(sightings)
         if not fresh:
             return
-        resets = self._taken[-1].resets if self._taken else 0
-        if self._taken and fresh[0].time_s < self._taken[-1].sighting.time_s:
+        resets = 0 if self._belief is None else self._belief.resets
+        if self._belief is not None and fresh[0].time_s < self._belief.sighting.time_s:
             fresh = self._put_among(fresh)
         for each in fresh:
-            taken = self._after(each)
-            self._taken.append(taken)
-            self.refused += taken.refused
-        self.resets += max(self._taken[-1].resets - resets, 0)
-        self._forget()
+            belief = self._take(each)
+        self.resets += max(belief.resets - resets, 0)
+        self._forget(belief.sighting.time_s)
 
     def estimate(self, now_s: float) -> TargetEstimate | None:
         """Return the estimate at `now_s`; None if there is none, or the newest sighting behind it is stale."""
-        if not self._taken:
+        belief = self._belief
+        if belief is None or now_s - belief.accepted_s > self._settings.stale_after_s:
             return None
-        newest = self._taken[-1]
-        if now_s - newest.accepted_s > self._settings.stale_after_s:
-            return None
-        belief = self._carried(newest, max(now_s, newest.belief.time_s))
+        motion = self._carried(belief, max(now_s, belief.motion.time_s))
         return TargetEstimate(
-            belief.time_s, belief.mean, belief.covariance, newest.accepted_s, newest.importance, newest.threat
+            motion.time_s, motion.mean, motion.covariance, belief.accepted_s, belief.importance, belief.threat
         )
 
     @property
     def sighted_s(self) -> float:
         """Time of the newest sighting that was believed, 0 before there is any."""
-        return self._taken[-1].accepted_s if self._taken else 0.0
+        return 0.0 if self._belief is None else self._belief.accepted_s
 
     def _put_among(self, fresh: list[Sighting]) -> list[Sighting]:
-        """Take back what is newer than the first of these, and return all that is to be taken in again, in order."""
-        place = bisect_right(self._taken, fresh[0].time_s, key=_time_of)
-        newer = self._taken[place:]
-        del self._taken[place:]
-        self.late += sum(each.time_s < newer[-1].sighting.time_s for each in fresh)
-        self.refused -= sum(taken.refused for taken in newer)
-        return sorted([*(taken.sighting for taken in newer), *fresh], key=_when)
+        """Take back the stretches from the first of these on, and return all that is to be taken in again, in order."""
+        place = max(bisect_right(self._stretches, fresh[0].time_s, key=_begin_of) - 1, 0)
+        back = self._stretches[place:]
+        del self._stretches[place:]
+        newer = [sighting for stretch in back for sighting in stretch.sightings]
+        self.late += sum(each.time_s < newer[-1].time_s for each in fresh)
+        self.refused -= sum(stretch.refused for stretch in back)
+        self._kept -= len(newer)
+        self._belief = back[0].before
+        return sorted([*newer, *fresh], key=_when)
 
     def _fresh(self, sightings: Sequence[Sighting]) -> list[Sighting]:
         """Return what is new and not too late, in order of time."""
-        newest_s = self._taken[-1].sighting.time_s if self._taken else -inf
+        newest_s = -inf if self._belief is None else self._belief.sighting.time_s
         if len(sightings) == 1 and sightings[0].time_s > newest_s:
             return list(sightings)
         from_s = max(newest_s - self._settings.late_max_s, self._forgotten_s)
@@ -143,33 +164,45 @@ class TargetFilter:
         return fresh
 
     def _is_repeat(self, sighting: Sighting) -> bool:
-        for index in range(bisect_right(self._taken, sighting.time_s, key=_time_of) - 1, -1, -1):
-            before = self._taken[index].sighting
-            if before.time_s != sighting.time_s:
-                return False
-            if before == sighting:
+        for stretch in reversed(self._stretches):
+            if stretch.from_s <= sighting.time_s and sighting in stretch.sightings:
                 return True
+            if stretch.from_s < sighting.time_s:
+                return False
         return False
 
-    def _after(self, sighting: Sighting) -> _Taken:
+    def _take(self, sighting: Sighting) -> _Belief:
+        """Take in a sighting that is the newest so far, and return what is believed then."""
+        last = self._stretches[-1] if self._stretches else None
+        if last is None or sighting.time_s - last.from_s >= _STRETCH_S or len(last.sightings) >= _STRETCH_MAX:
+            last = _Stretch(self._belief, sighting)
+            self._stretches.append(last)
+        else:
+            last.sightings.append(sighting)
+        self._kept += 1
+        self._belief = self._started(sighting) if self._belief is None else self._after(self._belief, sighting)
+        last.refused += self._belief.refused
+        self.refused += self._belief.refused
+        return self._belief
+
+    def _after(self, last: _Belief, sighting: Sighting) -> _Belief:
         """Return what is believed after a sighting that is the newest so far."""
-        if not self._taken:
-            return self._started(sighting)
-        last = self._taken[-1]
         if last.refused and (other := self._outvoted(last, sighting)) is not None:
             return other
-        taken = self._corrected(last, sighting)
-        if taken.refused:
+        belief = self._corrected(last, sighting)
+        if belief.refused:
             # Every sensor has disagreed with the belief for a while: the belief is what is wrong.
-            too_long = sighting.time_s - taken.doubted_s > self._settings.gate_timeout_s
+            too_long = sighting.time_s - belief.doubted_s > self._settings.gate_timeout_s
             if too_long:
-                return msgspec.structs.replace(self._started(sighting), resets=last.resets + 1)
-            return taken
-        turns = taken.sighting.time_s - taken.turned_s < _TURNS_AGAIN_S
-        certain = _CERTAIN_AGAIN if turns else _CERTAIN
-        return self._turned(taken) if taken.lean.squared > certain else taken
+                return replace(self._started(sighting), resets=last.resets + 1)
+            return belief
+        leans = belief.lean.squared
+        if leans <= _CERTAIN_AGAIN:
+            return belief
+        turns_again = sighting.time_s - belief.turned_s < _TURNS_AGAIN_S
+        return self._turned(belief) if turns_again or leans > _CERTAIN else belief
 
-    def _outvoted(self, last: _Taken, sighting: Sighting) -> _Taken | None:
+    def _outvoted(self, last: _Belief, sighting: Sighting) -> _Belief | None:
         """Return what to believe when nobody has confirmed a first sighting and the last two agree better."""
         if last.accepted_s != last.began_s:
             return None
@@ -177,24 +210,24 @@ class TargetFilter:
         if self._off(first, sighting) >= self._off(last, sighting):
             return None
         other = self._corrected(first, sighting)
-        return None if other.refused else msgspec.structs.replace(other, resets=last.resets)
+        return None if other.refused else replace(other, resets=last.resets)
 
-    def _off(self, taken: _Taken, sighting: Sighting) -> float:
+    def _off(self, belief: _Belief, sighting: Sighting) -> float:
         """Return how far a sighting is off a belief, squared and normalised."""
-        prior = self._carried(taken, sighting.time_s)
+        prior = self._carried(belief, sighting.time_s)
         return corrected(prior, sighting.position_m, sighting.covariance_m2)[1].squared
 
-    def _started(self, sighting: Sighting) -> _Taken:
+    def _started(self, sighting: Sighting) -> _Belief:
         (xx, xy, yy), speed = sighting.covariance_m2, self._settings.velocity_prior_m_s**2
         spread = Spread(xx, xy, 0.0, 0.0, yy, 0.0, 0.0, speed, 0.0, speed)
         time_s = sighting.time_s
-        belief = Motion(time_s, *sighting.position_m, 0.0, 0.0, spread)
-        return _Taken(sighting, belief, _Lean(), time_s, inf, time_s, sighting.importance, sighting.threat)
+        motion = Motion(time_s, *sighting.position_m, 0.0, 0.0, spread)
+        return _Belief(sighting, motion, _Lean(), time_s, inf, time_s, sighting.importance, sighting.threat)
 
-    def _corrected(self, last: _Taken, sighting: Sighting) -> _Taken:
+    def _corrected(self, last: _Belief, sighting: Sighting) -> _Belief:
         """Return the belief after a sighting; one farther off than noise explains counts for less, or is refused."""
         prior = self._carried(last, sighting.time_s)
-        belief, innovation = corrected(prior, sighting.position_m, sighting.covariance_m2)
+        motion, innovation = corrected(prior, sighting.position_m, sighting.covariance_m2)
         unseen_s, squared = sighting.time_s - last.accepted_s, innovation.squared
         if not squared <= _CLIP_SIGMA**2:  # NaN is no innovation either
             # What turns comes this far off the belief in the meantime.
@@ -202,12 +235,12 @@ class TargetFilter:
             _, within_reach = corrected(prior, sighting.position_m, _widened(sighting, 1.0, reach_m**2))
             if not within_reach.squared <= 2.0 * self._settings.gate_sigma**2:
                 doubted_s = min(last.doubted_s, sighting.time_s)
-                return msgspec.structs.replace(last, sighting=sighting, belief=prior, doubted_s=doubted_s, refused=True)
+                return replace(last, sighting=sighting, motion=prior, doubted_s=doubted_s, refused=True)
             excess = sqrt(squared) / _CLIP_SIGMA
-            belief, _ = corrected(prior, sighting.position_m, _widened(sighting, excess, 0.0))
-        return _Taken(
+            motion, _ = corrected(prior, sighting.position_m, _widened(sighting, excess, 0.0))
+        return _Belief(
             sighting,
-            belief,
+            motion,
             last.lean.after(unseen_s, innovation),
             sighting.time_s,
             inf,
@@ -218,50 +251,57 @@ class TargetFilter:
             last.resets,
         )
 
-    def _turned(self, taken: _Taken) -> _Taken:
-        """Return the belief had the velocity been in doubt since shortly before: about then it changed."""
-        onset_s = taken.sighting.time_s - _ONSET_S
-        since = [each for each in self._taken if each.began_s == taken.began_s]
-        first = max(bisect_right(since, onset_s, key=_time_of) - 1, 0)
-        before = since[first]
-        spread, doubt = before.belief.spread, self._settings.manoeuvre_speed_m_s**2
-        belief = before.belief._replace(spread=spread._replace(uu=spread.uu + doubt, vv=spread.vv + doubt))
-        again = msgspec.structs.replace(before, belief=belief, lean=_Lean(), turned_s=taken.sighting.time_s)
-        for each in (*since[first + 1 :], taken):
-            again = self._corrected(again, each.sighting)
-        return msgspec.structs.replace(again, lean=_Lean())
+    def _turned(self, belief: _Belief) -> _Belief:
+        """Return the belief had the velocity been in doubt since shortly before: about then it changed.
 
-    def _carried(self, taken: _Taken, to_s: float) -> Motion:
-        """Return the belief later: seen just now it moves straight on, out of sight it comes to rest by and by."""
-        belief, settings = taken.belief, self._settings
-        if to_s <= belief.time_s:
+        One that began after the last belief that is kept stays: its velocity is in doubt already.
+        """
+        turned_s, doubt = belief.sighting.time_s, self._settings.manoeuvre_speed_m_s**2
+        since = [each for each in self._stretches if each.before is not None and each.before.began_s == belief.began_s]
+        since = since[min(bisect_right(since, turned_s - _ONSET_S, key=_begin_of), len(since) - 1) :]
+        if not since or (before := since[0].before) is None:
             return belief
-        out_of_sight_s = max(taken.accepted_s + OUT_OF_SIGHT_S, belief.time_s)
-        step_s = round(min(to_s, out_of_sight_s) - belief.time_s, STEP_DIGITS)
+        spread = before.motion.spread
+        spread = replace(spread, uu=spread.uu + doubt, vv=spread.vv + doubt)
+        motion = replace(before.motion, spread=spread)
+        again = replace(before, motion=motion, lean=_Lean(), turned_s=turned_s)
+        for stretch in since:
+            for sighting in stretch.sightings:
+                again = self._corrected(again, sighting)
+        return replace(again, lean=_Lean())
+
+    def _carried(self, belief: _Belief, to_s: float) -> Motion:
+        """Return the belief later: seen just now it moves straight on, out of sight it comes to rest by and by."""
+        motion, settings = belief.motion, self._settings
+        if to_s <= motion.time_s:
+            return motion
+        out_of_sight_s = max(belief.accepted_s + OUT_OF_SIGHT_S, motion.time_s)
+        step_s = round(min(to_s, out_of_sight_s) - motion.time_s, STEP_DIGITS)
         if step_s > 0.0:
             # What has turned turns again. In whole hundredths, so that the matrices of each are computed once.
-            lively = round(exp(min(taken.turned_s - belief.time_s, 0.0) / _LIVELY_S), 2)
+            lively = round(exp(min(belief.turned_s - motion.time_s, 0.0) / _LIVELY_S), 2)
             density = settings.acceleration_noise_m_s2**2 + lively * settings.manoeuvre_acceleration_m_s2**2
-            belief = carried(belief, min(to_s, out_of_sight_s), _straight(density, step_s))
+            motion = carried(motion, min(to_s, out_of_sight_s), _straight(density, step_s))
         step_s = round(to_s - out_of_sight_s, STEP_DIGITS)
         if step_s > 0.0:
-            belief = carried(belief, to_s, _wandering(settings.velocity_prior_m_s, settings.coast_s, step_s))
-        return belief
+            motion = carried(motion, to_s, _wandering(settings.velocity_prior_m_s, settings.coast_s, step_s))
+        return motion
 
-    def _forget(self) -> None:
+    def _forget(self, newest_s: float) -> None:
         # One belief older than the window stays: a late sighting needs something to start from, and so does a turn.
-        before_s = self._taken[-1].sighting.time_s - self._settings.late_max_s - _ONSET_S
-        while len(self._taken) > 1 and (self._taken[1].sighting.time_s < before_s or len(self._taken) > HISTORY_MAX):
-            del self._taken[0]
-            self._forgotten_s = self._taken[0].sighting.time_s
+        before_s, stretches = newest_s - self._settings.late_max_s - _ONSET_S, self._stretches
+        while len(stretches) > 1 and (stretches[1].from_s < before_s or self._kept > HISTORY_MAX):
+            self._kept -= len(stretches[0].sightings)
+            del stretches[0]
+            self._forgotten_s = stretches[0].from_s
 
 
 def _when(sighting: Sighting) -> float:
     return sighting.time_s
 
 
-def _time_of(taken: _Taken) -> float:
-    return taken.sighting.time_s
+def _begin_of(stretch: _Stretch) -> float:
+    return stretch.from_s
 
 
 def _widened(sighting: Sighting, excess: float, reach_m2: float) -> tuple[float, float, float]:
