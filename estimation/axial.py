@@ -8,8 +8,10 @@ arrays this small numpy spends its time around the arithmetic; tests hold these 
 from math import sqrt
 from typing import NamedTuple
 
+import msgspec
 
-class Spread(NamedTuple):
+
+class Spread(msgspec.Struct, frozen=True):
     """A symmetric covariance (5, 5) of [p v c s q], by its upper triangle."""
 
     pp: float
@@ -29,7 +31,7 @@ class Spread(NamedTuple):
     qq: float
 
 
-class Along(NamedTuple):
+class Along(msgspec.Struct, frozen=True):
     """What is believed along one axis [m, m/s, m/s²], and its covariance."""
 
     p: float
@@ -68,7 +70,7 @@ class Step(NamedTuple):
 
 def moved(along: Along, step: Step, aim_m: float) -> tuple[float, float, float, float, float]:
     """Return the mean after a step under an aim: `m' = F m + B u`."""
-    p, v, c, s, q, _ = along
+    p, v, c, s, q = along.p, along.v, along.c, along.s, along.q
     w = c + s
     return (
         step.pp * p + step.pv * v + step.disturbed_p * w + step.aimed_p * aim_m,
@@ -81,7 +83,10 @@ def moved(along: Along, step: Step, aim_m: float) -> tuple[float, float, float, 
 
 def carried(along: Along, step: Step, aim_m: float) -> Along:
     """Return the belief after a step under an aim: `P' = F P F' + Q`."""
-    pp, pv, pc, ps, pq, vv, vc, vs, vq, cc, cs, cq, ss, sq, qq = along.spread
+    spread = along.spread
+    pp, pv, pc, ps, pq = spread.pp, spread.pv, spread.pc, spread.ps, spread.pq
+    vv, vc, vs, vq, cc = spread.vv, spread.vc, spread.vs, spread.vq, spread.cc
+    cs, cq, ss, sq, qq = spread.cs, spread.cq, spread.ss, spread.sq, spread.qq
     a, b, d, e, g, h, _, _, _, _, cosine, sine, noise_pp, noise_pv, noise_vv, walk_c, walk_s = step
     # F P, as far as it is needed: the rows of position and velocity, the one of the swing in the end.
     pw, vw = pc + ps, vc + vs
@@ -121,7 +126,10 @@ def corrected(along: Along, position_m: float, rate_m_s: float, noise: tuple[flo
     That is the Mahalanobis distance, of two degrees of freedom; NaN if a measurement was. With the innovation's
     covariance S = L L' and everything divided by L: the gain needs no inverse, what the covariance loses is symmetric.
     """
-    p, v, c, s, q, (pp, pv, pc, ps, pq, vv, vc, vs, vq, cc, cs, cq, ss, sq, qq) = along
+    p, v, c, s, q, spread = along.p, along.v, along.c, along.s, along.q, along.spread
+    pp, pv, pc, ps, pq = spread.pp, spread.pv, spread.pc, spread.ps, spread.pq
+    vv, vc, vs, vq, cc = spread.vv, spread.vc, spread.vs, spread.vq, spread.cc
+    cs, cq, ss, sq, qq = spread.cs, spread.cq, spread.ss, spread.sq, spread.qq
     first = sqrt(pp + noise[0])
     gp, gv, gc, gs, gq = pp / first, pv / first, pc / first, ps / first, pq / first
     second = sqrt(max(vv - gv * gv, 0.0) + noise[1])

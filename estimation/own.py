@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from functools import lru_cache, partial
 from math import cos, hypot, inf, sin
 
+import msgspec
 import numpy as np
 
 from estimation.axial import Along, Spread, Step, carried, corrected, moved
@@ -151,7 +152,7 @@ class OwnFilter:
         position_m2, rate_m2_s2 = self._noise
         prior = self._prior_m_s2**2
         swings = prior if self._turning_rad_s else 0.0
-        spread = _NO_SPREAD._replace(pp=position_m2, vv=rate_m2_s2, cc=prior, ss=swings, qq=swings)
+        spread = msgspec.structs.replace(_NO_SPREAD, pp=position_m2, vv=rate_m2_s2, cc=prior, ss=swings, qq=swings)
         self._belief = Along(x, x_rate, 0.0, 0.0, 0.0, spread), Along(y, y_rate, 0.0, 0.0, 0.0, spread)
         self._time_s = telemetry.time_s
         self._doubted_s = inf
@@ -179,18 +180,18 @@ def _predicted(
 
 
 def _bounded(along: Along, limit: float) -> Along:
-    p, v, c, s, q, spread = along
+    c, s, q = along.c, along.s, along.q
     if -limit <= c <= limit and -limit <= s <= limit and -limit <= q <= limit:
         return along
     c, s, q = (min(max(part, -limit), limit) for part in (c, s, q))
-    return Along(p, v, c, s, q, spread)
+    return msgspec.structs.replace(along, c=c, s=s, q=q)
 
 
 def _swinging(along: Along, prior_m_s2: float) -> Along:
     """Return the belief with all disturbance in its steady part, and a swing of which nothing is known but its size."""
-    p, v, c, s, _, spread = along
-    prior = prior_m_s2**2
-    spread = _NO_SPREAD._replace(
+    spread, prior = along.spread, prior_m_s2**2
+    spread = msgspec.structs.replace(
+        _NO_SPREAD,
         pp=spread.pp,
         pv=spread.pv,
         pc=spread.pc + spread.ps,
@@ -200,7 +201,7 @@ def _swinging(along: Along, prior_m_s2: float) -> Along:
         ss=prior,
         qq=prior,
     )
-    return Along(p, v, c + s, 0.0, 0.0, spread)
+    return Along(along.p, along.v, along.c + along.s, 0.0, 0.0, spread)
 
 
 def _covariance(x: Spread, y: Spread) -> Vector:

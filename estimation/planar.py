@@ -7,6 +7,7 @@ same equations stand element by element, and tests hold them against filterpy's.
 from math import sqrt
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from estimation.state import Vector
@@ -15,7 +16,7 @@ _LEAST_M2 = 1e-9
 """No innovation is surer than this: rounding must not make a variance negative."""
 
 
-class Spread(NamedTuple):
+class Spread(msgspec.Struct, frozen=True):
     """A symmetric covariance (4, 4) of [x y x' y'], by its upper triangle."""
 
     xx: float
@@ -30,7 +31,7 @@ class Spread(NamedTuple):
     vv: float
 
 
-class Motion(NamedTuple):
+class Motion(msgspec.Struct, frozen=True):
     """What is believed of a motion at one time: position and velocity [m, m/s], and their covariance."""
 
     time_s: float
@@ -43,12 +44,12 @@ class Motion(NamedTuple):
     @property
     def mean(self) -> Vector:
         """The mean (4,)."""
-        return np.array(self[1:5])
+        return np.array((self.x, self.y, self.u, self.v))
 
     @property
     def covariance(self) -> Vector:
         """The covariance (4, 4)."""
-        xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = self.spread
+        xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = msgspec.structs.astuple(self.spread)
         return np.array([(xx, xy, xu, xv), (xy, yy, yu, yv), (xu, yu, uu, uv), (xv, yv, uv, vv)])
 
 
@@ -65,7 +66,7 @@ class Drift(NamedTuple):
     velocity: float
 
 
-class Innovation(NamedTuple):
+class Innovation(msgspec.Struct, frozen=True):
     """How far a measured position is off the belief, whitened by the covariance of that."""
 
     x: float
@@ -79,7 +80,9 @@ class Innovation(NamedTuple):
 
 def carried(motion: Motion, to_s: float, drift: Drift) -> Motion:
     """Return the belief after a step: `P' = F P F' + Q`."""
-    _, x, y, u, v, (xx, xy, xu, xv, yy, yu, yv, uu, uv, vv) = motion
+    x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
+    xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
+    yu, yv, uu, uv, vv = spread.yu, spread.yv, spread.uu, spread.uv, spread.vv
     t, k, place, mixed, velocity = drift
     return Motion(
         to_s,
@@ -110,7 +113,9 @@ def corrected(
     With the innovation's covariance S = L L' and everything divided by L: the gain needs no inverse, and what the
     covariance loses is symmetric.
     """
-    time_s, x, y, u, v, (xx, xy, xu, xv, yy, yu, yv, uu, uv, vv) = motion
+    x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
+    xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
+    yu, yv, uu, uv, vv = spread.yu, spread.yv, spread.uu, spread.uv, spread.vv
     noise_xx, noise_xy, noise_yy = noise_m2
     first = sqrt(xx + noise_xx)
     across = (xy + noise_xy) / first
@@ -124,7 +129,7 @@ def corrected(
     )
     e = (position_m[0] - x) / first
     f = (position_m[1] - y - across * e) / second
-    spread = Spread(
+    left = Spread(
         xx - gx * gx - hx * hx,
         xy - gx * gy - hx * hy,
         xu - gx * gu - hx * hu,
@@ -136,5 +141,7 @@ def corrected(
         uv - gu * gv - hu * hv,
         vv - gv * gv - hv * hv,
     )
-    after = Motion(time_s, x + gx * e + hx * f, y + gy * e + hy * f, u + gu * e + hu * f, v + gv * e + hv * f, spread)
+    after = Motion(
+        motion.time_s, x + gx * e + hx * f, y + gy * e + hy * f, u + gu * e + hu * f, v + gv * e + hv * f, left
+    )
     return after, Innovation(e, f)

@@ -5,6 +5,7 @@ from math import cos, nan, sin
 import numpy as np
 import pytest
 from filterpy import kalman
+from msgspec.structs import astuple
 
 from estimation.axial import Along, Spread, Step, carried, corrected, moved
 from estimation.state import Vector
@@ -23,12 +24,12 @@ def drawn(seed: int) -> tuple[Along, np.random.Generator]:
 
 
 def mean(along: Along) -> Vector:
-    return np.array(along[:5])
+    return np.array(astuple(along)[:5])
 
 
 def covariance(along: Along) -> Vector:
     half = np.zeros((5, 5))
-    half[UPPER] = along.spread
+    half[UPPER] = astuple(along.spread)
     return half + np.triu(half, 1).T
 
 
@@ -72,7 +73,7 @@ def test_a_belief_is_carried_as_filterpy_does(seed: int) -> None:
 
     assert mean(after) == pytest.approx(expected[0].ravel(), abs=1e-9)
     assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
-    assert moved(along, step, 1.7) == after[:5]
+    assert moved(along, step, 1.7) == astuple(after)[:5]
 
 
 @pytest.mark.parametrize("seed", range(5))
