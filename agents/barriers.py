@@ -42,6 +42,10 @@ class Demand(msgspec.Struct, frozen=True):
     least_m_s2: float
     evades: bool = False
 
+    def met_by(self, acceleration_m_s2: Pair) -> bool:
+        """Return whether an acceleration is what is demanded."""
+        return self.normal[0] * acceleration_m_s2[0] + self.normal[1] * acceleration_m_s2[1] >= self.least_m_s2
+
 
 class Body(msgspec.Struct, frozen=True):
     """Something to keep away from: position, velocity and acceleration, and the distance to keep.

@@ -32,7 +32,8 @@ class ClockWatch:
         ahead_s = usual_s - age_s
         if abs(ahead_s) <= self._limit_s:
             self._usual_s[sender] = usual_s - _FOLLOWING * ahead_s
-            self.off.pop(sender, None)
+            if self.off:
+                self.off.pop(sender, None)
         elif sender in self.off:
             self.off[sender].heard_s, self.off[sender].by_s = now_s, ahead_s
         else:

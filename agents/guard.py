@@ -74,7 +74,7 @@ class Guard:
         x, y = (wish_m - position).tolist()
         lead = (x, y)
         reached = self._reached(lead)
-        rows = self._rows(situation, bodies) if self._safety.guard else []
+        rows = self._rows(situation, bodies, reached) if self._safety.guard else []
         missed = [row for row in rows if row.plane.missing(reached) > _KEPT_M]
         if missed:
             return self._kept(position, lead, reached, rows, missed)
@@ -124,7 +124,8 @@ class Guard:
         distance_m, limit_m = hypot(*lead), self._safety.setpoint_lead_max_m
         return lead if distance_m <= limit_m else (lead[0] * limit_m / distance_m, lead[1] * limit_m / distance_m)
 
-    def _rows(self, situation: Situation, bodies: Sequence[Body]) -> list[_Row]:
+    def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Point) -> list[_Row]:
+        """Return what the lead has to be; nothing where this one is all that is demanded, as it mostly is."""
         safety = self._safety
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
@@ -148,6 +149,9 @@ class Guard:
             ]
         w_x, w_y = situation.disturbance.tolist()
         drift = w_x - self._axes[0].a1_per_s * x_rate, w_y - self._axes[1].a1_per_s * y_rate
+        answer = self._axes[0].a0_per_s2 * lead[0] + drift[0], self._axes[1].a0_per_s2 * lead[1] + drift[1]
+        if not bounds and all(demand.met_by(answer) for demand in demands):
+            return []
         return [self._row(demand, drift) for demand in demands] + bounds
 
     def _row(self, demand: Demand, drift: Point) -> _Row:

@@ -26,7 +26,7 @@ from estimation.state import POSITION, VELOCITY, Vector
 
 SETTLED_M_S = 0.3
 """Who flies at the formation's velocity to within this has arrived."""
-_STANDING = (Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.STOOD_DOWN.value)
+_STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.STOOD_DOWN.value))
 """Members in these tactics stand where they are: the ring goes around them."""
 
 

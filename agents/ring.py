@@ -32,8 +32,9 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     ahead = [wrap_turn_rad(other - bearing_rad) for other in other_bearings_rad]
     if not ahead:
         return RingPlace(1, None, None)
-    behind = [wrap_turn_rad(-angle) for angle in ahead]
-    return RingPlace(len(ahead) + 1, min(ahead), min(behind))
+    # Who is where the vehicle is counts as a whole turn ahead, and a whole turn behind.
+    farthest_rad = max((angle for angle in ahead if angle < tau), default=0.0)
+    return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
 
 
 def spaced_rate_rad_s(place: RingPlace, rate_rad_s: float, gain_per_s: float) -> float:
