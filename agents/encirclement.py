@@ -125,7 +125,8 @@ class EncirclementPlanner:
         speed = max(-settings.speed_max_m_s, min(settings.speed_max_m_s, speed))
         outward = np.array([np.cos(polar.bearing_rad), np.sin(polar.bearing_rad)])
         error = target[VELOCITY] + speed * outward - motion[VELOCITY]
-        return setpoint_for_acceleration(motion, self._plant.a1_per_s * error, disturbance_m_s2, self._plant)
+        x, y = (self._plant.a1_per_s * error).tolist()
+        return setpoint_for_acceleration(motion, (x, y), disturbance_m_s2, self._plant)
 
     def _reference(self, place: RingPlace, rate_wanted_rad_s: float) -> Vector:
         """Return the reference (horizon, 4); both spacing terms of (24) together pull towards one weighted bearing.
@@ -150,7 +151,8 @@ class EncirclementPlanner:
         radius = polar.radius_m
         angular_rad_s2, fastest_rad_s = settings.acceleration_max_m_s2 / radius, settings.speed_max_m_s / radius
         self._pushes[0, 1], self._pushes[1, 1] = -angular_rad_s2, angular_rad_s2
-        self._rates_min[:], self._rates_max[:] = -fastest_rad_s, fastest_rad_s
+        self._rates_min.fill(-fastest_rad_s)
+        self._rates_max.fill(fastest_rad_s)
         if place.lead_rad is None or place.lag_rad is None:
             self._bearings_min[:], self._bearings_max[:] = -_FREE, _FREE
         else:

@@ -77,16 +77,13 @@ class _Belief(msgspec.Struct, frozen=True):
 class _Stretch:
     """Sightings one after the other, and what was believed before the first of them (None: nothing yet)."""
 
-    __slots__ = ("before", "refused", "sightings")
+    __slots__ = ("before", "from_s", "refused", "sightings")
 
     def __init__(self, before: _Belief | None, first: Sighting) -> None:
         self.before = before
+        self.from_s = first.time_s
         self.sightings = [first]
         self.refused = 0
-
-    @property
-    def from_s(self) -> float:
-        return self.sightings[0].time_s
 
 
 class TargetFilter:
@@ -120,7 +117,7 @@ class TargetFilter:
         for each in fresh:
             belief = self._take(each)
         self.resets += max(belief.resets - resets, 0)
-        self._forget(belief.sighting.time_s)
+        self._forget(fresh[-1].time_s)
 
     def estimate(self, now_s: float) -> TargetEstimate | None:
         """Return the estimate at `now_s`; None if there is none, or the newest sighting behind it is stale."""
@@ -150,15 +147,13 @@ class TargetFilter:
         return sorted([*newer, *fresh], key=_when)
 
     def _fresh(self, sightings: Sequence[Sighting]) -> list[Sighting]:
-        """Return what is new and not too late, in order of time."""
+        """Return what is not too late, in order of time; repeats of what is newest are left to be found."""
         newest_s = -inf if self._belief is None else self._belief.sighting.time_s
-        if len(sightings) == 1 and sightings[0].time_s > newest_s:
-            return list(sightings)
         from_s = max(newest_s - self._settings.late_max_s, self._forgotten_s)
         fresh = [
             each
-            for each in dict.fromkeys(sorted(sightings, key=_when))
-            if each.time_s > newest_s or (each.time_s >= from_s and not self._is_repeat(each))
+            for each in sorted(sightings, key=_when)
+            if each.time_s >= newest_s or (each.time_s >= from_s and not self._is_repeat(each))
         ]
         self.refused += len(sightings) - len(fresh)
         return fresh
@@ -172,18 +167,21 @@ class TargetFilter:
         return False
 
     def _take(self, sighting: Sighting) -> _Belief:
-        """Take in a sighting that is the newest so far, and return what is believed then."""
-        last = self._stretches[-1] if self._stretches else None
+        """Take in a sighting that is the newest so far unless it is a repeat, and return what is believed then."""
+        before, last = self._belief, self._stretches[-1] if self._stretches else None
+        if before is not None and sighting.time_s == before.sighting.time_s and self._is_repeat(sighting):
+            self.refused += 1
+            return before
         if last is None or sighting.time_s - last.from_s >= _STRETCH_S or len(last.sightings) >= _STRETCH_MAX:
-            last = _Stretch(self._belief, sighting)
+            last = _Stretch(before, sighting)
             self._stretches.append(last)
         else:
             last.sightings.append(sighting)
         self._kept += 1
-        self._belief = self._started(sighting) if self._belief is None else self._after(self._belief, sighting)
-        last.refused += self._belief.refused
-        self.refused += self._belief.refused
-        return self._belief
+        self._belief = belief = self._started(sighting) if before is None else self._after(before, sighting)
+        last.refused += belief.refused
+        self.refused += belief.refused
+        return belief
 
     def _after(self, last: _Belief, sighting: Sighting) -> _Belief:
         """Return what is believed after a sighting that is the newest so far."""

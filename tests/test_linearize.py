@@ -116,7 +116,7 @@ def test_a_vehicle_on_its_circle_keeps_to_it_about_a_moving_target() -> None:
 
 
 def test_a_cartesian_acceleration_is_what_the_plant_does() -> None:
-    motion, wanted = np.array([3.0, -2.0, 1.0, 0.5]), np.array([0.4, -0.9])
+    motion, wanted = np.array([3.0, -2.0, 1.0, 0.5]), (0.4, -0.9)
     x_d, y_d = setpoint_for_acceleration(motion, wanted, WIND, PLANT)
     assert 0.80 * (x_d - 3.0) - 0.87 * 1.0 + 0.2 == pytest.approx(0.4)
     assert 0.60 * (y_d + 2.0) - 1.10 * 0.5 - 0.1 == pytest.approx(-0.9)
