@@ -4,10 +4,15 @@ All vehicles are raised by as much, so that they keep the heights that their `al
 where the band of altitudes stops them.
 """
 
+from typing import TYPE_CHECKING
+
 from agents.settings import AgentConfig
 from agents.tactics import Tactic
+from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting
-from estimation.target_altitude import TargetAltitude
+
+if TYPE_CHECKING:
+    from estimation.target_altitude import TargetAltitude
 
 _STAYS = (Tactic.HOLD, Tactic.ASIDE)
 
@@ -17,9 +22,8 @@ class Altitude:
 
     def __init__(self, config: AgentConfig) -> None:
         ring, safety = config.encirclement, config.safety
-        self._follows = ring.altitude == "target"
         self._flying_m = config.altitude_m
-        self._target = TargetAltitude(config.target_filter)
+        self._target = _target_altitude(config.target_filter) if ring.altitude == "target" else None
         lowest_m = config.altitude_m if config.altitude_lowest_m is None else config.altitude_lowest_m
         highest_m = config.altitude_m if config.layers_from_m is None else config.layers_from_m
         self._above_lowest_m = config.altitude_m - lowest_m
@@ -32,17 +36,17 @@ class Altitude:
     @property
     def target_m(self) -> float | None:
         """The altitude that the target is believed to have, None where it is unknown or of no interest."""
-        return self._target.mean_m
+        return None if self._target is None else self._target.mean_m
 
     def sight(self, *sightings: Sighting) -> None:
         """Take in sightings from any sensors, in any order."""
-        if self._follows:
+        if self._target is not None:
             for sighting in sorted(sightings, key=lambda each: each.time_s):
                 self._target.sight(sighting)
 
     def next_m(self, tactic: Tactic, layer_m: float) -> float:
         """Return the altitude of the next setpoint, called once for each; `layer_m` is the one without a target."""
-        if not self._follows:
+        if self._target is None:
             return layer_m
         left_m = self._wanted_m(tactic, layer_m) - self._altitude_m
         self._altitude_m += min(max(left_m, -self._step_m), self._step_m)
@@ -52,9 +56,16 @@ class Altitude:
         if tactic in _STAYS:
             return self._altitude_m
         # Until all are in their places vehicles have layers to themselves: nobody leaves them before.
-        if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m or self._target.mean_m is None:
+        if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m or self.target_m is None:
             return layer_m
-        lowest_m = self._target.mean_m + self._offset_m
+        lowest_m = self.target_m + self._offset_m
         lowest_m = lowest_m if self._high_m is None else min(lowest_m, self._high_m)
         lowest_m = lowest_m if self._low_m is None else max(lowest_m, self._low_m)
         return lowest_m + self._above_lowest_m
+
+
+def _target_altitude(settings: TargetFilterSettings) -> "TargetAltitude":
+    # filterpy takes as long to import as all the rest of an agent: missions that follow no altitude do without.
+    from estimation.target_altitude import TargetAltitude  # noqa: PLC0415
+
+    return TargetAltitude(settings)

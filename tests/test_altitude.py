@@ -1,5 +1,7 @@
 """Altitudes: the layers, or the target's from noisy sightings, and what the vehicles make of it together."""
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -30,6 +32,11 @@ BAND = {"altitude_min_m": 3.0, "altitude_max_m": 30.0}
 ABOVE = {"altitude": "target", "altitude_offset_m": 6.0}
 FLIES_M, LOWEST_M, HIGHEST_M = 9.0, 8.0, 12.0
 """One of several vehicles: the heights of its mission's."""
+
+
+def test_who_follows_no_altitude_is_spared_the_import_of_filterpy() -> None:
+    code = "import sys, gcs.simulated; sys.exit('filterpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def told(altitude_m: float | None, time_s: float = 1.0, sigma_m: float = 0.5) -> Sighting:
