@@ -31,6 +31,7 @@ from agents.situation import Situation, Wish, moved, shifted
 from agents.symptoms import Symptoms
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team import Team
+from agents.turning import Turning
 from agents.yaw import Yaw
 from estimation.own import OwnFilter
 from estimation.state import (
@@ -60,6 +61,7 @@ class VehicleCore:
         self._guard = Guard(config)
         self._yaw = Yaw(config)
         self._altitudes = Altitude(config)
+        self._turning = Turning(config.rate_hz)
         self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
         self._neighbours = Neighbours(config)
         self._planner = Planner(config, self._team)
@@ -180,7 +182,7 @@ class VehicleCore:
         self._decide(situation)
         wish = self._planner.wish(self._tactic, situation, self._height_m)
         self._notes += [Note(now_s, "ring", text) for text in self._planner.news()]
-        self._follow_ring()
+        self._follow_ring(situation)
         wish = self._increment.bounded(self._tactic, wish)
         guarded = self._guarded(situation, wish)
         self._note_guard(now_s, wish, guarded)
@@ -329,12 +331,14 @@ class VehicleCore:
 
     @property
     def _ring_rate_rad_s(self) -> float:
-        """The angular rate at which this vehicle goes around, but for corrections of its place; 0 off the ring."""
-        return self._planner.pace.stepped_rate_rad_s if self._tactic is Tactic.ENCIRCLE else 0.0
+        """The angular rate at which the ring is flown, but for corrections of places on it; 0 off the ring."""
+        return self._planner.pace.orbit.angular_rate_rad_s if self._tactic is Tactic.ENCIRCLE else 0.0
 
-    def _follow_ring(self) -> None:
+    def _follow_ring(self, situation: Situation | None = None) -> None:
         """Look for a disturbance that swings as the vehicle goes around: at the rate that is flown."""
-        self._own.turn_disturbance(self._ring_rate_rad_s if self._config.own_filter.disturbance_turns else 0.0)
+        polar = None if situation is None else situation.polar
+        self._turning.follow(self._ring_rate_rad_s, None if polar is None else polar.angular_rate_rad_s)
+        self._own.turn_disturbance(self._turning.rate_rad_s if self._config.own_filter.disturbance_turns else 0.0)
 
     def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
         state = member_state(
@@ -390,4 +394,5 @@ class VehicleCore:
             self._planner.pace.words if self._tactic is Tactic.ENCIRCLE else "",
             self._ring_rate_rad_s,
             self._altitudes.target_m,
+            self._turning.rate_rad_s,
         )

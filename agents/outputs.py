@@ -37,7 +37,7 @@ class CoreStatus(msgspec.Struct, frozen=True):
     `alert` is the failsafe that holds it, empty if none; `notes` are what has happened, `answers` what peers
     have answered operators, both since the last tick. `slowed` says what of the mission's ring is not flown, and why;
     `ring_rate_rad_s` is the angular rate of the one that is, 0 off the ring. `target_altitude_m` is what it believes of
-    the target's altitude where it follows that.
+    the target's altitude where it follows that, `turning_rad_s` the rate at which it takes itself to go around.
     """
 
     vehicle_id: int
@@ -59,6 +59,7 @@ class CoreStatus(msgspec.Struct, frozen=True):
     slowed: str = ""
     ring_rate_rad_s: float = 0.0
     target_altitude_m: float | None = None
+    turning_rad_s: float = 0.0
 
     @property
     def motion(self) -> Vector | None:

@@ -137,11 +137,6 @@ class Pace:
             return f"ring at {rate:.0%} of its rate{wider}: {why}, too fast to be kept up with"
         return f"ring at {rate:.0%} of its rate{wider}: {why}"
 
-    @property
-    def stepped_rate_rad_s(self) -> float:
-        """The angular rate that is flown, in whole steps: for what follows it, but not every small change."""
-        return round(self._flown.rate * _STEPS) / _STEPS * self._ring.angular_rate_rad_s
-
     def _need(self, found: Shares, target_m_s: float, now_s: float) -> None:
         """Take up a need once it has lasted: soon if it is more, late if it is less."""
         worse = found.rate < self.needed.rate or found.radius > self.needed.radius

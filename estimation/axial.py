@@ -10,6 +10,9 @@ from typing import NamedTuple
 
 import msgspec
 
+Turn = tuple[float, float]
+"""Cosine and sine of the angle by which the oscillator turns in a step."""
+
 
 class Spread(msgspec.Struct, frozen=True):
     """A symmetric covariance (5, 5) of [p v c s q], by its upper triangle."""
@@ -43,7 +46,7 @@ class Along(msgspec.Struct, frozen=True):
 
 
 class Step(NamedTuple):
-    """A step of one axis: the plant's transition, what disturbance and aim add, and the oscillator's turn.
+    """A step of one axis: the plant's transition, what disturbance and aim add.
 
     `ramp` is what a slope of the aim about its mean adds. The noise is that of the position, of position with velocity,
     of the velocity, and the walks of the steady disturbance and of both halves of the oscillator.
@@ -59,8 +62,6 @@ class Step(NamedTuple):
     aimed_v: float
     ramp_p: float
     ramp_v: float
-    cosine: float
-    sine: float
     noise_pp: float
     noise_pv: float
     noise_vv: float
@@ -68,26 +69,27 @@ class Step(NamedTuple):
     walk_s: float
 
 
-def moved(along: Along, step: Step, aim_m: float) -> tuple[float, float, float, float, float]:
+def moved(along: Along, step: Step, turn: Turn, aim_m: float) -> tuple[float, float, float, float, float]:
     """Return the mean after a step under an aim: `m' = F m + B u`."""
     p, v, c, s, q = along.p, along.v, along.c, along.s, along.q
-    w = c + s
+    w, (cosine, sine) = c + s, turn
     return (
         step.pp * p + step.pv * v + step.disturbed_p * w + step.aimed_p * aim_m,
         step.vp * p + step.vv * v + step.disturbed_v * w + step.aimed_v * aim_m,
         c,
-        step.cosine * s - step.sine * q,
-        step.sine * s + step.cosine * q,
+        cosine * s - sine * q,
+        sine * s + cosine * q,
     )
 
 
-def carried(along: Along, step: Step, aim_m: float) -> Along:
+def carried(along: Along, step: Step, turn: Turn, aim_m: float) -> Along:
     """Return the belief after a step under an aim: `P' = F P F' + Q`."""
     spread = along.spread
     pp, pv, pc, ps, pq = spread.pp, spread.pv, spread.pc, spread.ps, spread.pq
     vv, vc, vs, vq, cc = spread.vv, spread.vc, spread.vs, spread.vq, spread.cc
     cs, cq, ss, sq, qq = spread.cs, spread.cq, spread.ss, spread.sq, spread.qq
-    a, b, d, e, g, h, _, _, _, _, cosine, sine, noise_pp, noise_pv, noise_vv, walk_c, walk_s = step
+    a, b, d, e, g, h, _, _, _, _, noise_pp, noise_pv, noise_vv, walk_c, walk_s = step
+    cosine, sine = turn
     # F P, as far as it is needed: the rows of position and velocity, the one of the swing in the end.
     pw, vw = pc + ps, vc + vs
     p_p, p_v = a * pp + b * pv + g * pw, a * pv + b * vv + g * vw
@@ -99,7 +101,7 @@ def carried(along: Along, step: Step, aim_m: float) -> Along:
     s_s, s_q = cosine * ss - sine * sq, cosine * sq - sine * qq
     q_s, q_q = sine * ss + cosine * sq, sine * sq + cosine * qq
     return Along(
-        *moved(along, step, aim_m),
+        *moved(along, step, turn, aim_m),
         Spread(
             a * p_p + b * p_v + g * p_w + noise_pp,
             d * p_p + e * p_v + h * p_w + noise_pv,

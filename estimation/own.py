@@ -14,7 +14,7 @@ from math import cos, hypot, inf, sin
 import msgspec
 import numpy as np
 
-from estimation.axial import Along, Spread, Step, carried, corrected, moved
+from estimation.axial import Along, Spread, Step, Turn, carried, corrected, moved
 from estimation.consistency import Consistency
 from estimation.plant import Plant, PlantAxis, exact_step
 from estimation.settings import OwnFilterSettings
@@ -120,11 +120,16 @@ class OwnFilter:
         ahead of the last one as the vehicle flies meanwhile. Only after there was telemetry.
         """
         assert self._belief is not None
-        steps = self._steps(self._turning_rad_s, round(at_s - self._time_s, STEP_DIGITS))
-        unsent = self._steps(self._turning_rad_s, unsent_s)
+        step_s = round(at_s - self._time_s, STEP_DIGITS)
+        steps, turn = self._steps(self._swings, step_s), self._turn(step_s)
+        unsent = self._steps(self._swings, unsent_s)
         means_m, slopes_m_s = self._inputs.ramp(self._time_s, at_s)
-        x, x_rate, x_disturbed = _predicted(self._belief[0], steps[0], means_m[0], slopes_m_s[0], unsent[0], unsent_s)
-        y, y_rate, y_disturbed = _predicted(self._belief[1], steps[1], means_m[1], slopes_m_s[1], unsent[1], unsent_s)
+        x, x_rate, x_disturbed = _predicted(
+            self._belief[0], steps[0], turn, means_m[0], slopes_m_s[0], unsent[0], unsent_s
+        )
+        y, y_rate, y_disturbed = _predicted(
+            self._belief[1], steps[1], turn, means_m[1], slopes_m_s[1], unsent[1], unsent_s
+        )
         return np.array((x, y, x_rate, y_rate, *self._disturbance(x_disturbed, y_disturbed)))
 
     @property
@@ -142,10 +147,18 @@ class OwnFilter:
         step_s = round(to_s - self._time_s, STEP_DIGITS)
         if step_s <= 0.0:
             return self._belief
-        x_step, y_step = self._steps(self._turning_rad_s, step_s)
+        (x_step, y_step), turn = self._steps(self._swings, step_s), self._turn(step_s)
         aim_x, aim_y = self._inputs.mean(self._time_s, to_s)
         x, y = self._belief
-        return carried(x, x_step, aim_x), carried(y, y_step, aim_y)
+        return carried(x, x_step, turn, aim_x), carried(y, y_step, turn, aim_y)
+
+    @property
+    def _swings(self) -> bool:
+        return self._turning_rad_s != 0.0
+
+    def _turn(self, step_s: float) -> Turn:
+        angle_rad = self._turning_rad_s * step_s
+        return cos(angle_rad), sin(angle_rad)
 
     def _reset(self, telemetry: Telemetry) -> None:
         (x, y, _), (x_rate, y_rate, _) = telemetry.position_m, telemetry.velocity_m_s
@@ -170,10 +183,10 @@ class OwnFilter:
 
 
 def _predicted(
-    along: Along, step: Step, aim_m: float, slope_m_s: float, unsent: Step, unsent_s: float
+    along: Along, step: Step, turn: Turn, aim_m: float, slope_m_s: float, unsent: Step, unsent_s: float
 ) -> tuple[float, float, float]:
     """Return position, velocity and disturbance after a step under a ramp of aims, the last `unsent_s` without one."""
-    p, v, c, s, _ = moved(along, step, aim_m)
+    p, v, c, s, _ = moved(along, step, turn, aim_m)
     p, v = p + step.ramp_p * slope_m_s, v + step.ramp_v * slope_m_s
     ahead_m = v * 2.0 * unsent_s
     return p + unsent.aimed_p * ahead_m, v + unsent.aimed_v * ahead_m, c + s
@@ -281,7 +294,7 @@ class _InputHistory:
         return zip(edges, edges[1:], self._setpoint_m[first : last + 1], strict=False)
 
 
-def _steps(plant: Plant, settings: OwnFilterSettings, turning_rad_s: float, step_s: float) -> tuple[Step, Step]:
+def _steps(plant: Plant, settings: OwnFilterSettings, swings: bool, step_s: float) -> tuple[Step, Step]:
     """Return one step along x and along y."""
     exact = exact_step(plant, step_s)
     density, walk = settings.acceleration_noise_m_s2**2, settings.disturbance_noise_m_s2**2 * step_s
@@ -300,13 +313,11 @@ def _steps(plant: Plant, settings: OwnFilterSettings, turning_rad_s: float, step
             aimed_v=aimed_v,
             ramp_p=ramp_p,
             ramp_v=ramp_v,
-            cosine=cos(turning_rad_s * step_s),
-            sine=sin(turning_rad_s * step_s),
             noise_pp=density * step_s**3 / 3.0,
             noise_pv=density * step_s**2 / 2.0,
             noise_vv=density * step_s,
             walk_c=walk,
-            walk_s=SWING_SHARE**2 * walk if turning_rad_s else 0.0,
+            walk_s=SWING_SHARE**2 * walk if swings else 0.0,
         )
 
     return along(plant.x, 0, 2), along(plant.y, 1, 3)

@@ -60,8 +60,6 @@ def test_a_belief_is_carried_as_filterpy_does(seed: int) -> None:
         aimed_v=aimed[1],
         ramp_p=0.0,
         ramp_v=0.0,
-        cosine=cos(turn),
-        sine=sin(turn),
         noise_pp=pp,
         noise_pv=pv,
         noise_vv=vv,
@@ -69,11 +67,11 @@ def test_a_belief_is_carried_as_filterpy_does(seed: int) -> None:
         walk_s=walk_s,
     )
 
-    after = carried(along, step, 1.7)
+    after = carried(along, step, (cos(turn), sin(turn)), 1.7)
 
     assert mean(after) == pytest.approx(expected[0].ravel(), abs=1e-9)
     assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
-    assert moved(along, step, 1.7) == astuple(after)[:5]
+    assert moved(along, step, (cos(turn), sin(turn)), 1.7) == astuple(after)[:5]
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -515,7 +515,8 @@ def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make
     rates = [output.status.ring_rate_rad_s for output in outputs]
     assert rates[0] == 0.15
     assert rates == sorted(rates, reverse=True)
-    assert sorted(set(rates)) == pytest.approx([0.15 * step / 10.0 for step in range(5, 11)])
+    assert rates[-1] == pytest.approx(0.075)
+    assert -np.diff(rates).min() <= 0.015 * PERIOD_S + 1e-9
 
 
 def test_a_target_seen_again_elsewhere_moves_no_setpoint_far(make_config: Maker) -> None:

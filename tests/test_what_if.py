@@ -94,14 +94,16 @@ def test_a_disturbance_turns_no_more_once_the_vehicle_is_told_to_leave_the_ring(
     filters, own = FilterRun(config, changed_filters(mission, [])), OwnFilter(config.plant, config.own_filter)
     recorded = next(each for each in log.of_kind(2, Decision) if each.tactic == "encircle")
     # It stands still though its setpoint is beside it: there is a disturbance.
-    on_ring = msgspec.structs.replace(recorded, guard=GuardWord((0.3, 0.0), "passed", (), None))
-    holds = msgspec.structs.replace(on_ring, tactic="hold", ring_rate_rad_s=0.0)
+    rate_rad_s = config.encirclement.angular_rate_rad_s
+    word = GuardWord((0.3, 0.0), "passed", (), None)
+    on_ring = msgspec.structs.replace(recorded, guard=word, turning_rad_s=rate_rad_s)
+    holds = msgspec.structs.replace(on_ring, tactic="hold", turning_rad_s=0.0)
     samples = [Telemetry(i / 5.0, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)) for i in range(40)]
     told = Told(Event.HOLD)
     for sample in samples[:-2]:
         filters.take(Turn((sample, Tick(sample.time_s)), on_ring), [sample])
         own.measure(sample)
-        own.turn_disturbance(config.encirclement.angular_rate_rad_s)
+        own.turn_disturbance(rate_rad_s)
         own.command(sample.time_s, np.array([0.3, 0.0]))
     last, now_s = samples[-2:], samples[-1].time_s
     filters.take(Turn((told, *last, Tick(now_s)), holds), [told, *last])

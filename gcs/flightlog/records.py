@@ -146,7 +146,8 @@ class Decision(msgspec.Struct, frozen=True):
 
     `peers` are the members that it counted on, `answers` what peers answered to operators, as it came over the bus.
     `ring_rate_rad_s` is the angular rate of the ring as it is flown, 0 off it; None in logs older than rings that slow.
-    `target_altitude_m` is what it believed of the target's altitude, None where it followed none.
+    `target_altitude_m` is what it believed of the target's altitude, None where it followed none. `turning_rad_s` is
+    the rate at which it took itself to go around, 0 off the ring; older logs have none.
     """
 
     time_s: float
@@ -168,6 +169,7 @@ class Decision(msgspec.Struct, frozen=True):
     messages_dropped: int
     ring_rate_rad_s: float | None = None
     target_altitude_m: float | None = None
+    turning_rad_s: float | None = None
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -269,6 +271,7 @@ def decision_of(output: TickOutput) -> Decision:
         status.messages_dropped,
         status.ring_rate_rad_s,
         status.target_altitude_m,
+        status.turning_rad_s,
     )
 
 

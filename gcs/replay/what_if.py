@@ -191,7 +191,7 @@ class FilterRun:
                 self._own.command(now_s, np.array(turn.decision.guard.setpoint_m))
 
     def _turn(self, decision: Decision) -> None:
-        rate_rad_s = decision.ring_rate_rad_s
+        rate_rad_s = decision.ring_rate_rad_s if decision.turning_rad_s is None else decision.turning_rad_s
         if rate_rad_s is None:
             rate_rad_s = self._mission_rate_rad_s if decision.tactic == Tactic.ENCIRCLE.value else 0.0
         self._own.turn_disturbance(rate_rad_s if self._turns else 0.0)
