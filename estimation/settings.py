@@ -13,7 +13,7 @@ class OwnFilterSettings(Settings):
     """Noise of a vehicle's own telemetry and of the plant model; standard deviations, and densities per root second.
 
     The disturbance is what the plant leaves unexplained. Part of it stands still, as wind does; a vehicle on the ring
-    also looks for a part that swings at the ring's rate, as a wrong plant's errors do, unless `disturbance_turns` is
+    also looks for a part that swings as it goes around, as a wrong plant's errors do, unless `disturbance_turns` is
     false.
     """
 
