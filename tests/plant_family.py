@@ -116,7 +116,7 @@ def _field(nominal: str) -> Content:
     mission["target"] |= {"start_m": [14.0, 0.0]}
     mission["target"]["sensor"] |= {"range_m": 60.0, "noise_m": 0.3}
     # The lead that the softest vehicle needs at full speed, the disturbance that the wrong plant file amounts to, and a
-    # gate that takes a jump of the estimator for what it is and does not leave a vehicle to a wrong plant file for long.
+    # gate that takes a jump of the estimator for what it is, and leaves no vehicle to a wrong plant file for long.
     mission["safety"] |= {"separation_m": 2.0, "setpoint_lead_max_m": 10.0}
     mission["own_filter"] |= {"disturbance_max_m_s2": 7.0, "gate_sigma": 8.0, "gate_timeout_s": 0.3}
     return mission
