@@ -93,5 +93,5 @@ def position_sigma_m(covariance: Vector) -> float:
 
 
 def _require_finite(what: str, *values: float) -> None:
-    if not isfinite(sum(values)):  # as soon as one of them is not
+    if not isfinite(sum(values)) and not all(map(isfinite, values)):  # the sum is quick, but may overflow
         raise ValueError(f"{what} holds a number that is not finite: {values}")

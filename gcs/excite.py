@@ -113,9 +113,9 @@ def _show(mission: Mission, planned: Preview, record: FlightRecord, *, json: boo
 
 
 def flown_excitation(mission: Mission, record: FlightRecord) -> FlownExcitation:
-    """Return what a flight for identification was."""
+    """Return what a flight for identification was where it was seen: a truth that paused is NaN meanwhile."""
     track, settings = record.vehicles[0], mission.excitation
-    excited = track.tactic == Tactic.EXCITE.value
+    excited = (track.tactic == Tactic.EXCITE.value) & np.isfinite(track.position_m).all(axis=1)
     start_x, start_y = mission.vehicles[0].section.start_m
     parts = programme(mission.agent_config(mission.vehicles[0])).parts
     in_box = excited & (record.time_s >= parts[0].begin_s)

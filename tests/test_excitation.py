@@ -196,6 +196,25 @@ def test_the_box_holds_in_wind_and_on_other_plants(
     assert flown.parts_missing == ()
 
 
+def test_what_was_not_seen_for_a_moment_spoils_no_figure_and_a_part_not_seen_is_missing() -> None:
+    mission = excited("case2")
+    record = fly_simulated(mission, 0, mission.mission.duration_s, lambda _: None)
+    first, second, *_ = programme(config_of(mission)).parts
+
+    def flown(from_s: float, to_s: float) -> FlownExcitation:
+        unseen = (record.time_s >= from_s) & (record.time_s < to_s)
+        track = record.vehicles[0]
+        seen_m = np.where(unseen[:, None], np.nan, track.position_m)
+        return flown_excitation(mission, replace(record, vehicles=(replace(track, position_m=seen_m),)))
+
+    whole = flown_excitation(mission, record)
+    paused = flown(first.end_s, second.begin_s)
+    assert replace(paused, duration_s=whole.duration_s, distance_m=whole.distance_m) == whole
+    assert paused.distance_m == pytest.approx(whole.distance_m, rel=0.01)
+    assert paused.duration_s == pytest.approx(whole.duration_s - (second.begin_s - first.end_s), abs=0.05)
+    assert flown(second.begin_s, second.end_s).parts_missing == (second.name,)
+
+
 class Flown:
     """A core and the plant that it believes in, with commands in between."""
 

@@ -1,12 +1,13 @@
 """Records as Protobuf: what is written is read back to the last bit, by this code and by somebody else's."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
@@ -21,6 +22,8 @@ from tests.flight_logs import engaging, record_simulation
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 TRIPLES = st.tuples(NUMBERS, NUMBERS, NUMBERS)
+LARGEST = (0.0, 0.0, sys.float_info.max)
+"""Finite, while the sum of two such numbers is not."""
 
 
 def back(record: Any, number: int = 7) -> Any:
@@ -34,6 +37,7 @@ def bits(values: tuple[float, ...]) -> list[str]:
     return [value.hex() for value in values]
 
 
+@example(0.0, LARGEST, LARGEST)
 @given(NUMBERS, TRIPLES, TRIPLES)
 def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> None:
     again = back(Telemetry(time_s, position, velocity))
