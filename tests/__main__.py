@@ -6,8 +6,8 @@ import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -20,15 +20,14 @@ CHECKS = (
     ("lint-imports", "--no-logo"),
 )
 
-STAGES = (
-    ("not wire", "wire and not team", "team and not (operator or processes or alone)"),
-    ("operator", "processes"),
-    ("alone",),
-)
-"""What runs side by side: those with sockets mostly wait, but for too long where too many compute beside them."""
+COMPUTING = "not wire"
+"""Runs beside the stages, which mostly wait for sockets, and gives way to them when their time comes."""
+STAGES = (("wire and not team", "team and not (operator or processes or alone)"), ("operator", "processes"))
+"""What runs side by side, one pair after the other."""
+ALONE = "alone"
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
 """Matrices here are small: more threads only spin, in the way of the other processes."""
-STAGE_MAX_S = 900.0
+HANGS_AFTER_S = 1500.0
 """A test that hangs is ended by pytest's own bound; this one is for a process that hangs outside of its tests."""
 
 
@@ -43,32 +42,49 @@ def main() -> int:
 
 
 def _run_all_tests() -> int:
-    return max([_run_side_by_side(parts) for parts in STAGES])
+    with _started(COMPUTING, "nice", "-n", "19") as computing:
+        failed = [_fail(parts) for parts in STAGES]
+        failed.append(not computing())
+    failed.append(_fail([ALONE]))
+    return int(any(failed))
 
 
-def _run_side_by_side(parts: Sequence[str]) -> int:
+def _fail(parts: Sequence[str]) -> bool:
+    """Run parts side by side, and return whether one of them fails."""
     with ExitStack() as stack:
-        outputs = [stack.enter_context(TemporaryFile()) for _ in parts]
-        runs = [
-            subprocess.Popen([SCRIPTS / "pytest", "-m", part], cwd=ROOT, env=ENVIRONMENT, stdout=output, stderr=output)
-            for part, output in zip(parts, outputs, strict=True)
-        ]
-        end_s = time.monotonic() + STAGE_MAX_S
-        for part, output, run in zip(parts, outputs, runs, strict=True):
+        runs = [stack.enter_context(_started(part)) for part in parts]
+        return not min([passes() for passes in runs])  # all of them are shown
+
+
+@contextmanager
+def _started(part: str, *prefix: str) -> Iterator[Callable[[], bool]]:
+    """Start the tests of one part; what is yielded waits for their end, shows the output and says whether they pass."""
+    command = [*prefix, str(SCRIPTS / "pytest"), "-m", part]
+    end_s = time.monotonic() + HANGS_AFTER_S
+    with TemporaryFile() as output:
+        process = subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=output, stderr=output)
+
+        def passes() -> bool:
             print(f"--- pytest -m '{part}'", flush=True)
-            _wait(run, end_s)
+            _wait(process, end_s)
             output.seek(0)
             sys.stdout.buffer.write(output.read())
-    return int(any(run.wait() for run in runs))
+            sys.stdout.buffer.flush()
+            return process.returncode == 0
+
+        try:
+            yield passes
+        finally:
+            process.kill()
 
 
-def _wait(run: subprocess.Popen[bytes], end_s: float) -> None:
+def _wait(process: subprocess.Popen[bytes], end_s: float) -> None:
     try:
-        run.wait(max(0.0, end_s - time.monotonic()))
+        process.wait(max(0.0, end_s - time.monotonic()))
     except subprocess.TimeoutExpired:
-        print(f"hangs: aborted after {STAGE_MAX_S:g} s", flush=True)
-        run.send_signal(signal.SIGABRT)  # pytest's fault handler tells where each of its threads stands
-        run.wait()
+        print(f"hangs: aborted after {HANGS_AFTER_S:g} s", flush=True)
+        process.send_signal(signal.SIGABRT)  # pytest's fault handler tells where each of its threads stands
+        process.wait()
 
 
 def _run(tool: str, *arguments: str) -> int:
