@@ -21,7 +21,7 @@ CHECKS = (
 )
 
 COMPUTING = "not wire"
-"""Runs beside the stages, which mostly wait for sockets, and gives way to them when their time comes."""
+"""Runs beside checks and stages; these mostly wait for sockets, and it gives way to them when their time comes."""
 STAGES = (("wire and not team", "team and not (operator or processes or alone)"), ("operator", "processes"))
 """What runs side by side, one pair after the other."""
 ALONE = "alone"
@@ -32,21 +32,24 @@ HANGS_AFTER_S = 1500.0
 
 
 def main() -> int:
-    """Run every check, the tests last, and return 0 if all of them pass."""
-    failed = [check for check in CHECKS if _run(*check) != 0]
+    """Run every check and all tests, and return 0 if all of them pass."""
     arguments = sys.argv[1:]
-    tests = _run("pytest", *arguments) if arguments else _run_all_tests()
-    for check in failed:
-        print(f"failed: {' '.join(check)}", file=sys.stderr)
-    return 1 if failed else tests
+    if arguments:
+        checks = _failing_checks()
+        tests_fail = _run("pytest", *arguments) != 0
+    else:
+        with _started(COMPUTING, "nice", "-n", "19") as computing:
+            checks = _failing_checks()
+            failed = [_fail(parts) for parts in STAGES]
+            failed.append(not computing())
+        tests_fail = any([*failed, _fail([ALONE])])
+    for check in checks:
+        print(f"failed: {check}", file=sys.stderr)
+    return int(tests_fail or bool(checks))
 
 
-def _run_all_tests() -> int:
-    with _started(COMPUTING, "nice", "-n", "19") as computing:
-        failed = [_fail(parts) for parts in STAGES]
-        failed.append(not computing())
-    failed.append(_fail([ALONE]))
-    return int(any(failed))
+def _failing_checks() -> list[str]:
+    return [" ".join(check) for check in CHECKS if _run(*check) != 0]
 
 
 def _fail(parts: Sequence[str]) -> bool:
