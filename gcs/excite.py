@@ -18,6 +18,7 @@ from estimation.state import Vector
 from gcs.commands import chosen, fly_loaded
 from gcs.excitation import box_m
 from gcs.exits import Exit
+from gcs.metrics import heard
 from gcs.mission import Mission
 from gcs.mission_file import excitation_mission, load_mission
 from gcs.output import STDERR, print_result
@@ -113,9 +114,9 @@ def _show(mission: Mission, planned: Preview, record: FlightRecord, *, json: boo
 
 
 def flown_excitation(mission: Mission, record: FlightRecord) -> FlownExcitation:
-    """Return what a flight for identification was where it was seen: a truth that paused is NaN meanwhile."""
+    """Return what a flight for identification was, as far as the vehicle was heard: a truth may pause for a moment."""
     track, settings = record.vehicles[0], mission.excitation
-    excited = (track.tactic == Tactic.EXCITE.value) & np.isfinite(track.position_m).all(axis=1)
+    excited = (track.tactic == Tactic.EXCITE.value) & heard(record)[0]
     start_x, start_y = mission.vehicles[0].section.start_m
     parts = programme(mission.agent_config(mission.vehicles[0])).parts
     in_box = excited & (record.time_s >= parts[0].begin_s)

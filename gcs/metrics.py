@@ -111,7 +111,7 @@ def formation_errors(record: FlightRecord, formation: FormationReference) -> tup
     place to be off.
     """
     judged = _formation_span(record.time_s, engagement_times_s(record))
-    mask = np.asarray(_heard(record) & _flies(record, "formation") & judged)
+    mask = np.asarray(heard(record) & _flies(record, "formation") & judged)
     speed_error_m_s = np.full(mask.shape, np.nan)
     for row, track in enumerate(record.vehicles):
         speed_error_m_s[row, mask[row]] = np.hypot(*(track.velocity_m_s[mask[row]] - (formation.speed_m_s, 0.0)).T)
@@ -125,7 +125,7 @@ def ring_motion(record: FlightRecord) -> RingMotion:
     for index, track in enumerate(record.vehicles):
         offset_m[index] = track.position_m - record.target_position_m
         drift_m_s[index] = track.velocity_m_s - record.target_velocity_m_s
-    encircling = _heard(record) & _flies(record, "encircle")
+    encircling = heard(record) & _flies(record, "encircle")
     radius_m = np.where(encircling, np.hypot(offset_m[..., 0], offset_m[..., 1]), np.nan)
     # On top of the target there is neither a bearing nor an angular rate.
     defined_m = np.where(radius_m > 0.0, radius_m, np.nan)
@@ -141,7 +141,7 @@ def ring_motion(record: FlightRecord) -> RingMotion:
     )
 
 
-def _heard(record: FlightRecord) -> Mask:
+def heard(record: FlightRecord) -> Mask:
     """Return which samples (V, T) hold a vehicle's position, velocity and tactic."""
     mask = ~_flies(record, "unknown")
     for row, track in zip(mask, record.vehicles, strict=True):
@@ -159,7 +159,7 @@ def _flies(record: FlightRecord, tactic: str) -> Mask:
 
 def _members(record: FlightRecord) -> Mask:
     """Bridge the gaps in which a vehicle was not heard: it is in the ring if it was before and after."""
-    known, encircle = _heard(record), _flies(record, "encircle")
+    known, encircle = heard(record), _flies(record, "encircle")
     samples = record.time_s.size
     index = np.arange(samples)
     before = np.maximum.accumulate(np.where(known, index, -1), axis=1)
@@ -222,7 +222,7 @@ def _vehicle_results(
 ) -> tuple[VehicleResult, ...]:
     engaged_s = engagement_times_s(record)
     speed_error_m_s, spacing_error_m = formation_errors(record, formation)
-    known = _heard(record)
+    known = heard(record)
     results = []
     for row, track in enumerate(record.vehicles):
         radius_error_m = motion.radius_m[row, window] - ring.radius_m
