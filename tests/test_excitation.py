@@ -368,7 +368,9 @@ def test_a_box_over_a_neighbours_place_is_refused() -> None:
 
 
 def test_who_does_not_excite_is_not_told_of_the_box() -> None:
-    parsed(put(content(), ("excitation", "offset_m"), [0.0, 0.0]))
+    mission = parsed(put(content(), ("excitation", "offset_m"), [0.0, 0.0]))
+    assert not mission.excites
+    assert mission.excitation.offset_m == (0.0, 0.0)
 
 
 def test_a_hull_holds_all_places_and_turns_one_way() -> None:
