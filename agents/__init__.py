@@ -1,1 +1,5 @@
-"""The per-vehicle agent: a pure core that decides and plans, and the asynchronous shell around it."""
+"""The agent of one vehicle: it estimates, decides, plans, guards and sends, and talks to its peers.
+
+`core` is the tick and `tape` records it; each folder may import the folders below it in the import contract of
+pyproject.toml. Only `shell` knows clocks, sockets and asyncio.
+"""

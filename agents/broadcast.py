@@ -1,12 +1,21 @@
 """What a vehicle tells its peers, made from what it believes and does: ready to be sent."""
 
-from agents.linearize import Polar
-from agents.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
+from agents.control.plan import Plan
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
-from agents.pace import Shares
-from agents.situation import Situation, Wish
+from agents.situation.situation import Situation
 from agents.tactics import Tactic
+from agents.team.messages import (
+    TOPICS,
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    PeerMessage,
+    TargetPackage,
+    encode,
+)
+from agents.team.ring_scale import RingScale
+from estimation.polar import Polar
 from estimation.state import MOTION, Sighting
 
 
@@ -14,7 +23,7 @@ def member_state(
     vehicle_id: int,
     tactic: Tactic,
     situation: Situation,
-    wish: Wish,
+    plan: Plan,
     *,
     altitude_m: float,
     alert: str,
@@ -22,8 +31,8 @@ def member_state(
 ) -> Outgoing:
     """Tell tactic, motion and the undisturbed setpoint, taken back from when it acts to the present."""
     x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
-    setpoint_x, setpoint_y = wish.undisturbed_m.tolist()
-    rate_x, rate_y = wish.rate_m_s.tolist()
+    setpoint_x, setpoint_y = plan.undisturbed_m.tolist()
+    rate_x, rate_y = plan.rate_m_s.tolist()
     ahead_s = situation.acting_s - situation.now_s
     return _outgoing(
         MemberState(
@@ -42,7 +51,7 @@ def member_state(
     )
 
 
-def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar, needed: Shares) -> Outgoing:
+def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar, needed: RingScale) -> Outgoing:
     """Tell the place on the ring, and what of the ring this vehicle can fly."""
     return _outgoing(
         NeighbourAngle(

@@ -8,32 +8,57 @@ from math import hypot
 
 import numpy as np
 
-from agents.altitude import Altitude
-from agents.blend import Blend
-from agents.broadcast import command_answer, member_state, neighbour_angle, sighting_told, target_package
-from agents.clock_watch import ClockWatch
-from agents.failsafe import Condition, FailsafeMonitor
-from agents.feedforward import FeedForward
-from agents.guard import Guard, Guarded, GuardStatus
-from agents.homing import assembled
-from agents.inbox import Inbox
-from agents.increment import Increment
-from agents.linearize import polar_from_motion
-from agents.lmpc import QpStatus
-from agents.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
-from agents.neighbours import Neighbours
+from agents.broadcast import (
+    command_answer,
+    member_state,
+    neighbour_angle,
+    sighting_told,
+    target_package,
+)
+from agents.control.homing import assembled
+from agents.control.lmpc import QpStatus
+from agents.control.plan import Plan, shifted
+from agents.control.planner import Planner
 from agents.orders import Orders, Reshaping
-from agents.outputs import CoreStatus, Note, Outgoing, TickOutput
-from agents.planning import Planner
+from agents.outputs import (
+    CoreStatus,
+    Note,
+    Outgoing,
+    TickOutput,
+)
 from agents.ports import Setpoint, VehicleStatus
-from agents.settings import AgentConfig
-from agents.situation import Situation, Wish, moved, shifted
-from agents.symptoms import Symptoms
-from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
-from agents.team import Team
-from agents.turning import Turning
-from agents.yaw import Yaw
-from estimation.own import OwnFilter
+from agents.safety.failsafe import Condition, FailsafeMonitor
+from agents.safety.fault_detector import FaultDetector
+from agents.safety.guard import Guard, Guarded, GuardStatus
+from agents.safety.neighbours import Neighbours
+from agents.setpoint.altitude import Altitude
+from agents.setpoint.feedforward import FeedForward
+from agents.setpoint.slew_limit import SlewLimit
+from agents.setpoint.yaw import Yaw
+from agents.settings.config import AgentConfig
+from agents.situation.ring_frequency import RingFrequency
+from agents.situation.situation import Situation, moved
+from agents.situation.target_blend import TargetBlend
+from agents.tactics import (
+    Event,
+    Tactic,
+    decides_to_encircle,
+    next_tactic,
+    reasons,
+)
+from agents.team.clock_watch import ClockWatch
+from agents.team.inbox import Inbox
+from agents.team.messages import (
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    OperatorCommand,
+    TargetPackage,
+)
+from agents.team.team import Team
+from estimation.filters.own import OwnFilter
+from estimation.filters.target import TargetFilter
+from estimation.polar import polar_from_motion
 from estimation.state import (
     DISTURBANCE,
     MOTION,
@@ -41,7 +66,6 @@ from estimation.state import (
     Sighting,
     Telemetry,
 )
-from estimation.target import TargetFilter
 
 GUARD_QUIET_S = 5.0
 """After this long without it the guard's next intervention is news again."""
@@ -54,20 +78,20 @@ class VehicleCore:
         self._config = config
         self._own = OwnFilter(config.plant, config.own_filter)
         self._target = TargetFilter(config.target_filter)
-        self._blend = Blend(config)
+        self._target_blend = TargetBlend(config)
         self._team = Team()
-        self._patience = 1.0
-        self._increment = Increment(config)
+        self._time_scale = 1.0
+        self._slew_limit = SlewLimit(config)
         self._guard = Guard(config)
         self._yaw = Yaw(config)
         self._altitudes = Altitude(config)
-        self._turning = Turning(config.rate_hz)
+        self._ring_frequency = RingFrequency(config.rate_hz)
         self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
         self._neighbours = Neighbours(config)
         self._planner = Planner(config, self._team)
         clocks = ClockWatch(config.failsafe.clock_step_s)
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
-        self._symptoms = Symptoms(config, self._own, self._target, self._team, clocks)
+        self._fault_detector = FaultDetector(config, self._own, self._target, self._team, clocks)
         self._failsafe = FailsafeMonitor(config)
         self._height_m = self._altitude_m = config.take_off_altitude_m
         self._tactic = Tactic.STANDBY
@@ -100,10 +124,10 @@ class VehicleCore:
         """Whether the motors are to be cut: asked for at once, that waits for no tick."""
         return self._orders.kills
 
-    def set_patience(self, factor: float) -> None:
+    def set_time_scale(self, factor: float) -> None:
         """Wait `factor` times as long for what comes over a link: links take wall time, the core's may pass faster."""
-        self._patience = factor
-        self._failsafe.set_patience(factor)
+        self._time_scale = factor
+        self._failsafe.set_time_scale(factor)
 
     def start(self, at_s: float) -> None:
         """Begin the mission at `at_s`: the formation's clock starts then."""
@@ -116,15 +140,15 @@ class VehicleCore:
 
     def on_vehicle(self, status: VehicleStatus) -> None:
         """Take what the autopilot says of itself."""
-        self._symptoms.battery = status.battery
+        self._fault_detector.battery = status.battery
 
     def on_loop(self, late_ticks: int) -> None:
         """Take how many ticks were skipped before the next, because it comes that late."""
-        self._symptoms.late_ticks = late_ticks
+        self._fault_detector.late_ticks = late_ticks
 
     def on_bus(self, alive: bool) -> None:
         """Take whether the bus to the peers works, as far as this end of it knows."""
-        self._symptoms.bus_alive = alive
+        self._fault_detector.bus_alive = alive
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""
@@ -139,7 +163,7 @@ class VehicleCore:
 
     def on_message(self, payload: bytes, now_s: float) -> None:
         """Take a peer's message; what is malformed, foreign or from the future is counted and dropped."""
-        message = self._inbox.take(payload, now_s, self._patience)
+        message = self._inbox.take(payload, now_s, self._time_scale)
         match message:
             case MemberState():
                 self._team.hear_member(message)
@@ -174,27 +198,27 @@ class VehicleCore:
         self._now_s = now_s
         self._obey(self._orders.due(self._tactic, now_s))
         answers = tuple(map(command_answer, self._orders.answers(now_s)))
-        self._team.expire(now_s, self._patience)
+        self._team.expire(now_s, self._time_scale)
         situation = self._assess(now_s)
         if situation is None:
             return TickOutput(None, answers, self._status(now_s, None, None, None))
         self._fail_safe(situation)
         self._decide(situation)
-        wish = self._planner.wish(self._tactic, situation, self._height_m)
+        plan = self._planner.plan(self._tactic, situation, self._height_m)
         self._notes += [Note(now_s, "ring", text) for text in self._planner.news()]
         self._follow_ring(situation)
-        wish = self._increment.bounded(self._tactic, wish)
-        guarded = self._guarded(situation, wish)
-        self._note_guard(now_s, wish, guarded)
-        self._symptoms.unsolved = wish.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
-        setpoint = None if self._tactic is Tactic.STOOD_DOWN else self._setpoint(situation, wish, guarded)
-        wish = shifted(wish, guarded.setpoint_m)
-        self._increment.sent(guarded.setpoint_m)
+        plan = self._slew_limit.bounded(self._tactic, plan)
+        guarded = self._guarded(situation, plan)
+        self._note_guard(now_s, plan, guarded)
+        self._fault_detector.unsolved = plan.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
+        setpoint = None if self._tactic is Tactic.PILOT_OVERRIDE else self._setpoint(situation, plan, guarded)
+        plan = shifted(plan, guarded.setpoint_m)
+        self._slew_limit.sent(guarded.setpoint_m)
         self._own.command(now_s, guarded.setpoint_m)
         return TickOutput(
             setpoint,
-            (*answers, *self._messages(situation, wish)),
-            self._status(now_s, situation, wish, guarded),
+            (*answers, *self._messages(situation, plan)),
+            self._status(now_s, situation, plan, guarded),
         )
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
@@ -225,8 +249,8 @@ class VehicleCore:
         acting_s = now_s + self._acts_after_s
         acting = self._own.predicted(acting_s, 0.5 / self._config.rate_hz)
         acting_target = None if target is None else moved(target.mean, acting_s - target.time_s)
-        centre = self._blend.centre(target, now_s)
-        blended = centre is not None and self._blend.catching_up
+        centre = self._target_blend.centre(target, now_s)
+        blended = centre is not None and self._target_blend.catching_up
         return Situation(
             now_s,
             acting_s,
@@ -242,7 +266,7 @@ class VehicleCore:
 
     def _fail_safe(self, situation: Situation) -> None:
         failsafe, tactic = self._failsafe, self._tactic
-        found = self._symptoms.find(situation, tactic, self._height_m, failsafe.active, self._patience)
+        found = self._fault_detector.find(situation, tactic, self._height_m, failsafe.active, self._time_scale)
         event = failsafe.judge(situation.now_s, found, tactic)
         for text in failsafe.news():
             self._notes.append(Note(situation.now_s, "failsafe", text))
@@ -265,15 +289,15 @@ class VehicleCore:
             in_line = now_s - formed_s > self._config.encirclement.smoothing_time_s
             self._change(Event.ENGAGE, reasons(target, situation.own.mean[POSITION], self._config.decision))
             self._planner.engage(now_s, None if in_line else situation.own.mean[POSITION])
-        if self._tactic is Tactic.COME_DOWN and self._planner.homing.may_land(
-            situation, self._team.members(), self._patience
+        if self._tactic is Tactic.RETURN_AND_LAND and self._planner.homing.may_land(
+            situation, self._team.members(), self._time_scale
         ):
             self._change(Event.LAND)
         self._choose_height(situation)
 
     def _choose_height(self, situation: Situation) -> None:
         """Fly at the flying height once everybody is in place: until then, and on the way home, in layers."""
-        if self._tactic is Tactic.COME_DOWN and self._planner.homing.returns:
+        if self._tactic is Tactic.RETURN_AND_LAND and self._planner.homing.returns:
             self._altitude_m = self._config.return_altitude_m
         elif self._altitude_m != self._config.altitude_m and self._tactic in (Tactic.FORMATION, Tactic.ENCIRCLE):
             here, flown_s = situation.own.mean[POSITION], situation.now_s - self._start_s
@@ -298,33 +322,33 @@ class VehicleCore:
         self._tactic = after
         if event is Event.RESUME:
             self._failsafe.resume()
-        if event is Event.FOREIGN_MODE:
-            self._failsafe.latch(Condition.FOREIGN_MODE, "somebody else has the vehicle")
+        if event is Event.PILOT_TOOK_OVER:
+            self._failsafe.latch(Condition.PILOT_TOOK_OVER, "somebody else has the vehicle")
         self._planner.begin(after, to_home=event is Event.RETURN)
         self._follow_ring()
         if after is Tactic.FORMATION:
             self._formed_s = None
 
-    def _guarded(self, situation: Situation, wish: Wish) -> Guarded:
+    def _guarded(self, situation: Situation, plan: Plan) -> Guarded:
         """Guard the setpoint, unless nobody obeys it: while the autopilot lands the vehicle or somebody else has it."""
-        if self._tactic in (Tactic.LAND, Tactic.STOOD_DOWN):
-            return Guarded(wish.setpoint_m)
+        if self._tactic in (Tactic.LAND, Tactic.PILOT_OVERRIDE):
+            return Guarded(plan.setpoint_m)
         lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
         near = self._neighbours.near(situation, self._team.members())
         bodies = self._neighbours.bodies(situation, self._height_m, near, lost)
-        return self._guard.check(situation, wish.setpoint_m, bodies)
+        return self._guard.check(situation, plan.setpoint_m, bodies)
 
-    def _setpoint(self, situation: Situation, wish: Wish, guarded: Guarded) -> Setpoint:
-        (x, y), velocity = self._feedforward.split(situation, wish, guarded)
+    def _setpoint(self, situation: Situation, plan: Plan, guarded: Guarded) -> Setpoint:
+        (x, y), velocity = self._feedforward.split(situation, plan, guarded)
         yaw_rad = self._yaw.turn(self._tactic, situation)
         altitude_m = self._altitudes.next_m(self._tactic, self._altitude_m)
         return Setpoint((x, y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
 
-    def _note_guard(self, now_s: float, wish: Wish, guarded: Guarded) -> None:
+    def _note_guard(self, now_s: float, plan: Plan, guarded: Guarded) -> None:
         """Note when the guard begins to change setpoints, and why; not again while it goes on and off."""
         if guarded.causes:
             if now_s - self._guarding_s > GUARD_QUIET_S:
-                (x, y), moved_m = wish.setpoint_m.tolist(), hypot(*(guarded.setpoint_m - wish.setpoint_m).tolist())
+                (x, y), moved_m = plan.setpoint_m.tolist(), hypot(*(guarded.setpoint_m - plan.setpoint_m).tolist())
                 because = f"the setpoint wished for, ({x:.2f}, {y:.2f}) m, was moved by {moved_m:.2f} m"
                 self._notes.append(Note(now_s, "guard", ", ".join(cause.words for cause in guarded.causes), because))
             self._guarding_s = now_s
@@ -332,27 +356,29 @@ class VehicleCore:
     @property
     def _ring_rate_rad_s(self) -> float:
         """The angular rate at which the ring is flown, but for corrections of places on it; 0 off the ring."""
-        return self._planner.pace.orbit.angular_rate_rad_s if self._tactic is Tactic.ENCIRCLE else 0.0
+        return self._planner.ring_feasibility.orbit.angular_rate_rad_s if self._tactic is Tactic.ENCIRCLE else 0.0
 
     def _follow_ring(self, situation: Situation | None = None) -> None:
         """Look for a disturbance that swings as the vehicle goes around: at the rate that is flown."""
         polar = None if situation is None else situation.polar
-        self._turning.follow(self._ring_rate_rad_s, None if polar is None else polar.angular_rate_rad_s)
-        self._own.turn_disturbance(self._turning.rate_rad_s if self._config.own_filter.disturbance_turns else 0.0)
+        self._ring_frequency.follow(self._ring_rate_rad_s, None if polar is None else polar.angular_rate_rad_s)
+        self._own.turn_disturbance(
+            self._ring_frequency.rate_rad_s if self._config.own_filter.disturbance_turns else 0.0
+        )
 
-    def _messages(self, situation: Situation, wish: Wish) -> tuple[Outgoing, ...]:
+    def _messages(self, situation: Situation, plan: Plan) -> tuple[Outgoing, ...]:
         state = member_state(
             self._config.vehicle_id,
             self._tactic,
             situation,
-            wish,
+            plan,
             altitude_m=self._height_m,
             alert=self.alert,
             reshaping=self._reshaping,
         )
         messages = [state]
         if self._tactic is Tactic.ENCIRCLE and situation.polar is not None and self._planner.joined:
-            needed = self._planner.pace.needed
+            needed = self._planner.ring_feasibility.needed
             messages.append(neighbour_angle(self._config.vehicle_id, situation.now_s, situation.polar, needed))
         if self._untold:
             recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)
@@ -369,7 +395,7 @@ class VehicleCore:
             self._inbox.dropped += 1
 
     def _status(
-        self, now_s: float, situation: Situation | None, wish: Wish | None, guarded: Guarded | None
+        self, now_s: float, situation: Situation | None, plan: Plan | None, guarded: Guarded | None
     ) -> CoreStatus:
         notes, heard = (*self._notes, *self._orders.notes()), tuple(self._answers_heard)
         self._notes.clear()
@@ -382,17 +408,17 @@ class VehicleCore:
             None if situation is None else situation.own,
             None if situation is None else situation.target,
             None if situation is None else situation.polar,
-            None if wish is None else wish.place,
-            None if wish is None else wish.approach,
-            None if wish is None else wish.qp,
+            None if plan is None else plan.place,
+            None if plan is None else plan.approach,
+            None if plan is None else plan.qp,
             self._team.members(),
             self._inbox.dropped,
             self.alert,
             notes,
             guarded,
             heard,
-            self._planner.pace.words if self._tactic is Tactic.ENCIRCLE else "",
+            self._planner.ring_feasibility.words if self._tactic is Tactic.ENCIRCLE else "",
             self._ring_rate_rad_s,
             self._altitudes.target_m,
-            self._turning.rate_rad_s,
+            self._ring_frequency.rate_rad_s,
         )

@@ -9,10 +9,10 @@ from typing import Literal
 
 import msgspec
 
-from agents.messages import CommandAnswer, OperatorCommand, Verb
 from agents.outputs import Note
-from agents.shapes import Shape
+from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
+from agents.team.messages import CommandAnswer, OperatorCommand, Verb
 
 CUTTING, CUT = "cuts the motors", "motors cut"
 REFUSED = "refused: "
@@ -40,12 +40,12 @@ _NOTHING_NEW: dict[tuple[_Steering, Tactic], str] = {
     ("resume", Tactic.ENCIRCLE): "was on its mission already",
     ("resume", Tactic.EXCITE): "was on its mission already",
     ("land", Tactic.LAND): "was landing already",
-    ("rtl", Tactic.COME_DOWN): "was coming down already",
+    ("rtl", Tactic.RETURN_AND_LAND): "was coming down already",
 }
 _WHY_NOT = {
-    Tactic.COME_DOWN: "it is coming down",
+    Tactic.RETURN_AND_LAND: "it is coming down",
     Tactic.LAND: "it is landing",
-    Tactic.STOOD_DOWN: "somebody else has the vehicle: resume takes it back, kill cuts its motors",
+    Tactic.PILOT_OVERRIDE: "somebody else has the vehicle: resume takes it back, kill cuts its motors",
 }
 
 
@@ -101,7 +101,7 @@ class Orders:
         if self._abort is None:
             return None
         lands_s, origin = self._abort
-        if tactic in (Tactic.LAND, Tactic.STOOD_DOWN):
+        if tactic in (Tactic.LAND, Tactic.PILOT_OVERRIDE):
             self._abort = None
         elif now_s >= lands_s:
             self._abort = None
@@ -146,7 +146,7 @@ class Orders:
         """Hover at once and land later; told again while it hovers, land at once."""
         if self._abort is not None or tactic is Tactic.LAND:
             return self._steer("land", tactic)
-        if tactic is Tactic.STOOD_DOWN:
+        if tactic is Tactic.PILOT_OVERRIDE:
             return f"{REFUSED}{_WHY_NOT[tactic]}", None
         self._abort = (now_s + self._hover_s, origin)
         did, event = self._steer("hold", tactic)

@@ -4,15 +4,20 @@ from typing import Literal
 
 import msgspec
 
-from agents.encirclement import Approach
-from agents.guard import Guarded
-from agents.linearize import Polar
-from agents.lmpc import QpStatus
-from agents.messages import CommandAnswer, MemberState
+from agents.control.encirclement import Approach
+from agents.control.lmpc import QpStatus
+from agents.control.ring import RingPlace
 from agents.ports import Setpoint
-from agents.ring import RingPlace
+from agents.safety.guard import Guarded
 from agents.tactics import Tactic
-from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
+from agents.team.messages import CommandAnswer, MemberState
+from estimation.polar import Polar
+from estimation.state import (
+    MOTION,
+    OwnEstimate,
+    TargetEstimate,
+    Vector,
+)
 
 
 class Outgoing(msgspec.Struct, frozen=True):

@@ -150,7 +150,7 @@ class TargetSensor(Protocol):
         ...
 
 
-class LifeSigns(Protocol):
+class Heartbeat(Protocol):
     """What an agent shows to whoever watches its control loop from outside; never blocks, never raises."""
 
     def rising(self) -> None:

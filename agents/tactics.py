@@ -3,7 +3,7 @@
 from enum import Enum
 from math import hypot
 
-from agents.settings import DecisionSettings
+from agents.settings.sections import DecisionSettings
 from estimation.state import TargetEstimate, Vector
 
 
@@ -16,9 +16,9 @@ class Tactic(Enum):
     EXCITE = "excite"
     ASIDE = "aside"
     HOLD = "hold"
-    COME_DOWN = "come down"
+    RETURN_AND_LAND = "come down"
     LAND = "land"
-    STOOD_DOWN = "stood down"
+    PILOT_OVERRIDE = "stood down"
 
 
 class Event(Enum):
@@ -33,7 +33,7 @@ class Event(Enum):
     END = "end"
     RETURN = "return"
     LAND = "land"
-    FOREIGN_MODE = "foreign mode"
+    PILOT_TOOK_OVER = "foreign mode"
 
 
 TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
@@ -52,35 +52,35 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
     (Tactic.ASIDE, Event.LAND): Tactic.LAND,
     (Tactic.HOLD, Event.RESUME): Tactic.FORMATION,
     (Tactic.HOLD, Event.LAND): Tactic.LAND,
-    (Tactic.STANDBY, Event.END): Tactic.COME_DOWN,
-    (Tactic.FORMATION, Event.END): Tactic.COME_DOWN,
-    (Tactic.ENCIRCLE, Event.END): Tactic.COME_DOWN,
-    (Tactic.HOLD, Event.END): Tactic.COME_DOWN,
-    (Tactic.ASIDE, Event.END): Tactic.COME_DOWN,
-    (Tactic.STANDBY, Event.RETURN): Tactic.COME_DOWN,
-    (Tactic.FORMATION, Event.RETURN): Tactic.COME_DOWN,
-    (Tactic.ENCIRCLE, Event.RETURN): Tactic.COME_DOWN,
-    (Tactic.ASIDE, Event.RETURN): Tactic.COME_DOWN,
-    (Tactic.HOLD, Event.RETURN): Tactic.COME_DOWN,
-    (Tactic.COME_DOWN, Event.HOLD): Tactic.HOLD,
-    (Tactic.COME_DOWN, Event.LAND): Tactic.LAND,
-    (Tactic.COME_DOWN, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
-    (Tactic.STANDBY, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
-    (Tactic.FORMATION, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
-    (Tactic.ENCIRCLE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
-    (Tactic.ASIDE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
-    (Tactic.HOLD, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
-    (Tactic.STOOD_DOWN, Event.RESUME): Tactic.FORMATION,
+    (Tactic.STANDBY, Event.END): Tactic.RETURN_AND_LAND,
+    (Tactic.FORMATION, Event.END): Tactic.RETURN_AND_LAND,
+    (Tactic.ENCIRCLE, Event.END): Tactic.RETURN_AND_LAND,
+    (Tactic.HOLD, Event.END): Tactic.RETURN_AND_LAND,
+    (Tactic.ASIDE, Event.END): Tactic.RETURN_AND_LAND,
+    (Tactic.STANDBY, Event.RETURN): Tactic.RETURN_AND_LAND,
+    (Tactic.FORMATION, Event.RETURN): Tactic.RETURN_AND_LAND,
+    (Tactic.ENCIRCLE, Event.RETURN): Tactic.RETURN_AND_LAND,
+    (Tactic.ASIDE, Event.RETURN): Tactic.RETURN_AND_LAND,
+    (Tactic.HOLD, Event.RETURN): Tactic.RETURN_AND_LAND,
+    (Tactic.RETURN_AND_LAND, Event.HOLD): Tactic.HOLD,
+    (Tactic.RETURN_AND_LAND, Event.LAND): Tactic.LAND,
+    (Tactic.RETURN_AND_LAND, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
+    (Tactic.STANDBY, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
+    (Tactic.FORMATION, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
+    (Tactic.ENCIRCLE, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
+    (Tactic.ASIDE, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
+    (Tactic.HOLD, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
+    (Tactic.PILOT_OVERRIDE, Event.RESUME): Tactic.FORMATION,
     # A flight for identification: this event stands for its start, and for every resume.
     (Tactic.STANDBY, Event.EXCITE): Tactic.EXCITE,
     (Tactic.HOLD, Event.EXCITE): Tactic.EXCITE,
-    (Tactic.STOOD_DOWN, Event.EXCITE): Tactic.EXCITE,
+    (Tactic.PILOT_OVERRIDE, Event.EXCITE): Tactic.EXCITE,
     (Tactic.EXCITE, Event.HOLD): Tactic.HOLD,
     (Tactic.EXCITE, Event.STEP_ASIDE): Tactic.HOLD,
     (Tactic.EXCITE, Event.LAND): Tactic.LAND,
-    (Tactic.EXCITE, Event.END): Tactic.COME_DOWN,
-    (Tactic.EXCITE, Event.RETURN): Tactic.COME_DOWN,
-    (Tactic.EXCITE, Event.FOREIGN_MODE): Tactic.STOOD_DOWN,
+    (Tactic.EXCITE, Event.END): Tactic.RETURN_AND_LAND,
+    (Tactic.EXCITE, Event.RETURN): Tactic.RETURN_AND_LAND,
+    (Tactic.EXCITE, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
 }
 
 

@@ -10,16 +10,16 @@ from typing import Any, Protocol
 import msgspec
 
 from agents.core import VehicleCore
-from agents.messages import OperatorCommand
 from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
-from agents.settings import AgentConfig
+from agents.settings.config import AgentConfig
 from agents.tactics import Event
+from agents.team.messages import OperatorCommand
 from estimation.state import Sighting, Telemetry
 
 
 class Patience(msgspec.Struct, frozen=True):
-    """`set_patience`."""
+    """`set_time_scale`."""
 
     factor: float
 
@@ -123,10 +123,10 @@ class TapedCore(VehicleCore):
         self._late_ticks = 0
         self._bus_alive = True
 
-    def set_patience(self, factor: float) -> None:
+    def set_time_scale(self, factor: float) -> None:
         """See VehicleCore."""
         self._write(Patience(factor))
-        super().set_patience(factor)
+        super().set_time_scale(factor)
 
     def start(self, at_s: float) -> None:
         """See VehicleCore."""
@@ -206,7 +206,7 @@ def play(core: VehicleCore, item: CoreInput) -> TickOutput | None:
 
 
 _CALLS: dict[type, Callable[[VehicleCore, Any], None]] = {
-    Patience: lambda core, item: core.set_patience(item.factor),
+    Patience: lambda core, item: core.set_time_scale(item.factor),
     Start: lambda core, item: core.start(item.at_s),
     Told: lambda core, item: core.on_event(item.event),
     Autopilot: lambda core, item: core.on_vehicle(item.status),

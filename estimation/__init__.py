@@ -1,1 +1,4 @@
-"""Frames, the identified plant and the Kalman filters: pure functions and small objects."""
+"""States, frames, plants, filters and identification.
+
+It imports none of the other packages.
+"""

@@ -1,1 +1,4 @@
-"""The stand-in for hardware: stub autopilots over MAVLink, a world with a target, and a simulation in one process."""
+"""The bundled stub: simulated vehicles that speak MAVLink, and a simulation without sockets.
+
+It imports estimation only, neither agents nor gcs.
+"""

@@ -11,17 +11,18 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from agents.settings import AgentConfig, EncirclementSettings, FormationSettings
-from estimation.plant import Plant, PlantAxis
+from agents.settings.config import AgentConfig
+from agents.settings.sections import EncirclementSettings, FormationSettings
+from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from gcs.flightlog.place import FOLDER_VARIABLE
-from tests.wire import free_ports
+from tests.support.paths import MISSIONS
+from tests.support.wire import free_ports
 
 # The same examples on every run, and no stop-watch: a slow machine is no failure.
 settings.register_profile("cordon", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("cordon")
 
-MISSIONS = Path(__file__).parents[1] / "gcs" / "missions"
 STUB = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.80, 0.87))
 CONFIG = AgentConfig(
     vehicle_id=2,

@@ -5,15 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from gcs.exits import Exit
-from tests.docs import DOCS, GENERATED, renewed
+from gcs.errors import Exit
+from tests.support.docs import GENERATED, renewed
+from tests.support.paths import DOCS
 
 ROOT = DOCS.parent
 
 
 @pytest.mark.parametrize("name", GENERATED)
 def test_generated_parts_are_up_to_date(name: str) -> None:
-    assert (DOCS / name).read_text(encoding="utf-8") == renewed(name), "run python -m tests.docs"
+    assert (DOCS / name).read_text(encoding="utf-8") == renewed(name), "run python -m tests.support.docs"
 
 
 def test_readme_holds_exactly_two_commands() -> None:

@@ -1,1 +1,4 @@
-"""Flight logs: what is recorded, writing and reading it, and reading the logs of autopilots."""
+"""The flight log: recorder, file format, reader and recovery.
+
+It may import preflight, mission and the types of agents that are recorded.
+"""

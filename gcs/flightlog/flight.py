@@ -3,15 +3,23 @@
 from types import TracebackType
 from typing import Protocol, Self
 
-from agents.clock import MissionClock
 from agents.core import VehicleCore
-from agents.settings import AgentConfig
+from agents.settings.config import AgentConfig
+from agents.shell.clock import MissionClock
 from agents.tape import TapedCore
-from gcs.findings import VehicleFacts
 from gcs.flightlog.recorder import Recorder, RecorderThread, VehicleTape
-from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
+from gcs.flightlog.records import (
+    Cost,
+    Parameter,
+    Run,
+    RunEnd,
+    Truth,
+    Vehicle,
+    VehicleEnd,
+)
 from gcs.flightlog.writer import LogWriter, Picture
-from sitl.server import TruthTrack
+from gcs.preflight.findings import VehicleFacts
+from sitl.server.server import TruthTrack
 
 
 class Recording(Protocol):

@@ -1,6 +1,6 @@
 """What is said of a log that cannot be used."""
 
-from gcs.exits import InputError
+from gcs.errors import InputError
 
 
 class LogError(InputError):

@@ -6,7 +6,6 @@ number, which puts all that went into its core and came out of it in order, what
 
 import msgspec
 
-from agents.messages import encode
 from agents.outputs import Note, TickOutput
 from agents.ports import Setpoint
 from agents.tape import (
@@ -22,7 +21,13 @@ from agents.tape import (
     Tick,
     Told,
 )
-from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
+from agents.team.messages import encode
+from estimation.state import (
+    OwnEstimate,
+    Sighting,
+    TargetEstimate,
+    Telemetry,
+)
 
 PROFILE = "cordon"
 """The word by which an MCAP file says whose it is."""

@@ -9,7 +9,7 @@ from typing import BinaryIO
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from gcs.exits import InputError
+from gcs.errors import InputError
 from gcs.flightlog.census import Census
 from gcs.flightlog.container import Container, Entry, Message
 from gcs.flightlog.log_error import LogError

@@ -7,9 +7,14 @@ from pathlib import Path
 
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog
-from gcs.flightlog.records import FORMAT, PlantText, Run, Version
-from gcs.mission import Mission
-from gcs.mission_file import MissionError, parse_mission
+from gcs.flightlog.records import (
+    FORMAT,
+    PlantText,
+    Run,
+    Version,
+)
+from gcs.mission.file import MissionError, parse_mission
+from gcs.mission.mission import Mission
 
 _COMPUTES = ("cordon-gcs", "numpy", "osqp", "scipy", "filterpy", "msgspec")
 """What a computed number may depend on."""

@@ -3,12 +3,18 @@
 from collections.abc import Sequence
 
 from agents.core import VehicleCore
-from agents.settings import AgentConfig
+from agents.settings.config import AgentConfig
 from agents.tape import TapedCore
 from gcs.flightlog.recorder import Recorder, VehicleTape
-from gcs.flightlog.records import Cost, Run, RunEnd, Truth, VehicleEnd
+from gcs.flightlog.records import (
+    Cost,
+    Run,
+    RunEnd,
+    Truth,
+    VehicleEnd,
+)
 from gcs.flightlog.writer import LogWriter, Picture
-from sitl.simulation import SimulatedFlight
+from sitl.simulation.simulation import SimulatedFlight
 
 DRAIN_PERIOD_S = 1.0
 """Writing in between would leave the next tick a processor whose caches are full of other things."""

@@ -1,1 +1,4 @@
-"""Flying again what a log holds: the same decisions, their story, and filters with other parameters."""
+"""The replay of a recorded flight: decisions computed again and compared, and the story of one vehicle.
+
+It may import flightlog, console and mission, and agents' cores.
+"""

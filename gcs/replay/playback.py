@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from agents.messages import OperatorCommand, decode
-from agents.settings import AgentConfig
+from agents.settings.config import AgentConfig
 from agents.tape import (
     Autopilot,
     Bus,
@@ -21,11 +20,12 @@ from agents.tape import (
     Tick,
     Told,
 )
+from agents.team.messages import OperatorCommand, decode
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Said
-from gcs.mission import Mission
+from gcs.mission.mission import Mission
 
 _ON_TAPE = {
     Patience,

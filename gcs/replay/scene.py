@@ -3,9 +3,15 @@
 from math import hypot, inf
 from typing import NamedTuple
 
-from agents.messages import BusMessage, MemberState, decode
 from agents.tactics import Tactic
-from agents.tape import CoreInput, LateTicks, Message, Patience, Start
+from agents.tape import (
+    CoreInput,
+    LateTicks,
+    Message,
+    Patience,
+    Start,
+)
+from agents.team.messages import BusMessage, MemberState, decode
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision
 from gcs.replay.playback import Turn
@@ -23,7 +29,7 @@ class Scene:
 
     def __init__(self) -> None:
         self.start_s: float | None = None
-        self.patience = 1.0
+        self.time_scale = 1.0
         self.height_m = 0.0
         self.late_ticks = 0
         self.last: Decision | None = None
@@ -36,7 +42,7 @@ class Scene:
                 case Start():
                     self.start_s = item.at_s
                 case Patience():
-                    self.patience = item.factor
+                    self.time_scale = item.factor
                 case LateTicks():
                     self.late_ticks = item.count
                 case Telemetry():

@@ -4,13 +4,18 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from agents.lmpc import QpStatus
+from agents.control.lmpc import QpStatus
 from agents.tape import Autopilot
 from estimation.state import Telemetry
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision
 from gcs.flightlog.run import mission_of
-from gcs.replay.playback import Gap, Turn, config_of, turns
+from gcs.replay.playback import (
+    Gap,
+    Turn,
+    config_of,
+    turns,
+)
 from gcs.replay.scene import Neighbour, Scene
 from gcs.replay.witnesses import (
     AutopilotWitness,

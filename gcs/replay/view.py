@@ -9,9 +9,15 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.live import VERDICT_SIGNS
+from gcs.console.live import VERDICT_SIGNS
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, FieldDifference
-from gcs.replay.cores import Difference, Failure, Moment, Replay, VehicleReplay
+from gcs.replay.cores import (
+    Difference,
+    Failure,
+    Moment,
+    Replay,
+    VehicleReplay,
+)
 from gcs.replay.words import input_words, mission_time
 
 FIELDS_SHOWN, INPUTS_SHOWN = 8, 20

@@ -11,23 +11,42 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.broadcast import sighting_told
-from agents.clock_watch import ClockWatch
-from agents.inbox import Inbox
-from agents.messages import OperatorCommand, TargetPackage
-from agents.settings import AgentConfig
+from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
-from agents.tape import Command, Message, Patience, Start, Told
-from estimation.own import OwnFilter
+from agents.tape import (
+    Command,
+    Message,
+    Patience,
+    Start,
+    Told,
+)
+from agents.team.clock_watch import ClockWatch
+from agents.team.inbox import Inbox
+from agents.team.messages import OperatorCommand, TargetPackage
+from estimation.filters.own import OwnFilter
+from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, TargetFilterSettings
-from estimation.state import MOTION, POSITION, VELOCITY, Sighting, Telemetry, Vector
-from estimation.target import TargetFilter
-from gcs.exits import InputError
+from estimation.state import (
+    MOTION,
+    POSITION,
+    VELOCITY,
+    Sighting,
+    Telemetry,
+    Vector,
+)
+from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
-from gcs.mission import Mission
-from gcs.mission_file import unknown_key, validated
+from gcs.mission.file import unknown_key, validated
+from gcs.mission.mission import Mission
 from gcs.replay.estimates import FilterFigures, Track, rms_difference
-from gcs.replay.playback import Gap, Turn, config_of, recorded_vehicles, turns
+from gcs.replay.playback import (
+    Gap,
+    Turn,
+    config_of,
+    recorded_vehicles,
+    turns,
+)
 
 FILTERS = ("own_filter", "target_filter")
 
@@ -128,7 +147,7 @@ class Feed:
     def __init__(self, config: AgentConfig) -> None:
         self._vehicle_id = config.vehicle_id
         self._inbox = Inbox(config.vehicle_id, config.slots, ClockWatch(config.failsafe.clock_step_s))
-        self._patience = 1.0
+        self._time_scale = 1.0
         self.start_s: float | None = None
 
     def inputs(self, turn: Turn) -> Iterator[Fed]:
@@ -136,7 +155,7 @@ class Feed:
         for item in turn.inputs:
             match item:
                 case Patience():
-                    self._patience = item.factor
+                    self._time_scale = item.factor
                 case Start():
                     self.start_s = item.at_s
                 case Telemetry() | Sighting() | Told() | Command():
@@ -145,7 +164,7 @@ class Feed:
                     yield from self._told(item)
 
     def _told(self, item: Message) -> Iterator[Fed]:
-        message = self._inbox.take(item.payload, item.now_s, self._patience)
+        message = self._inbox.take(item.payload, item.now_s, self._time_scale)
         if isinstance(message, OperatorCommand):
             yield message
         if isinstance(message, TargetPackage) and self._vehicle_id in message.recipients:

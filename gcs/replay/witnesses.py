@@ -4,11 +4,16 @@ from collections.abc import Iterator, Sequence
 from math import degrees, hypot
 from typing import NamedTuple, Protocol
 
+from agents.control.lmpc import QpStatus
 from agents.core import GUARD_QUIET_S
-from agents.lmpc import QpStatus
-from agents.messages import TargetPackage
 from agents.ports import VehicleStatus
-from agents.tape import Autopilot, Bus, Message, Told
+from agents.tape import (
+    Autopilot,
+    Bus,
+    Message,
+    Told,
+)
+from agents.team.messages import TargetPackage
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.records import Decision
 from gcs.replay.playback import Turn
@@ -234,7 +239,7 @@ class TelemetryGaps(Instant):
         """See Witness."""
         for item in turn.inputs:
             if isinstance(item, Telemetry):
-                if self._heard_s is not None and item.time_s - self._heard_s > TELEMETRY_GAP_S * scene.patience:
+                if self._heard_s is not None and item.time_s - self._heard_s > TELEMETRY_GAP_S * scene.time_scale:
                     text = f"no telemetry for {item.time_s - self._heard_s:.2f} s"
                     yield Line(self._heard_s, "link", text, key="telemetry")
                 self._heard_s = item.time_s
@@ -256,7 +261,7 @@ class LoopWitness:
             if isinstance(item, Bus):
                 yield Line(now_s, "link", "the bus works again" if item.alive else "the bus does not work")
         if scene.late_ticks:
-            if self._skipped and now_s - self._last_s > QUIET_S * scene.patience:
+            if self._skipped and now_s - self._last_s > QUIET_S * scene.time_scale:
                 yield from self.end()
             if not self._skipped:
                 self._begin_s = now_s

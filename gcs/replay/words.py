@@ -3,16 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from agents.messages import (
-    CommandAnswer,
-    MemberState,
-    Muster,
-    NeighbourAngle,
-    OperatorCommand,
-    PeerMessage,
-    TargetPackage,
-    decode,
-)
 from agents.tape import (
     Autopilot,
     Bus,
@@ -26,6 +16,16 @@ from agents.tape import (
     Start,
     Tick,
     Told,
+)
+from agents.team.messages import (
+    CommandAnswer,
+    MemberState,
+    Muster,
+    NeighbourAngle,
+    OperatorCommand,
+    PeerMessage,
+    TargetPackage,
+    decode,
 )
 from estimation.state import Sighting, Telemetry
 

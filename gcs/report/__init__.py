@@ -1,1 +1,4 @@
-"""The report of a flight: what is to be seen of it, its figures, and the page."""
+"""The report of a flight: pages and tables, made from the evidence and the charts in the folders below.
+
+It may import the readers of logs, console, metrics and mission, not flight.
+"""

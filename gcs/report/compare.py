@@ -11,17 +11,27 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from estimation.state import Vector
-from gcs.live import VERDICT_SIGNS, number
-from gcs.metrics import RingMotion, ring_motion
-from gcs.record import FlightRecord
-from gcs.report.chart import Chart, chart, logarithmic, over_time
-from gcs.report.lyapunov import lyapunov_rad2
+from gcs.console.live import VERDICT_SIGNS, number
+from gcs.metrics.metrics import RingMotion, ring_motion
+from gcs.metrics.record import FlightRecord
+from gcs.metrics.result import (
+    FlightResult,
+    ReynoldsResult,
+    RingReference,
+    VehicleResult,
+)
+from gcs.metrics.reynolds_view import FLOCKING_FORMS, FLOCKING_WORDS
+from gcs.report.charts.chart import (
+    Chart,
+    chart,
+    logarithmic,
+    over_time,
+)
+from gcs.report.charts.panels import say, title
+from gcs.report.charts.thinning import thinned
+from gcs.report.evidence.lyapunov import lyapunov_rad2
 from gcs.report.page import KeyLine, render
-from gcs.report.panels import say, title
-from gcs.report.thinning import thinned
 from gcs.report.view import Section, Table, Verdict
-from gcs.result import FlightResult, ReynoldsResult, RingReference, VehicleResult
-from gcs.reynolds_view import FLOCKING_FORMS, FLOCKING_WORDS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

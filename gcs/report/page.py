@@ -5,13 +5,13 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gcs.record import FlightRecord
-from gcs.report.asked import Asked
-from gcs.report.evidence import FlightEvidence
+from gcs.metrics.record import FlightRecord
+from gcs.metrics.result import FlightResult
+from gcs.report.evidence.asked import Asked
+from gcs.report.evidence.flight import FlightEvidence
 from gcs.report.sections import flight_of, sections
-from gcs.report.style import vehicle_style
 from gcs.report.words import headline, summary, verdicts
-from gcs.result import FlightResult
+from gcs.style import vehicle_style
 
 _REFERENCES = {"truth": "the simulator's truth", "estimate": "the vehicles' estimates"}
 

@@ -6,18 +6,21 @@ from math import isclose
 
 import numpy as np
 
-from gcs.metrics import ring_motion
-from gcs.report import panels, panels_inside, panels_metrics, tables
-from gcs.report.asked import Asked
-from gcs.report.beliefs import Error, own_errors, target_errors
-from gcs.report.chart import WIDTH_IN, Chart, chart
-from gcs.report.evidence import FlightEvidence, VehicleEvidence
-from gcs.report.lyapunov import decays
-from gcs.report.panels import Sheet
-from gcs.report.panels_lanes import draw_lanes, key_rows, lanes_height_in
+from gcs.metrics.metrics import ring_motion
+from gcs.metrics.result import FlightResult
+from gcs.metrics.reynolds import Flocking, flocking
+from gcs.report import tables
+from gcs.report.charts import inside as panels_inside
+from gcs.report.charts import metrics as panels_metrics
+from gcs.report.charts import panels
+from gcs.report.charts.chart import WIDTH_IN, Chart, chart
+from gcs.report.charts.lanes import draw_lanes, key_rows, lanes_height_in
+from gcs.report.charts.panels import Sheet
+from gcs.report.evidence.asked import Asked
+from gcs.report.evidence.beliefs import Error, own_errors, target_errors
+from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
+from gcs.report.evidence.lyapunov import decays
 from gcs.report.view import Section
-from gcs.result import FlightResult
-from gcs.reynolds import Flocking, flocking
 
 _POINTS = 1200
 # Sixteen vehicles share what makes a page of a few megabytes; half a dozen have as many points as they like.

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.state import Vector
-from gcs.live import number
-from gcs.record import FlightEvent
-from gcs.report.beliefs import SIGMAS, Error
-from gcs.report.evidence import FlightEvidence, Hearing, VehicleEvidence
-from gcs.report.lyapunov import FALLEN_SHARE, Decay
-from gcs.report.panels_inside import intervals_ms
+from gcs.console.live import number
+from gcs.metrics.record import FlightEvent
+from gcs.metrics.result import FlightResult
+from gcs.metrics.reynolds_view import FLOCKING_WORDS, flocking_cells, stretches
+from gcs.report.charts.inside import intervals_ms
+from gcs.report.evidence.beliefs import SIGMAS, Error
+from gcs.report.evidence.flight import FlightEvidence, Hearing, VehicleEvidence
+from gcs.report.evidence.lyapunov import FALLEN_SHARE, Decay
 from gcs.report.view import Table
-from gcs.result import FlightResult
-from gcs.reynolds_view import FLOCKING_WORDS, flocking_cells, stretches
 
 _FOLDED_ROWS = 12
 

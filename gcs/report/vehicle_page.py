@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.state import Vector
-from gcs.flightlog.vehicle_log import Series, VehicleLog, describe
-from gcs.report.chart import chart, over_time
+from gcs.report.charts.chart import chart, over_time
+from gcs.report.charts.panels import say, title
+from gcs.report.charts.thinning import thinned, thinned_path
 from gcs.report.page import KeyLine, render
-from gcs.report.panels import say, title
-from gcs.report.style import COLOURS, DESIRED, FAINT, INK
-from gcs.report.thinning import thinned, thinned_path
 from gcs.report.view import Section, Table
+from gcs.style import (
+    COLOURS,
+    DESIRED,
+    FAINT,
+    INK,
+)
+from gcs.vehicle_logs.vehicle_log import Series, VehicleLog, describe
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

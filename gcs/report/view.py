@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gcs.report.chart import Chart
+from gcs.report.charts.chart import Chart
 
 _NARROW_COLUMNS = 5
 

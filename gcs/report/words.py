@@ -4,9 +4,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from gcs.report.asked import Asked
+from gcs.metrics.result import FlightResult
+from gcs.report.evidence.asked import Asked
 from gcs.report.view import Verdict
-from gcs.result import FlightResult
 
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 # More vehicles than these are not named one by one.

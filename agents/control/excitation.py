@@ -1,0 +1,256 @@
+"""The programme of a flight for identification: which setpoint when, and what the vehicle is foreseen to do with it.
+
+Steps between random levels say most about delay and stiffness, swept sines about damping and about what a second
+order leaves out. Each axis is excited alone, then both together by signals of their own. A plant with feed-forward gets
+the sines with their velocities beside them, and the steps with none: apart they tell what becomes of both. The plant
+is linear, and so one flight at unit amplitude, simulated, says how large a part may be for box and speed - also where
+the plant file is wrong.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise, product
+from math import cos, exp, hypot, log, pi, sin
+
+import msgspec
+import numpy as np
+
+from agents.settings.config import AgentConfig
+from agents.settings.sections import ExcitationSettings
+from estimation.plant.model import Plant, PlantAxis, exact_step
+from estimation.state import POSITION, VELOCITY, Vector
+
+LEVELS = 7
+"""How many levels there are from one side of the box to the other."""
+STEP_LARGEST = 0.75
+"""In amplitudes: a smaller largest step lets the levels use more of the box at the same speed."""
+BOX_RESERVE = 0.85
+"""The share of the box that is planned with: estimates wander, and there is wind."""
+LEAD_RESERVE = 0.9
+APPROACH_SHARE = 0.5
+"""Of the speed limit: how fast it flies to the middle of the box."""
+
+
+class Steps(msgspec.Struct, frozen=True):
+    """Levels of unit amplitude, and when each begins, from 0 on."""
+
+    from_s: tuple[float, ...]
+    level: tuple[float, ...]
+
+    def at(self, time_s: float) -> float:
+        """Return the level at a time."""
+        return self.level[max(bisect_right(self.from_s, time_s) - 1, 0)]
+
+    def rate_per_s(self, _time_s: float) -> float:
+        """Return that it stands: a jump has no velocity."""
+        return 0.0
+
+
+class Sweep(msgspec.Struct, frozen=True):
+    """A sine whose frequency rises, or falls, exponentially; above `knee_hz` its amplitude falls, not to be faster."""
+
+    from_hz: float
+    to_hz: float
+    knee_hz: float
+    seconds: float
+
+    def at(self, time_s: float) -> float:
+        """Return its value at a time."""
+        frequency_hz, turns = self._reached(time_s)
+        return min(1.0, self.knee_hz / frequency_hz) * sin(2.0 * pi * turns)
+
+    def rate_per_s(self, time_s: float) -> float:
+        """Return how fast its value changes at a time."""
+        frequency_hz, turns = self._reached(time_s)
+        falls_per_s = self._growth_per_s if frequency_hz > self.knee_hz else 0.0
+        swing = 2.0 * pi * frequency_hz * cos(2.0 * pi * turns) - falls_per_s * sin(2.0 * pi * turns)
+        return min(1.0, self.knee_hz / frequency_hz) * swing
+
+    @property
+    def _growth_per_s(self) -> float:
+        return log(self.to_hz / self.from_hz) / self.seconds
+
+    def _reached(self, time_s: float) -> tuple[float, float]:
+        """Return the frequency at a time, and how many turns were made."""
+        frequency_hz = self.from_hz * exp(self._growth_per_s * time_s)
+        return frequency_hz, (frequency_hz - self.from_hz) / self._growth_per_s
+
+
+Signal = Steps | Sweep | None
+
+
+class Part(msgspec.Struct, frozen=True):
+    """A part of the programme: when it begins and ends, the signal of each axis, and the amplitude of both."""
+
+    name: str
+    begin_s: float
+    end_s: float
+    signals: tuple[Signal, Signal]
+    amplitude_m: float
+
+    def offset_m(self, time_s: float) -> tuple[float, float]:
+        """Return the setpoint relative to the middle of the box at a time of the programme."""
+        x, y = (0.0 if each is None else each.at(time_s - self.begin_s) for each in self.signals)
+        return self.amplitude_m * x, self.amplitude_m * y
+
+    def velocity_m_s(self, time_s: float) -> tuple[float, float]:
+        """Return the setpoint's velocity at a time of the programme."""
+        x, y = (0.0 if each is None else each.rate_per_s(time_s - self.begin_s) for each in self.signals)
+        return self.amplitude_m * x, self.amplitude_m * y
+
+
+class Programme(msgspec.Struct, frozen=True):
+    """All parts in their order; before each, and after the last, the vehicle rests in the middle of the box."""
+
+    parts: tuple[Part, ...]
+    duration_s: float
+
+    def part(self, time_s: float) -> Part | None:
+        """Return the part at a time of the programme, None while it rests."""
+        return next((part for part in self.parts if part.begin_s <= time_s < part.end_s), None)
+
+
+class Motion(msgspec.Struct, frozen=True):
+    """The greatest in a motion: its reach along either axis, speed, acceleration, the aim's lead; its length."""
+
+    reach_m: float
+    speed_m_s: float
+    acceleration_m_s2: float
+    lead_m: float
+    distance_m: float
+
+
+class Preview(msgspec.Struct, frozen=True):
+    """What the programme is foreseen to take, with the plant of the plant file; `reach_m` is from the box's middle."""
+
+    duration_s: float
+    reach_m: float
+    speed_m_s: float
+    acceleration_m_s2: float
+    distance_m: float
+
+
+@lru_cache(maxsize=64)
+def programme(config: AgentConfig) -> Programme:
+    """Return the programme of a flight for identification; `config` has to be one's."""
+    settings = config.excitation
+    assert settings is not None
+    random = np.random.default_rng(settings.seed)
+    begin_s, parts = _approach_s(settings), []
+    for name, signals, seconds in _signals(settings, random):
+        amplitude_m = _amplitude_m(config, settings, signals, seconds)
+        parts.append(Part(name, begin_s, begin_s + seconds, signals, amplitude_m))
+        begin_s += seconds + settings.rest_s
+    return Programme(tuple(parts), begin_s)
+
+
+def preview(config: AgentConfig) -> Preview:
+    """Return what the programme is foreseen to take."""
+    whole = programme(config)
+    motions = [_flown(config.plant, config.rate_hz, part) for part in whole.parts]
+    settings = config.excitation
+    way_m = 0.0 if settings is None else hypot(*settings.offset_m)
+    return Preview(
+        whole.duration_s,
+        max(motion.reach_m for motion in motions),
+        max(motion.speed_m_s for motion in motions),
+        max(motion.acceleration_m_s2 for motion in motions),
+        way_m + sum(motion.distance_m for motion in motions),
+    )
+
+
+def approach_lead_m(config: AgentConfig, speed_max_m_s: float) -> float:
+    """Return how far ahead the setpoint is on the way to the box: a1/a0 times the speed there."""
+    axes = (config.plant.x, config.plant.y)
+    return APPROACH_SHARE * speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
+
+
+def _approach_s(settings: ExcitationSettings) -> float:
+    """Return how long the way to the middle of the box may take, and coming to rest there."""
+    return 1.5 * hypot(*settings.offset_m) / (APPROACH_SHARE * settings.speed_max_m_s) + 2.0 * settings.rest_s
+
+
+def _signals(
+    settings: ExcitationSettings, random: np.random.Generator
+) -> Iterator[tuple[str, tuple[Signal, Signal], float]]:
+    def steps() -> Steps:
+        return _steps(settings, random)
+
+    up = _sweep(settings, settings.sweep_from_hz, settings.sweep_to_hz)
+    down = _sweep(settings, settings.sweep_to_hz, settings.sweep_from_hz)
+    yield "steps along x", (steps(), None), settings.steps_s
+    yield "steps along y", (None, steps()), settings.steps_s
+    yield "steps along both", (steps(), steps()), settings.steps_s
+    yield "sweep along x", (up, None), settings.sweep_s
+    yield "sweep along y", (None, up), settings.sweep_s
+    # One rises while the other falls: nowhere do both axes say the same.
+    yield "sweep along both", (up, down), settings.sweep_s
+
+
+def _steps(settings: ExcitationSettings, random: np.random.Generator) -> Steps:
+    highest = LEVELS // 2
+    levels = [k / highest for k in range(-highest, highest + 1)]
+    times_s, chosen, now_s, level = [], [], 0.0, 0.0
+    while now_s < settings.steps_s:
+        level = float(random.choice([each for each in levels if 0.0 < abs(each - level) <= STEP_LARGEST]))
+        times_s.append(now_s)
+        chosen.append(level)
+        now_s += float(random.uniform(settings.level_shortest_s, settings.level_longest_s))
+    return Steps(tuple(times_s), tuple(chosen))
+
+
+def _sweep(settings: ExcitationSettings, from_hz: float, to_hz: float) -> Sweep:
+    knee_hz = settings.speed_max_m_s / (2.0 * pi * settings.half_width_m)
+    return Sweep(from_hz, to_hz, max(knee_hz, settings.sweep_from_hz), settings.sweep_s)
+
+
+def _amplitude_m(
+    config: AgentConfig, settings: ExcitationSettings, signals: tuple[Signal, Signal], seconds: float
+) -> float:
+    """Return the largest amplitude that stays within all limits, each peak being proportional to it."""
+    unit = Part("", 0.0, seconds, signals, 1.0)
+    known = _flown(config.plant, config.rate_hz, unit)
+    doubted = [_flown(plant, config.rate_hz, unit) for plant in _doubted(config.plant, settings.plant_doubt)]
+    acceleration_m_s2 = min(settings.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
+    return min(
+        BOX_RESERVE * settings.half_width_m,  # the setpoints themselves stay inside
+        BOX_RESERVE * settings.half_width_m / max(motion.reach_m for motion in doubted),
+        settings.speed_max_m_s / max(motion.speed_m_s for motion in doubted),
+        acceleration_m_s2 / known.acceleration_m_s2,
+        LEAD_RESERVE * config.safety.setpoint_lead_max_m / known.lead_m,
+    )
+
+
+def _doubted(plant: Plant, doubt: float) -> Iterator[Plant]:
+    """Return the plant, and those whose numbers are as far off as they may be."""
+    for stiffer, damped in ((1.0, 1.0), *product((1.0 - doubt, 1.0 + doubt), repeat=2)):
+        x, y = (PlantAxis(axis.a0_per_s2 * stiffer, axis.a1_per_s * damped) for axis in (plant.x, plant.y))
+        yield replace(plant, x=x, y=y)
+
+
+def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:
+    """Simulate a part, and the return to the middle after it; a delay changes nothing but when."""
+    seconds = part.end_s - part.begin_s
+    times_s = [part.begin_s + k / rate_hz for k in range(round(seconds * rate_hz))]
+    aims = [plant.aim_m(part.offset_m(time_s), part.velocity_m_s(time_s)) for time_s in times_s]
+    aims += [np.zeros(2)] * round(seconds * rate_hz)
+    step, still = exact_step(plant, 1.0 / rate_hz), np.zeros(2)
+    states = [np.zeros(4)]
+    for aim in aims:
+        states.append(step.advance(states[-1], aim, still))
+    path = np.array(states)
+    lead = np.array(aims) - path[:-1, POSITION]
+    push = plant.a0_per_s2 * lead - plant.a1_per_s * path[:-1, VELOCITY]
+    return Motion(
+        float(np.abs(path[:, POSITION]).max()),
+        _largest(path[:, VELOCITY]),
+        _largest(push),
+        _largest(lead),
+        sum(hypot(*(after - before).tolist()) for before, after in pairwise(path[:, POSITION])),
+    )
+
+
+def _largest(vectors: Vector) -> float:
+    return float(np.hypot(*vectors.T).max())

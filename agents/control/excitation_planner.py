@@ -1,0 +1,60 @@
+"""Flying the programme of a flight for identification: to the box, part by part, and what a hold does to it."""
+
+from math import hypot, inf
+
+import numpy as np
+
+from agents.control.excitation import approach_lead_m, programme
+from agents.control.plan import Plan, towards
+from agents.settings.config import AgentConfig
+from agents.settings.sections import ExcitationSettings
+from agents.situation.situation import Situation
+from estimation.state import POSITION, Vector
+
+NEAR_M = 1.0
+NEAR_SHARE = 0.25
+"""How near the middle of its box, in metres and in half-widths, a vehicle has to rest for a part to begin."""
+
+
+class Exciter:
+    """One vehicle's flight for identification; the programme goes by the mission's clock.
+
+    A part begins only while the vehicle rests in the middle of the box: one that was held goes there, and flies the
+    next part in its time.
+    """
+
+    def __init__(self, config: AgentConfig, settings: ExcitationSettings) -> None:
+        """Plan it; the box is about the vehicle's start, which has to be known."""
+        self._programme = programme(config)
+        home_x, home_y = config.home_m or (0.0, 0.0)
+        self._middle_m: Vector = np.array([home_x + settings.offset_m[0], home_y + settings.offset_m[1]])
+        self._near_m = max(NEAR_M, NEAR_SHARE * settings.half_width_m)
+        self._lead_m = approach_lead_m(config, settings.speed_max_m_s)
+        self._plant = config.plant
+        self._stiffness_per_s2 = config.plant.a0_per_s2
+        self._against_wind_m: Vector = np.zeros(2)
+        self._start_s = inf
+        self._ready = False
+
+    def start(self, at_s: float) -> None:
+        """Let the programme begin at `at_s`."""
+        self._start_s = at_s
+
+    def reset(self) -> None:
+        """Begin anew, wherever the vehicle is."""
+        self._ready = False
+
+    def plan(self, situation: Situation) -> Plan:
+        """Return the setpoint of the present part, or rest in the middle of the box."""
+        time_s = situation.now_s - self._start_s
+        part = self._programme.part(time_s)
+        if part is None:
+            self._ready = hypot(*(situation.own.mean[POSITION] - self._middle_m).tolist()) < self._near_m
+        if part is None or not self._ready:
+            # What compensates the wind stands still during a part: only the programme moves the setpoint.
+            self._against_wind_m = -situation.disturbance / self._stiffness_per_s2
+            aim, velocity = towards(self._middle_m, situation.acting_motion[POSITION], self._lead_m), (0.0, 0.0)
+        else:
+            velocity = part.velocity_m_s(time_s)
+            aim = self._middle_m + self._plant.aim_m(part.offset_m(time_s), velocity)
+        return Plan(aim + self._against_wind_m, aim, np.zeros(2), velocity_m_s=velocity)

@@ -1,0 +1,117 @@
+"""Formation flight: LMPC on the error dynamics between a vehicle and its predecessor - (1), (2), (13), (14).
+
+With E = p_i - p_{i-1} and both on the same plant, E answers the difference of the two setpoints as the plant answers a
+setpoint. The leader's predecessor is the mission's line itself: a vehicle without error on it, at the mission's speed.
+"""
+
+from collections.abc import Collection
+from functools import lru_cache
+
+import msgspec
+import numpy as np
+
+from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from agents.settings.config import AgentConfig
+from estimation.plant.model import Plant, exact_step
+from estimation.state import POSITION, VELOCITY, Vector
+
+_CONSTRAINED = (2, 3)  # the two speeds
+
+
+class Predecessor(msgspec.Struct, frozen=True):
+    """A predecessor's motion (4,) and undisturbed setpoint (2,) at the moment a vehicle plans for."""
+
+    motion: Vector
+    setpoint_m: Vector
+
+
+class FormationPlan(msgspec.Struct, frozen=True):
+    """The setpoint (2,), what it would be undisturbed - followers need that - and the solver's status."""
+
+    setpoint_m: Vector
+    undisturbed_setpoint_m: Vector
+    status: QpStatus
+
+
+class FormationPlanner:
+    """Plans one vehicle's flight relative to its predecessor; remembers the last relative setpoint only."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        settings = config.formation
+        self._a0_per_s2 = config.plant.a0_per_s2
+        both_ways = np.array(((-1.0,), (1.0,)))
+        self._leads_m = both_ways * config.safety.setpoint_lead_max_m
+        self._speeds_m_s = both_ways[:, np.newaxis] * settings.speed_max_m_s
+        self._reference = np.zeros((settings.horizon, 4))
+        self._relative_setpoint_m: Vector | None = None
+        self._lmpc = formation_lmpc(config)
+
+    def reset(self) -> None:
+        """Forget the last relative setpoint: predecessor or tactic have changed."""
+        self._relative_setpoint_m = None
+
+    def plan(
+        self,
+        motion: Vector,
+        disturbance_m_s2: Vector,
+        predecessor: Predecessor,
+        offset_m: tuple[float, float],
+    ) -> FormationPlan:
+        """Plan from the vehicle's motion (4,) so that it keeps `offset_m` to its predecessor."""
+        separation = np.array(offset_m)
+        if self._relative_setpoint_m is None:
+            self._relative_setpoint_m = separation
+        self._reference[:, POSITION] = separation
+        bounds = self._bounds(motion, predecessor)
+        plan = self._lmpc.solve(motion - predecessor.motion, self._reference, self._relative_setpoint_m, bounds)
+        self._relative_setpoint_m = plan.first_input
+        undisturbed = predecessor.setpoint_m + plan.first_input
+        compensation = disturbance_m_s2 / self._a0_per_s2
+        return FormationPlan(undisturbed - compensation, undisturbed, plan.status)
+
+    def _bounds(self, motion: Vector, predecessor: Predecessor) -> Bounds:
+        """Bound the setpoint to the lead allowed before the vehicle, and the vehicle's own speed."""
+        from_vehicle = motion[POSITION] - predecessor.setpoint_m
+        return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
+
+
+def formation_lmpc(config: AgentConfig) -> Lmpc:
+    """Build the LMPC of the error dynamics: the plant's own, in [e_x e_y e_x' e_y'] with inputs relative setpoints."""
+    settings = config.formation
+    step = exact_step(config.plant, settings.prediction_step_s)
+    return Lmpc(
+        step.transition,
+        step.input_gain,
+        horizon=settings.horizon,
+        control_horizon=settings.control_horizon,
+        state_weight=np.diag([settings.position_weight] * 2 + [settings.velocity_weight] * 2),
+        increment_weight=np.full(2, settings.increment_weight),
+        constrained_states=_CONSTRAINED,
+    )
+
+
+def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float) -> Predecessor:
+    """Return the leader's predecessor: a vehicle in steady flight along x, on the line from `start_m`.
+
+    In steady flight the plant trails its setpoint by `a1 / a0` times the speed: that is the preview that lets a ramp be
+    followed without lag.
+    """
+    x_m, y_m = start_m[0] + speed_m_s * mission_time_s, start_m[1]
+    lead_m = speed_m_s * plant.x.a1_per_s / plant.x.a0_per_s2
+    return Predecessor(np.array((x_m, y_m, speed_m_s, 0.0)), np.array((x_m + lead_m, y_m)))
+
+
+def leader_of(flying: Collection[int], slots: tuple[int, ...], appointed: int) -> int:
+    """Return who leads: the appointed leader, or once it has left, the nearest slot to its own that still flies."""
+    place = slots.index(appointed)
+    return min(flying, key=lambda member: (abs(slots.index(member) - place), slots.index(member)))
+
+
+@lru_cache(maxsize=256)
+def predecessor_of(vehicle_id: int, flying: frozenset[int], slots: tuple[int, ...], appointed: int) -> int | None:
+    """Return the vehicle to keep station on: the next in line towards the leader; None for the leader itself."""
+    line = [member for member in slots if member in flying]
+    own, leader = line.index(vehicle_id), line.index(leader_of(flying, slots, appointed))
+    if own == leader:
+        return None
+    return line[own - 1] if own > leader else line[own + 1]

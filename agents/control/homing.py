@@ -1,0 +1,139 @@
+"""The way down: on a layer of its own, home or not, and whose turn it is; and when to leave the layers of take-off.
+
+Vehicles that return rise to their layers first, above all that still fly the mission, and cross each other's paths at
+different heights only. The lowest lands first; nobody sinks while somebody below is still on its way.
+"""
+
+from collections.abc import Collection, Iterable
+from math import dist, hypot
+
+import numpy as np
+
+from agents.control.plan import Plan, towards
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from agents.tactics import Tactic
+from agents.team.messages import MemberState
+from estimation.state import POSITION, VELOCITY, Vector
+
+CLIMB_SLOWEST_M_S = 0.5
+SETTLE_S = 3.0
+HEIGHT_TOLERANCE_M = 1.0
+ARRIVED_M, ARRIVED_M_S = 1.0, 0.5
+IN_PLACE_M = 1.0
+"""How far off its place in the line a vehicle may be and still count as there."""
+APART = 1.5
+"""In separations: vehicles that are farther apart may land together, and fly at one height."""
+HEARD_AFTER_S = 1.5
+"""After this, peers whose mission ended at the same moment have said so."""
+UNHEARD_LONGEST_S = 10.0
+LANDING_LONGEST_S = 60.0
+_ON_THE_WAY = Tactic.RETURN_AND_LAND.value
+_COMING_DOWN = (_ON_THE_WAY, Tactic.LAND.value)
+
+
+class Homing:
+    """One vehicle's way down, from the end of its mission to the moment when it may land."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._config = config
+        self._home_m: tuple[float, float] | None = None
+        self._number = config.landing_order.index(config.vehicle_id)
+        self._began_s: float | None = None
+        self._from_m: Vector = np.zeros(2)
+        self._rising = True
+
+    @property
+    def returns(self) -> bool:
+        """Whether it flies home, on a layer of its own, before it lands."""
+        return self._home_m is not None
+
+    def reset(self, *, to_home: bool = False) -> None:
+        """Begin anew with the next plan: `to_home` even where the mission lands in place."""
+        returns = to_home or self._config.choreography.landing == "return"
+        self._home_m = self._config.home_m if returns else None
+        self._began_s, self._rising = None, self.returns
+
+    def plan(self, situation: Situation, height_m: float) -> Plan:
+        """Rise where it is to its layer, then go home in a straight line; without a home, stay."""
+        if self._began_s is None:
+            self._began_s, self._from_m = situation.now_s, situation.own.mean[POSITION].copy()
+        risen = abs(height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
+        if risen and situation.now_s - self._began_s > self._rising_s:
+            self._rising = False
+        goal = self._from_m if self._rising else self._goal
+        setpoint = towards(goal, situation.acting_motion[POSITION], self._lead_m)
+        return Plan(setpoint - self._compensation(situation), setpoint, np.zeros(2))
+
+    def may_land(self, situation: Situation, peers: Iterable[MemberState], time_scale: float) -> bool:
+        """Return whether it is there and nobody is in the way; or whether that has taken too long, for batteries end.
+
+        `patience` is how many times as long as on the wall's clock peers may take to be heard.
+        """
+        if self._began_s is None:
+            return False
+        since_s = situation.now_s - self._began_s
+        if since_s > self._limit_s:
+            return True
+        here = situation.own.mean[POSITION]
+        near_m = APART * self._config.safety.separation_m
+        known = [(peer, dist(peer.position_m, here.tolist())) for peer in peers]
+        unheard = since_s < HEARD_AFTER_S * time_scale and any(away_m < near_m for _, away_m in known)
+        return self._there(situation) and not unheard and not any(self._waits_for(*each, near_m) for each in known)
+
+    def _there(self, situation: Situation) -> bool:
+        if not self.returns:
+            return True
+        speed_m_s = hypot(*situation.own.mean[VELOCITY].tolist())
+        away_m = hypot(*(situation.own.mean[POSITION] - self._goal).tolist())
+        return not self._rising and away_m < ARRIVED_M and speed_m_s < ARRIVED_M_S
+
+    def _waits_for(self, peer: MemberState, away_m: float, near_m: float) -> bool:
+        order = self._config.landing_order
+        if peer.tactic not in _COMING_DOWN or peer.sender not in order or order.index(peer.sender) >= self._number:
+            return False
+        return away_m < near_m or (self.returns and peer.tactic == _ON_THE_WAY)
+
+    @property
+    def _goal(self) -> Vector:
+        return self._from_m if self._home_m is None else np.array(self._home_m)
+
+    @property
+    def _rising_s(self) -> float:
+        """How long the slowest takes to its layer: until then nobody moves across."""
+        return SETTLE_S + len(self._config.slots) * self._config.choreography.layer_m / CLIMB_SLOWEST_M_S
+
+    @property
+    def _limit_s(self) -> float:
+        way_s = hypot(*(self._goal - self._from_m).tolist()) / self._config.formation.speed_max_m_s
+        flying_s = self._rising_s + 2.0 * way_s if self.returns else HEARD_AFTER_S
+        return flying_s + (self._number + 1) * LANDING_LONGEST_S
+
+    @property
+    def _lead_m(self) -> float:
+        """How far ahead the setpoint is for the plant to fly at the highest speed allowed: a1/a0 times it."""
+        axes = (self._config.plant.x, self._config.plant.y)
+        return self._config.formation.speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
+
+    def _compensation(self, situation: Situation) -> Vector:
+        return situation.compensation / self._config.plant.a0_per_s2
+
+
+def assembled(
+    config: AgentConfig, tactic: Tactic, position_m: Vector, peers: Collection[MemberState], flown_s: float
+) -> bool:
+    """Return whether everybody heard of is in its place in the line, or else well clear of this vehicle at (2,).
+
+    Who has not been heard of is waited for, but not for long: `flown_s` counts from the mission's start.
+    """
+    if len(peers) + 1 < len(config.slots) and flown_s < UNHEARD_LONGEST_S:
+        return False
+    here_x, here_y = position_m.tolist()
+    for peer in peers:
+        if tactic is Tactic.FORMATION and peer.tactic == tactic.value:
+            x, y = config.slot_offset_m(peer.sender, config.vehicle_id)
+            if dist(peer.position_m, (here_x + x, here_y + y)) > IN_PLACE_M:
+                return False
+        elif dist(peer.position_m, (here_x, here_y)) < APART * config.safety.separation_m:
+            return False
+    return True

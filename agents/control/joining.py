@@ -1,0 +1,113 @@
+"""How a vehicle joins a ring on which others are already: from outside, into a wide gap, when there is room for it.
+
+Until it has joined it says nothing of its bearing, and the ring takes no notice. Once it is in front of its gap it
+says so: the ring makes room, and it comes in when the room is there. So nobody on the ring is overtaken or cut off.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import pi, tau
+
+import msgspec
+
+from agents.control.detour import MARGIN_M
+from agents.control.encirclement import chord_m
+from agents.control.ring import RingPlace
+from agents.settings.config import AgentConfig
+from estimation.frames import wrap_signed_rad, wrap_turn_rad
+from estimation.polar import Polar
+
+ASIDE = 2.0
+"""In separations: how far outside the ring a vehicle waits."""
+_ROOM = 1.5
+"""In separations: how far apart neighbours on the ring are, at least, when one comes in between."""
+_ROOM_SHARE = 0.75
+"""In even spacings: a ring that is nearly full gives no more room than this."""
+_WIDE_SHARE = 0.8
+"""A gap this much as wide as the widest one will do, if the vehicle is in front of it already."""
+_AHEAD_MAX_RAD = 1.0
+
+
+class Gap(msgspec.Struct, frozen=True):
+    """A gap between neighbours on the ring: where its middle lies, counted from a vehicle, and how wide it is."""
+
+    ahead_rad: float
+    width_rad: float
+
+    @property
+    def edge_rad(self) -> float:
+        """How far inside the gap the vehicle is; negative outside."""
+        return self.width_rad / 2.0 - abs(self.ahead_rad)
+
+
+class Joining:
+    """Whether one vehicle has joined the ring, and whether it may come in.
+
+    `ring_m` is the radius at which the ring is flown at the moment. How many fit, and the room for one, are the
+    mission's ring's: that is what it comes back to.
+    """
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._mission_ring_m = self.ring_m = config.encirclement.radius_m
+        self._separation_m = config.safety.separation_m
+        self._room_rad = _ROOM * config.clearance_rad
+        self.joined = False
+        self._inside = False
+
+    @property
+    def waiting_m(self) -> float:
+        """The radius on which to wait outside the ring."""
+        return self.ring_m + ASIDE * self._separation_m
+
+    def unheard_m(self, unsure_m: float) -> float:
+        """Return the radius outside which one is that the others have lost: they bend the ring around where it was.
+
+        The bend is two separations high at most, and one lies between it and the vehicle, each and what is unsure.
+        """
+        return self.ring_m + 3.0 * self._separation_m + 2.0 * (unsure_m + MARGIN_M)
+
+    def reset(self) -> None:
+        """Come from another tactic: nothing is joined."""
+        self.joined = self._inside = False
+
+    def look(self, polar: Polar, bearings_rad: Sequence[float]) -> Gap | None:
+        """Join if it is time; return the gap to go for, None for one who has joined."""
+        if self.joined:
+            return None
+        gap = chosen_gap(polar.bearing_rad, bearings_rad)
+        members = len(bearings_rad) + 1
+        room_rad = min(self._room_rad, _ROOM_SHARE * gap.width_rad / 2.0)
+        fits = members == 1 or chord_m(self._mission_ring_m, members) >= self._separation_m
+        at_ring = polar.radius_m <= self.ring_m + self._separation_m
+        self.joined = at_ring or (fits and gap.edge_rad >= room_rad)
+        return None if self.joined else gap
+
+    def radius_m(self, polar: Polar, place: RingPlace) -> float:
+        """Return the radius to fly at for one who has joined: the ring's, once there is room between the neighbours."""
+        if not self._inside and place.lead_rad is not None and place.lag_rad is not None:
+            room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
+            at_ring = polar.radius_m <= self.ring_m + self._separation_m
+            if not at_ring and min(place.lead_rad, place.lag_rad) < room_rad:
+                return self.waiting_m
+        self._inside = self._inside or polar.radius_m <= self.ring_m + self._separation_m
+        return self.ring_m
+
+
+def chosen_gap(bearing_rad: float, bearings_rad: Sequence[float]) -> Gap:
+    """Return the widest gap between vehicles on the ring, or the one in front if that is nearly as wide."""
+    if not bearings_rad:
+        return Gap(0.0, tau)
+    ahead = sorted(wrap_turn_rad(other - bearing_rad) for other in bearings_rad)
+    gaps = [Gap((one + other) / 2.0, other - one) for one, other in pairwise(ahead)]
+    own_lag = tau - ahead[-1]
+    own = Gap((ahead[0] - own_lag) / 2.0, ahead[0] + own_lag)
+    widest = max(gaps, key=lambda gap: gap.width_rad, default=own)
+    if own.width_rad >= _WIDE_SHARE * widest.width_rad:
+        return own
+    return Gap(wrap_signed_rad(widest.ahead_rad), widest.width_rad)
+
+
+def place_before(gap: Gap) -> RingPlace:
+    """Return the place that leads a vehicle to the middle of a gap: as if one more were as far from it on each side."""
+    ahead_rad = max(-_AHEAD_MAX_RAD, min(gap.ahead_rad, _AHEAD_MAX_RAD))
+    return RingPlace(2, pi + ahead_rad, pi - ahead_rad)

@@ -1,0 +1,156 @@
+"""The ring that the vehicles can fly about this target: slower, and then wider, while it is too fast for them.
+
+Each vehicle finds its own needs from its own estimate, in steps and with hysteresis, and tells them; everybody on the
+ring flies by the needs of whoever needs most, so that all turn at one rate and no spacing suffers.
+"""
+
+from math import inf, sqrt
+
+import msgspec
+
+from agents.settings.config import AgentConfig
+from agents.team.ring_scale import FULL_RING, RingScale
+
+RESERVE = 0.95
+"""The share of the speed limit that target and ring may take together."""
+BROKEN_MAX = 0.25
+"""The share of its radius by which a ring may be broken when the target turns by 90 degrees."""
+_FLOOR = 0.3
+_WIDEST = 2.0
+_STEPS = 10.0
+_WORSE_S, _BETTER_S = 0.5, 8.0
+_UNKNOWN_S = 3.0
+"""For so long a target that was just found may seem to move at any speed: two sightings that are outliers will do."""
+_RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
+
+
+class Orbit(msgspec.Struct, frozen=True):
+    """The ring as it is flown: its radius and its angular rate."""
+
+    radius_m: float
+    angular_rate_rad_s: float
+
+
+class RingFeasibility:
+    """Finds what one vehicle needs, and moves smoothly to what everybody on the ring needs."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        ring, safety = config.encirclement, config.safety
+        self._ring = ring
+        self._speed_m_s = RESERVE * min(ring.speed_max_m_s, safety.speed_max_m_s)
+        self._acceleration_m_s2 = min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2)
+        self._whole = Orbit(ring.radius_m, ring.angular_rate_rad_s)
+        self._easy_m_s = self._slow_enough_m_s()
+        self._target_m_s = 0.0
+        self._worse_s = self._better_s = inf
+        self._flown = FULL_RING
+        self._time_s: float | None = None
+        self._began_s = -inf
+        self.needed = FULL_RING
+        self.orbit = self._whole
+
+    def reset(self) -> None:
+        """Forget the ring that was flown: the vehicle comes to a new one."""
+        self.needed = self._flown = FULL_RING
+        self.orbit = self._whole
+        self._worse_s = self._better_s = inf
+        self._time_s = None
+
+    def find(self, target_m_s: float, others: RingScale, now_s: float, *, joined: bool = True) -> str | None:
+        """Find the ring of this moment about a target of that speed; return what is new about it for people, or None.
+
+        `others` is what everybody else on the ring needs. Who has not `joined` it waits outside: it flies by their ring
+        at once, lest it wait where they are.
+        """
+        before, step_s = self.needed, 0.0 if self._time_s is None else now_s - self._time_s
+        step_s = step_s if joined else inf
+        if self._time_s is None:
+            self._began_s = now_s
+        self._time_s = now_s
+        if target_m_s <= self._easy_m_s and before == self._flown == others == FULL_RING:
+            self._worse_s = inf
+            return None
+        if now_s - self._began_s >= _UNKNOWN_S:
+            self._need(self.shares(target_m_s), target_m_s, now_s)
+        wanted = self.needed.with_(others)
+        if wanted is not self._flown and wanted != self._flown:
+            self._flown = RingScale(
+                _nearer(self._flown.rate, wanted.rate, _RATE_PER_S * step_s),
+                _nearer(self._flown.radius, wanted.radius, _RADIUS_PER_S * step_s),
+            )
+            self.orbit = Orbit(
+                self._flown.radius * self._ring.radius_m, self._flown.rate * self._ring.angular_rate_rad_s
+            )
+        return None if self.needed == before else self.words
+
+    def shares(self, target_m_s: float) -> RingScale:
+        """Return what a target of that speed leaves of the mission's ring, in whole steps.
+
+        The speeds of target and ring add up on one side of it. And a target that turns by 90 degrees changes its
+        velocity by the root of two times its speed V: vehicles that answer with what the ring leaves of their
+        acceleration A lose V²/A, which is to be no more than a share of the radius. The rate is lowered first, down to
+        a floor; then the radius is raised; and then the rate is lowered to what the speed allows.
+        """
+        radius_m, rate_rad_s = self._ring.radius_m, abs(self._ring.angular_rate_rad_s)
+        turning = target_m_s**2 / BROKEN_MAX
+        left_m_s2 = max(self._acceleration_m_s2 - turning / radius_m, 0.0)
+        rate = min(1.0, _share(sqrt(left_m_s2 / radius_m), rate_rad_s))
+        radius = 1.0
+        if rate < _FLOOR:
+            rate = min(_FLOOR, 1.0)
+            squared = (rate * rate_rad_s) ** 2
+            # The smallest root of squared R² - A R + turning = 0.
+            root = self._acceleration_m_s2**2 - 4.0 * squared * turning
+            wide_m = 2.0 * turning / (self._acceleration_m_s2 + sqrt(root)) if root >= 0.0 else inf
+            radius = min(max(_whole_step(wide_m / radius_m, up=True), 1.0), _WIDEST)
+        fast = _share(max(self._speed_m_s - target_m_s, 0.0), rate_rad_s * radius * radius_m)
+        return RingScale(_whole_step(min(rate, fast), up=False), radius)
+
+    def _slow_enough_m_s(self) -> float:
+        """Return the speed of a target up to which the ring is flown as asked."""
+        along_m_s = abs(self._ring.angular_rate_rad_s) * self._ring.radius_m
+        left_m_s2 = self._acceleration_m_s2 - along_m_s**2 / self._ring.radius_m
+        return min(self._speed_m_s - along_m_s, sqrt(max(left_m_s2, 0.0) * BROKEN_MAX * self._ring.radius_m))
+
+    @property
+    def words(self) -> str:
+        """What of the mission's ring is not flown, and why, for people; empty if it is as the mission asks."""
+        if self.needed == FULL_RING:
+            return ""
+        rate, radius = self.needed.rate, self.needed.radius
+        wider = f" and {radius:.0%} of its radius" if radius > 1.0 else ""
+        why = f"the target moves at {self._target_m_s:.1f} m/s"
+        if self._target_m_s >= self._speed_m_s:
+            return f"ring at {rate:.0%} of its rate{wider}: {why}, too fast to be kept up with"
+        return f"ring at {rate:.0%} of its rate{wider}: {why}"
+
+    def _need(self, found: RingScale, target_m_s: float, now_s: float) -> None:
+        """Take up a need once it has lasted: soon if it is more, late if it is less."""
+        worse = found.rate < self.needed.rate or found.radius > self.needed.radius
+        better = not worse and found != self.needed
+        self._worse_s = min(self._worse_s, now_s) if worse else inf
+        self._better_s = min(self._better_s, now_s) if better else inf
+        if now_s - self._worse_s >= _WORSE_S:
+            self.needed, self._target_m_s, self._worse_s = self.needed.with_(found), target_m_s, inf
+        elif now_s - self._better_s >= _BETTER_S:
+            # One step at a time: what is better now need not stay so.
+            rate = min(found.rate, _whole_step(self.needed.rate + 1.0 / _STEPS, up=False))
+            radius = max(found.radius, _whole_step(self.needed.radius - 1.0 / _STEPS, up=True))
+            self.needed, self._target_m_s, self._better_s = RingScale(rate, radius), target_m_s, now_s
+
+
+def _share(allowed: float, wanted: float) -> float:
+    return allowed / wanted if wanted > 0.0 else inf
+
+
+def _whole_step(share: float, *, up: bool) -> float:
+    """Return the share in whole steps; one that is a whole step but for rounding is it."""
+    steps = share * _STEPS
+    nearest = round(steps) if abs(steps) < inf else steps
+    if abs(steps - nearest) > 1e-6:
+        nearest = int(steps) + up
+    return nearest / _STEPS
+
+
+def _nearer(here: float, there: float, step: float) -> float:
+    return there if abs(there - here) <= step else here + (step if there > here else -step)

@@ -1,0 +1,98 @@
+"""What the guard demands of the vehicle's acceleration: one half-plane `normal . a >= least` for each thing to keep.
+
+Each comes from a barrier h that is to stay positive (mathematics.md, section 8): `h'' + 2 k h' + k^2 h >= 0` keeps it
+so when the plant answers with second order. Everything is at the moment when the setpoint acts.
+"""
+
+from collections.abc import Iterable, Iterator
+from enum import IntEnum
+from math import hypot, sqrt
+
+import msgspec
+
+from agents.safety.fence import NearestPoint
+
+Pair = tuple[float, float]
+_NEAR_M = 1e-6
+
+
+class Cause(IntEnum):
+    """What made the guard change a setpoint, in the order in which they yield when not all can be kept.
+
+    Separation never yields but to what the vehicle can do at all: its reach.
+    """
+
+    SPEED = 0
+    KEEP_OUT = 1
+    FENCE = 2
+    SEPARATION = 3
+    REACH = 4
+
+    @property
+    def words(self) -> str:
+        """The cause as people read it."""
+        return self.name.lower().replace("_", " ")
+
+
+class Demand(msgspec.Struct, frozen=True):
+    """`normal . acceleration >= least_m_s2`, with a unit normal; what `evades` is got around, keeping right."""
+
+    cause: Cause
+    normal: Pair
+    least_m_s2: float
+    evades: bool = False
+
+    def met_by(self, acceleration_m_s2: Pair) -> bool:
+        """Return whether an acceleration is what is demanded."""
+        return self.normal[0] * acceleration_m_s2[0] + self.normal[1] * acceleration_m_s2[1] >= self.least_m_s2
+
+
+class Body(msgspec.Struct, frozen=True):
+    """Something to keep away from: position, velocity and acceleration, and the distance to keep.
+
+    `shares` says that it keeps away as well: then each bears half.
+    """
+
+    position_m: Pair
+    velocity_m_s: Pair
+    acceleration_m_s2: Pair
+    distance_m: float
+    shares: bool
+
+
+def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, cause: Cause) -> Demand:
+    """Demand the distance to a body: h = |dp|^2 - d^2, h' = 2 dp.dv, h'' = 2 |dv|^2 + 2 dp.(a - a_body)."""
+    dx, dy = position_m[0] - body.position_m[0], position_m[1] - body.position_m[1]
+    away_m = hypot(dx, dy)
+    normal = (dx / away_m, dy / away_m) if away_m > _NEAR_M else (1.0, 0.0)
+    away_m = max(away_m, _NEAR_M)
+    rel_x, rel_y = velocity_m_s[0] - body.velocity_m_s[0], velocity_m_s[1] - body.velocity_m_s[1]
+    opening_m_s = normal[0] * rel_x + normal[1] * rel_y
+    gap_m2 = away_m**2 - body.distance_m**2
+    # All divided by 2 |dp|: what is left of the condition once the accelerations are taken out of it.
+    rest = (rel_x**2 + rel_y**2) / away_m + 2.0 * rate_per_s * opening_m_s + rate_per_s**2 * gap_m2 / (2.0 * away_m)
+    if body.shares:
+        return Demand(cause, normal, -rest / 2.0, evades=True)
+    its = normal[0] * body.acceleration_m_s2[0] + normal[1] * body.acceleration_m_s2[1]
+    return Demand(cause, normal, its - rest, evades=True)
+
+
+def inside(points: Iterable[NearestPoint], velocity_m_s: Pair, margin_m: float, rate_per_s: float) -> Iterator[Demand]:
+    """Demand to stay inside the fence: h = distance - margin for each of its edges, by its nearest point."""
+    for point in points:
+        closing_m_s = point.inward[0] * velocity_m_s[0] + point.inward[1] * velocity_m_s[1]
+        rest = 2.0 * rate_per_s * closing_m_s + rate_per_s**2 * (point.distance_m - margin_m)
+        yield Demand(Cause.FENCE, point.inward, -rest)
+
+
+def slow(velocity_m_s: Pair, speed_max_m_s: float, rate_per_s: float) -> Iterator[Demand]:
+    """Demand the speed limit: h = v_max^2 - |v|^2 is of first order, `h' + 2 k h >= 0`."""
+    speed_m_s = hypot(*velocity_m_s)
+    if speed_m_s > speed_max_m_s / 2.0:
+        normal = -velocity_m_s[0] / speed_m_s, -velocity_m_s[1] / speed_m_s
+        yield Demand(Cause.SPEED, normal, -rate_per_s * (speed_max_m_s**2 - speed_m_s**2) / speed_m_s)
+
+
+def unsure_m(sigmas: float, own_sigma_m: float, other_sigma_m: float) -> float:
+    """Return how far two estimates may be off each other."""
+    return sigmas * sqrt(own_sigma_m**2 + other_sigma_m**2)

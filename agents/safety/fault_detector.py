@@ -1,0 +1,162 @@
+"""What a vehicle can tell to be wrong: which conditions of the failsafe table are there, and since when."""
+
+from collections.abc import Container, Iterable
+from math import hypot, inf
+
+from agents.safety.failsafe import Condition, Symptom
+from agents.safety.fence import Fence
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from agents.tactics import Tactic
+from agents.team.clock_watch import ClockWatch
+from agents.team.team import Team
+from estimation.filters.own import OwnFilter
+from estimation.filters.target import TargetFilter
+
+SAME_HEIGHT_M = 1.0
+"""Vehicles less than this, or than half a layer, apart in height are at the same height."""
+_IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
+"""On the way up and down vehicles keep apart by layers and turns, and may be near each other."""
+
+Found = dict[Condition, Symptom]
+
+
+class FaultDetector:
+    """Watches one vehicle, its estimates and its team; the core passes on what it is told of battery, loop and bus."""
+
+    def __init__(
+        self, config: AgentConfig, own: OwnFilter, target: TargetFilter, team: Team, clocks: ClockWatch
+    ) -> None:
+        self._settings = config.failsafe
+        self._leader = config.formation.leader
+        self._others = len(config.slots) - 1
+        self._period_s = 1.0 / config.rate_hz
+        # Without the guard nobody promises a separation: a simulation that shows so is not to be disturbed.
+        self._near_m = config.failsafe.separation_share * config.safety.separation_m if config.safety.guard else 0.0
+        layer_m = config.choreography.layer_m
+        self._same_height_m = min(SAME_HEIGHT_M, layer_m / 2.0) if layer_m else SAME_HEIGHT_M
+        self._own, self._target, self._team, self._clocks = own, target, team, clocks
+        settle_s = config.failsafe.settle_s
+        self._own_jumps, self._target_jumps = _Jumps(settle_s), _Jumps(settle_s)
+        self._since_s: dict[Condition, float] = {}
+        self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
+        self.battery: float | None = None
+        self.late_ticks = 0
+        self.bus_alive = True
+        self.unsolved = False
+
+    def find(
+        self, situation: Situation, tactic: Tactic, height_m: float, active: Container[Condition], time_scale: float
+    ) -> Found:
+        """Return what is wrong in this tick.
+
+        `active` are the conditions that are being reacted to: some last for as long as they hold the vehicle.
+        `patience` is how many times as fast as the wall's clock the mission's passes.
+        """
+        found: Found = {}
+        now_s = situation.now_s
+        self._look_at_vehicle(found, now_s)
+        self._look_at_loop(found, now_s)
+        self._look_at_target(found, situation, tactic, active)
+        if gone_s := self._team.gone_s:
+            self._look_for_peers(found, gone_s)
+        if self._clocks.off:
+            self._look_at_clocks(found, now_s, time_scale)
+        x, y = situation.own.mean.item(0), situation.own.mean.item(1)
+        if self._fence is not None and not self._fence.contains((x, y)):
+            self._add(found, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
+        if tactic in _IN_COMPANY:
+            self._look_around(found, now_s, x, y, height_m)
+        if self._since_s:
+            for condition in [c for c in self._since_s if c not in found]:
+                del self._since_s[condition]
+        return found
+
+    def _add(self, found: Found, now_s: float, condition: Condition, detail: str) -> None:
+        found[condition] = Symptom(self._since_s.setdefault(condition, now_s), detail)
+
+    def _look_at_vehicle(self, found: Found, now_s: float) -> None:
+        heard_s = self._own.heard_s
+        if heard_s is not None and now_s - heard_s > self._period_s:
+            found[Condition.TELEMETRY_STALE] = Symptom(heard_s, f"none for {now_s - heard_s:.1f} s")
+        jumped_s = self._own_jumps.see(self._own.jumps, now_s)
+        if jumped_s is not None:
+            found[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position is elsewhere now")
+        battery = self.battery
+        if battery is not None and battery < self._settings.battery_low:
+            self._add(found, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")
+            if battery < self._settings.battery_critical:
+                self._add(found, now_s, Condition.BATTERY_CRITICAL, f"at {battery:.0%}")
+
+    def _look_at_loop(self, found: Found, now_s: float) -> None:
+        if self.unsolved:
+            self._add(found, now_s, Condition.PLAN_FAILING, "no solution within the bounds")
+        if self.late_ticks:
+            self._add(found, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
+        if not self.bus_alive:
+            self._add(found, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
+
+    def _look_at_target(self, found: Found, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
+        on_ring = tactic is Tactic.ENCIRCLE
+        if situation.target is None and (on_ring or Condition.TARGET_STALE in active):
+            sighted_s = self._target.sighted_s
+            found[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
+        jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
+        if jumped_s is not None:
+            found[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings put it elsewhere")
+
+    def _look_for_peers(self, found: Found, gone_s: dict[int, float]) -> None:
+        if not self._team.members() and self._team.count_heard == self._others:
+            found[Condition.PEERS_SILENT] = Symptom(max(gone_s.values()), _vehicles(gone_s))
+        if self._leader in gone_s:
+            found[Condition.LEADER_LOST] = Symptom(gone_s[self._leader], f"vehicle {self._leader}")
+        followers_s = {sender: heard_s for sender, heard_s in gone_s.items() if sender != self._leader}
+        if followers_s:
+            found[Condition.PEER_SILENT] = Symptom(min(followers_s.values()), _vehicles(followers_s))
+
+    def _look_at_clocks(self, found: Found, now_s: float, time_scale: float) -> None:
+        stepped = self._clocks.stepped(now_s, time_scale)
+        if stepped:
+            since_s = min(step.since_s for step in stepped.values())
+            detail = ", ".join(f"vehicle {sender} by {step.by_s:+.2f} s" for sender, step in sorted(stepped.items()))
+            found[Condition.CLOCK_STEPPED] = Symptom(since_s, detail)
+
+    def _look_around(self, found: Found, now_s: float, x: float, y: float, height_m: float) -> None:
+        near_m, nearest = self._near_m, 0
+        for peer in self._team.members():
+            age_s = now_s - peer.time_s
+            away_x = peer.position_m[0] + peer.velocity_m_s[0] * age_s - x
+            # Nearly always that says it all.
+            if -near_m < away_x < near_m and abs(peer.altitude_m - height_m) < self._same_height_m:
+                away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * age_s - y)
+                if away_m < near_m:
+                    near_m, nearest = away_m, peer.sender
+        if nearest:
+            self._add(found, now_s, Condition.TOO_CLOSE, f"{near_m:.2f} m from vehicle {nearest}")
+
+
+class _Jumps:
+    """A filter's resets as something that lasts: until it has been quiet for a while."""
+
+    def __init__(self, settle_s: float) -> None:
+        self._settle_s = settle_s
+        self._seen = 0
+        self._since_s: float | None = None
+        self._last_s = -inf
+
+    def see(self, resets: int, now_s: float, *, new: bool = True) -> float | None:
+        """Return since when it jumps, None if it does not; only with `new` a reset begins or prolongs it."""
+        if resets == self._seen and self._since_s is None:
+            return None
+        if resets != self._seen:
+            self._seen = resets
+            if new:
+                self._last_s = now_s
+                self._since_s = now_s if self._since_s is None else self._since_s
+        if self._since_s is not None and now_s - self._last_s >= self._settle_s:
+            self._since_s = None
+        return self._since_s
+
+
+def _vehicles(ids: Iterable[int]) -> str:
+    return ", ".join(f"vehicle {each}" for each in sorted(ids))

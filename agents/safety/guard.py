@@ -1,0 +1,241 @@
+"""The guard: the last stage before the wire. It changes a setpoint as little as possible so that nothing is hit.
+
+It knows no tactic and no plan. Its quadratic programme has two unknowns, the lead u of the setpoint before the vehicle:
+minimise |u - u_wished|^2 under the demands of agents/safety/barriers.py, which the plant makes linear in u,
+`a = a0 u - a1 v + w`. What a demand takes from the wish is given back to the right: vehicles that meet head on go
+around each other instead of standing there. What cannot be kept as a whole yields, level by level.
+"""
+
+from collections.abc import Sequence
+from enum import Enum
+from math import cos, hypot, pi
+
+import msgspec
+import numpy as np
+import osqp
+from scipy.sparse import csc_matrix
+
+from agents.safety.barriers import (
+    Body,
+    Cause,
+    Demand,
+    apart,
+    inside,
+    slow,
+    unsure_m,
+)
+from agents.safety.fence import Fence
+from agents.safety.half_planes import HalfPlane, Point, nearest
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from estimation.state import POSITION, Vector
+
+_FREE = 1e20
+_KEPT_M = 1e-6
+_SOLVED_M = 5e-3
+_SIDES = 8
+_ELASTIC_WEIGHT = 100.0
+_EVADE_SHARE = 1.0
+_CHANGED_M = 0.01
+ROWS_MAX = 32
+"""How many demands are weighed against each other where not all can be kept: those that the wish misses by most."""
+
+
+class GuardStatus(Enum):
+    """What the guard did with the wish."""
+
+    PASSED = "passed"
+    CHANGED = "changed"
+    YIELDED = "yielded"
+    BRAKED = "braked"
+
+
+class Guarded(msgspec.Struct, frozen=True):
+    """The setpoint (2,) to send, why it was changed if it was, and up to which cause the demands had to yield."""
+
+    setpoint_m: Vector
+    status: GuardStatus = GuardStatus.PASSED
+    causes: tuple[Cause, ...] = ()
+    yielded: Cause | None = None
+
+
+class _Row(msgspec.Struct, frozen=True):
+    """A demand on the lead, in metres."""
+
+    plane: HalfPlane
+    cause: Cause
+    evades: bool = False
+
+
+class Guard:
+    """Guards one vehicle's setpoints; remembers nothing that changes its answers."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._safety = config.safety
+        self._axes = (config.plant.x, config.plant.y)
+        self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
+        self._qp: _ElasticQp | None = None
+
+    def check(self, situation: Situation, wish_m: Vector, bodies: Sequence[Body]) -> Guarded:
+        """Return the setpoint nearest to the wish (2,) that keeps what there is to keep."""
+        position = situation.acting_motion[POSITION]
+        x, y = (wish_m - position).tolist()
+        lead = (x, y)
+        reached = self._reached(lead)
+        rows = self._rows(situation, bodies, reached) if self._safety.guard else []
+        missed = [row for row in rows if row.plane.missing(reached) > _KEPT_M]
+        if missed:
+            return self._kept(position, lead, reached, rows, missed)
+        return Guarded(wish_m) if reached is lead else self._guarded(position, lead, reached, [], None)
+
+    def altitude_m(self, wish_m: float) -> float:
+        """Return the altitude nearest to the wish that is inside the band."""
+        low, high = self._safety.altitude_min_m, self._safety.altitude_max_m
+        wish_m = wish_m if high is None else min(wish_m, high)
+        return wish_m if low is None else max(wish_m, low)
+
+    def _kept(
+        self, position: Vector, lead: Point, reached: Point, rows: Sequence[_Row], missed: Sequence[_Row]
+    ) -> Guarded:
+        wanted = _evading(reached, missed)
+        kept = nearest(wanted, self._safety.setpoint_lead_max_m, [row.plane for row in rows])
+        if kept is not None:
+            return self._guarded(position, lead, kept, missed, None)
+        if self._qp is None:
+            self._qp = _ElasticQp(self._safety.setpoint_lead_max_m)
+        worst = sorted(rows, key=lambda row: -row.plane.missing(wanted))[:ROWS_MAX]
+        kept, yielded = self._qp.nearest(wanted, worst)
+        if kept is None:  # an unsolved problem must not fly: stop
+            return self._guarded(position, lead, (0.0, 0.0), missed, yielded, GuardStatus.BRAKED)
+        return self._guarded(position, lead, self._reached(kept), missed, yielded)
+
+    def _guarded(
+        self,
+        position: Vector,
+        lead: Point,
+        kept: Point,
+        missed: Sequence[_Row],
+        yielded: Cause | None,
+        status: GuardStatus | None = None,
+    ) -> Guarded:
+        setpoint = position + kept
+        status = status or (GuardStatus.CHANGED if yielded is None else GuardStatus.YIELDED)
+        if status is GuardStatus.CHANGED and hypot(kept[0] - lead[0], kept[1] - lead[1]) < _CHANGED_M:
+            return Guarded(setpoint)
+        causes = {row.cause for row in missed}
+        if hypot(*lead) > self._safety.setpoint_lead_max_m:
+            causes.add(Cause.REACH)
+        return Guarded(setpoint, status, tuple(sorted(causes)), yielded)
+
+    def _reached(self, lead: Point) -> Point:
+        """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
+        distance_m, limit_m = hypot(*lead), self._safety.setpoint_lead_max_m
+        return lead if distance_m <= limit_m else (lead[0] * limit_m / distance_m, lead[1] * limit_m / distance_m)
+
+    def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Point) -> list[_Row]:
+        """Return what the lead has to be; nothing where this one is all that is demanded, as it mostly is."""
+        safety = self._safety
+        x, y, x_rate, y_rate = situation.acting_motion.tolist()
+        place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
+        demands = [apart(place, velocity, body, rate, Cause.SEPARATION) for body in bodies]
+        demands += slow(velocity, safety.speed_max_m_s, rate)
+        if safety.keep_out_m > 0.0 and situation.acting_target is not None and situation.target is not None:
+            tx, ty, tx_rate, ty_rate = situation.acting_target.tolist()
+            disc = Body((tx, ty), (tx_rate, ty_rate), (0.0, 0.0), safety.keep_out_m, shares=False)
+            demands.append(apart(place, velocity, disc, rate, Cause.KEEP_OUT))
+        bounds: list[_Row] = []
+        if self._fence is not None:
+            margin_m = unsure_m(safety.uncertainty_sigmas, situation.position_sigma_m, 0.0)
+            within_m = safety.setpoint_lead_max_m + margin_m
+            points = self._fence.nearest_points(place, within_m + safety.speed_max_m_s)
+            demands += inside(points, velocity, margin_m, rate)
+            # The setpoint itself stays inside as well: a vehicle whose agent falls silent flies there and stops.
+            bounds = [
+                _Row(HalfPlane(point.inward, margin_m - point.distance_m), Cause.FENCE)
+                for point in points
+                if point.distance_m <= within_m
+            ]
+        w_x, w_y = situation.disturbance.tolist()
+        drift = w_x - self._axes[0].a1_per_s * x_rate, w_y - self._axes[1].a1_per_s * y_rate
+        answer = self._axes[0].a0_per_s2 * lead[0] + drift[0], self._axes[1].a0_per_s2 * lead[1] + drift[1]
+        if not bounds and all(demand.met_by(answer) for demand in demands):
+            return []
+        return [self._row(demand, drift) for demand in demands] + bounds
+
+    def _row(self, demand: Demand, drift: Point) -> _Row:
+        """Return what the lead has to be for a demanded acceleration, `a = a0 u + drift`."""
+        normal_x, normal_y = demand.normal
+        least_m_s2 = min(demand.least_m_s2, self._safety.acceleration_max_m_s2)
+        pull_x, pull_y = normal_x * self._axes[0].a0_per_s2, normal_y * self._axes[1].a0_per_s2
+        pull = hypot(pull_x, pull_y)
+        least_m = (least_m_s2 - normal_x * drift[0] - normal_y * drift[1]) / pull
+        return _Row(HalfPlane((pull_x / pull, pull_y / pull), least_m), demand.cause, demand.evades)
+
+
+def _evading(lead: Point, missed: Sequence[_Row]) -> Point:
+    """Return the lead that goes around on the right what is in its way."""
+    x, y = lead
+    for row in missed:
+        if row.evades:
+            aside_m = _EVADE_SHARE * row.plane.missing(lead)
+            # To the right of one that looks against the normal.
+            x, y = x - aside_m * row.plane.normal[1], y + aside_m * row.plane.normal[0]
+    return x, y
+
+
+class _ElasticQp:
+    """min |u - wanted|^2 under demands that cannot all be kept, in a polygon in the reach: they yield by level."""
+
+    def __init__(self, reach_m: float) -> None:
+        self._reach_m = reach_m
+        angles = 2.0 * pi / _SIDES * (np.arange(_SIDES) + 0.5)
+        self._rows = np.zeros((ROWS_MAX + _SIDES, 3))
+        self._rows[ROWS_MAX:, 0], self._rows[ROWS_MAX:, 1] = np.cos(angles), np.sin(angles)
+        # Column by column, as OSQP keeps them; only the slack's column has no entry for the polygon.
+        self._used = np.ones((3, ROWS_MAX + _SIDES), dtype=np.bool_)
+        self._used[2, ROWS_MAX:] = False
+        self._lower = np.full(ROWS_MAX + _SIDES, -_FREE)
+        self._upper = np.full(ROWS_MAX + _SIDES, _FREE)
+        self._upper[ROWS_MAX:] = reach_m * cos(pi / _SIDES)
+        self._gradient = np.zeros(3)
+        self._solver = osqp.OSQP()
+        self._solver.setup(
+            csc_matrix(np.diag([1.0, 1.0, _ELASTIC_WEIGHT])),
+            self._gradient,
+            csc_matrix(self._used.T.astype(np.float64)),
+            self._lower,
+            self._upper,
+            verbose=False,
+            eps_abs=1e-4,
+            eps_rel=1e-4,
+            eps_prim_inf=1e-3,
+            max_iter=1000,
+            check_termination=10,
+            # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
+            adaptive_rho_interval=10,
+        )
+
+    def nearest(self, wanted: Point, rows: Sequence[_Row]) -> tuple[Point | None, Cause]:
+        """Return the lead, None if the solver fails, and the highest level that had to yield."""
+        count = len(rows)
+        normals = np.array([row.plane.normal for row in rows])
+        least, levels = np.array([row.plane.least for row in rows]), np.array([row.cause for row in rows])
+        self._rows[:ROWS_MAX] = 0.0
+        self._rows[:count, :2] = normals
+        self._gradient[:2] = -wanted[0], -wanted[1]
+        for level in sorted({row.cause for row in rows}):
+            if nearest(wanted, self._reach_m, [row.plane for row in rows if row.cause > level]) is None:
+                continue  # a higher level has to yield
+            self._rows[:count, 2] = levels == level
+            self._lower[:ROWS_MAX] = -_FREE
+            self._lower[:count] = np.where(levels >= level, least, -_FREE)
+            self._solver.update(Ax=self._rows.T[self._used], q=self._gradient, l=self._lower, u=self._upper)
+            solution = np.asarray(self._solver.solve(raise_error=False).x, dtype=np.float64)
+            if np.isfinite(solution).all() and self._kept(solution):
+                x, y, _ = solution.tolist()
+                return (x, y), level
+        return None, Cause.SEPARATION
+
+    def _kept(self, solution: Vector) -> bool:
+        values = self._rows.dot(solution)
+        return bool(np.minimum(values - self._lower, self._upper - values).min() > -_SOLVED_M)

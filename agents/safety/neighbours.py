@@ -1,0 +1,95 @@
+"""The other vehicles as bodies to keep away from: where their published plans take them, and how sure that is."""
+
+from collections.abc import Iterable, Sequence
+from math import hypot, sqrt
+
+from agents.safety.barriers import Body, unsure_m
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from agents.tactics import Tactic
+from agents.team.messages import MemberState
+
+UNTOLD_ACCELERATION_M_S2 = 2.0
+"""How much a vehicle may have changed its mind since it last spoke."""
+GOING_ON_S = 1.0
+"""How long a silent vehicle is believed to go on as it said."""
+A_FEW = 3
+_DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
+
+
+class Neighbours:
+    """Makes bodies of what the team's members said last."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._safety = config.safety
+        self._unnoticed_s = max(config.failsafe.peers_silent_s - GOING_ON_S, 0.0)
+        axes = (config.plant.x, config.plant.y)
+        self._stiffness = tuple((axis.a0_per_s2, axis.a1_per_s) for axis in axes)
+        self._acceleration_max_m_s2 = config.safety.acceleration_max_m_s2
+        self._reach_m_s2 = config.safety.setpoint_lead_max_m * max(axis.a0_per_s2 for axis in axes)
+        self._damping_per_s = max(axis.a1_per_s for axis in axes)
+
+    def near(self, situation: Situation, heard: Sequence[MemberState]) -> Sequence[MemberState]:
+        """Return those that the guard can have to do with: no setpoint within reach comes too close to the others.
+
+        Of a team of sixteen these are a few; a few cost less than to choose among them. The bound is
+        `barriers.apart` solved for the distance, with everything that can be against the vehicle against it: closing
+        straight on, and the setpoint at its farthest.
+        """
+        if len(heard) <= A_FEW:
+            return heard
+        safety, rate = self._safety, self._safety.barrier_rate_per_s
+        x, y, x_rate, y_rate = situation.acting_motion.tolist()
+        speed, turned = hypot(x_rate, y_rate), sqrt(2.0) * self._acceleration_max_m_s2
+        reach = self._reach_m_s2 + hypot(*situation.disturbance.tolist()) + self._damping_per_s * speed
+        still_m = 3.0 * safety.separation_m + 2.0 * (reach + max(reach, turned)) / rate**2
+        near = []
+        for member in heard:
+            ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
+            its_speed = hypot(*member.velocity_m_s)
+            closing_m_s = speed + its_speed + turned * ahead_s
+            come_m = (its_speed + turned / 2.0 * ahead_s) * ahead_s
+            place_x, place_y = member.position_m
+            if hypot(place_x - x, place_y - y) < still_m + 4.0 * closing_m_s / rate + come_m:
+                near.append(member)
+        return near
+
+    def bodies(
+        self, situation: Situation, height_m: float, heard: Iterable[MemberState], lost: Iterable[MemberState]
+    ) -> list[Body]:
+        """Return the bodies at the moment when the setpoint acts: all heard or lost, but those well above or below.
+
+        One that lands, is lost, or that somebody else flies does not keep away itself.
+        """
+        members = [(member, member.tactic not in _DOES_NOT_EVADE) for member in heard]
+        members += [(member, False) for member in lost]
+        apart_m, own_sigma_m = self._safety.vertical_separation_m, situation.position_sigma_m
+        return [
+            self._body(member, situation, own_sigma_m, shares=shares)
+            for member, shares in members
+            if abs(member.altitude_m - height_m) < apart_m
+        ]
+
+    def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:
+        safety = self._safety
+        separation_m, age_s = safety.separation_m, situation.now_s - member.time_s
+        ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
+        x, x_rate, x_acceleration = self._ahead(0, member, ahead_s)
+        y, y_rate, y_acceleration = self._ahead(1, member, ahead_s)
+        moved_m = UNTOLD_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2
+        if ahead_s == GOING_ON_S:
+            # It hovers by now, or is on its way to the ground; unless only its radio is gone, and it has not noticed.
+            moved_m += hypot(x_rate, y_rate) * min(max(age_s - GOING_ON_S, 0.0), self._unnoticed_s)
+            x_rate = y_rate = x_acceleration = y_acceleration = 0.0
+        unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
+        distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
+        return Body((x, y), (x_rate, y_rate), (x_acceleration, y_acceleration), distance_m, shares)
+
+    def _ahead(self, axis: int, member: MemberState, ahead_s: float) -> tuple[float, float, float]:
+        """Return position, velocity and acceleration along one axis, as the plant answers the setpoint it published."""
+        a0, a1 = self._stiffness[axis]
+        position, rate = member.position_m[axis], member.velocity_m_s[axis]
+        limit = self._acceleration_max_m_s2
+        acceleration = a0 * (member.setpoint_m[axis] - position) - a1 * rate
+        acceleration = min(max(acceleration, -limit), limit)
+        return position + (rate + acceleration / 2.0 * ahead_s) * ahead_s, rate + acceleration * ahead_s, acceleration

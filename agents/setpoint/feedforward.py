@@ -1,0 +1,56 @@
+"""The last step before the wire: an aim becomes a setpoint and a velocity beside it.
+
+By the plant file any pair with the same aim does the same: what the guard allowed holds whatever velocity is chosen. It
+is where the vehicle differs from its file that the choice matters. The velocity sent is the one that the plant reaches
+under the aim, half the time constant of its damping from now: at a steady speed the setpoint then needs no lead, and no
+error of a0 or a1 is seen; while it accelerates, errors of either count by half. It follows the aim that the guard left:
+who is braked is sent less at once. Who stays is sent none, and comes to rest at the setpoint whatever its plant.
+"""
+
+from math import hypot
+
+from agents.control.plan import Plan
+from agents.safety.barriers import Pair
+from agents.safety.guard import Guarded, GuardStatus
+from agents.situation.situation import Situation
+from estimation.plant.model import Plant
+
+_REACHED = 0.5
+"""In time constants 1 / a1: how far ahead the velocity is taken from."""
+_STILL = (0.0, 0.0)
+
+
+class FeedForward:
+    """Splits the aims of one vehicle; remembers nothing."""
+
+    def __init__(self, plant: Plant, speed_max_m_s: float) -> None:
+        self._plant = plant
+        self._lead_s = plant.lead_s
+        self._feeds = plant.feedforward > 0.0
+        self._speed_max_m_s = speed_max_m_s
+
+    def split(self, situation: Situation, plan: Plan, guarded: Guarded) -> tuple[Pair, tuple[float, ...]]:
+        """Return the setpoint, and the velocity (x, y, z) to send with it; no velocity where the plant takes none."""
+        x, y = guarded.setpoint_m.tolist()
+        if not self._feeds:
+            return (x, y), ()
+        velocity = plan.velocity_m_s
+        if guarded.status is GuardStatus.BRAKED:
+            velocity = _STILL
+        elif velocity is None:
+            velocity = self._reached(situation, (x, y))
+        x_rate, y_rate = self._bounded(velocity)
+        lead_x, lead_y = self._lead_s
+        return (x - lead_x * x_rate, y - lead_y * y_rate), (x_rate, y_rate, 0.0)
+
+    def _reached(self, situation: Situation, aim_m: Pair) -> Pair:
+        x, y, x_rate, y_rate = situation.acting_motion.tolist()
+        w_x, w_y = situation.disturbance.tolist()
+        along_x, along_y = self._plant.x, self._plant.y
+        push_x = along_x.a0_per_s2 * (aim_m[0] - x) + w_x - along_x.a1_per_s * x_rate
+        push_y = along_y.a0_per_s2 * (aim_m[1] - y) + w_y - along_y.a1_per_s * y_rate
+        return x_rate + _REACHED * push_x / along_x.a1_per_s, y_rate + _REACHED * push_y / along_y.a1_per_s
+
+    def _bounded(self, velocity: Pair) -> Pair:
+        speed, limit = hypot(*velocity), self._speed_max_m_s
+        return velocity if speed <= limit else (velocity[0] * limit / speed, velocity[1] * limit / speed)

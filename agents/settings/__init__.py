@@ -1,0 +1,4 @@
+"""The configuration of one agent.
+
+It may import estimation's settings and plant.
+"""

@@ -1,0 +1,109 @@
+"""The whole configuration of one agent."""
+
+from dataclasses import dataclass, field, replace
+from math import pi
+
+from agents.settings.sections import (
+    ChoreographySettings,
+    DecisionSettings,
+    EncirclementSettings,
+    ExcitationSettings,
+    FailsafeSettings,
+    FormationSettings,
+    SafetySettings,
+)
+from agents.settings.shapes import SHAPES, Shape, offset_m
+from estimation.plant.model import Plant
+from estimation.settings import OwnFilterSettings, TargetFilterSettings
+
+
+@dataclass(frozen=True, slots=True)
+class AgentConfig:
+    """Everything one agent is told before it flies.
+
+    `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
+    mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
+    messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
+    layer's height and `altitude_lowest_m` the lowest flying height (None: the own), `slots_m` the vehicles' places in a
+    free formation, empty without one. With `excitation` there is no mission: it flies for identification.
+    """
+
+    vehicle_id: int
+    slots: tuple[int, ...]
+    line_start_m: tuple[float, float]
+    altitude_m: float
+    rate_hz: float
+    communication_radius_m: float
+    plant: Plant
+    formation: FormationSettings
+    encirclement: EncirclementSettings
+    decision: DecisionSettings = field(default_factory=DecisionSettings)
+    safety: SafetySettings = field(default_factory=SafetySettings)
+    failsafe: FailsafeSettings = field(default_factory=FailsafeSettings)
+    own_filter: OwnFilterSettings = field(default_factory=OwnFilterSettings)
+    target_filter: TargetFilterSettings = field(default_factory=TargetFilterSettings)
+    choreography: ChoreographySettings = field(default_factory=ChoreographySettings)
+    home_m: tuple[float, float] | None = None
+    layers_from_m: float | None = None
+    altitude_lowest_m: float | None = None
+    slots_m: tuple[tuple[float, float], ...] = ()
+    excitation: ExcitationSettings | None = None
+
+    @property
+    def shape(self) -> Shape:
+        """The formation's shape."""
+        return self.formation.shape or ("free" if self.slots_m else "line")
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The shapes that the formation can take: where there are slots, or the spacing keeps the separation."""
+        spaced = self.formation.spacing_m >= self.safety.separation_m or len(self.slots) == 1
+        return tuple(shape for shape in SHAPES if (self.slots_m if shape == "free" else spaced))
+
+    @property
+    def turns_nose(self) -> bool:
+        """Whether the yaw of setpoints is anything but 0."""
+        return self.formation.yaw != "fixed" or self.encirclement.yaw != "fixed"
+
+    def reshaped(self, shape: Shape) -> "AgentConfig":
+        """Return the same with a formation of another shape."""
+        return replace(self, formation=self.formation.model_copy(update={"shape": shape}))
+
+    def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
+        """Return where `vehicle_id` belongs relative to another member."""
+        (x, y), (other_x, other_y) = self._slot_m(vehicle_id), self._slot_m(relative_to)
+        return x - other_x, y - other_y
+
+    def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
+        place = self.slots.index(vehicle_id)
+        if self.shape == "free":
+            return self.slots_m[place]
+        return offset_m(self.shape, place, self.slots.index(self.formation.leader), self.formation.spacing_m)
+
+    @property
+    def clearance_rad(self) -> float:
+        """The angle between two vehicles on the ring at which they are one separation apart."""
+        half_chord = self.safety.separation_m / 2.0 / self.encirclement.radius_m
+        return min(2.0 * half_chord, pi / 2.0)
+
+    @property
+    def take_off_altitude_m(self) -> float:
+        """The vehicle's layer from take-off until all are in their places; without layers the flying height."""
+        return self._layer_m(self.slots.index(self.vehicle_id))
+
+    @property
+    def return_altitude_m(self) -> float:
+        """The vehicle's layer on the way home, above all flying heights: who lands first has the lowest."""
+        return self._layer_m(self.landing_order.index(self.vehicle_id) + 1)
+
+    @property
+    def landing_order(self) -> tuple[int, ...]:
+        """All vehicles in the order in which they land."""
+        first = tuple(i for i in self.choreography.landing_order if i in self.slots)
+        return (*first, *(i for i in self.slots if i not in first))
+
+    def _layer_m(self, number: int) -> float:
+        if self.choreography.layer_m == 0.0:
+            return self.altitude_m
+        lowest_m = self.altitude_m if self.layers_from_m is None else self.layers_from_m
+        return lowest_m + number * self.choreography.layer_m

@@ -1,0 +1,155 @@
+"""Peer messages: what vehicles tell each other, their codec, and one table of topics with rate and maximum age.
+
+Every number is bounded where it is decoded: NaN, infinity and nonsense from a peer never reach an estimator.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import msgspec
+
+from agents.settings.shapes import Shape
+
+_Id = Annotated[int, msgspec.Meta(ge=1, le=254)]
+_Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
+_Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+_Speed = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+_Angle = Annotated[float, msgspec.Meta(ge=-7.0, le=7.0)]
+_Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
+_Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+_Name = Annotated[str, msgspec.Meta(max_length=32)]
+
+_Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+
+Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
+Metres2 = tuple[_Metres, _Metres]
+
+
+class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
+    """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs.
+
+    `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none;
+    `shape` is the formation that operators last asked for, at `shaped_s`; None is the mission's.
+    """
+
+    sender: _Id
+    time_s: _Time
+    tactic: _Name
+    position_m: Metres2
+    velocity_m_s: tuple[_Speed, _Speed]
+    setpoint_m: Metres2
+    setpoint_rate_m_s: tuple[_Speed, _Speed]
+    altitude_m: _Metres = 0.0
+    position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    alert: _Name = ""
+    shape: Shape | None = None
+    shaped_s: _Time = 0.0
+
+
+class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
+    """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
+
+    It can fly these shares of the ring's angular rate and radius (`agents/control/ring_feasibility.py`).
+    """
+
+    sender: _Id
+    time_s: _Time
+    bearing_rad: _Angle
+    angular_rate_rad_s: _Speed
+    radius_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+    rate_share: _Fraction = 1.0
+    radius_share: Annotated[float, msgspec.Meta(ge=1.0, le=10.0)] = 1.0
+
+
+class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
+    """One raw sighting of the target and whom it is for: the members within the sender's communication radius.
+
+    The covariance holds (xx, xy, yy); the altitude is above the mission's origin, None if the sensor tells none.
+    """
+
+    sender: _Id
+    time_s: _Time
+    position_m: Metres2
+    covariance_m2: tuple[_Variance, _Variance, _Variance]
+    importance: _Fraction
+    threat: _Fraction
+    recipients: tuple[_Id, ...]
+    altitude_m: _Metres | None = None
+    altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
+
+
+class Muster(msgspec.Struct, frozen=True, array_like=True, tag="muster"):
+    """A vehicle that is there, and the mission's start it proposes (None: not everybody is ready yet).
+
+    It is `ready` once it is up; on the ground it only lets the others compare their clocks with its own.
+    """
+
+    sender: _Id
+    time_s: _Time
+    start_s: _Time | None
+    ready: bool = True
+
+
+class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):
+    """What an operator tells one vehicle, or all of them (None), on the team's clock; `origin` is who it was.
+
+    It is said again and again until it is answered: `number` tells one command from the next. `shape` is what the verb
+    formation is about.
+    """
+
+    time_s: _Time
+    verb: Verb
+    vehicle: _Id | None
+    origin: _Name
+    number: _Number
+    shape: Shape | None = None
+
+
+class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
+    """What a vehicle did about an operator's command, and when."""
+
+    sender: _Id
+    time_s: _Time
+    number: _Number
+    did: Annotated[str, msgspec.Meta(max_length=120)]
+
+
+PeerMessage = MemberState | NeighbourAngle | TargetPackage | Muster | CommandAnswer
+BusMessage = PeerMessage | OperatorCommand
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One kind of message: its name on the bus, how often it is sent at most, and how old it may become."""
+
+    name: str
+    period_s: float
+    age_max_s: float
+
+
+TOPICS: dict[type[BusMessage], Topic] = {
+    MemberState: Topic("member", 0.1, 1.0),
+    NeighbourAngle: Topic("angle", 0.1, 1.0),
+    TargetPackage: Topic("target", 0.2, 1.0),
+    Muster: Topic("muster", 0.2, 1.0),
+    OperatorCommand: Topic("command", 0.1, 2.0),
+    CommandAnswer: Topic("answer", 0.1, 2.0),
+}
+
+_encoder = msgspec.msgpack.Encoder()
+_decoder: msgspec.msgpack.Decoder[BusMessage] = msgspec.msgpack.Decoder(BusMessage)
+
+
+def encode(message: BusMessage) -> bytes:
+    """Return a message as it goes over the bus."""
+    return _encoder.encode(message)
+
+
+def decode(payload: bytes) -> BusMessage:
+    """Return the message in a payload; raises ValueError when it is not one of ours, or a number is out of bounds."""
+    try:
+        return _decoder.decode(payload)
+    except msgspec.MsgspecError as error:
+        raise ValueError(str(error)) from error
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error

@@ -1,0 +1,17 @@
+"""How much of the mission's ring a vehicle can fly: shares of its angular rate and of its radius."""
+
+import msgspec
+
+
+class RingScale(msgspec.Struct, frozen=True):
+    """A ring as shares of the mission's: of its angular rate, at most 1, and of its radius, at least 1."""
+
+    rate: float = 1.0
+    radius: float = 1.0
+
+    def with_(self, other: "RingScale") -> "RingScale":
+        """Return the ring that both can fly."""
+        return RingScale(min(self.rate, other.rate), max(self.radius, other.radius))
+
+
+FULL_RING = RingScale()

@@ -1,0 +1,135 @@
+"""What a fit is made from: the parts of flights that were flown by position setpoints, on an even grid of times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.identification.response import (
+    Asked,
+    Between,
+    Steps,
+    steps_of,
+)
+from estimation.state import Vector
+
+GRID_S = 0.1
+"""Plants of vehicles move by tenths of radians in that time; noise of estimators is no whiter when asked more often."""
+GAP_MAX_S = 0.5
+SETTLE_S = 1.0
+"""After a mode has changed, setpoints of the mode before may still have their effect."""
+EXCERPT_MIN_S = 8.0
+EXCERPT_MAX_S = 60.0
+"""Longer parts are cut: each has a last third that is foretold, and begins anew where an estimator has wandered to."""
+FED_MIN_M_S = 0.05
+"""Velocities beside the setpoints that vary by less (rms, along both axes) tell nothing of what becomes of them."""
+
+Spans = Sequence[tuple[float, float]]
+
+
+def grid_s(count: int) -> Vector:
+    """Return the first `count` times of the grid, from 0."""
+    return np.arange(count, dtype=np.float64) * GRID_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """One vehicle's horizontal motion as a log has it: positions (T, 2) [m], setpoints (n, 2) [m], and their times [s].
+
+    `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` when its estimator moved its position
+    by itself. With `sampled`, the log holds what setpoint was in force at its times, and not when each was sent.
+    `velocity_m_s` (n, 2) are the velocities that went with the setpoints, None where none did.
+    """
+
+    position_time_s: Vector
+    position_m: Vector
+    setpoint_time_s: Vector
+    setpoint_m: Vector
+    flown_s: Spans
+    resets_s: Sequence[float] = ()
+    sampled: bool = False
+    velocity_m_s: Vector | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Excerpt:
+    """A part of a flight without a break: positions (T, 2) every GRID_S from begin_s on, and all setpoints."""
+
+    begin_s: float
+    position_m: Vector
+    recording: Recording
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is."""
+        return float(self.position_m.shape[0] * GRID_S)
+
+    @property
+    def time_s(self) -> Vector:
+        """Times of the positions (T,)."""
+        return self.begin_s + grid_s(self.position_m.shape[0])
+
+    @property
+    def fed(self) -> bool:
+        """Whether velocities that vary were sent beside the setpoints."""
+        spread = np.std(self.velocity_m_s(), axis=0) if self.recording.velocity_m_s is not None else np.zeros(2)
+        return float(np.hypot(*spread)) > FED_MIN_M_S
+
+    def setpoint_m(self) -> Vector:
+        """Return the setpoints that were held at the times of the positions, (T, 2)."""
+        return self._held(self.recording.setpoint_m)
+
+    def velocity_m_s(self) -> Vector:
+        """Return the velocities beside them, (T, 2); 0 where there were none."""
+        velocity_m_s = self.recording.velocity_m_s
+        return self._held(np.zeros_like(self.recording.setpoint_m) if velocity_m_s is None else velocity_m_s)
+
+    def asked(self, between: Between) -> tuple[Asked, Asked]:
+        """Return what each axis was asked, as sums of steps or ramps."""
+        x, y = (self._asked(axis, between) for axis in range(2))
+        return x, y
+
+    def _asked(self, axis: int, between: Between) -> Asked:
+        recording = self.recording
+        times_s, velocity_m_s = recording.setpoint_time_s, recording.velocity_m_s
+        velocity: Steps | None = None
+        if velocity_m_s is not None:
+            velocity = steps_of(times_s, velocity_m_s[:, axis], between)
+        return Asked(steps_of(times_s, recording.setpoint_m[:, axis], between), velocity)
+
+    def _held(self, values: Vector) -> Vector:
+        at = np.searchsorted(self.recording.setpoint_time_s, self.time_s, side="right") - 1
+        return np.asarray(values[np.maximum(at, 0)], dtype=np.float64)
+
+
+def excerpts_of(recording: Recording) -> list[Excerpt]:
+    """Return the parts of a recording that a fit can be made from."""
+    time_s = recording.position_time_s
+    if recording.setpoint_time_s.size < 2 or time_s.size < 2:
+        return []
+    gaps = np.flatnonzero(np.diff(time_s) > GAP_MAX_S)
+    breaks = sorted({*recording.resets_s, *time_s[gaps].tolist(), *time_s[gaps + 1].tolist()})
+    first_s, last_s = max(time_s[0], recording.setpoint_time_s[0]), time_s[-1]
+    found = []
+    for begin_s, end_s in recording.flown_s:
+        begin_s, end_s = max(begin_s + SETTLE_S, first_s), min(end_s, last_s)  # noqa: PLW2901
+        inner = [at_s for at_s in breaks if begin_s < at_s < end_s]
+        for from_s, to_s in zip([begin_s, *inner], [*inner, end_s], strict=True):
+            if to_s - from_s >= EXCERPT_MIN_S and not _in_gap(time_s, gaps, from_s, to_s):
+                edges_s = np.linspace(from_s, to_s, ceil((to_s - from_s) / EXCERPT_MAX_S) + 1).tolist()
+                found += [_excerpt(recording, one + 1e-6, other - 1e-6) for one, other in pairwise(edges_s)]
+    return found
+
+
+def _in_gap(time_s: Vector, gaps: NDArray[np.intp], from_s: float, to_s: float) -> bool:
+    middle_s = (from_s + to_s) / 2.0
+    return bool(((time_s[gaps] <= middle_s) & (middle_s <= time_s[gaps + 1])).any())
+
+
+def _excerpt(recording: Recording, from_s: float, to_s: float) -> Excerpt:
+    at_s = np.arange(from_s, to_s, GRID_S)
+    columns = [np.interp(at_s, recording.position_time_s, column) for column in recording.position_m.T]
+    return Excerpt(from_s, np.column_stack(columns), recording)

@@ -1,0 +1,229 @@
+"""System identification: from recordings of flights to a plant, how sure it is, and whether to fly by it.
+
+The plant is fitted by its output error (Ljung, System Identification, 1999, ch. 7 and 10): simulated from the setpoints
+alone. Two weightings are tried. Whitening of the errors is efficient if the plant is of the assumed kind and the rest
+is noise; equal weights give the plant that simulates best even where it is not, but take the slow wander of an
+estimator for motion. They are used where they foretell markedly better what was not fitted. That the two disagree by
+more than their uncertainty allows (Hausman 1978) is told: slow and quick motions then ask for different numbers.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+from types import MappingProxyType
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.identification.coloured_noise import whiteness
+from estimation.identification.excerpts import Excerpt, Recording, excerpts_of
+from estimation.identification.identified import (
+    AxisResult,
+    Found,
+    Identified,
+    Interval,
+    Order,
+    Validation,
+)
+from estimation.identification.least_squares_start import baseline_of
+from estimation.identification.output_error import (
+    Fit,
+    Model,
+    fit,
+    parameters_of,
+    start_of,
+)
+from estimation.identification.response import Between
+from estimation.identification.shaping import UNSHAPED, Shaping, shaping_of
+from estimation.identification.simulated import FORETOLD_S, fit_percent, simulated
+from estimation.identification.trust import judged, refused
+from estimation.plant.model import Plant
+
+TRAINED_SHARE = 0.7
+_HAUSMAN_SURE = 0.999
+_PLAIN_ERRORS_MAX = 0.85
+"""Of what the whitened fit leaves unexplained; less than that and the fit with equal weights is taken."""
+_MISFIT_PERCENT = 80.0
+_STAGES = 8
+
+
+@dataclass(slots=True)
+class _Counter:
+    """How much of the work is done, told as a share."""
+
+    on_progress: Callable[[float], None]
+    done: int = 0
+
+    def step(self) -> None:
+        self.done += 1
+        self.on_progress(min(1.0, self.done / _STAGES))
+
+
+def identify(
+    recordings: Sequence[Recording],
+    on_progress: Callable[[float], None] = lambda _: None,
+    others: Mapping[str, Plant] = MappingProxyType({}),
+) -> Identified:
+    """Return what can be learnt of one vehicle from recordings of its flights; bad ones get a verdict, not an error.
+
+    Other plants, by name, are held against the same part of the flights as the one that is found.
+    """
+    excerpts = [excerpt for recording in recordings for excerpt in excerpts_of(recording)]
+    if (refusal := refused(recordings, excerpts)) is not None:
+        return refusal
+    counter = _Counter(on_progress)
+    white = _likeliest(recordings, excerpts, counter)
+    chosen = _weighted(excerpts, white, counter)
+    baseline = baseline_of(excerpts, TRAINED_SHARE)
+    order = _order(excerpts, chosen.plain_trained)
+    counter.step()
+    shaping = shaping_of(excerpts, chosen.best) if _is_misfit(excerpts, chosen) else UNSHAPED
+    counter.step()
+    return _result(_Parts(excerpts, chosen, baseline, order, shaping, others))
+
+
+@dataclass(frozen=True, slots=True)
+class _Chosen:
+    """The fit to everything, that to the first part, and the latter without whitening.
+
+    `whitened` says whether errors were whitened, `consistent` whether it makes no difference beyond the uncertainty.
+    """
+
+    best: Fit
+    trained: Fit
+    whitened: bool
+    consistent: bool
+    plain_trained: Fit
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    excerpts: Sequence[Excerpt]
+    chosen: _Chosen
+    baseline: Plant | None
+    order: Order
+    shaping: Shaping
+    others: Mapping[str, Plant]
+
+
+def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
+    """Return the whitened fit, with what is known to have happened between setpoints, or what makes it likeliest."""
+    sampled = any(recording.sampled for recording in recordings)
+    candidates = (Between.MIXED, Between.LINEAR, Between.MIDWAY) if sampled else (Between.HELD,)
+    fed = any(excerpt.fed for excerpt in excerpts)
+    start = start_of(excerpts, Model(candidates[0], feedforward=fed))
+    counter.step()
+    fits = []
+    for between in candidates:
+        fits.append(fit(excerpts, Model(between, feedforward=fed), start))
+        start = fits[0].parameters
+        counter.step()
+    return min(fits, key=lambda each: each.score)
+
+
+def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Chosen:
+    plain = fit(excerpts, white.model, white.parameters, whiten=False)
+    plain_trained = fit(excerpts, white.model, plain.parameters, TRAINED_SHARE, whiten=False)
+    counter.step()
+    white_trained = fit(excerpts, white.model, white.parameters, TRAINED_SHARE)
+    counter.step()
+    apart = white.parameters - plain.parameters
+    statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
+    left_plain, left_white = (
+        100.0 - np.mean(_foretold(excerpts, each, inf)) for each in (plain_trained, white_trained)
+    )
+    whitened = bool(left_plain > _PLAIN_ERRORS_MAX * left_white)
+    best, trained = (white, white_trained) if whitened else (plain, plain_trained)
+    best, trained = _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened)
+    consistent = bool(statistic <= chi2.ppf(_HAUSMAN_SURE, apart.size))
+    return _Chosen(best, trained, whitened, consistent, plain_trained)
+
+
+def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
+    """Return a fit whose delay is not below 0: no plant answers before it is asked."""
+    if best.parameters[4] >= 0.0:
+        return best
+    at_zero = fit(excerpts, replace(best.model, delayed=False), best.parameters, share, whitened)
+    return replace(at_zero, covariance=best.covariance, wished_delay_s=float(best.parameters[4]))
+
+
+def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
+    """Return what a third order - a lag of the actuators - would give beyond the second."""
+    model = replace(plain.model, lag=True)
+    third = fit(excerpts, model, np.append(plain.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
+    second_percent, third_percent = (float(np.mean(_foretold(excerpts, each))) for each in (plain, third))
+    return Order(
+        lag_s=float(np.exp(third.parameters[-1])),
+        fit_second_percent=second_percent,
+        fit_third_percent=third_percent,
+        error_ratio=float(np.exp((third.score - plain.score) / 2.0 / max(third.count, 1))),
+    )
+
+
+def _is_misfit(excerpts: Sequence[Excerpt], chosen: _Chosen) -> bool:
+    """Return whether the plant explains so little that it is worth looking for bounds of speed and acceleration."""
+    return not chosen.whitened or min(_foretold(excerpts, chosen.trained)) < _MISFIT_PERCENT
+
+
+def _foretold(excerpts: Sequence[Excerpt], trained: Fit, window_s: float = FORETOLD_S) -> tuple[float, float]:
+    """Return the fits, x and y, on what was not fitted: foretold so far at a time."""
+    x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE, window_s)) for axis in range(2))
+    return x, y
+
+
+def _result(parts: _Parts) -> Identified:
+    best, trained = parts.chosen.best, parts.chosen.trained
+    half = best.deviations95
+    logs = best.parameters[:4]
+    a0_x, a1_x, a0_y, a1_y = (_positive(value, spread) for value, spread in zip(logs, half[:4], strict=True))
+    delay_s, wished_s = float(best.parameters[4]), best.wished()
+    delay = Interval(delay_s, max(0.0, wished_s - float(half[4])), max(delay_s, wished_s + float(half[4])))
+    fits = _foretold(parts.excerpts, trained)
+    axes = []
+    for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
+        own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
+        damping_spread = best.quantile95 * float(np.sqrt(max(own[1, 1] + own[0, 0] / 4.0 - own[0, 1], 0.0)))
+        frequency = _positive(np.log(a0.value) / 2.0, half[2 * axis] / 2.0)
+        damping = _positive(np.log(a1.value) - np.log(4.0 * a0.value) / 2.0, damping_spread)
+        apart = simulated(parts.excerpts, best, axis, 1.0)
+        rms_m = float(np.sqrt(np.mean(np.concatenate([each.error_m for each in apart]) ** 2)))
+        axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
+    baseline_fit = None
+    if parts.baseline is not None:
+        baseline_fit = _of_another(parts, parts.baseline)
+    others_fit = {name: _of_another(parts, plant) for name, plant in parts.others.items()}
+    scale = np.append(np.exp(logs), np.ones(best.parameters.size - 4))
+    found = Found(
+        axes=(axes[0], axes[1]),
+        delay_s=delay,
+        covariance=best.covariance * np.outer(scale, scale),
+        between=best.model.between,
+        whitened=parts.chosen.whitened,
+        consistent=parts.chosen.consistent,
+        order=parts.order,
+        shaping=parts.shaping,
+        baseline=parts.baseline,
+        baseline_fit_percent=baseline_fit,
+        others_fit_percent=others_fit,
+        validation=Validation(tuple(parts.excerpts), best, trained),
+        feedforward=_gain(best) if best.model.feedforward else None,
+    )
+    verdict, reasons = judged(found, wished_s, float(half[4]) / 2.0)
+    duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
+    return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)
+
+
+def _of_another(parts: _Parts, plant: Plant) -> tuple[float, float]:
+    """Return the fit of another plant on what was not fitted."""
+    trained = parts.chosen.trained
+    return _foretold(parts.excerpts, replace(trained, parameters=parameters_of(plant, trained.model)))
+
+
+def _gain(best: Fit) -> Interval:
+    value, half = float(best.parameters[5]), float(best.deviations95[5])
+    return Interval(value, value - half, value + half)
+
+
+def _positive(log_value: float, log_spread: float) -> Interval:
+    value, factor = float(np.exp(log_value)), float(np.exp(min(log_spread, 20.0)))
+    return Interval(value, value / factor, value * factor)

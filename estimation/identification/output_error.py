@@ -1,0 +1,262 @@
+"""Fitting a plant to flights by its output error: simulated from the setpoints alone, held against the positions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from estimation.identification.coloured_noise import jackknifed, whitened, whitening_filter
+from estimation.identification.excerpts import GRID_S, Excerpt, grid_s
+from estimation.identification.response import Between, Response, response_of
+from estimation.plant.model import Plant
+from estimation.state import Vector
+
+DELAY_MIN_S, DELAY_MAX_S = -0.3, 0.6
+"""A delay below zero is no plant's, but a fit that wants one tells of clocks or sampling: it may say so."""
+_NO_DELAY_S = 1e-5
+A0_RANGE, A1_RANGE, LAG_RANGE_S, FEEDFORWARD_RANGE = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
+PLANT_NAMES = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
+BLOCK_S = 8.0
+"""Errors this far apart are taken to be independent when confidence is computed."""
+SENT_S = 0.05
+"""Setpoints are sent at 20 Hz or more: MAVSDK sees to that. A log that samples them may be in step with the sender, and
+then all its setpoints are late by the same unknown part of that time."""
+_ROUNDS = 2
+_PLAIN = np.array([1.0])
+_PRIOR_DEVIATION = 3.0
+"""Of parameters as fitted, before anything is known: a factor of twenty either way."""
+_NUDGE = 1e-5
+_TRAINING_MIN = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What is fitted beside a0, a1 and the delay, and what is taken to happen between setpoints."""
+
+    between: Between
+    lag: bool = False
+    feedforward: bool = False
+    delayed: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the fitted parameters are called, in order."""
+        return PLANT_NAMES + ("feedforward",) * self.feedforward + ("lag_s",) * self.lag
+
+    def responses(self, parameters: Vector) -> tuple[Response, Response]:
+        """Return each axis' response; parameters are as fitted: a0 and a1 by their logarithms."""
+        x0, x1, y0, y1 = np.exp(parameters[:4]).tolist()
+        # A longer lag would be unstable (Hurwitz).
+        lag_s = min(float(np.exp(parameters[-1])), 0.95 * x1 / x0, 0.95 * y1 / y0) if self.lag else 0.0
+        return response_of(x0, x1, lag_s), response_of(y0, y1, lag_s)
+
+    def leads_s(self, parameters: Vector) -> tuple[float, float]:
+        """Return how far ahead of the setpoint a velocity beside it puts each axis' aim, g a1 / a0."""
+        gain = float(parameters[5]) if self.feedforward else 0.0
+        x, y = np.exp(parameters[1:4:2] - parameters[0:4:2]).tolist()
+        return gain * x, gain * y
+
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Return the least and the greatest parameters as fitted."""
+        logs = [np.log(A0_RANGE), np.log(A1_RANGE)] * 2
+        least_s = 0.0 if self.lag else DELAY_MIN_S
+        delay_range_s = (least_s, DELAY_MAX_S) if self.delayed else (-_NO_DELAY_S, _NO_DELAY_S)
+        rows = [*logs, np.array(delay_range_s)]
+        rows += [np.array(FEEDFORWARD_RANGE)] * self.feedforward + [np.log(LAG_RANGE_S)] * self.lag
+        low, high = np.array(rows, dtype=np.float64).T
+        return low, high
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """What was fitted: parameters (k,) as fitted, their covariance from so many blocks, and the noise of each axis.
+
+    `errors` are the whitened errors, one array for each axis and excerpt; `score` is -2 times the logarithm of their
+    likelihood. `wished_delay_s` is the delay that would have fitted best where it is less than any plant's.
+    """
+
+    model: Model
+    parameters: Vector
+    covariance: Vector
+    whitening: tuple[Vector, Vector]
+    errors: tuple[tuple[Vector, ...], ...]
+    blocks: int
+    wished_delay_s: float | None = None
+
+    @property
+    def score(self) -> float:
+        """How unlikely the flights are by this fit."""
+        pairs = zip(self.errors, self.whitening, strict=True)
+        return float(
+            sum(each @ each - 2.0 * each.size * np.log(whitening[0]) for axis, whitening in pairs for each in axis)
+        )
+
+    @property
+    def deviations95(self) -> Vector:
+        """Half the width of the parameters' 95 % intervals (k,)."""
+        return np.asarray(self.quantile95 * np.sqrt(np.diag(self.covariance)), dtype=np.float64)
+
+    @property
+    def quantile95(self) -> float:
+        """How many standard deviations a 95 % interval reaches to either side, by Student's distribution."""
+        return float(student.ppf(0.975, max(self.blocks - 1, 1)))
+
+    def wished(self) -> float:
+        """Return the delay that fitted best [s], of a plant or not."""
+        return float(self.parameters[4]) if self.wished_delay_s is None else self.wished_delay_s
+
+    @property
+    def count(self) -> int:
+        """How many errors there are."""
+        return sum(each.size for axis in self.errors for each in axis)
+
+
+def parameters_of(plant: Plant, model: Model) -> Vector:
+    """Return a plant's parameters as fitted by a model without a lag."""
+    (x0, y0), (x1, y1) = np.log(plant.a0_per_s2), np.log(plant.a1_per_s)
+    return np.array([x0, x1, y0, y1, plant.delay_s, *[plant.feedforward] * model.feedforward])
+
+
+def fit(
+    excerpts: Sequence[Excerpt],
+    model: Model,
+    start: Vector,
+    share: float = 1.0,
+    whiten: bool = True,
+) -> Fit:
+    """Fit the model to the first `share` of each excerpt, with whitening of the errors estimated in rounds.
+
+    What each excerpt began with, and a constant disturbance, are fitted beside for each excerpt and axis.
+    """
+    problem = _Problem(excerpts, model, share)
+    filters = (_PLAIN, _PLAIN)
+    parameters = problem.solved(start, filters)
+    for _ in range(_ROUNDS if whiten else 0):
+        plain = problem.errors(parameters, (_PLAIN, _PLAIN))
+        filters = (whitening_filter(plain[0]), whitening_filter(plain[1]))
+        parameters = problem.solved(parameters, filters)
+    if not whiten:
+        plain = problem.errors(parameters, filters)
+        filters = (_levelled(plain[0]), _levelled(plain[1]))
+    errors = problem.errors(parameters, filters)
+    covariance, blocks = problem.covariance(parameters, filters)
+    if any(excerpt.recording.sampled for excerpt in excerpts):
+        covariance[4, 4] += SENT_S**2 / 12.0
+    return Fit(model, parameters, covariance, filters, (tuple(errors[0]), tuple(errors[1])), blocks)
+
+
+def _levelled(errors: Sequence[Vector]) -> Vector:
+    """Return the filter that makes errors of variance 1, and leaves their colour."""
+    return _PLAIN / max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 1e-9)
+
+
+def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> Vector:
+    """Return where to begin: the best of a coarse grid of plants, each axis by itself, with velocities fed in full."""
+    problem, nominal = _Problem(excerpts, replace(model, lag=False), share), [1.0] * model.feedforward
+    white = (np.array([1.0]), np.array([1.0]))
+    best: Vector = np.zeros(5)
+    least = [np.inf] * 3
+    for delay_s in (0.0, 0.15, 0.35):
+        axes, costs = np.zeros(5), [np.inf, np.inf]
+        axes[4] = delay_s
+        for a0 in (0.15, 0.4, 0.8, 1.6, 4.0, 10.0):
+            for damping in (0.35, 0.7, 1.2):
+                pair = np.log([a0, 2.0 * damping * np.sqrt(a0)])
+                errors = problem.errors(np.array([*pair, *pair, delay_s, *nominal]), white)
+                for axis in range(2):
+                    cost = float(sum(each @ each for each in errors[axis]))
+                    if cost < costs[axis]:
+                        costs[axis], axes[2 * axis : 2 * axis + 2] = cost, pair
+        if sum(costs) < least[0]:
+            least[0], best = sum(costs), axes
+    return np.append(best, [*nominal, *[np.log(0.1)] * model.lag])
+
+
+class _Problem:
+    """The excerpts as the solver sees them; what is linear in the output is eliminated (Golub and Pereyra 1973)."""
+
+    def __init__(self, excerpts: Sequence[Excerpt], model: Model, share: float) -> None:
+        self._model = model
+        self._rows = []
+        for excerpt in excerpts:
+            count = max(_TRAINING_MIN, round(share * excerpt.position_m.shape[0]))
+            self._rows.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.asked(model.between)))
+
+    def residuals(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        return np.concatenate([each for axis in self.errors(parameters, filters) for each in axis])
+
+    def errors(self, parameters: Vector, filters: tuple[Vector, Vector]) -> list[list[Vector]]:
+        """Return the whitened errors of each axis and excerpt, with what is linear fitted."""
+        delay_s, leads_s = float(parameters[4]), self._model.leads_s(parameters)
+        found = []
+        for axis, response in enumerate(self._model.responses(parameters)):
+            longest = max(position_m.shape[0] for _, position_m, _ in self._rows)
+            free = _regressors(response, longest)
+            one_axis = []
+            for begin_s, position_m, asked in self._rows:
+                count = position_m.shape[0]
+                answered = response.answer(asked[axis], leads_s[axis], delay_s, begin_s, GRID_S, count)
+                error = whitened(filters[axis], position_m[:, axis] - answered)
+                basis, _ = np.linalg.qr(whitened(filters[axis], free[:count]))
+                one_axis.append(error - basis @ (basis.T @ error))
+            found.append(one_axis)
+        return found
+
+    def solved(self, start: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        """Return the parameters of the least sum of squares."""
+        low, high = self._model.bounds()
+        solution = least_squares(
+            self.residuals,
+            np.clip(start, low + 1e-6, high - 1e-6),
+            jac=self.jacobian,
+            bounds=(low, high),
+            args=(filters,),
+            x_scale=0.1,
+            xtol=1e-4,
+            ftol=1e-6,
+            max_nfev=25,
+        )
+        parameters = np.asarray(solution.x, dtype=np.float64)
+        if not self._model.delayed:
+            parameters[4] = 0.0
+        return parameters
+
+    def jacobian(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
+        """Return how the errors change with the parameters, (N, k)."""
+        columns = []
+        here = self.residuals(parameters, filters)
+        for at in range(parameters.size):
+            nudge = np.zeros(parameters.size)
+            nudge[at] = _NUDGE
+            columns.append((self.residuals(parameters + nudge, filters) - here) / _NUDGE)
+        return np.column_stack(columns)
+
+    def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> tuple[Vector, int]:
+        """Return the parameters' covariance, whatever of the errors' colour is left, and from how many blocks."""
+        errors = self.errors(parameters, filters)
+        jacobian = self.jacobian(parameters, filters)
+        parts = np.split(jacobian, np.cumsum([each.size for axis in errors for each in axis])[:-1])
+        blocks: list[tuple[Vector, Vector]] = []
+        for x, y, x_errors, y_errors in zip(parts, parts[len(self._rows) :], *errors, strict=False):
+            count = max(1, round(min(x_errors.size, y_errors.size) * GRID_S / BLOCK_S))
+            cut = [np.array_split(each, count) for each in (x, y, x_errors, y_errors)]
+            blocks += [(np.vstack(each[:2]), np.concatenate(each[2:])) for each in zip(*cut, strict=True)]
+        covariance, count = jackknifed([each for each, _ in blocks], [each for _, each in blocks])
+        return _at_least(covariance, jacobian), count
+
+
+def _at_least(covariance: Vector, jacobian: Vector) -> Vector:
+    """Return a covariance that is large where the flight told nothing: leaving out blocks does not show that."""
+    prior = np.eye(covariance.shape[0]) / _PRIOR_DEVIATION**2
+    expected = np.diag(np.linalg.inv(jacobian.T @ jacobian + prior))
+    found = np.diag(covariance)
+    scale = np.where(expected > 4.0 * found, np.sqrt(expected / np.maximum(found, 1e-12)), 1.0)
+    widened = covariance * np.outer(scale, scale)
+    np.fill_diagonal(widened, np.where(expected > 4.0 * found, expected, found))
+    return np.asarray(widened, dtype=np.float64)
+
+
+def _regressors(response: Response, count: int) -> Vector:
+    return np.column_stack((np.ones(count), response.free(grid_s(count))))

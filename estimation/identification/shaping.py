@@ -1,0 +1,174 @@
+"""Autopilots bound speed and acceleration; a plant that answers in proportion does not know of it. Whether they did.
+
+Simulated here is what both PX4 and ArduPilot do: the distance to the setpoint asks for a speed, which is bounded; what
+lacks of that speed asks for an acceleration, which is bounded too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from estimation.identification.excerpts import GRID_S, Excerpt
+from estimation.identification.output_error import Fit
+from estimation.identification.response import Asked, Steps
+from estimation.state import Vector
+
+_FINE = 1
+_STEP_S = GRID_S / _FINE
+_SAMPLES_MAX = 3000
+
+
+@dataclass(frozen=True, slots=True)
+class Shaping:
+    """The bounds under which the flights are explained best: speed [m/s], acceleration [m/s2], and how often they held.
+
+    `error_ratio` is how large the errors with bounds are against those without; near 1 there are none that matter.
+    """
+
+    speed_max_m_s: float
+    speed_share: float
+    acceleration_max_m_s2: float
+    acceleration_share: float
+    error_ratio: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether the flights are explained markedly better with bounds than without."""
+        return self.error_ratio < 0.85
+
+
+UNSHAPED = Shaping(np.inf, 0.0, np.inf, 0.0, 1.0)
+"""No bounds."""
+
+
+def shaping_of(excerpts: Sequence[Excerpt], linear: Fit) -> Shaping:
+    """Fit bounds of speed and acceleration beside the plant, beginning from the plant without them."""
+    problem = _Bounded(excerpts, linear)
+    (x0, x1, y0, y1), delay_s = linear.parameters[:4], float(np.clip(linear.parameters[4], 0.0, 0.6))
+    speed, acceleration = problem.greatest
+    best, least = None, np.inf
+    unbounded = problem.errors(np.array([x0, x1, y0, y1, delay_s, np.log(50.0), np.log(50.0)]))
+    for begin in ((0.8, 0.8), (0.9, 3.0)):
+        start = np.array([x0, x1, y0, y1, delay_s, np.log(begin[0] * speed), np.log(begin[1] * acceleration)])
+        solution = least_squares(problem.errors, start, jac=problem.jacobian, bounds=_BOUNDS, x_scale=0.1, max_nfev=15)
+        if solution.cost < least:
+            best, least = solution.x, solution.cost
+    assert best is not None
+    errors = problem.errors(best)
+    shares = problem.shares(best)
+    ratio = float(np.sqrt((errors @ errors) / max(float(unbounded @ unbounded), 1e-12)))
+    return Shaping(float(np.exp(best[5])), shares[0], float(np.exp(best[6])), shares[1], min(ratio, 1.0))
+
+
+_LOG_MIN, _LOG_MAX = np.log(0.02), np.log(60.0)
+_BOUNDS = (
+    np.array([_LOG_MIN] * 4 + [-0.05, np.log(0.05), np.log(0.05)]),
+    np.array([_LOG_MAX] * 4 + [0.65, np.log(60.0), np.log(60.0)]),
+)
+
+
+class _Bounded:
+    """The flights as the solver sees them; all its nudged parameters are simulated side by side."""
+
+    def __init__(self, excerpts: Sequence[Excerpt], linear: Fit) -> None:
+        self._flights = []
+        self._leads_s = linear.model.leads_s(linear.parameters)
+        left = _SAMPLES_MAX
+        for excerpt in sorted(excerpts, key=lambda each: -each.duration_s):
+            count = min(left, excerpt.position_m.shape[0])
+            left -= count
+            if count > 1.0 / GRID_S:
+                self._flights.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.asked(linear.model.between)))
+        filtered = [_smoothed_speed(position_m) for _, position_m, _ in self._flights]
+        speed = max(float(np.quantile(np.abs(each), 0.98)) for each in filtered)
+        change = max(float(np.quantile(np.abs(np.diff(each, axis=0)), 0.98)) / GRID_S for each in filtered)
+        self.greatest = max(speed, 0.1), max(change, 0.1)
+
+    def errors(self, parameters: Vector) -> Vector:
+        """Return measured minus simulated positions of all flights, each without its mean."""
+        return np.asarray(self._errors(parameters[None, :])[0], dtype=np.float64)
+
+    def jacobian(self, parameters: Vector) -> Vector:
+        nudges = 1e-3 * np.eye(parameters.size)
+        every = self._errors(np.vstack((parameters + nudges, parameters - nudges)))
+        above, below = every[: parameters.size], every[parameters.size :]
+        return np.asarray((above - below).T / 2e-3, dtype=np.float64)
+
+    def shares(self, parameters: Vector) -> tuple[float, float]:
+        """Return the share of the time in which the bounds of speed and of acceleration held."""
+        held = np.concatenate([_flown(parameters[None, :], self._leads_s, *flight)[1] for flight in self._flights])
+        return float(held[:, 0].mean()), float(held[:, 1].mean())
+
+    def _errors(self, rows: Vector) -> Vector:
+        parts = []
+        for begin_s, position_m, asked in self._flights:
+            path_m, _ = _flown(rows, self._leads_s, begin_s, position_m, asked)
+            apart = position_m.T[None, :, :] - path_m
+            parts.append((apart - apart.mean(axis=2, keepdims=True)).reshape(rows.shape[0], -1))
+        return np.concatenate(parts, axis=1)
+
+
+def _smoothed_speed(position_m: Vector) -> Vector:
+    return np.asarray((position_m[4:] - position_m[:-4]) / (4.0 * GRID_S), dtype=np.float64)
+
+
+def _flown(
+    rows: Vector, leads_s: tuple[float, float], begin_s: float, position_m: Vector, parts: tuple[Asked, Asked]
+) -> tuple[Vector, Vector]:
+    """Simulate K parameter sets (K, 7) side by side; velocities beside setpoints put the aims `leads_s` ahead of them.
+
+    Returns positions (K, 2, T), and of the first set whether speed and acceleration were bounded (T, 2), as 0 or 1.
+    """
+    count = position_m.shape[0]
+    a0, a1 = np.exp(rows[:, [0, 2]]), np.exp(rows[:, [1, 3]])
+    speed_max, force_max = np.exp(rows[:, 5:6]), np.exp(rows[:, 6:7])
+    asked = _asked(rows[:, 4], begin_s, count, [part.position for part in parts])
+    velocities = [part.velocity for part in parts if part.velocity is not None]
+    if velocities and leads_s != (0.0, 0.0):
+        asked += leads_s * _asked(rows[:, 4], begin_s, count, velocities)
+    ratio, keep = a0 / a1, np.exp(-a1 * _STEP_S)
+    change_max = force_max * _STEP_S
+    position = np.repeat(position_m[None, 0], rows.shape[0], axis=0)
+    velocity = np.repeat((position_m[5] - position_m[0])[None] / (5.0 * GRID_S), rows.shape[0], axis=0)
+    paths = np.empty((rows.shape[0], 2, count))
+    held = np.zeros((count, 2))
+    for at in range(count * _FINE):
+        if at % _FINE == 0:
+            paths[:, :, at // _FINE] = position
+        wished = ratio * (asked[at] - position - velocity * (_STEP_S / 2.0))
+        bounded = np.minimum(np.maximum(wished, -speed_max), speed_max)
+        change = (bounded - velocity) * (1.0 - keep)
+        limited = np.minimum(np.maximum(change, -change_max), change_max)
+        if at % _FINE == 0:
+            held[at // _FINE] = (bounded[0] != wished[0]).any(), (limited[0] != change[0]).any()
+        position = position + (velocity + limited / 2.0) * _STEP_S
+        velocity = velocity + limited
+    return paths, held
+
+
+def _asked(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps]) -> Vector:
+    """Return the mean of each axis' setpoint over each fine step, for K delays: (F, K, 2)."""
+    edges_s = begin_s + np.arange(count * _FINE + 1) * _STEP_S
+    asked = np.empty((count * _FINE, delays_s.size, 2))
+    for axis, each in enumerate(steps):
+        # The integral of the setpoint is exact between its knots: straight for steps, and for ramps nearly so.
+        knots_s = np.concatenate(([min(begin_s - 2.0, each.time_s.min(initial=begin_s) - 1.0)], each.time_s))
+        if each.ramps:
+            knots_s = np.union1d(knots_s, edges_s)
+        levels = _levels(each, knots_s)
+        knots_s = np.append(knots_s, knots_s[-1] + 1e6)
+        total = np.concatenate(([0.0], np.cumsum(levels * np.diff(knots_s))))
+        for column, delay_s in enumerate(delays_s):
+            asked[:, column, axis] = np.diff(np.interp(edges_s - delay_s, knots_s, total)) / _STEP_S
+    return asked
+
+
+def _levels(steps: Steps, knots_s: Vector) -> Vector:
+    index = np.searchsorted(steps.time_s, knots_s, side="right")
+    sums = np.concatenate(([0.0], np.cumsum(steps.size)))
+    if not steps.ramps:
+        return np.asarray(steps.before_m + sums[index], dtype=np.float64)
+    moments = np.concatenate(([0.0], np.cumsum(steps.size * steps.time_s)))
+    return np.asarray(steps.before_m + sums[index] * knots_s - moments[index], dtype=np.float64)

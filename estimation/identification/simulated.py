@@ -1,0 +1,88 @@
+"""A plant's simulation of flights, held against what was measured."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf
+
+import numpy as np
+
+from estimation.identification.excerpts import GRID_S, Excerpt, grid_s
+from estimation.identification.output_error import Fit
+from estimation.state import Vector
+
+FORETOLD_S = 10.0
+"""How far ahead a plant has to foretell: what an estimator wanders in longer than that says nothing about the plant."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulated:
+    """One axis of an excerpt: times, measured and simulated positions (T,).
+
+    `edges` are where the windows of what was not fitted begin, and where the last ends.
+    """
+
+    time_s: Vector
+    measured_m: Vector
+    simulated_m: Vector
+    edges: tuple[int, ...]
+
+    @property
+    def held_out(self) -> int:
+        """From where on nothing was fitted."""
+        return self.edges[0]
+
+    @property
+    def error_m(self) -> Vector:
+        """Measured minus simulated, (T,)."""
+        return self.measured_m - self.simulated_m
+
+
+def simulated(
+    excerpts: Sequence[Excerpt], plant: Fit, axis: int, share: float, window_s: float = inf
+) -> list[Simulated]:
+    """Simulate each excerpt from its setpoints alone.
+
+    The state it began in and a constant disturbance are taken from the first `share` of it, and nothing from the rest;
+    or the rest is cut to windows of about `window_s`, each with a beginning and a disturbance of its own.
+    """
+    response = plant.model.responses(plant.parameters)[axis]
+    found = []
+    for excerpt in excerpts:
+        measured_m = excerpt.position_m[:, axis]
+        count, trained = measured_m.size, round(share * measured_m.size)
+        asked, lead_s = excerpt.asked(plant.model.between)[axis], plant.model.leads_s(plant.parameters)[axis]
+        simulated_m = response.answer(asked, lead_s, float(plant.parameters[4]), excerpt.begin_s, GRID_S, count)
+        free = np.column_stack((np.ones(count), response.free(grid_s(count))))
+        apart_m = measured_m - simulated_m
+        known = slice(0, trained)
+        edges = _edges(trained, count, window_s)
+        for begin, end in pairwise((0, *edges)):
+            if begin >= trained and window_s < inf:
+                known = slice(begin, end)
+            basis = free[: known.stop - known.start]
+            weights, *_ = np.linalg.lstsq(basis, apart_m[known], rcond=None)
+            simulated_m[begin:end] += free[begin - known.start : end - known.start] @ weights
+        found.append(Simulated(excerpt.time_s, measured_m, simulated_m, edges))
+    return found
+
+
+def _edges(trained: int, count: int, window_s: float) -> tuple[int, ...]:
+    windows = max(1, round((count - trained) * GRID_S / window_s))
+    return tuple(np.linspace(trained, count, windows + 1).astype(int).tolist())
+
+
+def fit_percent(flights: Sequence[Simulated]) -> float:
+    """Return 100 (1 - rms error / rms motion) over what was not fitted; below 0 it is worse than no motion at all.
+
+    Motion is what a window moves about its mean.
+    """
+    parts = [(flight, slice(*edges)) for flight in flights for edges in pairwise(flight.edges)]
+    errors = np.concatenate([flight.error_m[part] for flight, part in parts])
+    motion = np.concatenate([_centred(flight.measured_m[part]) for flight, part in parts])
+    moved = float(np.sqrt(np.mean(motion**2)))
+    return 100.0 * (1.0 - float(np.sqrt(np.mean(errors**2))) / max(moved, 1e-9))
+
+
+def _centred(values: Vector) -> Vector:
+    return np.asarray(values - values.mean(), dtype=np.float64)

@@ -1,0 +1,166 @@
+"""Whether to fly by an identified plant, and the reasons in words."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimation.identification.excerpts import Excerpt, Recording
+from estimation.identification.identified import Found, Identified
+from estimation.identification.output_error import DELAY_MAX_S
+from estimation.plant.model import FEEDFORWARD_MAX
+from estimation.plant.provenance import Verdict
+from estimation.state import Vector
+
+DURATION_MIN_S = 30.0
+SETPOINT_MOTION_MIN_M = 0.3
+MOTION_SHARE_MIN = 0.15
+WIDE_GOOD, WIDE_USABLE = 0.15, 0.5
+DELAY_WIDE_GOOD_S, DELAY_WIDE_USABLE_S = 0.08, 0.2
+FIT_GOOD_PERCENT, FIT_USABLE_PERCENT = 70.0, 40.0
+SPEED_SHARE_MAX, SATURATED_RATIO = 0.1, 0.6
+_AXES = ("x", "y")
+
+Reasons = list[tuple[Verdict, str]]
+
+
+def refused(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> Identified | None:
+    """Return the verdict on flights that nothing can be learnt from, None if something can."""
+    duration_s = sum(excerpt.duration_s for excerpt in excerpts)
+    reason = _refusal(recordings, excerpts, duration_s)
+    return None if reason is None else Identified(Verdict.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
+
+
+def _refusal(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], duration_s: float) -> str | None:
+    if not any(recording.flown_s for recording in recordings):
+        return "wrong mode: at no time did a computer's position setpoints fly the vehicle (offboard, guided)"
+    if not excerpts or duration_s < DURATION_MIN_S:
+        return (
+            f"too short: {duration_s:.0f} s were flown by position setpoints without a break or a reset of the "
+            f"estimator; {DURATION_MIN_S:.0f} s are the least, and some minutes are better"
+        )
+    asked_m = np.sqrt(np.mean(np.concatenate([_centred(each.setpoint_m()) for each in excerpts]) ** 2, axis=0))
+    moved_m = np.sqrt(np.mean(np.concatenate([_centred(each.position_m) for each in excerpts]) ** 2, axis=0))
+    for name, asked, moved in zip(_AXES, asked_m.tolist(), moved_m.tolist(), strict=True):
+        if asked < SETPOINT_MOTION_MIN_M:
+            return (
+                f"too little excitation: along {name} the setpoint moved by {asked:.2f} m rms; fly steps of metres "
+                "along both axes"
+            )
+        if moved < MOTION_SHARE_MIN * asked:
+            return (
+                f"the vehicle hardly moved: along {name} by {moved:.2f} m rms, with setpoints that moved by "
+                f"{asked:.2f} m rms: it was not flown by them"
+            )
+    return None
+
+
+def _centred(values: Vector) -> Vector:
+    return np.asarray(values - values.mean(axis=0), dtype=np.float64)
+
+
+def judged(found: Found, wished_delay_s: float, delay_deviation_s: float) -> tuple[Verdict, tuple[str, ...]]:
+    """Return whether to fly by what was found, with the reasons, the gravest first."""
+    reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, wished_delay_s, delay_deviation_s)]
+    reasons += _of_feedforward(found)
+    if not found.order.second_is_enough:
+        reasons.append(
+            (
+                Verdict.USABLE,
+                f"a second order is not quite enough: with a lag of {found.order.lag_s:.2f} s more, the fit would be "
+                f"{found.order.fit_third_percent:.0f} % instead of {found.order.fit_second_percent:.0f} %",
+            )
+        )
+    if not found.consistent:
+        reasons.append(
+            (Verdict.USABLE, "the vehicle is not quite of this kind: slow and quick motions ask for different numbers")
+        )
+    gravity = list(Verdict)
+    reasons.sort(key=lambda reason: -gravity.index(reason[0]))
+    verdict = reasons[0][0] if reasons else Verdict.GOOD
+    return verdict, tuple(words for _, words in reasons)
+
+
+def _of_shaping(found: Found) -> Reasons:
+    shaping = found.shaping
+    if not shaping.matters:
+        return []
+    reasons: Reasons = []
+    if shaping.speed_share > 0.03:
+        grave = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
+        reasons.append(
+            (
+                Verdict.DO_NOT_FLY if grave else Verdict.USABLE,
+                f"saturation: speed was held at {shaping.speed_max_m_s:.1f} m/s for {100 * shaping.speed_share:.0f} % "
+                "of the time; fly smaller or slower setpoints",
+            )
+        )
+    if shaping.acceleration_share > 0.03:
+        reasons.append(
+            (
+                Verdict.USABLE,
+                f"acceleration was held at {shaping.acceleration_max_m_s2:.1f} m/s2 for "
+                f"{100 * shaping.acceleration_share:.0f} % of the time: true of motions like these only",
+            )
+        )
+    return reasons
+
+
+def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
+    delay = found.delay_s
+    if delay.value > DELAY_MAX_S - 0.01:
+        words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
+        return [(Verdict.DO_NOT_FLY, f"{words}: other clocks, or a vehicle that was not flown by these setpoints")]
+    if wished_s < min(-0.05, -3.0 * deviation_s):
+        return [
+            (
+                Verdict.USABLE,
+                f"the vehicle seems to move {-wished_s:.2f} s before it is asked to: its log stamps setpoints late, "
+                "or it is shaped; the delay was taken as 0",
+            )
+        ]
+    half_s = max(delay.high - delay.value, delay.value - delay.low)
+    if half_s > DELAY_WIDE_GOOD_S:
+        verdict = Verdict.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else Verdict.USABLE
+        return [(verdict, f"{_why_wide(found)}: the delay is known to {half_s:.2f} s")]
+    return []
+
+
+def _of_feedforward(found: Found) -> Reasons:
+    gain = found.feedforward
+    if gain is None:
+        return []
+    words = f"the feed-forward is {gain.value:.2f} ({gain.low:.2f} to {gain.high:.2f})"
+    if gain.low <= 0.0:
+        step = "see that the autopilot takes them, or fly position setpoints alone"
+        return [(Verdict.DO_NOT_FLY, f"{words}: the velocities beside the setpoints show no effect; {step}")]
+    if gain.low > FEEDFORWARD_MAX:
+        return [(Verdict.DO_NOT_FLY, f"{words}, and no autopilot has more than {FEEDFORWARD_MAX:g}: other units")]
+    if gain.relative > WIDE_GOOD:
+        verdict = Verdict.DO_NOT_FLY if gain.relative > WIDE_USABLE else Verdict.USABLE
+        return [(verdict, f"{_why_wide(found)}: {words}")]
+    return []
+
+
+def _why_wide(found: Found) -> str:
+    return (
+        "too little excitation for so much noise" if found.consistent else "uncertain, as it is not quite of this kind"
+    )
+
+
+def _of_axes(found: Found) -> Reasons:
+    reasons: Reasons = []
+    wide: list[tuple[float, str]] = []
+    for name, axis in zip(_AXES, found.axes, strict=True):
+        wide += [
+            (interval.relative, f"{parameter} along {name} to {100 * min(interval.relative, 9.99):.0f} %")
+            for parameter, interval in (("a0", axis.a0_per_s2), ("a1", axis.a1_per_s))
+            if interval.relative > WIDE_GOOD
+        ]
+        if axis.fit_percent < FIT_GOOD_PERCENT:
+            verdict = Verdict.DO_NOT_FLY if axis.fit_percent < FIT_USABLE_PERCENT else Verdict.USABLE
+            reasons.append((verdict, f"along {name} the fit on what was not fitted is {axis.fit_percent:.0f} %"))
+    if wide:
+        verdict = Verdict.DO_NOT_FLY if max(relative for relative, _ in wide) > WIDE_USABLE else Verdict.USABLE
+        words = ", ".join(words for _, words in wide)
+        reasons.insert(0, (verdict, f"{_why_wide(found)}: known are {words}"))
+    return reasons

@@ -1,0 +1,131 @@
+"""Whether a plant still explains how its vehicle flies: prediction from the setpoints, held against what happened.
+
+The filter's innovations hardly tell: its disturbance follows whatever the plant leaves unexplained. Here nothing
+follows. The flight is cut into windows. In each, the plant answers the setpoints that were sent; free are where it
+began, how fast, and one steady disturbance. What is then left is held against what other plants would leave.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from estimation.plant.model import Plant, PlantAxis, exact_step
+from estimation.state import POSITION, Vector
+
+STEP_S = 0.1
+WINDOW_S = 10.0
+SHARES = (0.6, 0.75, 1.0, 1.33, 1.67)
+"""Of stiffness and of damping: the other plants that are tried."""
+DELAYS_S = (-0.2, -0.1, 0.0, 0.1, 0.2)
+WINDOWS_LEAST = 6
+MOVED_LEAST_M = 0.3
+"""The setpoint has to move by this (rms, about a straight line) for a window to say anything about a plant."""
+_FREE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """How far a plant's predictions were off (rms), how far the best of the others' were, and which that was."""
+
+    windows: int
+    unexplained_m: float
+    best_m: float
+    best: Plant
+
+
+def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
+    """Compare a plant with a flight: setpoints (S, 3) and positions (K, 3), each row a time [s] and a place [m].
+
+    Setpoints with velocities beside them are (S, 5).
+    None where too little was asked of the vehicle to tell plants apart.
+    """
+    windows = list(_windows(setpoints, samples))
+    if len(windows) < WINDOWS_LEAST:
+        return None
+    left = {each: _unexplained_m(each, windows) for each in (plant, *others(plant))}
+    best = min(left, key=left.__getitem__)
+    return Watched(len(windows), left[plant], left[best], best)
+
+
+def others(plant: Plant) -> list[Plant]:
+    """Return the plants that a plant is held against; one with feed-forward also against itself without."""
+    tried = [replace(plant, feedforward=0.0)] if plant.feedforward else []
+    for a0, a1, later_s in product(SHARES, SHARES, DELAYS_S):
+        x, y = (PlantAxis(axis.a0_per_s2 * a0, axis.a1_per_s * a1) for axis in (plant.x, plant.y))
+        delay_s = round(plant.delay_s + later_s, 3)
+        if 0.0 <= delay_s <= 1.0 and (a0, a1, later_s) != (1.0, 1.0, 0.0):
+            tried.append(replace(plant, x=x, y=y, delay_s=delay_s))
+    return tried
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """A window: when it begins, its positions (N, 2), and all setpoints by time, with their velocities (S, 2)."""
+
+    from_s: float
+    position_m: Vector
+    setpoint_s: Vector
+    setpoint_m: Vector
+    velocity_m_s: Vector
+
+
+def _windows(setpoints: Vector, samples: Vector) -> Iterator[_Window]:
+    setpoints = setpoints[np.isfinite(setpoints).all(axis=1)]
+    if len(setpoints) < 2 or len(samples) < 2:
+        return
+    count = round(WINDOW_S / STEP_S)
+    first_s, last_s = max(setpoints[0, 0] + 1.0, samples[0, 0]), min(setpoints[-1, 0], samples[-1, 0])
+    for from_s in np.arange(first_s, last_s - WINDOW_S, WINDOW_S):
+        time_s = from_s + STEP_S * np.arange(count + 1)
+        near = samples[(samples[:, 0] >= from_s - 1.0) & (samples[:, 0] <= from_s + WINDOW_S + 1.0)]
+        if len(near) < count / 2.0 or np.diff(near[:, 0]).max() > 1.0:
+            continue
+        asked = _held(setpoints[:, 0], setpoints[:, 1:3], time_s)
+        if np.sqrt(np.mean(_without_line(asked) ** 2)) < MOVED_LEAST_M:
+            continue
+        place = np.column_stack([np.interp(time_s, near[:, 0], near[:, k]) for k in (1, 2)])
+        yield _Window(float(from_s), place, setpoints[:, 0], setpoints[:, 1:3], setpoints[:, 3:])
+
+
+def _held(at_s: Vector, value: Vector, time_s: Vector) -> Vector:
+    return value[np.maximum(np.searchsorted(at_s, time_s + 1e-6, side="right") - 1, 0)]
+
+
+def _without_line(values: Vector) -> Vector:
+    base = np.column_stack([np.ones(len(values)), np.arange(len(values))])
+    return values - base @ np.linalg.lstsq(base, values, rcond=None)[0]
+
+
+def _aims(plant: Plant, window: _Window) -> Vector:
+    return window.setpoint_m + plant.lead_s * window.velocity_m_s if window.velocity_m_s.size else window.setpoint_m
+
+
+def _unexplained_m(plant: Plant, windows: Sequence[_Window]) -> float:
+    """Return what a plant leaves unexplained (rms over all windows and both axes)."""
+    step = exact_step(plant, STEP_S)
+    count = len(windows[0].position_m)
+    begins_s = np.array([window.from_s for window in windows])
+    pushes = np.array(
+        [
+            _held(window.setpoint_s, _aims(plant, window), begins_s[k] - plant.delay_s + STEP_S * np.arange(count))
+            for k, window in enumerate(windows)
+        ]
+    )
+    states, free = np.zeros((len(windows), 4)), np.hstack([np.eye(4), np.zeros((4, 2))])
+    answers, bases = [], []
+    for k in range(count):
+        answers.append(states[:, POSITION])
+        bases.append(free[POSITION])
+        states = states @ step.transition.T + pushes[:, k] @ step.input_gain.T
+        free = step.transition @ free
+        free[:, 4:] += step.disturbance_gain
+    answered, basis = np.array(answers).transpose(1, 0, 2), np.array(bases)
+    squared = 0.0
+    for axis in range(2):
+        orthonormal, _ = np.linalg.qr(basis[:, axis, axis::2])
+        off = np.array([window.position_m[:, axis] for window in windows]) - answered[:, :, axis]
+        left = off - off @ orthonormal @ orthonormal.T
+        squared += float(np.sum(left**2))
+    return float(np.sqrt(squared / (2 * len(windows) * (count - _FREE))))

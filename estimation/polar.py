@@ -1,0 +1,47 @@
+"""The polar state of a vehicle about a target - (3), (4), (5): radius, bearing and their rates."""
+
+from math import atan2, cos, hypot, sin
+
+import msgspec
+import numpy as np
+
+from estimation.state import Vector
+
+
+class Polar(msgspec.Struct, frozen=True):
+    """A vehicle's motion about the target: radius and bearing, and their rates."""
+
+    radius_m: float
+    bearing_rad: float
+    radial_speed_m_s: float
+    angular_rate_rad_s: float
+
+
+def polar_from_motion(motion: Vector, target: Vector) -> Polar:
+    """Return (4) inverted, and the upper half of (5): both motions are (4,) = [x y x' y'].
+
+    At the centre itself the bearing is taken as zero and the angular rate as none.
+    """
+    x, y, x_rate, y_rate = (motion - target).tolist()
+    radius = hypot(x, y)
+    if radius**2 == 0.0:
+        return Polar(0.0, 0.0, hypot(x_rate, y_rate), 0.0)
+    return Polar(
+        radius,
+        atan2(y, x),
+        (x * x_rate + y * y_rate) / radius,
+        (x * y_rate - y * x_rate) / radius**2,
+    )
+
+
+def motion_from_polar(polar: Polar, target: Vector) -> Vector:
+    """Return (4a)-(4d): the motion (4,) of a vehicle at polar coordinates about a moving target (4,)."""
+    cosine, sine = cos(polar.bearing_rad), sin(polar.bearing_rad)
+    tangential = polar.radius_m * polar.angular_rate_rad_s
+    relative = (
+        polar.radius_m * cosine,
+        polar.radius_m * sine,
+        polar.radial_speed_m_s * cosine - tangential * sine,
+        polar.radial_speed_m_s * sine + tangential * cosine,
+    )
+    return np.asarray(target + np.array(relative), dtype=np.float64)

@@ -1,0 +1,129 @@
+"""A running team, watched from another terminal: what is heard on its bus is shown, and nothing is ever said there."""
+
+import asyncio
+from collections.abc import Sequence
+from contextlib import suppress
+from time import monotonic
+
+from rich.console import Console, Group, JustifyMethod, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from agents.shell.zenoh_bus import ZenohBus
+from gcs.console.live import TACTIC_STYLES, TableView, number
+from gcs.console.picture import TeamPicture, WatchRow
+from gcs.mission.mission import Mission
+from gcs.signals import relay
+
+NOBODY_AFTER_S = 3.0
+PLAIN_INTERVAL_S = 5.0
+_VIEW_PERIOD_S = 0.2
+_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+    ("", "right"),
+    ("tactic", "left"),
+    ("heard\n[s ago]", "right"),
+    ("x\n[m]", "right"),
+    ("y\n[m]", "right"),
+    ("height\n[m]", "right"),
+    ("r\n[m]", "right"),
+    ("ω\n[rad/s]", "right"),
+    ("", "left"),
+)
+
+
+class WatchView(TableView[WatchRow]):
+    """The view of a team that is watched; on no terminal a line every 5 s, beside the news."""
+
+    def __init__(self, console: Console) -> None:
+        """Prepare to draw on `console`, normally standard error's."""
+        super().__init__(console, watch_table, watch_line, PLAIN_INTERVAL_S)
+
+
+async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
+    """Show the team, whoever comes and goes, until SIGINT or SIGTERM."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    relay(lambda: loop.call_soon_threadsafe(stop.set))
+    await watch(mission, view, stop)
+
+
+async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
+    """Show the team until `stop`."""
+    picture = TeamPicture(mission.ids)
+    endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
+    bus = ZenohBus(None, mission.network.team, None, endpoints)
+    began_s = monotonic()
+    await bus.open(lambda payload: picture.hear(payload, monotonic()), lambda *_: None)
+    try:
+        while not stop.is_set():
+            now_s = monotonic()
+            for line in picture.news(now_s):
+                view.say(line)
+            view.update(picture.rows(now_s), now_s - began_s, _message(mission, picture, now_s - began_s))
+            with suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
+    finally:
+        await bus.close()
+
+
+def watch_table(rows: Sequence[WatchRow], watched_s: float, message: str) -> RenderableType:
+    """Return the table of a team as it was heard."""
+    table = Table(
+        title=f"watched for {watched_s:.0f} s",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
+        collapse_padding=True,
+    )
+    for name, justify in _COLUMNS:
+        table.add_column(Text(name), justify=justify, no_wrap=True)
+    for row in rows:
+        table.add_row(*_cells(row), style="dim" if row.silent or row.age_s is None else "")
+    return Group(table, Text(message, style="yellow")) if message else table
+
+
+def watch_line(rows: Sequence[WatchRow], watched_s: float, message: str) -> str:
+    """Return the same as one line of plain text, vehicles set apart by bars."""
+    return " | ".join([f"watched for {watched_s:.0f} s", *map(_plain, rows), *filter(None, [message])])
+
+
+def _message(mission: Mission, picture: TeamPicture, watched_s: float) -> str:
+    if picture.anybody:
+        return "Ctrl-C ends the watching, and nothing else"
+    nobody = f"; nobody heard for {watched_s:.0f} s, still waiting" if watched_s >= NOBODY_AFTER_S else ""
+    return f"listening for the team {mission.network.team}{nobody}"
+
+
+def _cells(row: WatchRow) -> tuple[Text, ...]:
+    x_m, y_m = (None, None) if row.position_m is None else row.position_m
+    return (
+        Text(str(row.vehicle_id), style="bold"),
+        Text(row.tactic, style=TACTIC_STYLES.get(row.tactic, "")),
+        Text(number(row.age_s, ".1f"), style="bold red" if row.silent else ""),
+        Text(number(x_m, ".1f")),
+        Text(number(y_m, ".1f")),
+        Text(number(row.altitude_m, ".1f")),
+        Text(number(row.radius_m, ".2f")),
+        Text(number(row.angular_rate_rad_s, "+.3f")),
+        Text(_remark(row), style="yellow"),
+    )
+
+
+def _plain(row: WatchRow) -> str:
+    if row.position_m is None:
+        return f"#{row.vehicle_id} not heard"
+    x_m, y_m = row.position_m
+    numbers = (
+        ("height", row.altitude_m, ".1f", "m"),
+        ("r", row.radius_m, ".2f", "m"),
+        ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
+    )
+    known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
+    words = [f"#{row.vehicle_id}", row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", *known, _remark(row)]
+    return " ".join(filter(None, words))
+
+
+def _remark(row: WatchRow) -> str:
+    silent = f"silent for {row.age_s:.0f} s" if row.silent else "" if row.age_s is not None else "not heard"
+    return ", ".join(filter(None, [silent, row.alert]))

@@ -1,0 +1,240 @@
+"""A team in flight for a drill: its flying process, what is heard of it, and what is seen of its vehicles."""
+
+import asyncio
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from agents.ports import VehicleRefusedError
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import MemberState, NeighbourAngle, decode
+from estimation.frames import Triple
+from gcs.console.operator import Operator
+from gcs.drill.injected_faults import Ailments
+from gcs.drill.judge import OFFBOARD, TeamLog
+from gcs.drill.process_under_test import LOGS, SOCKET
+from gcs.mission.file import parse_mission
+
+_POLL_S = 0.004
+_STALL_S = 0.1
+_ALOFT_TIMEOUT_S = 90.0
+_END_TIMEOUT_S = 10.0
+_RESUME_TIMEOUT_S = 6.0
+_FLIGHT_S = 3600.0
+
+
+class Victim:
+    """The flying process, as it makes itself known: its id, 0 until then, and what it can be told."""
+
+    def __init__(self) -> None:
+        self.pid = 0
+        self._teller: asyncio.StreamWriter | None = None
+
+    async def meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Take its connection, as a server does."""
+        self.pid = int(await reader.readline())
+        self._teller = writer
+
+    def ail(self, ailments: Ailments) -> None:
+        """Tell it what is wrong with it from now on."""
+        if self._teller is not None:
+            self._teller.write(msgspec.json.encode(ailments) + b"\n")
+
+
+class DrillFlight:
+    """One flight, to be used as a context manager: everything of it ends with it.
+
+    What its vehicles are, a subclass says: it serves them, looks at them, and takes back what was done to them.
+    """
+
+    def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
+        """Take a mission's text; the flight is recorded if there is a folder for `logs`."""
+        self.mission = parse_mission(text, Path())
+        self.log = TeamLog()
+        self.speed = speed
+        self.positions_m: dict[int, Triple] = {}
+        self._text = text
+        self._logs = logs
+        self._victim = Victim()
+        self._stack = AsyncExitStack()
+        self._process: asyncio.subprocess.Process | None = None
+        self._told = ""
+        self._stalls: list[tuple[float, float]] = []
+
+    async def __aenter__(self) -> Self:
+        """Start it; raises VehicleRefusedError."""
+        try:
+            await self._start()
+        except BaseException:
+            await self._stack.aclose()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the processes first, then the vehicles."""
+        await self._stack.aclose()
+
+    @staticmethod
+    def now_s() -> float:
+        """Return the time of the log [wall s]."""
+        return time.monotonic()
+
+    def ail(self, ailments: Ailments) -> None:
+        """Tell the flying process what is wrong with it from now on."""
+        self._victim.ail(ailments)
+
+    async def serve(self, stack: AsyncExitStack) -> None:
+        """Start the vehicles, to be ended with the stack; raises VehicleRefusedError."""
+        raise NotImplementedError
+
+    def look(self, now_s: float) -> None:
+        """Note what the vehicles do now."""
+        raise NotImplementedError
+
+    def leave(self) -> None:
+        """Do what there is to do when nobody flies them any more."""
+
+    def heal(self) -> None:
+        """Take back everything that can be."""
+        self.ail(Ailments())
+
+    def signal(self, number: int) -> None:
+        """Send the flying process a signal."""
+        os.kill(self._victim.pid, number)
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for a condition [wall s]; return whether it came true."""
+        end_s = self.now_s() + timeout_s
+        while not condition():
+            if self.now_s() > end_s:
+                return False
+            await asyncio.sleep(_POLL_S)
+        return True
+
+    async def aloft(self, vehicles: Sequence[int], tactics: Callable[[int], str]) -> None:
+        """Wait until everybody does what it is to do, and well; raises VehicleRefusedError when that does not come."""
+        radius_m = self.mission.encirclement.radius_m
+
+        def settled(vehicle: int) -> bool:
+            if (
+                self.log.mode(vehicle) != OFFBOARD
+                or self.log.tactic(vehicle) != tactics(vehicle)
+                or self.log.alert(vehicle)
+            ):
+                return False
+            radii = self.log.radii_m[vehicle]
+            return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)
+
+        # What comes over links takes wall time, what is flown the mission's.
+        timeout_s = 20.0 + _ALOFT_TIMEOUT_S / self.speed
+        if not await self.until(lambda: self._has_ended or all(map(settled, vehicles)), timeout_s) or self._has_ended:
+            states = ", ".join(f"{i}: {self.log.mode(i) or '-'} {self.log.tactic(i) or '-'}" for i in vehicles)
+            raise VehicleRefusedError(
+                f"the team of the drill did not get to fly its mission ({states})",
+                self._last_words() or "see whether `cordon fly --sitl` flies it, and how busy this computer is",
+            )
+
+    async def resume(self, vehicle: int) -> None:
+        """Say once that a vehicle may go back to its mission."""
+        with suppress(VehicleRefusedError, TimeoutError):
+            await asyncio.wait_for(Operator(self.mission).command("resume", (vehicle,), vehicle), _RESUME_TIMEOUT_S)
+
+    async def _start(self) -> None:
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="cordon-drill-")))
+        mission_file, path = folder / "mission.toml", folder / "socket"
+        mission_file.write_text(self._text, encoding="utf-8")
+        await self.serve(self._stack)
+        server = await asyncio.start_unix_server(self._victim.meet, path)
+        self._stack.callback(server.close)
+        await self._fly(mission_file, path)
+        await self._listen()
+        watching = asyncio.create_task(self._watch())
+        self._stack.push_async_callback(_cancelled, watching)
+
+    async def _fly(self, mission_file: Path, path: Path) -> None:
+        self._process = await asyncio.create_subprocess_exec(
+            *(
+                sys.executable,
+                "-m",
+                "gcs.drill.process_under_test",
+                str(mission_file),
+                f"{self.speed:g}",
+                f"{_FLIGHT_S:g}",
+            ),
+            env={**os.environ, SOCKET: str(path), LOGS: str(self._logs or ""), "TERM": "dumb", "COLUMNS": "200"},
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the drill, which ends its flight itself
+        )
+        reading = asyncio.create_task(self._read(self._process))
+        self._stack.push_async_callback(_cancelled, reading)
+        self._stack.push_async_callback(self._end, self._process)
+
+    async def _read(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stderr is not None
+        async for line in process.stderr:
+            self._told = (self._told + line.decode(errors="replace"))[-4000:]
+
+    async def _end(self, process: asyncio.subprocess.Process) -> None:
+        """Kill what flies, which may have been stopped; its supervisor then ends by itself."""
+        if self._victim.pid and process.returncode is None:
+            with suppress(ProcessLookupError):
+                os.kill(self._victim.pid, 9)
+        try:
+            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self._victim.pid else 0.0)
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+
+    async def _listen(self) -> None:
+        endpoints = [vehicle.section.endpoint for vehicle in self.mission.vehicles]
+        bus = ZenohBus(None, self.mission.network.team, None, endpoints)  # it only listens
+        await bus.open(self._hear, lambda *_: None)
+        self._stack.push_async_callback(bus.close)
+
+    def _hear(self, payload: bytes) -> None:
+        with suppress(ValueError):
+            message, now_s = decode(payload), self.now_s()
+            if isinstance(message, MemberState):
+                self.log.note_said(now_s, message.sender, message.tactic, message.alert)
+                self.positions_m[message.sender] = (*message.position_m, message.altitude_m)
+            elif isinstance(message, NeighbourAngle):
+                self.log.radii_m[message.sender].append((now_s, message.radius_m))
+                self.log.bearings_rad[message.sender] = (now_s, message.bearing_rad)
+
+    def stalled_s(self, since_s: float) -> float:
+        """Return the longest time in which nobody looked at the vehicles: this computer was too busy."""
+        return max((gap_s for at_s, gap_s in self._stalls if at_s >= since_s), default=0.0)
+
+    async def _watch(self) -> None:
+        looked_s = self.now_s()
+        while True:
+            now_s = self.now_s()
+            if now_s - looked_s > _STALL_S:
+                self._stalls.append((now_s, now_s - looked_s))
+            looked_s = now_s
+            self.look(now_s)
+            await asyncio.sleep(_POLL_S)
+
+    @property
+    def _has_ended(self) -> bool:
+        return self._process is not None and self._process.returncode is not None
+
+    def _last_words(self) -> str:
+        return self._told.strip()[-600:]
+
+
+async def _cancelled(task: "asyncio.Task[None]") -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)

@@ -1,0 +1,99 @@
+"""The mission that a drill flies: the given one, with stub vehicles on ports of its own, and the target in reach."""
+
+import json
+import os
+import socket
+import tomllib
+from collections.abc import Sequence
+from contextlib import ExitStack
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import InputError
+from gcs.mission.file import load_mission, mission_path, parse_mission
+from gcs.mission.mission import Mission
+
+_LOOPBACK = "127.0.0.1"
+_Content = dict[str, Any]
+
+
+def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) -> str:
+    """Return the text of the mission to fly; raises MissionError.
+
+    `changes` are (section, key, value). So that nobody has to wait for the ring, the target begins where the vehicles
+    that would encircle it do so at once; where the mission forbids that, it stays where it is.
+    """
+    path = mission_path(name)
+    mission = load_mission(name)
+    content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    for section, key, value in changes:
+        content.setdefault(section, {})[key] = value
+    _move_apart(content, path.parent)
+    near = {**content, "target": {**content["target"], "start_m": _near_m(mission)}}
+    try:
+        parse_mission(_toml(near), path.parent)
+    except InputError:
+        return _toml(content)
+    return _toml(near)
+
+
+def _near_m(mission: Mission) -> list[float]:
+    """Return a place straight ahead that is just near enough for everybody in line to engage."""
+    leader = mission.vehicle(mission.formation.leader)
+    config = mission.agent_config(leader)
+    reach_m = min(mission.target.sensor.range_m, *(each.decision.distance_max_m for each in mission.vehicles))
+    width_m = max(abs(config.slot_offset_m(each, leader.id)[1]) for each in mission.ids)
+    if reach_m <= width_m:
+        return list(mission.target.start_m)
+    x, y = config.line_start_m
+    return [x + sqrt(reach_m**2 - width_m**2), y]
+
+
+def _move_apart(content: _Content, folder: Path) -> None:
+    """Give every vehicle ports, and the team a name, of its own; plant files are found from elsewhere, too."""
+    vehicles = content["vehicles"]
+    ports = iter(_free_ports(2 * len(vehicles)))
+    for vehicle in vehicles:
+        vehicle["url"] = f"udpin://{_LOOPBACK}:{next(ports)}"
+        vehicle["endpoint"] = f"tcp/{_LOOPBACK}:{next(ports)}"
+        plant = folder / vehicle.get("plant", "")
+        if plant.is_file():
+            vehicle["plant"] = str(plant.resolve())
+    content.setdefault("network", {})["team"] = f"drill-{os.getpid()}"
+
+
+def _free_ports(count: int) -> list[int]:
+    """Return ports that nobody uses, for UDP and for TCP."""
+    ports: list[int] = []
+    with ExitStack() as taken:
+        while len(ports) < count:
+            tcp = taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+            udp = taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            tcp.bind((_LOOPBACK, 0))
+            try:
+                udp.bind(tcp.getsockname())
+            except OSError:
+                continue
+            ports.append(tcp.getsockname()[1])
+    return ports
+
+
+def _toml(content: _Content) -> str:
+    """Return a mission's content as TOML."""
+    lines: list[str] = []
+    for name, section in content.items():
+        if isinstance(section, list):
+            for each in section:
+                lines += [f"[[{name}]]", *(f"{key} = {_value(value)}" for key, value in each.items())]
+        else:
+            lines += [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in section.items())]
+    return "\n".join([*lines, ""])
+
+
+def _value(value: object) -> str:
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(each)}' for key, each in value.items())} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    return json.dumps(value, ensure_ascii=False)  # of strings, numbers and truths, JSON is TOML

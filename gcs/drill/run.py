@@ -1,0 +1,203 @@
+"""`cordon drill`: one fault after another is brought upon a flying team of stubs, and what comes of it is judged."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Generic, Protocol
+
+from agents.ports import VehicleRefusedError
+from gcs.drill.faults import (
+    RESPACED_S,
+    Crew,
+    Drill,
+    Flight,
+)
+from gcs.drill.judge import (
+    OFFBOARD,
+    ON_MISSION,
+    Expectation,
+    faults,
+    reacted_s,
+    respaced,
+)
+from gcs.drill.mission import drill_mission
+from gcs.mission.file import parse_mission
+from gcs.mission.mission import Mission
+
+SPEED = 3.0
+"""At a higher one a busy computer's delays are too many of the mission's seconds."""
+STALL_S = 0.2
+"""A computer that stands still for longer may have caused what went wrong [wall s]."""
+LINGER_S = 1.0
+"""For how long it is watched that a reaction lasts [wall s]."""
+BACK_S, RETURNED_S = 6.0, 90.0
+"""How long it may take until words have come through [wall s], and until the vehicles are back [mission s]."""
+
+Change = tuple[str, str, object]
+
+
+class Progress(Protocol):
+    """Who is told how it goes."""
+
+    def tell(self, doing: str) -> None:
+        """Take what is being done now."""
+        ...
+
+    def add(self, row: "DrillRow") -> None:
+        """Take a result."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class DrillRow:
+    """One line of the table: `limit_s` and `measured_s` on the clock that the reaction's grace time counts on.
+
+    `holds` is None for a drill that this mission cannot have; the detail says why, or what was not as it should be.
+    """
+
+    fault: str
+    expected: str
+    limit_s: float | None
+    measured_s: float | None
+    holds: bool | None
+    detail: str
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as a plain dict."""
+        return asdict(self)
+
+
+class DrillRun(Generic[Flight]):
+    """Flies a mission and drills it; `fly` makes a flight of a mission's text and a speed.
+
+    `changes` are made to the mission that is flown, and not to what it is judged by: a control flies with a reaction
+    switched off.
+    """
+
+    def __init__(
+        self,
+        mission: str,
+        fly: Callable[[str, float], Flight],
+        drills: Sequence[Drill[Flight]],
+        progress: Progress,
+        *,
+        speed: float = SPEED,
+        changes: Sequence[Change] = (),
+    ) -> None:
+        self._mission = mission
+        self._start = fly
+        self._drills = drills
+        self._progress = progress
+        self._speed = speed
+        self._changes = changes
+        self.rows: list[DrillRow] = []
+
+    async def run(self) -> list[DrillRow]:
+        """Return a row for each drill; raises VehicleRefusedError when the team cannot be flown at all."""
+        judged_by = parse_mission(drill_mission(self._mission), Path())
+        left = list(self._drills)
+        while left:
+            if unfit := left[0].unfit(judged_by):
+                drill = left.pop(0)
+                self._add(DrillRow(drill.fault, drill.expected, None, None, None, unfit))
+                continue
+            try:
+                await self._fly(judged_by, left)
+            except VehicleRefusedError as refusal:
+                if not self.rows:
+                    raise
+                for drill in left:
+                    self._add(DrillRow(drill.fault, drill.expected, None, None, False, refusal.reason))
+                left.clear()
+        return self.rows
+
+    async def _fly(self, judged_by: Mission, left: list[Drill[Flight]]) -> None:
+        """Have one flight, and as many of the drills that are left as it can have."""
+        self._progress.tell("the team takes off")
+        async with self._start(drill_mission(self._mission, self._changes), self._speed) as flight:
+            crew = Crew(judged_by)
+            await flight.aloft(crew.everybody, crew.tactic)
+            while left and left[0].least <= len(crew.everybody) and not left[0].unfit(judged_by):
+                if not await self._drilled(left.pop(0), flight, crew):
+                    return
+
+    def _add(self, row: DrillRow) -> None:
+        self.rows.append(row)
+        self._progress.add(row)
+
+    async def _drilled(self, drill: Drill[Flight], flight: Flight, crew: Crew) -> bool:
+        """Add a drill's row, and return whether the flight can go on."""
+        expected = drill.expect(crew, self._speed)
+        if expected.is_reaction and not expected.reacting:
+            row = DrillRow(drill.fault, drill.expected, None, None, None, "nobody encircles the target in this mission")
+            self._add(row)
+            return True
+        self._progress.tell(drill.fault)
+        stuck = ""
+        began_s = flight.now_s()
+        drill.inject(flight, crew)
+        await self._watch(drill, expected, flight, began_s)
+        wrong = faults(expected, flight.log, began_s, flight.now_s())
+        stalled_s = flight.stalled_s(began_s)
+        if wrong and stalled_s > STALL_S:
+            wrong.append(f"this computer stood still for {stalled_s:.1f} s meanwhile: drill on a quieter one")
+        done_s = reacted_s(expected, flight.log, began_s)
+        if not drill.ends:
+            flight.heal()
+            if drill.settles:
+                quiet_s = crew.mission.own_filter.gate_timeout_s + crew.mission.failsafe.settle_s
+                await asyncio.sleep(quiet_s / self._speed + LINGER_S)
+            if drill.spends:
+                crew.spent.add(crew.one)
+            if stuck := await self._stuck(flight, crew):
+                wrong.append(f"did not get back to the mission: {stuck}")
+        self._add(self._row(drill, expected, None if done_s is None else done_s - began_s, wrong))
+        return not (drill.ends or stuck)
+
+    async def _watch(self, drill: Drill[Flight], expected: Expectation, flight: Flight, began_s: float) -> None:
+        """Look on until the reaction has come, or too late to be one, and a while longer."""
+        if expected.limit_s is None:
+            await asyncio.sleep(drill.watched_s / self._speed)
+            return
+        await flight.until(lambda: reacted_s(expected, flight.log, began_s) is not None, expected.limit_s + LINGER_S)
+        if drill.undo_after_s is not None:
+            await asyncio.sleep(began_s + drill.undo_after_s - flight.now_s())
+            flight.heal()
+            at_last = expected.at_last
+            if at_last is not None:
+                await flight.until(lambda: all(flight.log.tactic(i) == at_last for i in expected.reacting), BACK_S)
+        if expected.respacing:
+            await flight.until(lambda: respaced(expected, flight.log), RESPACED_S / self._speed)
+        await asyncio.sleep(LINGER_S)
+
+    async def _stuck(self, flight: Flight, crew: Crew) -> str:
+        """Send back who has stopped, and return who is not on its mission even then."""
+        log = flight.log
+        end_s = flight.now_s() + BACK_S + RETURNED_S / self._speed
+
+        def away() -> list[int]:
+            return [
+                i for i in crew.everybody if log.mode(i) != OFFBOARD or log.tactic(i) != crew.tactic(i) or log.alert(i)
+            ]
+
+        while away() and flight.now_s() < end_s:
+            for each in [i for i in away() if log.tactic(i) not in ON_MISSION]:
+                await flight.resume(each)
+            await flight.until(lambda: not away(), LINGER_S)
+        return "; ".join(f"vehicle {i}: {log.state(i)}" for i in away())
+
+    def _row(self, drill: Drill[Flight], expected: Expectation, took_s: float | None, wrong: list[str]) -> DrillRow:
+        scale = 1.0 if drill.by_wall else self._speed
+        limit_s = expected.limit_s
+        measured_s = took_s if expected.is_reaction else None
+        if limit_s is not None and measured_s is not None and measured_s > limit_s:
+            wrong = [*wrong, "too late"]
+        return DrillRow(
+            drill.fault,
+            drill.expected,
+            None if limit_s is None else round(limit_s * scale, 2),
+            None if measured_s is None else round(measured_s * scale, 2),
+            not wrong,
+            "; ".join(wrong),
+        )

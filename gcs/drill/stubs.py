@@ -1,0 +1,90 @@
+"""A drilled team of stub vehicles, in this process: they can be seen as they truly are, and made to fail."""
+
+import asyncio
+import time
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+from agents.ports import VehicleRefusedError
+from gcs.drill.flight import DrillFlight
+from gcs.flight.stubs import prepared_configs
+from sitl.faults import VehicleFaults
+from sitl.server.server import Stub, serve
+
+_AIRBORNE_M = 0.5
+
+
+class Pace:
+    """The clock that stubs and agents share: it runs fast until it is told to keep the wall's pace."""
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self._since_s = (time.monotonic(), time.time() * speed)
+
+    def now_s(self) -> float:
+        """Return its time, while it is fast that of `sitl.server.process.unix_clock`."""
+        wall_s, since_s = self._since_s
+        return since_s + (time.monotonic() - wall_s) * self.speed
+
+    def keep_the_walls(self) -> None:
+        """Run as fast as the wall's from now on: for vehicles that nobody flies any more."""
+        self._since_s = (time.monotonic(), self.now_s())
+        self.speed = 1.0
+
+
+class StubFlight(DrillFlight):
+    """A flight of stub vehicles."""
+
+    def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
+        super().__init__(text, speed, logs)
+        self.stubs: dict[int, Stub] = {}
+        self._pace = Pace(speed)
+        self._received: dict[int, int] = {}
+
+    async def serve(self, stack: AsyncExitStack) -> None:
+        """Start the stubs."""
+        stop, ready = asyncio.Event(), asyncio.Event()
+        by_system = {vehicle.system_id: vehicle.id for vehicle in self.mission.vehicles}
+
+        def meet(stubs: Sequence[Stub]) -> None:
+            self.stubs = {by_system[stub.config.vehicle_id]: stub for stub in stubs}
+            ready.set()
+
+        configs = prepared_configs(self.mission)
+        serving = asyncio.create_task(
+            serve(configs, speed=self.speed, now_s=self._pace.now_s, stop=stop, on_ready=meet)
+        )
+        stack.push_async_callback(_stopped, stop, serving)
+        waiting = asyncio.create_task(ready.wait())
+        await asyncio.wait((serving, waiting), return_when=asyncio.FIRST_COMPLETED)
+        waiting.cancel()
+        if serving.done():
+            raise VehicleRefusedError(f"the stub vehicles did not start: {serving.exception()}", "try again")
+
+    def look(self, now_s: float) -> None:
+        """Note modes, setpoints and places as they truly are."""
+        for i, stub in self.stubs.items():
+            autopilot = stub.autopilot
+            self.log.note_mode(now_s, i, autopilot.mode.name.lower() if autopilot.armed else "disarmed")
+            if autopilot.setpoints_received != self._received.get(i):
+                self._received[i], self.log.setpoint_s[i] = autopilot.setpoints_received, now_s
+        bodies = {i: stub.autopilot.airframe for i, stub in self.stubs.items()}
+        self.log.note_places(now_s, {i: b.position_m for i, b in bodies.items() if b.height_m > _AIRBORNE_M})
+
+    def leave(self) -> None:
+        """Let time pass as fast as the wall's: what is left to happen is measured in that."""
+        self._pace.keep_the_walls()
+
+    def heal(self) -> None:
+        """Take back what is wrong with flying process, links and vehicles."""
+        super().heal()
+        healthy = VehicleFaults()
+        for stub in self.stubs.values():
+            for name in VehicleFaults.__slots__:
+                setattr(stub.faults, name, getattr(healthy, name))
+
+
+async def _stopped(stop: asyncio.Event, serving: "asyncio.Task[object]") -> None:
+    stop.set()
+    await asyncio.gather(serving, return_exceptions=True)

@@ -1,0 +1,50 @@
+"""What people see of drills: what is going on, each result as it comes, and the table at the end."""
+
+import json
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from gcs.drill.run import DrillRow
+
+_VERDICTS = {True: Text("holds", style="green"), False: Text("FAILS", style="bold red"), None: Text("-", style="dim")}
+
+
+class DrillProgress:
+    """Tells of each drill as it begins and as it ends, a line each."""
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._console = console
+        self._total = total
+        self._done = 0
+
+    def tell(self, doing: str) -> None:
+        """Show what is being done now."""
+        self._console.print(f"{self._done + 1} of {self._total}: {doing} ...", style="dim", highlight=False)
+
+    def add(self, row: DrillRow) -> None:
+        """Show a result."""
+        self._done += 1
+        verdict = _VERDICTS[row.holds].plain
+        took = "" if row.measured_s is None else f" after {row.measured_s:.2f} s"
+        why = f": {row.detail}" if row.detail else ""
+        self._console.print(f"    {row.expected}: {verdict}{took}{why}", markup=False, highlight=False, soft_wrap=True)
+
+
+def drill_table(mission: str, rows: Sequence[DrillRow]) -> Table:
+    """Return all results as a table."""
+    table = Table(title=f"drills of {mission}", title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for name in ("fault", "expected", "within [s]", "after [s]", "verdict", ""):
+        table.add_column(name, justify="right" if name.endswith("[s]") else "left")
+    for row in rows:
+        numbers = ("-" if value is None else f"{value:.2f}" for value in (row.limit_s, row.measured_s))
+        table.add_row(row.fault, row.expected, *numbers, _VERDICTS[row.holds], Text(row.detail))
+    return table
+
+
+def drills_json(mission: str, rows: Sequence[DrillRow]) -> str:
+    """Return all results as one JSON object."""
+    holds = all(row.holds is not False for row in rows)
+    return json.dumps({"mission": mission, "holds": holds, "drills": [row.to_dict() for row in rows]}, indent=2)

@@ -1,0 +1,103 @@
+"""The mission's vehicles as stubs: what `cordon sitl` serves and `cordon fly --sitl` brings along."""
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+from urllib.parse import urlsplit
+
+from agents.ports import VehicleRefusedError
+from estimation.frames import Triple
+from gcs.errors import InputError
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.parameters import CORDON_ID
+from gcs.signals import relay
+from sitl.autopilot.parameters import Value
+from sitl.mavlink.dialects import AutopilotKind
+from sitl.mavlink.reports import EstimatorNoise
+from sitl.server.process import StubProcess, unix_clock
+from sitl.server.server import StubConfig, StubRecord, serve
+
+PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
+    AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
+    AutopilotKind.ARDUPILOT: {"FS_GCS_ENABLE": 5, "SYSID_MYGCS": CORDON_ID},
+}
+"""The failsafes that docs/hardware.md asks for, where the firmware's own defaults are others: to land."""
+
+
+def stub_configs(mission: Mission) -> list[StubConfig]:
+    """Return one stub for each vehicle, on the ground at its start; raises InputError for a url no stub can serve."""
+    faults = [
+        f"vehicles[{index}].url: a stub serves urls like udpin://127.0.0.1:14540 (given: {vehicle.section.url!r})"
+        for index, vehicle in enumerate(mission.vehicles)
+        if urlsplit(vehicle.section.url).scheme != "udpin"
+    ]
+    if faults:
+        raise InputError(faults)
+    simulation = mission.simulation
+    noise = EstimatorNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
+    return [
+        StubConfig(
+            vehicle_id=vehicle.system_id,
+            client_port=urlsplit(vehicle.section.url).port or 0,
+            plant=vehicle.true_plant,
+            frame=mission.mission_frame(),
+            start_position_m=vehicle.section.start_m,
+            origin_offset_m=_origin_offset_m(vehicle) if mission.frame.local else (0.0, 0.0, 0.0),
+            gps=not mission.frame.local,
+            noise=noise,
+            wind_m_s2=simulation.wind_m_s2,
+            seed=mission.mission.seed,
+            autopilot=AutopilotKind(vehicle.section.autopilot),
+        )
+        for vehicle in mission.vehicles
+    ]
+
+
+def prepared_configs(mission: Mission) -> list[StubConfig]:
+    """Return the same stubs with failsafes set as an operator should: for flights that bring their own vehicles."""
+    return [replace(config, parameters=PREPARED[config.autopilot]) for config in stub_configs(mission)]
+
+
+def _origin_offset_m(vehicle: MissionVehicle) -> Triple:
+    """Return where its local NED begins, seen from its start."""
+    (x, y, z), (start_x, start_y) = vehicle.origin_m, vehicle.section.start_m
+    return x - start_x, y - start_y, z
+
+
+async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> None:
+    """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be had."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    relay(lambda: loop.call_soon_threadsafe(stop.set))
+    await serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop)
+
+
+class FlightStubs:
+    """The stub vehicles of a flight that brings its own; their record is there once they have been stopped."""
+
+    def __init__(self, mission: Mission | None, speed: float) -> None:
+        """Prepare the mission's stubs, or none."""
+        self._process = None if mission is None else StubProcess(prepared_configs(mission), speed)
+        self.record: StubRecord | None = None
+
+    async def __aenter__(self) -> Self:
+        """Start them; raises VehicleRefusedError."""
+        try:
+            if self._process is not None:
+                await asyncio.to_thread(self._process.start)
+        except OSError as error:
+            raise VehicleRefusedError(
+                f"the stub vehicles did not start: {error}", "see whether some run already"
+            ) from error
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop them."""
+        if self._process is not None:
+            with suppress(OSError):  # they died in flight: the outcomes say so, and the estimates are what is left
+                self.record = await asyncio.to_thread(self._process.stop)

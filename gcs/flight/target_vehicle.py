@@ -1,0 +1,73 @@
+"""Another MAVLink vehicle as the target: where it says that it is becomes sightings for the agents of this process."""
+
+from collections.abc import Callable, Sequence
+
+from agents.ports import VehicleRefusedError
+from agents.shell.agent import Agent
+from agents.shell.clock import MissionClock
+from estimation.state import Sighting, Telemetry
+from gcs.link.hub import MavsdkHub
+from gcs.link.mavsdk_link import MavsdkLink
+from gcs.mission.mission import Mission, TargetSection
+
+TARGET_VEHICLE = 20000
+"""Its sensor id: neither a team's vehicle's nor one of agents/team/perception.py."""
+_EARLY_SHARE = 0.25
+
+
+class TargetVehicle:
+    """Listens to the vehicle that `[target]` names, and steers nothing; does nothing where the target is none.
+
+    Its sightings are as many and as sure as `[target.sensor]` says.
+    """
+
+    def __init__(self, mission: Mission, hub: MavsdkHub, clock: MissionClock, agents: Sequence[Agent]) -> None:
+        target = mission.target
+        self._link: MavsdkLink | None = None
+        if target.source == "mavlink" and target.url is not None and target.system_id is not None:
+            self._link = MavsdkLink(
+                hub,
+                target.url,
+                target.system_id,
+                mission.mission_frame(),
+                clock.now_s,
+                clock.speed,
+                settings=mission.link,
+                origin_m=(*target.start_m, 0.0),
+            )
+        self._agents = agents
+        self._take = sightings_of(target, self._see)
+
+    async def connect(self) -> None:
+        """Find the vehicle; raises VehicleRefusedError."""
+        if self._link is None:
+            return
+        try:
+            await self._link.connect(self._take)
+        except VehicleRefusedError as refusal:
+            raise VehicleRefusedError(f"the target: {refusal.reason}", refusal.next_step) from refusal
+
+    def _see(self, sighting: Sighting) -> None:
+        for agent in self._agents:
+            agent.see(sighting)
+
+    async def close(self) -> None:
+        """Let go of it."""
+        if self._link is not None:
+            await self._link.close()
+
+
+def sightings_of(target: TargetSection, see: Callable[[Sighting], None]) -> Callable[[Telemetry], None]:
+    """Return what takes the vehicle's telemetry and lets `see` have sightings at the sensor's rate."""
+    sensor = target.sensor
+    sigma_m, period_s, due_s = max(sensor.noise_m, 0.1), 1.0 / sensor.rate_hz, 0.0
+
+    def take(telemetry: Telemetry) -> None:
+        nonlocal due_s
+        if telemetry.time_s >= due_s - _EARLY_SHARE * period_s:
+            due_s = telemetry.time_s + period_s
+            x, y, altitude_m = telemetry.position_m
+            covariance, rated = (sigma_m**2, 0.0, sigma_m**2), (target.importance, target.threat)
+            see(Sighting(telemetry.time_s, TARGET_VEHICLE, (x, y), covariance, *rated, altitude_m, sigma_m))
+
+    return take

@@ -1,0 +1,204 @@
+"""What people, machines and the next flight see of an identification: a table, JSON, a plant file."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import date
+from json import dumps
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from estimation.identification.identified import (
+    METHOD,
+    Found,
+    Identified,
+    Interval,
+)
+from estimation.plant.provenance import (
+    Identification,
+    IdentifiedLog,
+    Verdict,
+    covariance_of,
+)
+from gcs.vehicle_logs.vehicle_log import VehicleLog
+
+_STYLES = {Verdict.GOOD: "bold green", Verdict.USABLE: "bold yellow", Verdict.DO_NOT_FLY: "bold red"}
+_COLUMNS = ("", "x", "95 %", "y", "95 %")
+
+
+def parameter_rows(found: Found) -> list[tuple[str, Interval, Interval, int]]:
+    """Return the parameters that each axis has, by the words for them, with the digits that they are told with."""
+    x, y = found.axes
+    gain = found.feedforward
+    return [
+        ("a0 [1/s²]", x.a0_per_s2, y.a0_per_s2, 3),
+        ("a1 [1/s]", x.a1_per_s, y.a1_per_s, 3),
+        ("delay [s]", found.delay_s, found.delay_s, 3),
+        ("natural frequency [rad/s]", x.frequency_rad_s, y.frequency_rad_s, 3),
+        ("damping", x.damping, y.damping, 2),
+        *([] if gain is None else [("feed-forward", gain, gain, 2)]),
+    ]
+
+
+def fit_rows(found: Found) -> list[tuple[str, float, float]]:
+    """Return the fits on what was not fitted, x and y, by the words for them: the plant's own first."""
+    x, y = found.axes
+    rows = [("fit on what was not fitted [%]", x.fit_percent, y.fit_percent)]
+    if found.baseline_fit_percent is not None:
+        rows.append(("  of plain least squares [%]", *found.baseline_fit_percent))
+    return rows + [(f"  of '{name}' [%]", *fits) for name, fits in found.others_fit_percent.items()]
+
+
+def bounds_words(interval: Interval, digits: int) -> str:
+    """Return the bounds of an interval."""
+    return f"{interval.low:.{digits}f} to {interval.high:.{digits}f}"
+
+
+def identified_view(identified: Identified, logs: Sequence[VehicleLog]) -> RenderableType:
+    """Return an identification for people: the verdict first, then its reasons and numbers."""
+    first = logs[0]
+    vehicle = " ".join(filter(None, (f"vehicle {first.system_id},", first.autopilot, first.firmware)))
+    parts: list[RenderableType] = [
+        Text(f"{vehicle}: {identified.duration_s:.0f} s in {identified.excerpts} parts were used", style="dim"),
+    ]
+    if identified.found is not None:
+        parts += [_table(identified.found), *map(Text, remarks(identified.found))]
+    parts.append(Text(f"verdict: {identified.verdict.value}", style=_STYLES[identified.verdict]))
+    parts += [Text(f"  {reason}") for reason in identified.reasons]
+    return Group(*parts)
+
+
+def _table(found: Found) -> Table:
+    table = Table(*_COLUMNS, box=None, pad_edge=False)
+    for words, x, y, digits in parameter_rows(found):
+        cells = [cell for axis in (x, y) for cell in (f"{axis.value:.{digits}f}", bounds_words(axis, digits))]
+        table.add_row(Text(words), *cells)
+    for at, (words, x_fit, y_fit) in enumerate(fit_rows(found)):
+        table.add_row(Text(words), f"{x_fit:.1f}", "", f"{y_fit:.1f}", "", style="dim" if at else "")
+    return table
+
+
+def remarks(found: Found) -> list[str]:
+    """Return what else is worth knowing, in words: the setpoints, the errors, the order."""
+    x, y = found.axes
+    order, enough = found.order, "enough" if found.order.second_is_enough else "not enough"
+    lines = [
+        f"setpoints: {found.between.value}",
+        f"errors: {x.error_rms_m:.2f} m along x, {y.error_rms_m:.2f} m along y (rms); "
+        + (
+            f"whitened, {100 * min(x.white_share, y.white_share):.0f} % of their correlations are within white noise's"
+            if found.whitened
+            else "not whitened: the plant that simulates best"
+        ),
+        f"order: with a lag of {order.lag_s:.2f} s as a third, the fit would be {order.fit_third_percent:.1f} % "
+        f"instead of {order.fit_second_percent:.1f} %: a second order is {enough}",
+    ]
+    if found.baseline is not None:
+        (x0, y0), (x1, y1), delay_s = found.baseline.a0_per_s2, found.baseline.a1_per_s, found.baseline.delay_s
+        lines.append(f"plain least squares: a0 {x0:.2f}, {y0:.2f}; a1 {x1:.2f}, {y1:.2f}; delay {delay_s:.1f} s")
+    return lines
+
+
+def identified_dict(identified: Identified, logs: Sequence[VehicleLog]) -> dict[str, Any]:
+    """Return an identification as plain data; what is not known is None."""
+    found = identified.found
+    return {
+        "verdict": identified.verdict.value,
+        "reasons": list(identified.reasons),
+        "method": METHOD,
+        "vehicle": logs[0].system_id,
+        "autopilot": logs[0].autopilot,
+        "firmware": logs[0].firmware,
+        "logs": [{"path": log.path, "format": log.format, "sha256": log.sha256} for log in logs],
+        "duration_s": identified.duration_s,
+        "parts": identified.excerpts,
+        "plant": None if found is None else _found_dict(found),
+    }
+
+
+def _found_dict(found: Found) -> dict[str, Any]:
+    shaping = {name: value if isfinite(value) else None for name, value in asdict(found.shaping).items()}
+    return {
+        "x": asdict(found.axes[0]),
+        "y": asdict(found.axes[1]),
+        "delay_s": asdict(found.delay_s),
+        "feedforward": None if found.feedforward is None else asdict(found.feedforward),
+        "covariance_of": list(covariance_of(feedforward=found.feedforward is not None)),
+        "covariance": found.covariance.tolist(),
+        "setpoints": found.between.value,
+        "whitened": found.whitened,
+        "consistent": found.consistent,
+        "third_order": {**asdict(found.order), "second_is_enough": found.order.second_is_enough},
+        "bounds": shaping,
+        "least_squares": None
+        if found.baseline is None
+        else {
+            "a0_per_s2": found.baseline.a0_per_s2.tolist(),
+            "a1_per_s": found.baseline.a1_per_s.tolist(),
+            "delay_s": found.baseline.delay_s,
+            "fit_percent": found.baseline_fit_percent,
+        },
+        "others_fit_percent": dict(found.others_fit_percent),
+    }
+
+
+def identification_of(identified: Identified, found: Found, logs: Sequence[VehicleLog], today: date) -> Identification:
+    """Return where a plant comes from, as its file tells."""
+    return Identification(
+        method=METHOD,
+        date=today.isoformat(),
+        vehicle=logs[0].system_id,
+        autopilot=logs[0].autopilot,
+        firmware=logs[0].firmware,
+        logs=tuple(IdentifiedLog(name=Path(log.path).name, sha256=log.sha256) for log in logs),
+        setpoints=found.between.value,
+        duration_s=round(identified.duration_s, 1),
+        fit_x_percent=round(found.axes[0].fit_percent, 1),
+        fit_y_percent=round(found.axes[1].fit_percent, 1),
+        verdict=identified.verdict,
+        reasons=identified.reasons,
+        covariance=tuple(tuple(float(f"{value:.6g}") for value in row) for row in found.covariance.tolist()),
+    )
+
+
+def plant_text(found: Found, told: Identification) -> str:
+    """Return a plant file."""
+    (x, y), gain = found.axes, found.feedforward
+    equation = "a0 (X_d - x) - a1 x'" if gain is None else "a0 (X_d - x) + a1 (feedforward V_d - x')"
+    lines = [
+        f"# x'' = {equation}, identified by `cordon identify`; x points north, y west.",
+        f"delay_s = {found.delay_s.value:.4g}  # {bounds_words(found.delay_s, 3)} (95 %)",
+    ]
+    if gain is not None:
+        lines.append(f"feedforward = {found.plant.feedforward:.4g}  # {bounds_words(gain, 3)}")
+    for name, axis in (("x", x), ("y", y)):
+        lines += [
+            f"\n[{name}]",
+            f"a0_per_s2 = {axis.a0_per_s2.value:.4g}  # {bounds_words(axis.a0_per_s2, 3)}",
+            f"a1_per_s = {axis.a1_per_s.value:.4g}  # {bounds_words(axis.a1_per_s, 3)}",
+        ]
+    lines.append("\n[identified]")
+    for name, value in told.model_dump().items():
+        if name == "covariance":
+            lines += [f"# of {', '.join(covariance_of(feedforward=told.feeds))}", "covariance = ["]
+            lines += [f"  [{', '.join(f'{number:.6g}' for number in row)}]," for row in value] + ["]"]
+        elif name != "logs":
+            lines.append(f"{name} = {_toml(value)}")
+    for log in told.logs:
+        lines += ["\n[[identified.logs]]", f"name = {_toml(log.name)}", f"sha256 = {_toml(log.sha256)}"]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    match value:
+        case Verdict():
+            return dumps(value.value)
+        case str():
+            return dumps(value, ensure_ascii=False)
+        case tuple():
+            return f"[{', '.join(map(_toml, value))}]"
+    return str(value)

@@ -1,0 +1,206 @@
+"""Calls to one vehicle through MAVSDK: on threads of their own, with refusals in the autopilot's own words."""
+
+import asyncio
+import json
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from math import dist
+from typing import Any, TypeVar
+
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
+
+from agents.ports import VehicleRefusedError
+from estimation.frames import Geodetic, MissionFrame, Triple
+from gcs.link.feed import VehicleFeed
+from gcs.mission.mission import LinkSection
+
+Result = TypeVar("Result")
+
+POLL_PERIOD_S = 0.02
+WALL_WAIT_MIN_S = 3.0
+"""No wait is shorter than this, however fast the simulation runs: threads and heartbeats take wall time."""
+TEXT_DELAY_S = 0.3
+"""How long after a refusal its explanation may come: PX4 sends it beside the acknowledgement."""
+TEXT_AGE_S = 15.0
+SPEED_SNAP = 0.1
+ORIGIN_DISTANCE_MAX_M = 20_000.0
+DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
+STATUS = ("health", "in_air", "attitude_euler")
+"""What comes at the status rate; attitudes carry the autopilot's clock, by which a restart is seen."""
+SLOW_STATUS = ("battery", "home", "gps_info", "position")
+"""What comes half as often. ArduPilot sends nothing that nobody asked for, PX4 all of it too often for a radio."""
+
+
+class VehicleCalls:
+    """Runs MAVSDK's blocking calls for one vehicle, and waits for what they should bring about.
+
+    Two threads of its own: calls to a dead vehicle block for seconds, and must not starve a living one's.
+    `speed` is how many times faster than the wall the mission clock runs.
+    """
+
+    def __init__(self, system_id: int, feed: VehicleFeed, speed: float) -> None:
+        self.speed = speed
+        self._system_id = system_id
+        self._feed = feed
+        self._executor = ThreadPoolExecutor(2, thread_name_prefix=f"vehicle-{system_id}")
+        self._urgent = ThreadPoolExecutor(1, thread_name_prefix=f"vehicle-{system_id}-urgent")
+
+    async def run(self, function: Callable[..., Result], *arguments: object) -> Result:
+        """Return what a blocking call returns."""
+        return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
+
+    async def insist(
+        self, verb: str, function: Callable[..., object], condition: Callable[[], bool], *, attempts: int, each_s: float
+    ) -> None:
+        """Make a call again and again, waiting for nobody, until it is taken and what it should bring about is heard.
+
+        Each attempt waits `each_s` [wall s] for that. Raises VehicleRefusedError when none of them brought it about.
+        """
+        taken = False
+        for _ in range(attempts):
+            with suppress(MavsdkError, RuntimeError):
+                await asyncio.get_running_loop().run_in_executor(self._urgent, function)
+                taken = True
+            end_s = time.monotonic() + each_s
+            while time.monotonic() < end_s:
+                if taken and condition():
+                    return
+                await asyncio.sleep(POLL_PERIOD_S)
+        failure = "did nothing of the kind" if taken else "did not even acknowledge it"
+        raise self.refusal(f"was told {attempts} times to {verb}, and {failure}", "take over by remote control")
+
+    async def command(self, verb: str, function: Callable[..., object], *arguments: object, attempts: int = 1) -> None:
+        """Make a call that the autopilot may refuse; raises VehicleRefusedError when it does so every time."""
+        for attempt in range(1, attempts + 1):
+            try:
+                await self.run(function, *arguments)
+            except (MavsdkError, RuntimeError) as error:
+                if attempt == attempts:
+                    await asyncio.sleep(TEXT_DELAY_S)
+                    result = getattr(getattr(error, "result", None), "name", str(error))
+                    raise self.refusal(f"refused to {verb} ({result})", "clear what it complains about") from error
+            else:
+                return
+
+    async def until(
+        self, condition: Callable[[], bool], timeout_s: float, failure: Callable[[], str], next_step: str
+    ) -> None:
+        """Wait for a condition; raises VehicleRefusedError with `failure()` after `timeout_s` of the mission clock."""
+        end_s = time.monotonic() + self.wall_s(timeout_s)
+        while not condition():
+            if time.monotonic() > end_s:
+                raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step)
+            await asyncio.sleep(POLL_PERIOD_S)
+
+    def wall_s(self, mission_s: float) -> float:
+        """Return the wall seconds to wait for something that takes `mission_s`."""
+        return max(mission_s / self.speed, WALL_WAIT_MIN_S)
+
+    def refusal(self, reason: str, next_step: str) -> VehicleRefusedError:
+        """Return the refusal: the reason, whether the link is lost, and what the autopilot wrote lately."""
+        said = self._feed.said(since_s=time.monotonic() - TEXT_AGE_S)
+        lost = "" if self._feed.status.connected else "; its link is lost"
+        says = f"; it says {said}" if said else ""
+        return VehicleRefusedError(f"vehicle {self._system_id} {reason}{lost}{says}", next_step)
+
+    async def close(self) -> None:
+        """Wait for the calls in flight: destroying MAVSDK's objects under them would lose their threads for good."""
+        for executor in (self._executor, self._urgent):
+            await asyncio.to_thread(executor.shutdown, cancel_futures=True)
+
+
+async def request_rates(calls: VehicleCalls, telemetry: Any, rates: LinkSection) -> None:
+    """Ask for the vehicle's motion, and for the rest slowly.
+
+    Raises VehicleRefusedError for the motion; an autopilot that does not know one of the others may fly.
+    """
+    await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, rates.telemetry_rate_hz)
+    slow = [(name, rates.status_rate_hz) for name in STATUS]
+    for name, rate_hz in (*slow, *((name, rates.status_rate_hz / 2.0) for name in SLOW_STATUS)):
+        await _request_rate(calls, telemetry, name, rate_hz)
+
+
+async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:
+    """Return how many times faster than the wall the autopilot's clock runs; None when attitudes stay away.
+
+    Attitudes come fast for that long only [wall s].
+    """
+    await _request_rate(calls, feed.plugin, "attitude_euler", rates.attitude_rate_hz)
+    try:
+        return clock_ratio(await feed.attitude_clock(duration_s), duration_s)
+    finally:
+        await _request_rate(calls, feed.plugin, "attitude_euler", rates.status_rate_hz)
+
+
+async def _request_rate(calls: VehicleCalls, telemetry: Any, name: str, rate_hz: float) -> None:
+    with suppress(MavsdkError):
+        await calls.run(getattr(telemetry, f"set_rate_{name}"), rate_hz)
+
+
+def choose_guided(system: Any) -> None:
+    """Put an ArduCopter into GUIDED; blocks until that is acknowledged, raises MavsdkError when it is refused.
+
+    It arms in neither the mode it landed in nor BRAKE, which is MAVSDK's hold. MAVSDK itself asks for GUIDED only
+    together with a setpoint, which it then repeats and the take-off would stumble over.
+    """
+    direct = MavlinkDirect(system)
+    try:
+        direct.send_command(command_long(system.get_system_id(), DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED))
+    finally:
+        direct.destroy()
+
+
+def command_long(system_id: int, command: int, *params: float) -> MavlinkMessage:
+    """Return a command to the autopilot of a system, for MAVSDK's `send_command`; what is not given is 0."""
+    fields = {"command": command, "confirmation": 0, **{f"param{place}": 0.0 for place in range(1, 8)}}
+    fields |= {f"param{place}": value for place, value in enumerate(params, start=1)}
+    fields |= {"target_system": system_id, "target_component": AUTOPILOT_COMPONENT}
+    return MavlinkMessage("COMMAND_LONG", 0, 0, system_id, AUTOPILOT_COMPONENT, json.dumps(fields))
+
+
+async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFrame, timeout_s: float) -> Triple:
+    """Return the mission position of the vehicle's own NED origin [m].
+
+    Raises VehicleRefusedError when its estimator has none in time, or one that is nowhere near the mission's.
+    """
+    end_s = time.monotonic() + calls.wall_s(timeout_s)
+    while (place := await calls.run(_origin, feed.plugin)) is None:
+        if time.monotonic() > end_s:
+            raise calls.refusal(
+                f"did not know where it is within {timeout_s:g} s ({feed.failing()})", "wait for GPS, or check it"
+            )
+    origin_m = frame.mission_from_geodetic(place)
+    if (away_m := dist(origin_m, (0.0, 0.0, 0.0))) > ORIGIN_DISTANCE_MAX_M:
+        where = f"{place.latitude_deg:.5f}, {place.longitude_deg:.5f}"
+        raise calls.refusal(
+            f"stands at {where}, {away_m / 1000.0:.0f} km from the mission's origin", "set the origin in [frame]"
+        )
+    return origin_m
+
+
+def clock_ratio(times: Sequence[tuple[float, float]], duration_s: float) -> float | None:
+    """Return how fast the autopilot's clock runs by (wall, autopilot) times [s]; None without half of `duration_s`.
+
+    Within a tenth of a whole number it is that number: the times of arrival are not exact.
+    """
+    if len(times) < 2:
+        return None
+    wall_s, autopilot_s = times[-1][0] - times[0][0], times[-1][1] - times[0][1]
+    if wall_s < duration_s / 2.0 or autopilot_s <= 0.0:
+        return None
+    ratio = autopilot_s / wall_s
+    whole = float(max(1, round(ratio)))
+    return whole if abs(ratio - whole) <= SPEED_SNAP * whole else ratio
+
+
+def _origin(telemetry: Any) -> Geodetic | None:
+    """Ask for the origin; blocks for up to 5 s when there is none."""
+    try:
+        origin = telemetry.get_gps_global_origin()
+        return Geodetic(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+    except (MavsdkError, ValueError):
+        time.sleep(POLL_PERIOD_S)
+        return None

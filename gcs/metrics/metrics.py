@@ -1,0 +1,322 @@
+"""The metrics of a flight, computed from its record: the definitions behind `--json` and the verdicts.
+
+Arrays over the whole team have shape (V, T): vehicles in the record's order, samples in time. NaN marks what
+was not measured, and every average leaves it out.
+"""
+
+from dataclasses import dataclass
+from math import tau
+
+import numpy as np
+
+from estimation.state import Vector
+from gcs.metrics.record import FlightRecord, Mask
+from gcs.metrics.result import (
+    FlightResult,
+    FormationReference,
+    LoopResult,
+    ReynoldsResult,
+    RingReference,
+    RingResult,
+    VehicleResult,
+    VerdictTolerances,
+    judge,
+)
+from gcs.metrics.reynolds import condensed, flocking
+
+FORMATION_START_S = 30.0
+SETTLED_RADIUS_FRACTION = 0.05
+SETTLED_SPACING_RAD = np.radians(5.0)
+# A vehicle not heard for longer than this at the end of the record is taken to have left the ring.
+LOST_AFTER_S = 5.0
+# Times on the record's grid carry rounding errors; no grid is this fine.
+TIME_GRAIN_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class RingMotion:
+    """The team's motion about the target, shape (V, T) each; NaN where one is not encircling or not heard.
+
+    `member` says who belongs to the ring: also a vehicle that was not heard for a while but encircled before
+    and after. `lead_rad` is the angle counter-clockwise from a vehicle to its neighbour in front: NaN where
+    it has none, or where a member was not heard and so the neighbours are not known.
+    """
+
+    member: Mask
+    radius_m: Vector
+    bearing_rad: Vector
+    rate_rad_s: Vector
+    lead_rad: Vector
+
+    @property
+    def desired_spacing_rad(self) -> Vector:
+        """The spacing 2 pi / n that n members should keep, shape (T,); NaN where there are fewer than two."""
+        count = self.member.sum(axis=0)
+        return np.where(count > 1, tau / np.maximum(count, 1), np.nan)
+
+    @property
+    def measured(self) -> Mask:
+        """The samples (T,) with a ring of which every member was measured."""
+        return np.asarray(self.member.any(axis=0) & ~(self.member & np.isnan(self.bearing_rad)).any(axis=0))
+
+
+def evaluate(
+    record: FlightRecord,
+    ring: RingReference,
+    formation: FormationReference,
+    tolerances: VerdictTolerances,
+) -> FlightResult:
+    """Compute the metrics and verdicts of a flight."""
+    end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
+    engaged_s = [time_s for time_s in engagement_times_s(record) if time_s is not None]
+    motion = ring_motion(record)
+    settled_s = _settled_at_s(record.time_s, motion, ring, max(engaged_s)) if engaged_s else None
+    window_s = _window_s(record.time_s, settled_s) if engaged_s else None
+    window = _within(record.time_s, window_s)
+    vehicles = _vehicle_results(record, motion, ring, formation, window)
+    settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
+    ring_result = RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
+    closest_m = _closest_approach_m(record)
+    return FlightResult(
+        mission=record.mission,
+        seed=record.seed,
+        source=record.source,
+        reference=record.reference,
+        duration_s=_grid_time(end_s),
+        window_s=window_s,
+        vehicles=vehicles,
+        ring=ring_result,
+        reynolds=_reynolds(record, window),
+        closest_approach_m=closest_m,
+        guard_interventions=None if record.guard is None else record.guard.interventions,
+        guard_causes={} if record.guard is None else dict(record.guard.causes),
+        loop=LoopResult.of(record.loop),
+        verdicts=judge(vehicles, ring_result, closest_m, ring, tolerances),
+        wall_time_s=record.wall_time_s,
+        realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
+        events=record.events,
+    )
+
+
+def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
+    """Return when each vehicle's tactic first was encircle, None where it never was."""
+    hits = (np.flatnonzero(track.tactic == "encircle") for track in record.vehicles)
+    return tuple(_grid_time(float(record.time_s[hit[0]])) if hit.size else None for hit in hits)
+
+
+def formation_errors(record: FlightRecord, formation: FormationReference) -> tuple[Vector, Vector]:
+    """Return how far every velocity [m/s] and place [m] in formation is off, (V, T) each.
+
+    NaN but from 30 s after the start to the first engagement, for a vehicle in formation; the first of the line has no
+    place to be off.
+    """
+    judged = _formation_span(record.time_s, engagement_times_s(record))
+    mask = np.asarray(heard(record) & _flies(record, "formation") & judged)
+    speed_error_m_s = np.full(mask.shape, np.nan)
+    for row, track in enumerate(record.vehicles):
+        speed_error_m_s[row, mask[row]] = np.hypot(*(track.velocity_m_s[mask[row]] - (formation.speed_m_s, 0.0)).T)
+    return speed_error_m_s, _formation_spacing_error_m(record, formation, mask)
+
+
+def ring_motion(record: FlightRecord) -> RingMotion:
+    """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate."""
+    shape = (len(record.vehicles), record.time_s.size)
+    offset_m, drift_m_s = np.empty((2, *shape, 2))
+    for index, track in enumerate(record.vehicles):
+        offset_m[index] = track.position_m - record.target_position_m
+        drift_m_s[index] = track.velocity_m_s - record.target_velocity_m_s
+    encircling = heard(record) & _flies(record, "encircle")
+    radius_m = np.where(encircling, np.hypot(offset_m[..., 0], offset_m[..., 1]), np.nan)
+    # On top of the target there is neither a bearing nor an angular rate.
+    defined_m = np.where(radius_m > 0.0, radius_m, np.nan)
+    swept_m2_s = offset_m[..., 0] * drift_m_s[..., 1] - offset_m[..., 1] * drift_m_s[..., 0]
+    bearing_rad = np.where(np.isnan(defined_m), np.nan, np.arctan2(offset_m[..., 1], offset_m[..., 0]))
+    member = _members(record)
+    return RingMotion(
+        member=member,
+        radius_m=radius_m,
+        bearing_rad=bearing_rad,
+        rate_rad_s=swept_m2_s / defined_m**2,
+        lead_rad=_lead_rad(bearing_rad, member),
+    )
+
+
+def heard(record: FlightRecord) -> Mask:
+    """Return which samples (V, T) hold a vehicle's position, velocity and tactic."""
+    mask = ~_flies(record, "unknown")
+    for row, track in zip(mask, record.vehicles, strict=True):
+        motion = np.concatenate((track.position_m, track.velocity_m_s), axis=1)
+        row[:] &= np.isfinite(motion).all(axis=1)
+    return mask
+
+
+def _flies(record: FlightRecord, tactic: str) -> Mask:
+    mask = np.zeros((len(record.vehicles), record.time_s.size), dtype=np.bool_)
+    for row, track in zip(mask, record.vehicles, strict=True):
+        row[:] = track.tactic == tactic
+    return mask
+
+
+def _members(record: FlightRecord) -> Mask:
+    """Bridge the gaps in which a vehicle was not heard: it is in the ring if it was before and after."""
+    known, encircle = heard(record), _flies(record, "encircle")
+    samples = record.time_s.size
+    index = np.arange(samples)
+    before = np.maximum.accumulate(np.where(known, index, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, index, samples)[:, ::-1], axis=1)[:, ::-1]
+    encircled = np.take_along_axis(encircle, np.maximum(before, 0), axis=1) & (before >= 0)
+    if not samples:
+        return encircled
+    encircles_again = np.take_along_axis(encircle, np.minimum(after, samples - 1), axis=1) & (after < samples)
+    silent_s = record.time_s[-1] - record.time_s[np.maximum(before, 0)]
+    return np.asarray(encircled & (encircles_again | ((after == samples) & (silent_s <= LOST_AFTER_S))))
+
+
+def _lead_rad(bearing_rad: Vector, member: Mask) -> Vector:
+    """Sort the bearings (NaN last); take the angle from each to the next, the last's around to the first."""
+    count = member.sum(axis=0)
+    lead_rad = np.full(bearing_rad.shape, np.nan)
+    complete = (count > 1) & ~(member & np.isnan(bearing_rad)).any(axis=0)
+    if not complete.any():
+        return lead_rad
+    order = np.argsort(bearing_rad, axis=0)
+    ranked = np.take_along_axis(bearing_rad, order, axis=0)
+    following = np.roll(ranked, -1, axis=0)
+    closing = np.arange(len(ranked))[:, None] == count - 1
+    following = np.where(closing, ranked[0] + tau, following)
+    np.put_along_axis(lead_rad, order, np.where(complete, following - ranked, np.nan), axis=0)
+    return lead_rad
+
+
+def _settled_at_s(time_s: Vector, motion: RingMotion, ring: RingReference, last_engaged_s: float) -> float | None:
+    """Return the moment since the last engagement from which nothing strays until the end, or None."""
+    radius_error_m = np.abs(motion.radius_m - ring.radius_m)
+    spacing_error_rad = np.abs(motion.lead_rad - motion.desired_spacing_rad)
+    off_radius = (radius_error_m > SETTLED_RADIUS_FRACTION * ring.radius_m).any(axis=0)
+    off_spacing = (spacing_error_rad > SETTLED_SPACING_RAD).any(axis=0)
+    straying = np.flatnonzero(off_radius | off_spacing)
+    # Samples without a ring, or with a member not heard, prove nothing: settling starts at one that does.
+    proven = motion.measured & (time_s >= last_engaged_s - TIME_GRAIN_S)
+    proven[: straying[-1] + 1 if straying.size else 0] = False
+    return float(time_s[np.argmax(proven)]) if proven.any() else None
+
+
+def _window_s(time_s: Vector, settled_s: float | None) -> tuple[float, float]:
+    start_s, end_s = float(time_s[0]), float(time_s[-1])
+    window_start_s = settled_s if settled_s is not None else end_s - (end_s - start_s) / 4.0
+    return _grid_time(window_start_s), _grid_time(end_s)
+
+
+def _within(time_s: Vector, window_s: tuple[float, float] | None) -> Mask:
+    if window_s is None:
+        return np.zeros(time_s.shape, dtype=np.bool_)
+    return np.asarray((time_s >= window_s[0] - TIME_GRAIN_S) & (time_s <= window_s[1] + TIME_GRAIN_S))
+
+
+def _vehicle_results(
+    record: FlightRecord,
+    motion: RingMotion,
+    ring: RingReference,
+    formation: FormationReference,
+    window: Mask,
+) -> tuple[VehicleResult, ...]:
+    engaged_s = engagement_times_s(record)
+    speed_error_m_s, spacing_error_m = formation_errors(record, formation)
+    known = heard(record)
+    results = []
+    for row, track in enumerate(record.vehicles):
+        radius_error_m = motion.radius_m[row, window] - ring.radius_m
+        rate_rad_s, bearing_rad = motion.rate_rad_s[row, window], motion.bearing_rad[row, window]
+        last_tactic = track.tactic[known[row]][-1:]
+        result = VehicleResult(
+            id=track.vehicle_id,
+            engaged_at_s=engaged_s[row],
+            tactic=str(last_tactic[0]) if last_tactic.size else "unknown",
+            radius_error_rms_m=_rms(radius_error_m),
+            radius_error_max_m=_largest(radius_error_m),
+            angular_rate_mean_rad_s=_mean_rate_rad_s(record.time_s[window], bearing_rad, rate_rad_s),
+            angular_rate_error_rms_rad_s=_rms(rate_rad_s - ring.angular_rate_rad_s),
+            formation_speed_error_rms_m_s=_rms(speed_error_m_s[row]),
+            formation_spacing_error_rms_m=_rms(spacing_error_m[row]),
+        )
+        results.append(result)
+    return tuple(results)
+
+
+def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
+    figures = flocking(record)
+    spans = (
+        _formation_span(record.time_s, engagement_times_s(record)),
+        window,
+        np.ones(record.time_s.shape, dtype=np.bool_),
+    )
+    return ReynoldsResult(*(condensed(figures, span) for span in spans))
+
+
+def _formation_span(time_s: Vector, engaged_s: tuple[float | None, ...]) -> Mask:
+    """Return the samples (T,) between 30 s and the first engagement."""
+    first_s = min((engaged for engaged in engaged_s if engaged is not None), default=np.inf)
+    return np.asarray((time_s >= FORMATION_START_S - TIME_GRAIN_S) & (time_s < first_s - TIME_GRAIN_S))
+
+
+def _formation_spacing_error_m(record: FlightRecord, formation: FormationReference, mask: Mask) -> Vector:
+    """Return how far each vehicle (V, T) is from its place relative to its predecessor in slot order.
+
+    Where the predecessor is not in formation the one before it counts; NaN where there is none.
+    """
+    row_of = {track.vehicle_id: row for row, track in enumerate(record.vehicles)}
+    error_m = np.full(mask.shape, np.nan)
+    ahead_m = np.full((record.time_s.size, 2), np.nan)  # the predecessor's deviation from its slot
+    for vehicle_id, slot_m in formation.slots_m.items():
+        if vehicle_id not in row_of:
+            continue
+        row = row_of[vehicle_id]
+        here_m = np.where(mask[row, :, None], record.vehicles[row].position_m - np.asarray(slot_m), np.nan)
+        error_m[row] = np.hypot(*(here_m - ahead_m).T)
+        ahead_m = np.where(mask[row, :, None], here_m, ahead_m)
+    return error_m
+
+
+def _spacing_errors_deg(motion: RingMotion, window: Mask) -> tuple[float | None, float | None]:
+    error_deg = np.degrees(motion.lead_rad - motion.desired_spacing_rad)[:, window]
+    return _rms(error_deg), _largest(error_deg)
+
+
+def _mean_rate_rad_s(time_s: Vector, bearing_rad: Vector, rate_rad_s: Vector) -> float | None:
+    """Return the unwrapped change of bearing over the time it took, None from fewer than two samples.
+
+    The integral of the measured rate carries the count of turns across gaps longer than half a turn.
+    """
+    known = np.isfinite(bearing_rad) & np.isfinite(rate_rad_s)
+    if known.sum() < 2:
+        return None
+    time_s, bearing_rad, rate_rad_s = time_s[known], bearing_rad[known], rate_rad_s[known]
+    steps_rad = np.diff(time_s) * (rate_rad_s[1:] + rate_rad_s[:-1]) / 2.0
+    turned_rad = np.concatenate(([0.0], np.cumsum(steps_rad)))
+    unwrapped_rad = turned_rad + np.unwrap(bearing_rad - turned_rad)
+    return float((unwrapped_rad[-1] - unwrapped_rad[0]) / (time_s[-1] - time_s[0]))
+
+
+def _closest_approach_m(record: FlightRecord) -> float | None:
+    """Return the smallest horizontal distance of two vehicles, None if no two were ever heard at once."""
+    closest_m = np.inf
+    for index, track in enumerate(record.vehicles):
+        for other in record.vehicles[index + 1 :]:
+            apart_m = np.hypot(*(track.position_m - other.position_m).T)
+            closest_m = min(closest_m, float(np.fmin.reduce(apart_m, initial=np.inf)))
+    return closest_m if closest_m < np.inf else None
+
+
+def _rms(errors: Vector) -> float | None:
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else None
+
+
+def _largest(errors: Vector) -> float | None:
+    known = errors[np.isfinite(errors)]
+    return float(np.abs(known).max()) if known.size else None
+
+
+def _grid_time(time_s: float) -> float:
+    """Round away what adding up time steps left behind."""
+    return round(time_s, 6)

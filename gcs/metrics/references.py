@@ -1,0 +1,30 @@
+"""What a mission asks for, and by which tolerances its flight is judged."""
+
+from gcs.metrics.result import FormationReference, RingReference, VerdictTolerances
+from gcs.mission.mission import Mission
+
+
+def ring_reference(mission: Mission) -> RingReference:
+    """Return the ring the mission asks for."""
+    return RingReference(mission.encirclement.radius_m, mission.encirclement.angular_rate_rad_s)
+
+
+def formation_reference(mission: Mission) -> FormationReference:
+    """Return the formation the mission asks for, vehicles in line order."""
+    formation = mission.formation
+    offsets = mission.agent_config(mission.vehicles[0]).slot_offset_m
+    slots = {vehicle_id: offsets(vehicle_id, formation.leader) for vehicle_id in mission.ids}
+    return FormationReference(formation.speed_m_s, slots)
+
+
+def verdict_tolerances(mission: Mission) -> VerdictTolerances:
+    """Return by what the mission's flight is judged."""
+    verdicts = mission.verdicts
+    return VerdictTolerances(
+        radius_error_rms_m=verdicts.radius_error_rms_m,
+        angular_rate_error_rad_s=verdicts.angular_rate_error_rad_s,
+        spacing_error_rms_deg=verdicts.spacing_error_rms_deg,
+        formation_speed_error_rms_m_s=verdicts.formation_speed_error_rms_m_s,
+        formation_spacing_error_rms_m=verdicts.formation_spacing_error_rms_m,
+        separation_m=mission.safety.separation_m,
+    )

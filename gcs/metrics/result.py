@@ -1,0 +1,239 @@
+"""What is asked of a flight and what came out of it: references, tolerances, results and verdicts.
+
+`FlightResult.to_json` is the `--json` output of sim, fly and report. A metric that does not apply is None
+(null), never 0 and never NaN.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from math import isfinite
+
+import numpy as np
+
+from gcs.metrics.record import FlightEvent, LoopStatistics
+
+
+@dataclass(frozen=True, slots=True)
+class RingReference:
+    """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
+
+    Raises ValueError when the radius is not positive or a number is not finite.
+    """
+
+    radius_m: float
+    angular_rate_rad_s: float
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are no reference."""
+        if not (isfinite(self.radius_m) and self.radius_m > 0.0):
+            raise ValueError(f"ring radius_m = {self.radius_m}: it must be positive")
+        if not isfinite(self.angular_rate_rad_s):
+            raise ValueError(f"ring angular_rate_rad_s = {self.angular_rate_rad_s} is not finite")
+
+
+@dataclass(frozen=True, slots=True)
+class FormationReference:
+    """The desired formation, travelling along +x of the mission frame.
+
+    `slots_m` maps vehicle ids to their places (x, y) in line order: each is judged against the one before it.
+    Raises ValueError when a number is not finite.
+    """
+
+    speed_m_s: float
+    slots_m: Mapping[int, tuple[float, float]]
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are no reference."""
+        if not isfinite(self.speed_m_s):
+            raise ValueError(f"formation speed_m_s = {self.speed_m_s} is not finite")
+        for vehicle_id, slot in self.slots_m.items():
+            if not all(map(isfinite, slot)):
+                raise ValueError(f"formation slot of vehicle {vehicle_id} = {slot} is not finite")
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictTolerances:
+    """How far a flight may stray before a verdict fails; a metric equal to its tolerance still holds.
+
+    Raises ValueError when one is negative or not finite.
+    """
+
+    radius_error_rms_m: float
+    angular_rate_error_rad_s: float
+    spacing_error_rms_deg: float
+    formation_speed_error_rms_m_s: float
+    formation_spacing_error_rms_m: float
+    separation_m: float
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are no tolerance."""
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not (isfinite(value) and value >= 0.0):
+                raise ValueError(f"tolerance {item.name} = {value}: it must not be negative")
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleResult:
+    """One vehicle's metrics; `tactic` is the last one heard of it, `unknown` if it never was."""
+
+    id: int
+    engaged_at_s: float | None
+    tactic: str
+    radius_error_rms_m: float | None = None
+    radius_error_max_m: float | None = None
+    angular_rate_mean_rad_s: float | None = None
+    angular_rate_error_rms_rad_s: float | None = None
+    formation_speed_error_rms_m_s: float | None = None
+    formation_spacing_error_rms_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RingResult:
+    """The ring as a whole: time from the last engagement to settling, and the spacings between neighbours."""
+
+    settling_time_s: float | None = None
+    spacing_error_rms_deg: float | None = None
+    spacing_error_max_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FlockingResult:
+    """Reynolds' rules over a stretch of flight, None where fewer than two vehicles were measured.
+
+    Separation is the distance to the nearest other vehicle; the alignment's error is the velocity relative to the
+    team's mean, its order the length of the mean direction of flight (1 when all fly the same way, 0 when their ways
+    cancel out); cohesion is the distance to the team's centroid. All are horizontal.
+    """
+
+    separation_min_m: float | None = None
+    separation_mean_m: float | None = None
+    alignment_error_rms_m_s: float | None = None
+    alignment_order_mean: float | None = None
+    cohesion_mean_m: float | None = None
+    cohesion_max_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReynoldsResult:
+    """Reynolds' rules in formation (30 s to the first engagement), in the ring's window, and over the whole flight."""
+
+    formation: FlockingResult = FlockingResult()
+    ring: FlockingResult = FlockingResult()
+    flight: FlockingResult = FlockingResult()
+
+
+@dataclass(frozen=True, slots=True)
+class LoopResult:
+    """The control loop: its rate, its ticks and the ones it missed, and percentiles of the computing time."""
+
+    rate_hz: float
+    ticks: int
+    missed: int
+    tick_p50_us: float | None
+    tick_p99_us: float | None
+
+    @classmethod
+    def of(cls, loop: LoopStatistics) -> "LoopResult":
+        """Condense the statistics of a loop; the percentiles are None where no tick was timed."""
+        p50_us, p99_us = np.percentile(loop.tick_us, (50, 99)).tolist() if loop.tick_us.size else (None, None)
+        return cls(loop.rate_hz, loop.ticks, loop.missed, p50_us, p99_us)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdicts:
+    """The paper's conditions C1 (radius), C2 (angular rate), C3 (spacing), the formation, and separation.
+
+    True holds, False does not, None does not apply.
+    """
+
+    c1: bool | None
+    c2: bool | None
+    c3: bool | None
+    formation: bool | None
+    separation: bool | None
+
+    def named(self) -> dict[str, bool | None]:
+        """Return the verdicts under the names the paper and the JSON output use."""
+        return {
+            "C1": self.c1,
+            "C2": self.c2,
+            "C3": self.c3,
+            "formation": self.formation,
+            "separation": self.separation,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class FlightResult:
+    """The result of a flight, in the order of its JSON form."""
+
+    mission: str
+    seed: int
+    source: str
+    reference: str
+    duration_s: float
+    window_s: tuple[float, float] | None
+    vehicles: tuple[VehicleResult, ...]
+    ring: RingResult
+    reynolds: ReynoldsResult
+    closest_approach_m: float | None
+    guard_interventions: int | None
+    guard_causes: dict[str, int]
+    loop: LoopResult
+    verdicts: Verdicts
+    wall_time_s: float | None
+    realtime_factor: float | None
+    events: tuple[FlightEvent, ...] = ()
+
+    @property
+    def all_hold(self) -> bool:
+        """Whether no verdict fails; verdicts that do not apply are no failure."""
+        return False not in self.verdicts.named().values()
+
+    def untimed(self) -> "FlightResult":
+        """Return the result with every wall time None: what is left depends on the mission and the seed alone."""
+        loop = replace(self.loop, tick_p50_us=None, tick_p99_us=None)
+        return replace(self, loop=loop, wall_time_s=None, realtime_factor=None)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the result as plain dicts and lists, keys in their documented order."""
+        plain = asdict(self)
+        plain["vehicles"], plain["events"] = list(plain["vehicles"]), list(plain["events"])
+        plain["window_s"] = None if self.window_s is None else list(self.window_s)
+        plain["verdicts"] = self.verdicts.named()
+        return plain
+
+    def to_json(self) -> str:
+        """Return the result as one line of JSON; raises ValueError rather than write NaN."""
+        return json.dumps(self.to_dict(), allow_nan=False)
+
+
+def judge(
+    vehicles: Iterable[VehicleResult],
+    ring: RingResult,
+    closest_approach_m: float | None,
+    reference: RingReference,
+    tolerances: VerdictTolerances,
+) -> Verdicts:
+    """Hold the metrics against the tolerances."""
+    vehicles = tuple(vehicles)
+    rate_errors = [
+        None if v.angular_rate_mean_rad_s is None else v.angular_rate_mean_rad_s - reference.angular_rate_rad_s
+        for v in vehicles
+    ]
+    speed = _all_within((v.formation_speed_error_rms_m_s for v in vehicles), tolerances.formation_speed_error_rms_m_s)
+    spacing = _all_within((v.formation_spacing_error_rms_m for v in vehicles), tolerances.formation_spacing_error_rms_m)
+    return Verdicts(
+        c1=_all_within((v.radius_error_rms_m for v in vehicles), tolerances.radius_error_rms_m),
+        c2=_all_within(rate_errors, tolerances.angular_rate_error_rad_s),
+        c3=_all_within([ring.spacing_error_rms_deg], tolerances.spacing_error_rms_deg),
+        formation=None if speed is None else speed and spacing is not False,
+        separation=None if closest_approach_m is None else closest_approach_m >= tolerances.separation_m,
+    )
+
+
+def _all_within(errors: Iterable[float | None], tolerance: float) -> bool | None:
+    known = [abs(error) for error in errors if error is not None]
+    return max(known) <= tolerance if known else None

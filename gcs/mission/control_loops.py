@@ -1,0 +1,44 @@
+"""Whether a mission's control loops can work: their eigenvalues, and rates that keep up with each other."""
+
+from collections.abc import Iterator
+
+from estimation.plant.model import Plant
+from estimation.settings import Settings
+from gcs.mission.mission import LinkSection, Mission, MissionSection
+from gcs.mission.stability import loops
+
+_NEUTRAL = 1e-6
+"""A loop that neither settles nor grows is a wish, as of a ring whose members are not to be spaced."""
+_ADVICE = {
+    "formation": "raise increment_weight, lower position_weight, or raise mission.rate_hz",
+    "encirclement": "weights and gains of the same section, prediction_step_s and mission.rate_hz go together: "
+    "begin with their defaults",
+}
+
+
+def unstable_loops(mission: Mission) -> Iterator[str]:
+    """Check every loop on every plant of the mission: the worst of each section is told, with its margin."""
+    checked: set[Plant] = set()
+    for index, vehicle in enumerate(mission.vehicles):
+        if vehicle.plant in checked:
+            continue
+        checked.add(vehicle.plant)
+        every = list(loops(mission.agent_config(vehicle)))
+        for section, advice in _ADVICE.items():
+            worst = min((loop for loop in every if loop.section == section), key=lambda loop: loop.margin)
+            if worst.margin < -_NEUTRAL:
+                yield (
+                    f"{section}: {worst.name} is unstable with the plant of vehicles[{index}]: its largest eigenvalue "
+                    f"has modulus {worst.modulus:.3f}, a margin of {worst.margin:+.3f} to 1; {advice}"
+                )
+
+
+def kept_up(mission: Settings | None, link: Settings | None) -> Iterator[str]:
+    """Check that the link is not asked for more setpoints than there are."""
+    if not (isinstance(mission, MissionSection) and isinstance(link, LinkSection)):
+        return
+    if link.setpoint_rate_hz is not None and link.setpoint_rate_hz > mission.rate_hz:
+        yield (
+            f"link.setpoint_rate_hz: {link.setpoint_rate_hz} Hz is more than mission.rate_hz = {mission.rate_hz} Hz: "
+            "the loop makes no more setpoints; leave it out to send every one"
+        )

@@ -1,0 +1,129 @@
+"""From a mission to the flight by which one of its vehicles is identified: the same file, the same guards, a box."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import dist
+
+from agents.control.excitation import APPROACH_SHARE, programme
+from agents.safety.fence import Fence
+from agents.settings.sections import ExcitationSettings
+from estimation.settings import Settings
+from gcs.mission.mission import Mission, MissionVehicle
+
+ACCELERATION_NOISE_M_S2 = 1.0
+"""What is flown to find out a plant must not rest on it: the filter believes what is measured instead."""
+PLACE_TOLERANCE_M = 2.0
+"""How far from its place in the mission file a vehicle may stand without a remark."""
+UNSEEN_M = 1e-3
+"""How far the sensor of a target sees that has nothing to do with the flight."""
+SAMPLES_PER_PERIOD = 5.0
+_EDGE_STEP_M = 0.25
+
+Place = tuple[float, float]
+
+
+def box_m(settings: ExcitationSettings, start_m: Place) -> tuple[Place, ...]:
+    """Return the corners of the box in which a vehicle is excited."""
+    x, y = start_m[0] + settings.offset_m[0], start_m[1] + settings.offset_m[1]
+    half = settings.half_width_m
+    return (x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)
+
+
+def limits_rise(excitation: Settings | None) -> Iterator[str]:
+    """Return which of the settings contradict each other."""
+    if not isinstance(excitation, ExcitationSettings):
+        return
+    for low, high in (("level_shortest_s", "level_longest_s"), ("sweep_from_hz", "sweep_to_hz")):
+        least, most = getattr(excitation, low), getattr(excitation, high)
+        if most <= least:
+            yield f"excitation.{high}: {most:g} must be more than {low} = {least:g}"
+
+
+def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str]:
+    """Return why a vehicle cannot be excited in the box and at the speed that the mission says."""
+    settings, safety = mission.excitation, mission.safety
+    if settings.speed_max_m_s > safety.speed_max_m_s:
+        yield (
+            f"excitation.speed_max_m_s: {settings.speed_max_m_s:g} m/s is more than safety.speed_max_m_s = "
+            f"{safety.speed_max_m_s:g} m/s"
+        )
+    if settings.sweep_to_hz * SAMPLES_PER_PERIOD > mission.mission.rate_hz:
+        yield (
+            f"excitation.sweep_to_hz: {settings.sweep_to_hz:g} Hz is too fast for mission.rate_hz = "
+            f"{mission.mission.rate_hz:g} Hz: a period takes {SAMPLES_PER_PERIOD:g} setpoints or more"
+        )
+    start_m = vehicle.section.start_m
+    space = hull((start_m, *box_m(settings, start_m)))
+    if safety.fence_m:
+        fence = Fence(safety.fence_m)
+        room_m, (x, y) = min((fence.clearance_m(place), place) for place in _along(space))
+        if room_m < 0.0:
+            yield (
+                f"excitation.half_width_m: the box and the way there are {-room_m:.2f} m outside of safety.fence_m at "
+                + (f"({x:.1f}, {y:.1f}): move it by excitation.offset_m, or make it smaller")
+            )
+    for other in mission.vehicles:
+        away_m = -Fence(space).clearance_m(other.section.start_m)
+        if other is not vehicle and away_m < safety.separation_m:
+            where = f"{away_m:.2f} m from" if away_m > 0.0 else "in"
+            yield (
+                f"excitation.offset_m: vehicle {other.id} starts {where} the box of vehicle {vehicle.id} or the way "
+                f"there, less than safety.separation_m = {safety.separation_m:g} m away: move the box by "
+                "excitation.offset_m, or make it smaller by half_width_m"
+            )
+
+
+def excited(mission: Mission, vehicle: MissionVehicle) -> Mission:
+    """Return the flight for identification of one vehicle, alone: its fence is the box and the way there."""
+    settings, start_m = mission.excitation, vehicle.section.start_m
+    room_m = Fence(mission.safety.fence_m).clearance_m(start_m) if mission.safety.fence_m else PLACE_TOLERANCE_M
+    beside = min(PLACE_TOLERANCE_M, room_m)
+    about_start = [(start_m[0] + x, start_m[1] + y) for x in (-beside, beside) for y in (-beside, beside)]
+    formation = mission.formation
+    slowly = {"speed_max_m_s": min(formation.speed_max_m_s, APPROACH_SHARE * settings.speed_max_m_s)}
+    noise = {"acceleration_noise_m_s2": max(mission.own_filter.acceleration_noise_m_s2, ACCELERATION_NOISE_M_S2)}
+    limits = {
+        "fence_m": hull((*about_start, *box_m(settings, start_m))),
+        "speed_max_m_s": settings.speed_max_m_s,
+        "guard": True,
+        "keep_out_m": 0.0,
+    }
+    unseen = mission.target.sensor.model_copy(update={"range_m": UNSEEN_M})
+    alone = replace(
+        mission,
+        target=mission.target.model_copy(update={"sensor": unseen}),
+        formation=formation.model_copy(update={**slowly, "leader": vehicle.id, "start_m": None}),
+        safety=mission.safety.model_copy(update=limits),
+        own_filter=mission.own_filter.model_copy(update=noise),
+        choreography=mission.choreography.model_copy(update={"layer_m": 0.0, "landing_order": ()}),
+        vehicles=(vehicle,),
+        excites=True,
+    )
+    duration_s = programme(alone.agent_config(vehicle)).duration_s
+    return replace(alone, mission=alone.mission.model_copy(update={"duration_s": duration_s}))
+
+
+def hull(places: Sequence[Place]) -> tuple[Place, ...]:
+    """Return the corners of the smallest convex polygon around places, counter-clockwise."""
+    ordered = sorted(set(places))
+    return (*_chain(ordered)[:-1], *_chain(ordered[::-1])[:-1])
+
+
+def _chain(places: Sequence[Place]) -> list[Place]:
+    """Return the right half of a hull, from the first place to the last."""
+    chain: list[Place] = []
+    for x, y in places:
+        while len(chain) > 1:
+            (x1, y1), (x2, y2) = chain[-2:]
+            if (x2 - x1) * (y - y1) - (y2 - y1) * (x - x1) > 0.0:
+                break
+            chain.pop()
+        chain.append((x, y))
+    return chain
+
+
+def _along(corners: Sequence[Place]) -> Iterator[Place]:
+    """Return places all around a polygon."""
+    for (x1, y1), (x2, y2) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        count = int(dist((x1, y1), (x2, y2)) / _EDGE_STEP_M) + 1
+        yield from ((x1 + (x2 - x1) * k / count, y1 + (y2 - y1) * k / count) for k in range(count))

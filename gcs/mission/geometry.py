@@ -1,0 +1,200 @@
+"""Whether a mission fits into its own limits: fence, altitude band, keep-out disc and speeds, before anything flies."""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, pairwise
+from math import degrees, dist
+
+from agents.safety.fence import Fence
+from agents.settings.sections import EncirclementSettings, FormationSettings, SafetySettings
+from estimation.settings import Settings
+from gcs.mission.mission import (
+    MissionSection,
+    NetworkSection,
+    TargetSection,
+    VehicleSection,
+)
+
+_PATH_POINTS = 200
+
+IndexedVehicles = Sequence[tuple[int, VehicleSection]]
+
+
+def slots_fit(
+    vehicles: IndexedVehicles, safety: SafetySettings, formation: FormationSettings | None, network: Settings | None
+) -> Iterator[str]:
+    """Check that all vehicles have a place in the formation of their own, or none; that places are apart; and that who
+    keeps station on another can hear it.
+    """
+    placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
+    if placed and len(placed) < len(vehicles):
+        i = next(i for i, vehicle in vehicles if vehicle.slot_m is None)
+        yield f"vehicles[{i}].slot_m: this key is missing; vehicles[{placed[0][0]}] has one: all have one, or none"
+    if formation is not None and formation.shape == "free" and vehicles and not placed:
+        yield "formation.shape: a free formation needs every vehicle's slot_m, and none has one"
+    for (i, one_m), (k, other_m) in combinations(placed, 2):
+        apart_m = dist(one_m, other_m)
+        if apart_m < safety.separation_m:
+            yield (
+                f"vehicles[{k}].slot_m: {apart_m:.2f} m from vehicles[{i}]'s, less than "
+                f"safety.separation_m = {safety.separation_m} m"
+            )
+    shape = None if formation is None else formation.shape or ("free" if placed else "line")
+    if formation is not None and len(vehicles) > 1 and shape != "free" and formation.spacing_m < safety.separation_m:
+        yield (
+            f"formation.spacing_m: {formation.spacing_m} m is less than safety.separation_m = {safety.separation_m} m"
+        )
+    if formation is None or formation.station != "predecessor" or not isinstance(network, NetworkSection):
+        return
+    for (i, one_m), (k, other_m) in pairwise(placed):
+        apart_m = dist(one_m, other_m)
+        if apart_m > network.range_m:
+            yield (
+                f"vehicles[{k}].slot_m: {apart_m:g} m from vehicles[{i}]'s, its neighbour in line order, and out of "
+                f"network.range_m = {network.range_m:g} m: one keeps station on the other (formation.station)"
+            )
+
+
+def limits_agree(
+    safety: SafetySettings, ring: EncirclementSettings | None, formation: FormationSettings | None
+) -> Iterator[str]:
+    """Check that no limit contradicts another, or what the tactics need."""
+    low, high = safety.altitude_min_m, safety.altitude_max_m
+    if low is not None and high is not None and low >= high:
+        yield f"safety.altitude_min_m: {low} m is not below altitude_max_m = {high} m"
+    setpoints_m_s = safety.setpoint_speed_max_m_s
+    if setpoints_m_s is not None and setpoints_m_s < safety.speed_max_m_s:
+        yield (
+            f"safety.setpoint_speed_max_m_s: at {setpoints_m_s} m/s setpoints cannot keep up with vehicles at "
+            f"speed_max_m_s = {safety.speed_max_m_s} m/s"
+        )
+    if ring is not None and safety.keep_out_m >= ring.radius_m:
+        yield (
+            f"safety.keep_out_m: {safety.keep_out_m} m about the target leaves no room for the ring of "
+            f"encirclement.radius_m = {ring.radius_m} m"
+        )
+    if ring is not None and ring.yaw == "target":
+        turning_deg_s = degrees(abs(ring.angular_rate_rad_s))
+        if turning_deg_s > safety.yaw_rate_max_deg_s:
+            yield (
+                f"safety.yaw_rate_max_deg_s: {safety.yaw_rate_max_deg_s} degrees/s is less than the "
+                f"{turning_deg_s:.1f} degrees/s of encirclement.angular_rate_rad_s = {ring.angular_rate_rad_s} rad/s, "
+                'which encirclement.yaw = "target" takes'
+            )
+    along_m_s = 0.0 if ring is None else abs(ring.angular_rate_rad_s) * ring.radius_m
+    if ring is not None and along_m_s > ring.speed_max_m_s:
+        return  # the ring contradicts itself, which is told already
+    line_m_s = 0.0 if formation is None else formation.speed_m_s
+    for needed_m_s, what in ((along_m_s, "the ring"), (line_m_s, "the formation")):
+        if needed_m_s > safety.speed_max_m_s:
+            yield f"safety.speed_max_m_s: {safety.speed_max_m_s} m/s is less than the {needed_m_s:.2f} m/s of {what}"
+    inwards_m_s2 = 0.0 if ring is None else along_m_s**2 / ring.radius_m
+    if inwards_m_s2 > safety.acceleration_max_m_s2:
+        yield (
+            f"safety.acceleration_max_m_s2: {safety.acceleration_max_m_s2} m/s² is less than v²/R = "
+            f"{inwards_m_s2:.2f} m/s² of the ring"
+        )
+
+
+def altitudes_fit(vehicles: IndexedVehicles, safety: SafetySettings, layer_m: float) -> Iterator[str]:
+    """Check that the vehicles fly inside the altitude band, and their layers too."""
+    low, high = safety.altitude_min_m, safety.altitude_max_m
+    if vehicles and high is not None and layer_m > 0.0:
+        highest_m = max(vehicle.altitude_m for _, vehicle in vehicles) + len(vehicles) * layer_m
+        if highest_m > high:
+            yield (
+                f"safety.altitude_max_m: {high} m is below the highest layer, {highest_m:g} m, of choreography.layer_m "
+                f"= {layer_m} m"
+            )
+    for i, vehicle in vehicles:
+        if low is not None and vehicle.altitude_m < low:
+            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is below safety.altitude_min_m = {low} m"
+        if high is not None and vehicle.altitude_m > high:
+            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is above safety.altitude_max_m = {high} m"
+
+
+def follows_fit(
+    vehicles: IndexedVehicles,
+    safety: SafetySettings,
+    ring: EncirclementSettings | None,
+    target: TargetSection | None,
+) -> Iterator[str]:
+    """Check that a ring that follows the target's altitude is told how, and where to stop."""
+    if ring is None:
+        return
+    low, high, offset_m = safety.altitude_min_m, safety.altitude_max_m, ring.altitude_offset_m
+    if ring.altitude == "layers":
+        if offset_m is not None:
+            yield (
+                f'encirclement.altitude_offset_m: {offset_m} m is above the target: it goes with altitude = "target" '
+                'only, and not with "layers"'
+            )
+        return
+    wanted = (("encirclement.altitude_offset_m", offset_m), ("safety.altitude_min_m", low))
+    for key, value in (*wanted, ("safety.altitude_max_m", high)):
+        if value is None:
+            yield f'{key}: this key is missing; encirclement.altitude = "target" needs it'
+    if low is None or high is None or offset_m is None or target is None or target.altitude_m is None or not vehicles:
+        return
+    altitudes_m = [vehicle.altitude_m for _, vehicle in vehicles]
+    lowest_m = target.altitude_m + offset_m
+    highest_m = lowest_m + max(altitudes_m) - min(altitudes_m)
+    if lowest_m < low or highest_m > high:
+        yield (
+            f"encirclement.altitude_offset_m: {offset_m} m above target.altitude_m = {target.altitude_m} m vehicles "
+            f"fly at {lowest_m:g} to {highest_m:g} m, not between safety.altitude_min_m = {low} m and altitude_max_m = "
+            f"{high} m"
+        )
+
+
+def fence_fits(
+    safety: SafetySettings,
+    vehicles: IndexedVehicles,
+    ring: EncirclementSettings | None,
+    target: TargetSection | None,
+    mission: MissionSection | None,
+) -> Iterator[str]:
+    """Check the polygon, and that starts, target path and ring lie inside."""
+    corners = safety.fence_m
+    if not corners:
+        return
+    faults = list(_sound(corners))
+    yield from faults
+    if faults:
+        return
+    fence = Fence(corners)
+    for i, vehicle in vehicles:
+        clearance_m = fence.clearance_m(vehicle.start_m)
+        if clearance_m < 0.0:
+            yield f"vehicles[{i}].start_m: {_at(vehicle.start_m)} is {-clearance_m:.2f} m outside of safety.fence_m"
+    if target is not None and mission is not None:
+        yield from _around_target(fence, 0.0 if ring is None else ring.radius_m, target, mission.duration_s)
+
+
+def _sound(corners: Sequence[tuple[float, float]]) -> Iterator[str]:
+    if len(corners) < 3:
+        yield f"safety.fence_m: a fence needs at least 3 corners (given: {len(corners)})"
+        return
+    for i, (one, other) in enumerate(zip(corners, (*corners[1:], corners[0]), strict=True)):
+        if dist(one, other) < 1e-6:
+            yield f"safety.fence_m: corners {i} and {(i + 1) % len(corners)} are the same, {_at(one)}"
+            return
+    crossed = Fence(corners).crossed_edges()
+    if crossed is not None:
+        yield f"safety.fence_m: the edges from corner {crossed[0]} and from corner {crossed[1]} meet: order the corners"
+
+
+def _around_target(fence: Fence, radius_m: float, target: TargetSection, duration_s: float) -> Iterator[str]:
+    """Check target path and ring, and say when the first of them leaves the fence, and where."""
+    for time_s, (x, y) in target.motion.path_m(duration_s, _PATH_POINTS):
+        room_m = fence.clearance_m((x, y))
+        if room_m < radius_m:
+            what = "the target's path" if room_m < 0.0 else f"the ring of {radius_m} m around it"
+            yield (
+                f"safety.fence_m: {what} is {radius_m - room_m if room_m >= 0.0 else -room_m:.2f} m outside, "
+                f"with the target at {_at((x, y))} after {time_s:.0f} s"
+            )
+            return
+
+
+def _at(place_m: tuple[float, float]) -> str:
+    return f"({place_m[0]:g}, {place_m[1]:g})"

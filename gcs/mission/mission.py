@@ -1,0 +1,338 @@
+"""The mission file: its sections, as a user writes them in TOML. Unknown keys are errors, numbers are finite."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import radians
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from agents.settings.config import AgentConfig
+from agents.settings.sections import (
+    ChoreographySettings,
+    DecisionSettings,
+    EncirclementSettings,
+    ExcitationSettings,
+    FailsafeSettings,
+    FormationSettings,
+    SafetySettings,
+    pair,
+    pairs,
+)
+from estimation.frames import Geodetic, MissionFrame, Triple
+from estimation.plant.model import Plant
+from estimation.plant.provenance import Identification
+from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+from sitl.world import Leg, TargetMotion
+
+
+def _port(url: str) -> str:
+    scheme, _, rest = url.partition("://")
+    host, _, port = rest.rpartition(":")
+    if scheme == "serial" and host and port.isdecimal() and int(port) > 0:
+        return url
+    known = ("udpin", "udpout", "tcpin", "tcpout")
+    if scheme not in known or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError("a vehicle's url is like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600")
+    return url
+
+
+def _endpoint(text: str) -> str:
+    protocol, _, rest = text.partition("/")
+    host, _, port = rest.rpartition(":")
+    if protocol not in ("tcp", "udp", "tls", "quic") or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError("a Zenoh endpoint is like tcp/127.0.0.1:7461")
+    return text
+
+
+Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
+Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
+Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(pair)]
+Velocity = Annotated[float, Field(ge=-20.0, le=20.0)]
+Velocity2 = Annotated[tuple[Velocity, Velocity], BeforeValidator(pair)]
+Interval = tuple[Annotated[float, Field(ge=0.0, le=86400.0)], Annotated[float, Field(ge=0.0, le=86400.0)]]
+Intervals = Annotated[tuple[Interval, ...], BeforeValidator(pairs)]
+Acceleration = Annotated[float, Field(ge=-10.0, le=10.0)]
+Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pair)]
+
+
+class MissionSection(Settings):
+    """`[mission]`: what it is called, how long it takes, how often the loop runs, and the seed of all chance."""
+
+    name: str = Field(min_length=1, max_length=60)
+    description: str = ""
+    duration_s: float = Field(gt=0.0, le=86400.0)
+    rate_hz: float = Field(10.0, ge=2.0, le=100.0)
+    seed: int = Field(0, ge=0)
+
+
+class FrameSection(Settings):
+    """`[frame]`: where on Earth the mission frame lies, and the bearing of its x axis clockwise from north. Latitude,
+    longitude and altitude are required, unless `local` is true: then, as indoors, nobody knows where on Earth that is,
+    no GPS is needed, and every vehicle's `origin_m` says where its own local NED begins.
+    """
+
+    latitude_deg: float | None = Field(None, ge=-89.0, le=89.0)
+    longitude_deg: float | None = Field(None, ge=-180.0, le=180.0)
+    altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    local: bool = False
+    x_bearing_deg: float = Field(0.0, ge=-360.0, le=360.0)
+
+
+class SensorSection(Settings):
+    """`[target.sensor]`: how far, how often and how well a vehicle sees the simulated target. A share of the
+    sightings are outliers, off by `outlier_m` to some side; they are told `delay_s` late, and there are none from one
+    mission time to another of `blind_s`.
+    """
+
+    range_m: float = Field(gt=0.0, le=10000.0)
+    rate_hz: float = Field(5.0, gt=0.0, le=50.0)
+    noise_m: float = Field(0.0, ge=0.0, le=100.0)
+    outlier_share: float = Field(0.0, ge=0.0, le=0.5)
+    outlier_m: float = Field(10.0, gt=0.0, le=1000.0)
+    delay_s: float = Field(0.0, ge=0.0, le=5.0)
+    blind_s: Intervals = ()
+
+
+class SensorChange(Settings):
+    """`sensor` of a vehicle: what its own sensor does otherwise than `[target.sensor]` says."""
+
+    range_m: float | None = Field(None, gt=0.0, le=10000.0)
+    rate_hz: float | None = Field(None, gt=0.0, le=50.0)
+    noise_m: float | None = Field(None, ge=0.0, le=100.0)
+    outlier_share: float | None = Field(None, ge=0.0, le=0.5)
+    outlier_m: float | None = Field(None, gt=0.0, le=1000.0)
+    delay_s: float | None = Field(None, ge=0.0, le=5.0)
+    blind_s: Intervals | None = None
+
+
+class LegSection(Settings):
+    """`[[target.legs]]`: a straight piece of the simulated target's way, and how long it stays at its end."""
+
+    to_m: Metres2
+    speed_m_s: float = Field(gt=0.0, le=20.0)
+    pause_s: float = Field(0.0, ge=0.0, le=3600.0)
+
+
+class TargetSection(Settings):
+    """`[target]`: where the target is, how it moves, and how important and dangerous it is held to be. It moves at one
+    velocity, or along its `legs` one after the other, `rounds` times, and then stays. With source "external" nobody
+    simulates it: sightings come over the bus (docs/target.md), and its motion here is only planned with. With "mavlink"
+    it is the vehicle `system_id` on `url`; how often and how well that knows its place is the sensor's rate and noise.
+    With `altitude_m`, above the mission's origin, simulated sensors tell that as well.
+    """
+
+    source: Literal["simulated", "external", "mavlink"] = "simulated"
+    url: Annotated[str, AfterValidator(_port)] | None = None
+    system_id: int | None = Field(None, ge=1, le=254)
+    start_m: Metres2
+    velocity_m_s: Velocity2 = (0.0, 0.0)
+    legs: Annotated[tuple[LegSection, ...], BeforeValidator(pair)] = ()
+    rounds: int = Field(1, ge=1, le=1000)
+    altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    importance: float = Field(ge=0.0, le=1.0)
+    threat: float = Field(ge=0.0, le=1.0)
+    sensor: SensorSection
+
+    @model_validator(mode="after")
+    def _is_one_target(self) -> Self:
+        if self.legs and self.velocity_m_s != (0.0, 0.0):
+            raise ValueError("a target with legs has no velocity_m_s: leave one of them out")
+        named = self.url is not None and self.system_id is not None
+        if named != (self.source == "mavlink") or (self.url is None) != (self.system_id is None):
+            raise ValueError('a target with source = "mavlink", and no other, has a url and a system_id')
+        return self
+
+    @property
+    def motion(self) -> TargetMotion:
+        """How the simulated target moves."""
+        legs = tuple(Leg(leg.to_m, leg.speed_m_s, leg.pause_s) for leg in self.legs)
+        return TargetMotion(self.start_m, self.velocity_m_s, legs, self.rounds)
+
+
+class NetworkSection(Settings):
+    """`[network]`: the team's name on the bus, and how far messages reach; delay and loss are the simulation's."""
+
+    team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$")
+    range_m: float = Field(200.0, gt=0.0, le=100000.0)
+    delay_s: float = Field(0.0, ge=0.0, le=5.0)
+    loss: float = Field(0.0, ge=0.0, lt=1.0)
+
+
+class LinkSection(Settings):
+    """`[link]`: how often a vehicle tells its motion, its attitude while its clock is measured, and its status; and how
+    often setpoints are handed to MAVSDK: every tick (none), or less often. MAVSDK itself repeats the last setpoint at
+    20 Hz: a lower setpoint rate makes setpoints older, but the link no emptier than 20 of them a second.
+    Velocities go with the setpoints of vehicles whose plant file has `feedforward`; said here as well, true or false,
+    plant files of the other kind are refused.
+    """
+
+    telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
+    attitude_rate_hz: float = Field(10.0, ge=5.0, le=50.0)
+    status_rate_hz: float = Field(2.0, ge=0.2, le=10.0)
+    setpoint_rate_hz: float | None = Field(None, ge=1.0, le=100.0)
+    feedforward: bool | None = None
+
+
+class SimulationSection(Settings):
+    """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise, a steady push `wind_m_s2`.
+    All other keys are for `cordon sim` alone: bounds that shape every motion; a wind by its speed, which pushes and
+    drags, with Dryden `gusts`; an estimator that wanders (standard deviation per axis); and telemetry at a rate of its
+    own instead of one sample at every tick.
+    """
+
+    position_noise_m: float = Field(0.0, ge=0.0, le=10.0)
+    velocity_noise_m_s: float = Field(0.0, ge=0.0, le=10.0)
+    wind_m_s2: Acceleration2 = (0.0, 0.0)
+    wind_m_s: Velocity2 = (0.0, 0.0)
+    gusts: bool = False
+    speed_max_m_s: float | None = Field(None, gt=0.0, le=30.0)
+    acceleration_max_m_s2: float | None = Field(None, gt=0.0, le=30.0)
+    jerk_max_m_s3: float | None = Field(None, gt=0.0, le=100.0)
+    wander_m: float = Field(0.0, ge=0.0, le=5.0)
+    telemetry_rate_hz: float | None = Field(None, ge=2.0, le=100.0)
+
+
+class VerdictSection(Settings):
+    """`[verdicts]`: the tolerances by which a flight is judged."""
+
+    radius_error_rms_m: float = Field(0.15, gt=0.0)
+    angular_rate_error_rad_s: float = Field(0.001, gt=0.0)
+    spacing_error_rms_deg: float = Field(1.5, gt=0.0)
+    formation_speed_error_rms_m_s: float = Field(0.05, gt=0.0)
+    formation_spacing_error_rms_m: float = Field(0.1, gt=0.0)
+
+
+class TrueScale(Settings):
+    """How far a simulated vehicle's true plant is off its plant file."""
+
+    a0: float = Field(1.0, ge=0.1, le=10.0)
+    a1: float = Field(1.0, ge=0.1, le=10.0)
+    feedforward: float = Field(1.0, ge=0.0, le=2.0)
+
+
+class VehicleSection(Settings):
+    """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise; `autopilot` is what its stub plays.
+    `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
+    `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
+    """
+
+    id: int = Field(ge=1, le=254)
+    system_id: int | None = Field(None, ge=1, le=254)
+    url: Annotated[str, AfterValidator(_port)]
+    endpoint: Annotated[str, AfterValidator(_endpoint)]
+    start_m: Metres2
+    origin_m: Metres3 | None = None
+    slot_m: Metres2 | None = None
+    altitude_m: float = Field(8.0, ge=1.0, le=500.0)
+    plant: str = "stub"
+    autopilot: Literal["px4", "ardupilot"] = "px4"
+    true_scale: TrueScale = TrueScale()
+    decision: DecisionSettings | None = None
+    sensor: SensorChange | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MissionVehicle:
+    """A vehicle of the mission with its plant loaded: what its agent believes, and what the simulation flies.
+
+    `identified` is where that plant is from, None where its file does not say.
+    """
+
+    section: VehicleSection
+    plant: Plant
+    true_plant: Plant
+    decision: DecisionSettings
+    identified: Identification | None = None
+
+    @property
+    def id(self) -> int:
+        """The vehicle's id in the team."""
+        return self.section.id
+
+    @property
+    def system_id(self) -> int:
+        """Its MAVLink system id."""
+        return self.section.system_id or self.section.id
+
+    @property
+    def origin_m(self) -> Triple:
+        """Where its local NED begins in a local mission frame."""
+        return self.section.origin_m or (*self.section.start_m, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """A whole mission, checked: every section, and the vehicles with their plants; and what it was read from.
+
+    One that `excites` is the flight by which its only vehicle is identified.
+    """
+
+    mission: MissionSection
+    frame: FrameSection
+    formation: FormationSettings
+    encirclement: EncirclementSettings
+    safety: SafetySettings
+    failsafe: FailsafeSettings
+    own_filter: OwnFilterSettings
+    target_filter: TargetFilterSettings
+    target: TargetSection
+    network: NetworkSection
+    link: LinkSection
+    choreography: ChoreographySettings
+    excitation: ExcitationSettings
+    simulation: SimulationSection
+    verdicts: VerdictSection
+    vehicles: tuple[MissionVehicle, ...]
+    text: str = field(compare=False)
+    plant_texts: Mapping[str, str] = field(compare=False)
+    excites: bool = False
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """The vehicles' ids in line order."""
+        return tuple(vehicle.id for vehicle in self.vehicles)
+
+    def vehicle(self, vehicle_id: int) -> MissionVehicle:
+        """Return one vehicle; raises KeyError when the mission has none of that id."""
+        for vehicle in self.vehicles:
+            if vehicle.id == vehicle_id:
+                return vehicle
+        raise KeyError(vehicle_id)
+
+    def sensor(self, vehicle_id: int) -> SensorSection:
+        """Return how one vehicle sees the simulated target."""
+        change = self.vehicle(vehicle_id).section.sensor
+        return self.target.sensor.model_copy(update={} if change is None else change.model_dump(exclude_none=True))
+
+    def mission_frame(self) -> MissionFrame:
+        """Return the frame the mission is written in."""
+        frame, origin = self.frame, None
+        if not (frame.latitude_deg is None or frame.longitude_deg is None or frame.altitude_m is None):
+            origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
+        return MissionFrame(origin, radians(frame.x_bearing_deg))
+
+    def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
+        """Return what one vehicle's agent is told."""
+        return AgentConfig(
+            vehicle_id=vehicle.id,
+            slots=self.ids,
+            line_start_m=self.formation.start_m or self.vehicle(self.formation.leader).section.start_m,
+            altitude_m=vehicle.section.altitude_m,
+            rate_hz=self.mission.rate_hz,
+            communication_radius_m=self.network.range_m,
+            plant=vehicle.plant,
+            formation=self.formation,
+            encirclement=self.encirclement,
+            decision=vehicle.decision,
+            safety=self.safety,
+            failsafe=self.failsafe,
+            own_filter=self.own_filter,
+            target_filter=self.target_filter,
+            choreography=self.choreography,
+            home_m=vehicle.section.start_m,
+            layers_from_m=max(each.section.altitude_m for each in self.vehicles),
+            altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
+            slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
+            excitation=self.excitation if self.excites else None,
+        )

@@ -1,0 +1,45 @@
+"""The simulated parts of a mission: each vehicle's sensor of the target, and what is not ideal about a vehicle."""
+
+from math import inf
+
+from gcs.mission.mission import Mission
+from sitl.vehicle.cadence import TelemetryTiming
+from sitl.vehicle.imperfections import Imperfections
+from sitl.vehicle.shaping import ShapeLimits
+from sitl.vehicle.wander import WanderModel
+from sitl.world import SensorModel, SimulatedSensor
+
+_SEES_NOTHING_M = -1.0
+
+
+def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) -> SimulatedSensor:
+    """Return the sensor of one vehicle; the target sets out at `start_s`. One that others see no sensor here sees."""
+    target, sensor = mission.target, mission.sensor(vehicle_id)
+    model = SensorModel(
+        sensor.range_m if target.source == "simulated" else _SEES_NOTHING_M,
+        sensor.rate_hz,
+        sensor.noise_m,
+        target.importance,
+        target.threat,
+        sensor.outlier_share,
+        sensor.outlier_m,
+        sensor.delay_s,
+        sensor.blind_s,
+        target.altitude_m,
+    )
+    return SimulatedSensor(vehicle_id, model, target.motion, start_s, seed)
+
+
+def simulated_imperfections(mission: Mission) -> Imperfections:
+    """Return what is not ideal about the mission's simulated vehicles, beside their plants and noise."""
+    simulation = mission.simulation
+    bounds = simulation.speed_max_m_s, simulation.acceleration_max_m_s2, simulation.jerk_max_m_s3
+    bounded = any(bound is not None for bound in bounds)
+    rate_hz = simulation.telemetry_rate_hz
+    return Imperfections(
+        ShapeLimits(*(inf if bound is None else bound for bound in bounds)) if bounded else None,
+        simulation.wind_m_s,
+        simulation.gusts,
+        wander=WanderModel(simulation.wander_m) if simulation.wander_m > 0.0 else None,
+        cadence=None if rate_hz is None else TelemetryTiming(rate_hz),
+    )

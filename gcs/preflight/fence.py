@@ -1,0 +1,83 @@
+"""Preflight, the areas of the autopilot's geofence: whether the mission stays in them, and out of them."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import cos, pi, sin
+from operator import itemgetter
+
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.findings import (
+    AutopilotKind,
+    FenceArea,
+    Finding,
+    Grade,
+    VehicleFacts,
+)
+from gcs.preflight.parameters import ARDUPILOT_FENCE_AREAS, PX4_FENCE_WARNS
+
+Place = tuple[float, float]
+
+WHY = "the autopilot ends the mission at its fence, wherever the others are"
+RING_POINTS, PATH_POINTS = 24, 20
+
+
+def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Check the mission's places against the fence's areas, where the fence acts at all."""
+    if facts.fence_areas is None:
+        found = "its geofence could not be downloaded: whether an area of it cuts the mission short is not known"
+        step = "look at its fence with a ground station, and check the link"
+        yield Finding(Grade.WARNING, facts.subject, "fence areas", found, WHY, step)
+        return
+    if not facts.fence_areas or not _acts(facts):
+        return
+    places = route(mission, vehicle)
+    outside = [place for place in places if not _allowed(place, facts.fence_areas)]
+    x, y = (outside or places)[0]
+    told = f"areas in its geofence: {len(facts.fence_areas)}"
+    yield Finding.graded(
+        Grade.WARNING if outside else Grade.PASS,
+        facts.subject,
+        "fence areas",
+        f"{told}, and the mission leads out of them, to ({x:.0f}, {y:.0f}) among others"
+        if outside
+        else f"{told}; the mission stays where it may fly",
+        WHY,
+        "change the fence's areas with a ground station, or move or shorten the mission",
+    )
+
+
+def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
+    """Return places [m] that the mission may take a vehicle to, in time: its line to the end, the ring; or its box."""
+    start_x, start_y = vehicle.section.start_m
+    if mission.excites:
+        return [(start_x, start_y), *mission.safety.fence_m]
+    radius_m, duration_s = mission.encirclement.radius_m, mission.mission.duration_s
+    times_s = [duration_s * k / PATH_POINTS for k in range(PATH_POINTS + 1)]
+    timed = [(at_s, (start_x + mission.formation.speed_m_s * at_s, start_y)) for at_s in times_s]
+    for at_s, (x, y) in mission.target.motion.path_m(duration_s, PATH_POINTS + 1):
+        angles = (2.0 * pi * k / RING_POINTS for k in range(RING_POINTS))
+        timed += [(at_s, (x + radius_m * cos(angle), y + radius_m * sin(angle))) for angle in angles]
+    return [(start_x, start_y), *(place for _, place in sorted(timed, key=itemgetter(0)))]
+
+
+def within(place: Place, corners: Sequence[Place]) -> bool:
+    """Return whether a place lies in a polygon: a ray from it crosses the border an odd number of times."""
+    x, y = place
+    inside = False
+    for (x1, y1), (x2, y2) in pairwise((*corners, corners[0])):
+        if (y1 > y) != (y2 > y) and x < x1 + (y - y1) * (x2 - x1) / (y2 - y1):
+            inside = not inside
+    return inside
+
+
+def _acts(facts: VehicleFacts) -> bool:
+    if facts.autopilot is AutopilotKind.PX4:
+        return (facts.parameter("GF_ACTION") or 0.0) > PX4_FENCE_WARNS
+    kinds = int(facts.parameter("FENCE_TYPE") or 0.0)
+    return bool(facts.parameter("FENCE_ENABLE") and facts.parameter("FENCE_ACTION") and kinds & ARDUPILOT_FENCE_AREAS)
+
+
+def _allowed(place: Place, areas: Sequence[FenceArea]) -> bool:
+    stay_in = [within(place, area.corners_m) for area in areas if area.stay_in]
+    keep_out = (within(place, area.corners_m) for area in areas if not area.stay_in)
+    return (not stay_in or any(stay_in)) and not any(keep_out)

@@ -1,0 +1,62 @@
+"""How a preflight is shown: a table for people, one JSON object for scripts, and the exit code."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gcs.errors import Exit
+from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.preflight import worst
+
+STYLES = {Grade.REFUSE: "bold red", Grade.WARNING: "yellow", Grade.PASS: "green"}
+SUBJECT_WIDTH = 20
+HEADLINES = {
+    Grade.REFUSE: "not fit to fly",
+    Grade.WARNING: "fit to fly, with warnings",
+    Grade.PASS: "fit to fly",
+}
+
+
+def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = True) -> RenderableType:
+    """Return the findings as people read them: what is the same for several vehicles once, with all their numbers.
+
+    Without `passes` what is well is only counted.
+    """
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=SUBJECT_WIDTH)
+    table.add_column()
+    alike: dict[Finding, list[str]] = {}
+    for finding in (each for each in findings if passes or each.grade is not Grade.PASS):
+        alike.setdefault(replace(finding, subject=""), []).append(finding.subject)
+    for finding, subjects in alike.items():
+        told = Text(finding.found)
+        if finding.grade is not Grade.PASS:
+            told.append(f"\nwhy: {finding.why}\nnext: {finding.next_step}", style="dim")
+        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(_joined(subjects)), told)
+    grade = worst(findings)
+    count = Counter(finding.grade for finding in findings)
+    counted = ", ".join(f"{count[each]} {each.value}" for each in Grade)
+    return Group(table, Text(f"{mission}: {HEADLINES[grade]} ({counted})", style=STYLES[grade]))
+
+
+def findings_json(mission: str, findings: Sequence[Finding]) -> str:
+    """Return the findings as one JSON object on one line; `grade` at its top is the gravest."""
+    listed = [{**asdict(finding), "grade": finding.grade.value} for finding in findings]
+    return json.dumps({"mission": mission, "grade": worst(findings).value, "findings": listed}, ensure_ascii=False)
+
+
+def _joined(subjects: Sequence[str]) -> str:
+    if len(subjects) == 1:
+        return subjects[0]
+    return "vehicles " + ", ".join(subject.removeprefix("vehicle ") for subject in subjects)
+
+
+def exit_code(findings: Sequence[Finding]) -> Exit:
+    """Return what the command ends with: only a refusal is a failure."""
+    return Exit.REFUSED if worst(findings) is Grade.REFUSE else Exit.HOLDS

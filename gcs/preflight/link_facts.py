@@ -1,0 +1,239 @@
+"""What vehicles say about themselves on the ground, over MAVSDK: asked, listened to, never armed, nothing written."""
+
+import asyncio
+import queue
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from math import cos, sin, tau
+from typing import Any, NamedTuple
+
+from mavsdk.autopilot import Autopilot
+from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
+from mavsdk.plugins.info import Info, InfoError
+from mavsdk.plugins.telemetry import FixType
+from mavsdk.vehicle import Vehicle
+
+from agents.ports import VehicleRefusedError
+from estimation.frames import Geodetic, MissionFrame
+from gcs.link.calls import (
+    VehicleCalls,
+    find_origin,
+    measure_clock,
+    request_rates,
+)
+from gcs.link.feed import VehicleFeed
+from gcs.link.hub import MavsdkHub
+from gcs.link.mavsdk_link import MavsdkLink
+from gcs.mission.mission import LinkSection, Mission, MissionVehicle
+from gcs.preflight.findings import (
+    AutopilotKind,
+    FenceArea,
+    GpsFix,
+    VehicleFacts,
+)
+from gcs.preflight.parameters import parameters_wanted
+from gcs.preflight.reader import read_estimator, read_parameters
+from gcs.preflight.vehicle import ARMING_CHECKS, CALM_MODES
+
+HEARTBEAT_TIMEOUT_S = 5.0
+ORIGIN_TIMEOUT_S = 5.0
+STATUS_TIMEOUT_S = 4.0
+LISTENING_S = 1.5
+PARAMETERS_TIMEOUT_S = 3.0
+READY_TIMEOUT_S = 20.0
+LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
+"""How long `fly` looks before it arms: it has the links already, and nobody likes to wait."""
+GPS_PERIODS = 4.0
+"""In periods of the status rate: what the receiver says comes half as often, and once may be lost."""
+CIRCLE_CORNERS = 36
+KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.ARDUPILOT}
+RELEASED = ("release", "unknown")
+DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
+
+
+async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> tuple[VehicleFacts, ...]:
+    """Ask all vehicles of a mission at once; times are wall seconds. A vehicle that is not there is a fact as well."""
+    hub = MavsdkHub()
+    try:
+        asked = (_facts(hub, mission, vehicle, heartbeat_timeout_s) for vehicle in mission.vehicles)
+        return tuple(await asyncio.gather(*asked))
+    finally:
+        await hub.close()
+
+
+class CheckedLink(MavsdkLink):
+    """A vehicle's link that can also ask the vehicle what the preflight wants to know: nothing is set by that."""
+
+    async def facts(self, vehicle_id: int) -> VehicleFacts:
+        """Return what the vehicle of a connected link says of itself, once it is well or has had time to get well."""
+        system, feed, calls, *_ = self._connected()
+        with suppress(VehicleRefusedError):  # what is still not well is told by the facts
+            await calls.until(lambda: _is_well(feed), READY_TIMEOUT_S, lambda: "is not ready", "wait")
+        asked = _Asked(vehicle_id, system, feed, calls, self._frame, self._settings)
+        return await asked.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
+
+
+async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, timeout_s: float) -> VehicleFacts:
+    url, system_id, frame = vehicle.section.url, vehicle.system_id, mission.mission_frame()
+    try:
+        system = await hub.find(url, system_id, timeout_s)
+    except VehicleRefusedError as refusal:
+        return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
+    feed = VehicleFeed(system, frame, time.monotonic)
+    calls = VehicleCalls(system_id, feed, speed=1.0)
+    try:
+        feed.subscribe()
+        with suppress(VehicleRefusedError):  # the rate that is measured will tell
+            await request_rates(calls, feed.plugin, mission.link)
+        lost = await _find_place(vehicle, feed, calls, frame)
+        asked = _Asked(vehicle.id, system, feed, calls, frame, mission.link)
+        return await asked.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
+    finally:
+        await calls.close()
+        await asyncio.to_thread(feed.close)
+        await hub.release(url, system_id)
+
+
+async def _find_place(
+    vehicle: MissionVehicle, feed: VehicleFeed, calls: VehicleCalls, frame: MissionFrame
+) -> tuple[str, str] | None:
+    """Let the feed know its origin; return the reason and the next step if the vehicle does not know its place."""
+    try:
+        told = vehicle.origin_m if frame.is_local else None
+        feed.origin_m = told or await find_origin(calls, feed, frame, ORIGIN_TIMEOUT_S)
+    except VehicleRefusedError as refusal:
+        return f"it {refusal.reason.removeprefix(f'vehicle {vehicle.system_id} ')}", refusal.next_step
+    with suppress(VehicleRefusedError):  # what is missing is told by the facts
+        await calls.until(lambda: not feed.missing(), STATUS_TIMEOUT_S, lambda: "is silent", "wait")
+    return None
+
+
+class _Asked(NamedTuple):
+    """One vehicle that is heard, and by what means it is asked."""
+
+    vehicle_id: int
+    system: Any
+    feed: VehicleFeed
+    calls: VehicleCalls
+    frame: MissionFrame
+    rates: LinkSection
+
+    async def facts(
+        self, listening_s: float, parameters_timeout_s: float, lost: tuple[str, str] | None = None
+    ) -> VehicleFacts:
+        """Ask and listen for so many wall seconds, all at once."""
+        kind = KINDS.get(self.system.autopilot_type(), AutopilotKind.OTHER)
+        wanted = parameters_wanted(kind)
+        (ratio, rate_hz), parameters, gps, areas, estimator, firmware = await asyncio.gather(
+            self._timing(listening_s),
+            read_parameters(self.system, kind, wanted, parameters_timeout_s),
+            self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_rate_hz),
+            self.calls.run(_fence_areas, self.system, self.frame),
+            self.calls.run(read_estimator, self.system, kind, parameters_timeout_s),
+            self.calls.run(_firmware, self.system),
+        )
+        feed = self.feed
+        return VehicleFacts(
+            vehicle_id=self.vehicle_id,
+            autopilot=kind,
+            firmware=firmware,
+            multicopter=self.system.vehicle_type() is Vehicle.MULTICOPTER,
+            status=feed.status,
+            health=feed.health(),
+            says=feed.said(),
+            origin_m=feed.origin_m,
+            lost=lost,
+            position_m=feed.position_m,
+            gps=None if feed.is_local else gps,
+            estimator=estimator,
+            clock_ratio=ratio,
+            telemetry_rate_hz=rate_hz if feed.origin_m is not None else None,  # else nothing is delivered
+            telemetry_rate_asked_hz=self.rates.telemetry_rate_hz,
+            parameters=parameters,
+            fence_areas=areas,
+        )
+
+    async def _timing(self, listening_s: float) -> tuple[float | None, float]:
+        """Return how fast the autopilot's clock runs, and the motion samples per second of that clock."""
+        samples = 0
+
+        def count(_motion: object, _user_data: object) -> None:
+            nonlocal samples
+            samples += 1
+
+        began_s = time.monotonic()
+        handle = self.feed.plugin.subscribe_position_velocity_ned(count)
+        try:
+            ratio = await measure_clock(self.calls, self.feed, self.rates, listening_s)
+        finally:
+            listened_s = time.monotonic() - began_s
+            self.feed.plugin.unsubscribe_position_velocity_ned(handle)
+        return ratio, samples / listened_s / (ratio or 1.0)
+
+
+def _is_well(feed: VehicleFeed) -> bool:
+    """Return whether all health items are; in a mode that cordon does not arm in, arming checks do not count."""
+    calm = feed.status.mode in CALM_MODES
+    items = feed.health()
+    return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
+
+
+def _firmware(system: Any) -> str:
+    """Return the version of the firmware, as 1.17.0-beta+0f1e2d3c; empty where it was not told.
+
+    MAVSDK asks for it when it meets a vehicle: nothing is waited for here.
+    """
+    plugin = Info(system)
+    try:
+        version = plugin.get_version()
+    except InfoError:
+        return ""
+    finally:
+        plugin.destroy()
+    kind, commit = version.flight_sw_version_type.name.lower(), version.flight_sw_git_hash
+    numbers = f"{version.flight_sw_major}.{version.flight_sw_minor}.{version.flight_sw_patch}"
+    return numbers + ("" if kind in RELEASED else f"-{kind}") + (f"+{commit}" if commit.strip("0") else "")
+
+
+def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
+    """Wait for what the receiver says; None where it says nothing.
+
+    What MAVSDK holds before it has heard anything looks like a receiver without a fix.
+    """
+    heard: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    handle = telemetry.subscribe_gps_info(lambda info, _user_data: heard.put(info))
+    try:
+        info = heard.get(timeout=timeout_s)
+    except queue.Empty:
+        return None
+    finally:
+        telemetry.unsubscribe_gps_info(handle)
+    return GpsFix(DIMENSIONS.get(info.fix_type, 3), int(info.num_satellites))
+
+
+def _fence_areas(system: Any, frame: MissionFrame) -> tuple[FenceArea, ...] | None:
+    """Download the geofence's areas; None where that fails. Blocks, for seconds where it is not answered."""
+    if frame.origin is None:
+        return ()
+    plugin = Geofence(system)
+    try:
+        fence = plugin.download_geofence()
+        return tuple(_area(frame, each, each.points) for each in fence.polygons) + tuple(
+            _area(frame, each, [each.point], each.radius) for each in fence.circles
+        )
+    except (GeofenceError, ValueError):
+        return None
+    finally:
+        plugin.destroy()
+
+
+def _area(frame: MissionFrame, area: Any, points: Sequence[Any], radius_m: float = 0.0) -> FenceArea:
+    """Return a polygon's area, or that of the circle about a single point; raises ValueError for what is none."""
+    altitude_m = frame.origin.altitude_m if frame.origin is not None else 0.0
+    places = (Geodetic(point.latitude_deg, point.longitude_deg, altitude_m) for point in points)
+    corners = [frame.mission_from_geodetic(place)[:2] for place in places]
+    if radius_m:
+        (x, y), turns = corners[0], (tau * k / CIRCLE_CORNERS for k in range(CIRCLE_CORNERS))
+        corners = [(x + radius_m * cos(turn), y + radius_m * sin(turn)) for turn in turns]
+    return FenceArea(tuple(corners), area.fence_type is FenceType.INCLUSION)

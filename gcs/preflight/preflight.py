@@ -1,0 +1,84 @@
+"""The preflight: from a mission and what its vehicles say of themselves to graded findings."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from datetime import date
+
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.estimator import estimator
+from gcs.preflight.fence import fence_areas
+from gcs.preflight.findings import Finding, Grade, VehicleFacts
+from gcs.preflight.mission import autopilot_limits, feasibility
+from gcs.preflight.parameters import (
+    JUDGES,
+    failsafes,
+    fence,
+    station,
+)
+from gcs.preflight.plant import plant_file
+from gcs.preflight.vehicle import (
+    at_rest,
+    battery,
+    clock,
+    gps,
+    health,
+    identity,
+    place,
+    telemetry,
+    together,
+)
+
+Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
+
+VEHICLE_CHECKS: tuple[Check, ...] = (
+    lambda facts, _mission, _vehicle: identity(facts),
+    lambda facts, _mission, _vehicle: at_rest(facts),
+    lambda facts, _mission, _vehicle: gps(facts),
+    lambda facts, _mission, _vehicle: health(facts),
+    place,
+    lambda facts, _mission, _vehicle: battery(facts),
+    lambda facts, _mission, _vehicle: telemetry(facts),
+    lambda facts, _mission, _vehicle: clock(facts),
+)
+"""What is asked of every vehicle that is heard."""
+AUTOPILOT_CHECKS: tuple[Check, ...] = (
+    lambda facts, mission, _vehicle: estimator(facts, mission),
+    lambda facts, _mission, _vehicle: failsafes(facts),
+    lambda facts, _mission, _vehicle: station(facts),
+    fence,
+    fence_areas,
+    lambda facts, mission, _vehicle: autopilot_limits(mission, facts),
+)
+"""What is asked of every autopilot whose parameters and reports cordon understands."""
+_ORDER = list(Grade)
+
+
+def preflight(mission: Mission, team: Sequence[VehicleFacts], today: date | None = None) -> tuple[Finding, ...]:
+    """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not.
+
+    Without `today` nobody knows how old a plant file is.
+    """
+    findings = [*feasibility(mission), *together(mission, team)]
+    for facts in team:
+        findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)
+    return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))
+
+
+def worst(findings: Iterable[Finding]) -> Grade:
+    """Return the gravest grade among findings."""
+    return min((finding.grade for finding in findings), key=_ORDER.index, default=Grade.PASS)
+
+
+def _of_vehicle(
+    facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, today: date | None
+) -> Iterator[Finding]:
+    if facts.unreachable is not None:
+        found, step = facts.unreachable
+        why = "commands would go to nobody, or to another vehicle than the one meant"
+        yield Finding(Grade.REFUSE, facts.subject, "link", found, why, step)
+        return
+    yield Finding(
+        Grade.PASS, facts.subject, "link", f"it is heard on {vehicle.section.url} as system {vehicle.system_id}"
+    )
+    for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot in JUDGES else ()):
+        yield from check(facts, mission, vehicle)
+    yield from plant_file(facts, mission, vehicle, today)

@@ -1,0 +1,322 @@
+"""Preflight, one vehicle on the ground, and the vehicles beside each other: all but their parameters."""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from math import hypot
+
+from agents.ports import FlightMode
+from estimation.frames import Triple
+from gcs.mission.excitation import PLACE_TOLERANCE_M
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.findings import (
+    MISSION,
+    AutopilotKind,
+    Finding,
+    Grade,
+    VehicleFacts,
+    tolerated,
+)
+
+PLACE_LIMIT_M = 10.0
+HEIGHT_TOLERANCE_M = 2.0
+CLIMB_LEAST_M = 1.0
+ORIGIN_TOLERANCE_M = 1000.0
+"""Beyond this the tangent planes of mission and vehicle differ by centimetres."""
+BATTERY_LOW, BATTERY_EMPTY = 0.5, 0.25
+SATELLITES_LEAST = 8
+RATE_LOW_SHARE, RATE_LEAST_SHARE = 0.8, 0.4
+WHOLE_SPEED_TOLERANCE, CLOCK_TOLERANCE = 1e-6, 0.1
+CLOCK_LAG_TOLERANCE_S = 0.05
+ARMING_CHECKS = "arming checks"
+POSITION_ITEMS = ("local position", "global position", "home position")
+CALM_MODES = (FlightMode.HOLD, FlightMode.READY)
+
+
+def identity(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check that it is a vehicle that cordon can fly."""
+    known = facts.autopilot is not AutopilotKind.OTHER
+    yield Finding.graded(
+        Grade.PASS if known else Grade.REFUSE,
+        facts.subject,
+        "autopilot",
+        f"its autopilot is {facts.autopilot.value}",
+        "cordon knows the modes and failsafes of PX4 and ArduPilot only",
+        "fly PX4 or ArduPilot, or take the vehicle out of the mission",
+    )
+    yield Finding.graded(
+        Grade.PASS if facts.multicopter else Grade.REFUSE,
+        facts.subject,
+        "airframe",
+        "it is a multicopter" if facts.multicopter else "it is not a multicopter",
+        "only a multicopter can hover and turn on a ring",
+        "check its airframe (PX4: SYS_AUTOSTART and MAV_TYPE, ArduPilot: FRAME_CLASS), or the url",
+    )
+
+
+def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check that it stands disarmed on the ground, in a mode that cordon can start from."""
+    status = facts.status
+    if status.armed or status.in_air:
+        state = "in the air" if status.in_air else "armed"
+        why = "cordon flies from the ground to the ground, and somebody else seems to fly this vehicle"
+        yield Finding(Grade.REFUSE, facts.subject, "armed", f"it is {state} already", why, "land and disarm it")
+    else:
+        yield Finding(Grade.PASS, facts.subject, "armed", "it is disarmed, on the ground")
+    yield Finding.graded(
+        Grade.PASS if status.mode in (*CALM_MODES, FlightMode.LAND) else Grade.WARNING,  # as its last flight left it
+        facts.subject,
+        "mode",
+        f"its flight mode is {status.mode.value}",
+        "cordon changes to hold before it arms, and a pilot's switch in another position may change it back",
+        "put it into hold (ArduPilot: loiter or guided), and leave the switch there",
+    )
+
+
+def health(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check everything that the autopilot reports on its own health, each item by its name.
+
+    What only follows from something told elsewhere is not told again: arming checks fail with any other item, and a
+    vehicle without a place has no positions.
+    """
+    says = f"; it says {facts.says}" if facts.says else ""
+    if not facts.health:
+        why, step = "an autopilot that does not report is not ready to arm", "wait until it has started, check the link"
+        yield Finding(Grade.REFUSE, facts.subject, "health", f"it sent no health report{says}", why, step)
+    failing = [item for item, well in facts.health.items() if not well]
+    told = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
+    for item in told if failing == [ARMING_CHECKS] else [item for item in told if item != ARMING_CHECKS]:
+        # What the arming checks allow depends on the mode, and cordon changes to hold before it arms.
+        by_mode = item == ARMING_CHECKS and facts.status.mode not in CALM_MODES
+        yield Finding(
+            Grade.WARNING if by_mode else Grade.REFUSE,
+            facts.subject,
+            "health",
+            f"{item}: not well{f' in {facts.status.mode.value}' if by_mode else ''}{says}",
+            "the autopilot will refuse to arm, or will not know where it flies",
+            HEALTH_STEPS.get(item, "clear what it complains about"),
+        )
+    if facts.health and all(facts.health.values()):
+        yield Finding(Grade.PASS, facts.subject, "health", f"all of its {len(facts.health)} health items are well")
+
+
+def _lost(facts: VehicleFacts) -> bool:
+    return facts.origin_m is None or facts.position_m is None
+
+
+HEALTH_STEPS = {
+    "gyrometer calibration": "calibrate the gyrometer with a ground station",
+    "accelerometer calibration": "calibrate the accelerometer with a ground station",
+    "magnetometer calibration": "calibrate the compass with a ground station, away from steel",
+    "local position": "wait for its estimator, and check GPS and compass",
+    "global position": "wait for GPS: give it a free view of the sky",
+    "home position": "wait for GPS: home is set with the first good position",
+    ARMING_CHECKS: "put it into hold, and clear what a ground station then shows as its reason not to arm",
+}
+
+
+def place(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Check that it knows its place, and that it stands where the mission has it start.
+
+    In a local frame the mission says where its origin is: then there is nothing to find out about that.
+    """
+    if facts.origin_m is None or facts.position_m is None:
+        yield _without_a_place(facts, local=mission.frame.local)
+        return
+    if not mission.frame.local:
+        yield _far(facts, hypot(facts.origin_m[0], facts.origin_m[1]))
+    yield _start(facts, vehicle, _off_start(facts.position_m, vehicle))
+    yield _height(facts, vehicle, facts.position_m[2])
+
+
+def _far(facts: VehicleFacts, away_m: float) -> Finding:
+    return Finding.graded(
+        Grade.WARNING if away_m > ORIGIN_TOLERANCE_M else Grade.PASS,
+        facts.subject,
+        "origin",
+        f"its own origin is {away_m:.1f} m from the mission's",
+        "far from the mission's origin the earth's curve bends the vehicles' frames apart",
+        "set [frame] to a place where the vehicles stand",
+    )
+
+
+def _without_a_place(facts: VehicleFacts, *, local: bool) -> Finding:
+    found, step = facts.lost or ("it sent no local position", "wait for its estimator, or check it")
+    unwell = [item for item in POSITION_ITEMS if not facts.health.get(item, True)]
+    if unwell:
+        says = f"; it says {facts.says}" if facts.says else ""
+        found = f"it does not know where it is ({', '.join(unwell)}: not well){says}"
+        source = "its GPS first; with a good fix" if not local else "its external position first; with that"
+        step = f"see to {source}, restart the autopilot, and look at its messages"
+    why = "without a place in the mission frame it cannot keep clear of the others"
+    return Finding(Grade.REFUSE, facts.subject, "origin", found, why, step)
+
+
+def _off_start(position_m: Triple, vehicle: MissionVehicle) -> tuple[float, float]:
+    return position_m[0] - vehicle.section.start_m[0], position_m[1] - vehicle.section.start_m[1]
+
+
+def _start(facts: VehicleFacts, vehicle: MissionVehicle, off_m: tuple[float, float]) -> Finding:
+    x, y = vehicle.section.start_m
+    return Finding.graded(
+        tolerated(hypot(*off_m), PLACE_TOLERANCE_M, PLACE_LIMIT_M),
+        facts.subject,
+        "start",
+        f"it stands {hypot(*off_m):.1f} m from its start_m ({x:g}, {y:g}): "
+        f"{_signed(off_m[0])} m along x, {_signed(off_m[1])} m along y",
+        "on the way to their places in the line the vehicles' paths would cross",
+        "put it on its start_m, or correct start_m or [frame] in the mission",
+    )
+
+
+def _signed(value_m: float) -> str:
+    """Return a decimetre's worth of metres; a millimetre is neither + nor -."""
+    return f"{value_m:+.1f}" if abs(value_m) >= 0.05 else "0.0"
+
+
+def _height(facts: VehicleFacts, vehicle: MissionVehicle, ground_m: float) -> Finding:
+    climb_m = vehicle.section.altitude_m - ground_m
+    grade = Grade.WARNING if abs(ground_m) > HEIGHT_TOLERANCE_M else Grade.PASS
+    return Finding.graded(
+        Grade.REFUSE if climb_m < CLIMB_LEAST_M else grade,
+        facts.subject,
+        "height",
+        f"it stands {_signed(ground_m)} m from the height of the mission's origin: to fly at altitude_m = "
+        f"{vehicle.section.altitude_m:g} m it climbs {climb_m:.1f} m",
+        "altitudes count from the mission's origin for all: a wrong datum is a wrong height above the ground",
+        "set frame.altitude_m to the height of the ground as the autopilots state it; in a local frame, origin_m",
+    )
+
+
+def gps(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check the receiver, where there is one."""
+    if facts.gps is None:
+        return
+    fix = f"{facts.gps.dimensions}D fix" if facts.gps.dimensions else "no fix"
+    blind = facts.gps.dimensions < 3
+    poor = blind or facts.gps.satellites < SATELLITES_LEAST
+    elsewhere = facts.health.get("global position", False)  # what it flies by may be another receiver
+    yield Finding.graded(
+        Grade.REFUSE if blind and not elsewhere else Grade.WARNING if poor else Grade.PASS,
+        facts.subject,
+        "gps",
+        f"GPS: {fix}, {facts.gps.satellites} satellites",
+        "without a 3D fix it does not know where it is" if blind else "with few satellites it may be wrong by metres",
+        "give it a free view of the sky and wait a few minutes; then check its receiver and cable",
+    )
+
+
+def battery(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check the battery."""
+    charge = facts.status.battery
+    if charge is None:
+        why = "nobody would see it run empty"
+        yield Finding(Grade.WARNING, facts.subject, "battery", "it reports no battery", why, "check its power module")
+        return
+    yield Finding.graded(
+        Grade.REFUSE if charge < BATTERY_EMPTY else Grade.WARNING if charge < BATTERY_LOW else Grade.PASS,
+        facts.subject,
+        "battery",
+        f"its battery is at {charge:.0%}",
+        "its failsafe would take it out of the team in mid-flight",
+        "charge or change the battery",
+    )
+
+
+def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check that motion comes as often as it was asked for, where there is any to be told."""
+    reached, asked = facts.telemetry_rate_hz, facts.telemetry_rate_asked_hz
+    if reached is None:
+        return
+    poor = Grade.REFUSE if reached < RATE_LEAST_SHARE * asked else Grade.WARNING
+    yield Finding.graded(
+        Grade.PASS if reached >= RATE_LOW_SHARE * asked else poor,
+        facts.subject,
+        "telemetry",
+        f"its motion comes {reached:.1f} times a second; {asked:g} were asked for",
+        "the vehicle is steered, and kept clear of the others, by what it last said",
+        "use a faster link, come nearer, or turn other streams down (PX4: MAV_0_RATE, ArduPilot: SR0_*)",
+    )
+
+
+def clock(facts: VehicleFacts) -> Iterator[Finding]:
+    """Check that the autopilot's clock is the wall's, or a simulator's that keeps a steady speed."""
+    ratio = facts.clock_ratio
+    whole = ratio is not None and abs(ratio - round(ratio)) < WHOLE_SPEED_TOLERANCE
+    runs = (
+        "could not be told: it sends no attitude" if ratio is None else f"runs {ratio:.3g} times as fast as the wall's"
+    )
+    if whole:
+        runs = "runs as the wall's does" if ratio == 1.0 else f"{runs}: it is a simulator's"
+    yield Finding.graded(
+        Grade.PASS if whole else Grade.WARNING,
+        facts.subject,
+        "clock",
+        f"its clock {runs}",
+        "all timeouts are counted by it",
+        "check the link; a simulator: ask for a speed that this machine can keep",
+    )
+
+
+def clock_lag(vehicle_id: int, peer: int, lag_s: float) -> Finding:
+    """Judge how far the clock of a peer's computer is behind that of this vehicle's, in wall seconds."""
+    side = "ahead of" if lag_s > 0.0 else "behind"
+    return Finding.graded(
+        Grade.WARNING if abs(lag_s) > CLOCK_LAG_TOLERANCE_S else Grade.PASS,
+        f"vehicle {vehicle_id}",
+        "clock offset",
+        f"its computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
+        "what a peer says is carried on from when its clock says it was: it is taken for where it was, or will be",
+        "let both computers' clocks be set by one time server (chrony, NTP)",
+    )
+
+
+def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:
+    """Check those vehicles against each other whose place and clock are known."""
+    placed = {each.vehicle_id: each.position_m for each in team if each.position_m is not None}
+    if len(placed) > 1:
+        yield _agreement(mission, placed)
+        yield _apart(mission, placed)
+    ratios = [each.clock_ratio for each in team if each.clock_ratio is not None]
+    if ratios and max(ratios) > (1.0 + CLOCK_TOLERANCE) * min(ratios):
+        speeds = " and ".join(f"{ratio:.3g}" for ratio in sorted(set(ratios)))
+        yield Finding(
+            Grade.REFUSE,
+            MISSION,
+            "clocks",
+            f"the vehicles' clocks run at different speeds: {speeds} times the wall's",
+            "one mission clock cannot serve them all",
+            "run all simulators at one speed, and none beside real vehicles",
+        )
+
+
+def _agreement(mission: Mission, placed: dict[int, Triple]) -> Finding:
+    """Find the two that stand most differently from the mission; a shift common to all does not count."""
+    off_m = {i: _off_start(position_m, mission.vehicle(i)) for i, position_m in placed.items()}
+    worst_m, one, other = max(
+        (hypot(off_m[i][0] - off_m[k][0], off_m[i][1] - off_m[k][1]), i, k) for i, k in combinations(off_m, 2)
+    )
+    return Finding.graded(
+        tolerated(worst_m, PLACE_TOLERANCE_M, PLACE_LIMIT_M),
+        MISSION,
+        "origin agreement",
+        f"seen from vehicle {one}, vehicle {other} stands {worst_m:.1f} m beside where its start_m puts it, "
+        "the most of any two",
+        "origins that disagree bring vehicles together that seem apart, and their paths cross",
+        "put them on their start_m; if they are, restart the autopilots and wait for better GPS",
+    )
+
+
+def _apart(mission: Mission, placed: dict[int, Triple]) -> Finding:
+    nearest_m, one, other = min(
+        (hypot(placed[i][0] - placed[k][0], placed[i][1] - placed[k][1]), i, k) for i, k in combinations(placed, 2)
+    )
+    separation_m = mission.safety.separation_m
+    return Finding.graded(
+        Grade.REFUSE if nearest_m < separation_m else Grade.PASS,
+        MISSION,
+        "separation on the ground",
+        f"vehicles {one} and {other} are nearest to each other, {nearest_m:.1f} m; "
+        f"safety.separation_m is {separation_m:g} m",
+        "they would climb side by side, nearer than they may ever be",
+        "put them farther apart, or check their GPS",
+    )

@@ -1,0 +1,155 @@
+"""A chart: axes drawn by matplotlib, cut to an SVG that stands inside a page of HTML."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+from io import StringIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+
+from estimation.state import Vector
+from gcs.report.charts.panels import said
+from gcs.style import DESIRED, STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Draw = Callable[["Axes"], None]
+
+WIDTH_IN, HEIGHT_IN = 5.0, 2.9
+# The same margins everywhere, so that the axes of charts above each other line up.
+_LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.85, 0.2, 0.52, 0.1
+_LABEL_IN = 0.24
+_KEY_IN = 0.26
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# The page sets the letters in a font of its own; matplotlib leaves room for DejaVu Sans, which is wider than most.
+_PAGE_STYLE: dict[Any, Any] = STYLE | {
+    "font.size": 10.5,
+    "axes.labelsize": 10.5,
+    "legend.fontsize": 9.5,
+    "svg.fonttype": "none",
+    "text.parse_math": False,
+    "path.simplify_threshold": 0.15,
+}
+_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_COORDINATES = re.compile(r' (d|x|y|points)="[^"]*"')
+_CUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", re.DOTALL)
+_NAMED = re.compile(r'<(g|text) id="[^"]*"')
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A chart with its heading, what was found, what it shows in words for those who do not see it, and its SVG.
+
+    `missing` says why there is nothing to see.
+    """
+
+    title: str
+    finding: str
+    alt: str
+    svg: Markup
+    missing: str = ""
+
+
+def chart(
+    name: str, draws: Draw | Sequence[Draw], alt: str, height_in: float = HEIGHT_IN, *, key_rows: int = 0
+) -> Chart:
+    """Draw panels below each other on one axis of time; the first one's titles become the chart's.
+
+    `name` tells the parts of one SVG from those of the others on a page; `key_rows` adds room for a key below.
+    """
+    from matplotlib import rc_context  # noqa: PLC0415
+    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    draws = (draws,) if callable(draws) else tuple(draws)
+    height_in += _KEY_IN * key_rows
+    with rc_context(_PAGE_STYLE | {"svg.hashsalt": name}):
+        figure = Figure(figsize=(WIDTH_IN, height_in))
+        FigureCanvasSVG(figure)
+        figure.subplots_adjust(
+            left=_LEFT_IN / WIDTH_IN,
+            right=1.0 - _RIGHT_IN / WIDTH_IN,
+            bottom=(_BOTTOM_IN + _KEY_IN * key_rows) / height_in,
+            top=1.0 - _TOP_IN / height_in,
+            hspace=0.12,
+        )
+        rows = figure.subplots(len(draws), 1, sharex=True, squeeze=False)[:, 0]
+        for draw, axes in zip(draws, rows, strict=True):
+            draw(axes)
+            axes.label_outer()
+            axes.yaxis.set_label_coords((_LABEL_IN - _LEFT_IN) / (WIDTH_IN - _LEFT_IN - _RIGHT_IN), 0.5)
+        missing = "; ".join(filter(None, map(said, rows)))
+        title, finding = rows[0].get_title(loc="left"), rows[0].get_title(loc="right")
+        for axes in rows:
+            axes.set_title("", loc="left")
+            axes.set_title("", loc="right")
+        drawn = StringIO()
+        figure.savefig(drawn, format="svg")
+    return Chart(title, finding, alt, _inline(drawn.getvalue(), alt), missing)
+
+
+def _inline(svg: str, alt: str) -> Markup:
+    """Return an SVG as a part of HTML: without prolog, names and comments, and with coordinates of 0.01 points."""
+    svg = _CUT.sub("", svg[svg.index("<svg") :])
+    head, _, body = svg.partition(">")
+    box = re.search(r'viewBox="[^"]*"', head)
+    body = _COORDINATES.sub(lambda match: _rounded(match.group()), _NAMED.sub(r"<\1", body))
+    body = re.sub(r"\n\s*", " ", body)
+    return Markup(f'<svg role="img" aria-label="{escape(alt)}" {box.group() if box else ""}>{body}')
+
+
+def _rounded(attribute: str) -> str:
+    attribute = _NUMBER.sub(lambda number: f"{float(number.group()):.2f}".rstrip("0").rstrip("."), attribute)
+    return re.sub(r"\s*([MLCQZ])\s*", r"\1", attribute)
+
+
+def over_time(axes: "Axes", label: str, time_s: Vector) -> None:
+    """Lay out axes of a quantity over the whole flight."""
+    axes.set(xlabel="time [s]", ylabel=label)
+    if time_s.size > 1:
+        axes.set_xlim(float(time_s[0]), float(time_s[-1]))
+
+
+def logarithmic(axes: "Axes", values: Vector, floor: float) -> None:
+    """Make the vertical axis logarithmic, from the least value but not from below the floor, in plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: PLC0415
+
+    known = values[np.isfinite(values) & (values > 0.0)]
+    low = max(floor, 0.6 * float(known.min())) if known.size else floor
+    high = max(1.6 * float(known.max()), 10.0 * low) if known.size else 10.0 * floor
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0), numticks=7))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
+    axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _plain(value: float) -> str:
+    """Return a number of one digit without an e."""
+    mantissa, _, exponent = f"{value:.0e}".partition("e")
+    if -4 < int(exponent) < 4:
+        return f"{value:g}"
+    power = f"10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+    return power if mantissa == "1" else f"{mantissa}·{power}"
+
+
+def level(axes: "Axes", value: float, words: str, *, below: bool = False) -> None:
+    """Draw a level that something is held against, and say what it is, above or below the line's right end."""
+    axes.axhline(value, **DESIRED)
+    axes.annotate(
+        words,
+        (1.0, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(-2, -3 if below else 3),
+        textcoords="offset points",
+        ha="right",
+        va="top" if below else "bottom",
+        fontsize=9,
+        color="#5C5C5C",
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
+        zorder=9,
+    )

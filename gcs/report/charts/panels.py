@@ -1,0 +1,217 @@
+"""The panels of the paper's figures 1 to 6 (section 5), drawn into axes that the caller brings.
+
+Paths with the vehicles and the target, speeds in formation, radii, angular velocities and spacings on the ring.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimation.state import Vector
+from gcs.metrics.metrics import RingMotion
+from gcs.metrics.record import FlightRecord, VehicleTrack
+from gcs.metrics.result import FlightResult, FormationReference, RingReference
+from gcs.report.charts.thinning import thinned, thinned_path
+from gcs.style import (
+    COLOURS,
+    DESIRED,
+    ENGAGED,
+    FAIL,
+    FAINT,
+    WINDOW,
+    vehicle_style,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """What every panel draws from; lines of more than `points_max` points are thinned, None: never."""
+
+    record: FlightRecord
+    result: FlightResult
+    ring: RingReference
+    formation: FormationReference | None
+    motion: RingMotion
+    points_max: int | None = None
+
+    def style(self, row: int) -> dict[str, Any]:
+        """Return how a vehicle's lines look."""
+        return vehicle_style(row, len(self.record.vehicles))
+
+    def line(self, time_s: Vector, values: Vector) -> tuple[Vector, Vector]:
+        """Return the points to draw of a quantity over time."""
+        return (time_s, values) if self.points_max is None else thinned(time_s, values, self.points_max)
+
+    def path(self, position_m: Vector) -> Vector:
+        """Return the points (K, 2) to draw of a path."""
+        return position_m if self.points_max is None else thinned_path(position_m, self.points_max)
+
+
+def landmarks_m(sheet: Sheet) -> Vector:
+    """Return points (K, 2) that the map must show: every path, and the desired ring where there is one."""
+    paths = [track.position_m for track in sheet.record.vehicles]
+    target_m = sheet.record.target_position_m
+    if sheet.result.window_s is not None:
+        paths += [target_m[-1:] - sheet.ring.radius_m, target_m[-1:] + sheet.ring.radius_m]
+    points_m = np.concatenate([*paths, target_m])
+    known_m = points_m[np.isfinite(points_m).all(axis=1)]
+    return known_m if known_m.size else np.zeros((1, 2))
+
+
+def draw_paths(axes: "Axes", sheet: Sheet) -> None:
+    """Draw everybody's path over ground, the target's, and the ring about it - figures 1 and 4."""
+    record = sheet.record
+    axes.update_datalim(landmarks_m(sheet))
+    axes.margins(0.04)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+    title(axes, f"{record.mission}: paths", _verdict_line(sheet.result))
+    _draw_target(axes, sheet)
+    for row, track in enumerate(record.vehicles):
+        axes.plot(*sheet.path(track.position_m).T, alpha=0.85, **sheet.style(row))
+    for row, track in enumerate(record.vehicles):
+        _mark_engagement(axes, sheet, row, track.position_m[:, 0], track.position_m[:, 1])
+        _mark_vehicle(axes, row, track)
+
+
+def _draw_target(axes: "Axes", sheet: Sheet) -> None:
+    from matplotlib.patches import Circle  # noqa: PLC0415
+
+    path_m = sheet.record.target_position_m
+    known_m = path_m[np.isfinite(path_m).all(axis=1)]
+    if not known_m.size:
+        return
+    axes.plot(*sheet.path(known_m).T, color="black", linewidth=1.2, zorder=3)
+    axes.plot(*known_m[0], marker="D", markersize=6, markerfacecolor="white", color="black", zorder=5)
+    axes.plot(*known_m[-1], marker="D", markersize=8, color="black", zorder=6)
+    if sheet.result.window_s is not None:
+        axes.add_patch(Circle(tuple(known_m[-1]), sheet.ring.radius_m, fill=False, **DESIRED))
+
+
+def _mark_vehicle(axes: "Axes", row: int, track: VehicleTrack) -> None:
+    known_m = track.position_m[np.isfinite(track.position_m).all(axis=1)]
+    if not known_m.size:
+        return
+    colour = COLOURS[row % len(COLOURS)]
+    axes.plot(*known_m[0], marker="o", markersize=4, color=colour, zorder=5)
+    axes.plot(*known_m[-1], marker="D", markersize=12, color=colour, markeredgecolor="white", zorder=7)
+    axes.annotate(
+        str(track.vehicle_id),
+        known_m[-1],
+        ha="center",
+        va="center_baseline",
+        fontsize=8 if track.vehicle_id < 10 else 7,
+        fontweight="bold",
+        color="white",
+        zorder=8,
+    )
+
+
+def _mark_engagement(axes: "Axes", sheet: Sheet, row: int, x: Vector, y: Vector) -> None:
+    """Circle the sample of a line at which its vehicle engaged."""
+    engaged_s = sheet.result.vehicles[row].engaged_at_s
+    if engaged_s is None:
+        return
+    sample = int(np.argmin(np.abs(sheet.record.time_s - engaged_s)))
+    axes.plot(x[sample], y[sample], color=COLOURS[row % len(COLOURS)], zorder=6, **ENGAGED)
+
+
+def draw_speeds(axes: "Axes", sheet: Sheet) -> None:
+    """Draw the speed along the formation's way while in formation - figure 2."""
+    title(axes, "Speed in formation", "")
+    axes.set(xlabel="time [s]", ylabel="speed in x [m/s]")
+    if sheet.formation is not None:
+        axes.axhline(sheet.formation.speed_m_s, **DESIRED)
+    time_s, end_s = sheet.record.time_s, 0.0
+    for row, track in enumerate(sheet.record.vehicles):
+        flying = track.tactic == "formation"
+        speed_m_s = np.where(flying, track.velocity_m_s[:, 0], np.nan)
+        axes.plot(*sheet.line(time_s, speed_m_s), **sheet.style(row))
+        _mark_engagement(axes, sheet, row, time_s, _held(speed_m_s))
+        end_s = max(end_s, float(time_s[flying][-1])) if flying.any() else end_s
+    if end_s > 0.0:
+        axes.set_xlim(0.0, 1.03 * end_s)
+    else:
+        say(axes, "nobody flew in formation")
+
+
+def _held(values: Vector) -> Vector:
+    """Fill every NaN with the number before it, so that a mark just after a line's end finds it."""
+    known = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(values.size)))
+    return values[known]
+
+
+def draw_radii(axes: "Axes", sheet: Sheet) -> None:
+    """Draw the distances to the target on the ring - figures 3 and 5."""
+    axes.set(xlabel="time [s]", ylabel="radius [m]")
+    errors_m = [v.radius_error_rms_m for v in sheet.result.vehicles if v.radius_error_rms_m is not None]
+    title(axes, "Radius about the target", f"error {max(errors_m):.2g} m rms at most" if errors_m else "")
+    _draw_ring_panel(axes, sheet, sheet.motion.radius_m, sheet.ring.radius_m)
+
+
+def draw_rates(axes: "Axes", sheet: Sheet) -> None:
+    """Draw the angular velocities about the target - figures 3 and 5."""
+    axes.set(xlabel="time [s]", ylabel="angular velocity [rad/s]")
+    means_rad_s = [v.angular_rate_mean_rad_s for v in sheet.result.vehicles if v.angular_rate_mean_rad_s is not None]
+    title(axes, "Angular velocity", f"mean {np.mean(means_rad_s):.4f} rad/s" if means_rad_s else "")
+    wanted_rad_s = sheet.ring.angular_rate_rad_s
+    _draw_ring_panel(axes, sheet, sheet.motion.rate_rad_s, wanted_rad_s)
+    # A vehicle that passes close to the target turns about it at a rate that would flatten all the rest.
+    low_rad_s, high_rad_s = axes.get_ylim()
+    reach_rad_s = 4.0 * max(abs(wanted_rad_s), 0.05)
+    axes.set_ylim(max(low_rad_s, wanted_rad_s - reach_rad_s), min(high_rad_s, wanted_rad_s + reach_rad_s))
+
+
+def draw_spacings(axes: "Axes", sheet: Sheet) -> None:
+    """Draw the angle from each vehicle to the next on the ring - figure 6."""
+    axes.set(xlabel="time [s]", ylabel="angle to the next [°]")
+    error_deg = sheet.result.ring.spacing_error_rms_deg
+    title(axes, "Angular separation", f"error {error_deg:.2g}° rms" if error_deg is not None else "")
+    lead_deg, desired_deg = np.degrees(sheet.motion.lead_rad), np.degrees(sheet.motion.desired_spacing_rad)
+    if sheet.result.window_s is not None and np.isnan(lead_deg).all():
+        say(axes, "one vehicle on the ring: nothing to separate")
+    else:
+        _draw_ring_panel(axes, sheet, lead_deg, desired_deg)
+
+
+def _draw_ring_panel(axes: "Axes", sheet: Sheet, values: Vector, desired: Vector | float) -> None:
+    """Draw one quantity (V, T) of the ring, from the first engagement on, over the window of the metrics."""
+    if sheet.result.window_s is None:
+        say(axes, "nobody engaged")
+        return
+    time_s = sheet.record.time_s
+    first_s = min(v.engaged_at_s for v in sheet.result.vehicles if v.engaged_at_s is not None)
+    axes.set_xlim(first_s - 0.02 * (time_s[-1] - first_s), time_s[-1])
+    axes.axvspan(*sheet.result.window_s, color=WINDOW, zorder=0)
+    axes.plot(*sheet.line(time_s, np.where(time_s >= first_s, desired, np.nan)), **DESIRED)
+    for row in range(len(values)):
+        axes.plot(*sheet.line(time_s, values[row]), **sheet.style(row))
+    for row in range(len(values)):
+        _mark_engagement(axes, sheet, row, time_s, values[row])
+    axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def _verdict_line(result: FlightResult) -> str:
+    marks = {True: "✓", False: "✗", None: "–"}
+    return "   ".join(f"{name} {marks[holds]}" for name, holds in result.verdicts.named().items())
+
+
+def title(axes: "Axes", text: str, finding: str) -> None:
+    """Head a panel with what it shows on the left and what was found on the right."""
+    axes.set_title(text, loc="left", fontweight="bold", parse_math=False)
+    axes.set_title(finding, loc="right", fontsize=9, color=FAIL if "✗" in finding else FAINT)
+
+
+def say(axes: "Axes", text: str) -> None:
+    """Say why a panel is empty."""
+    axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=FAINT)
+
+
+def said(axes: "Axes") -> str:
+    """Return why a panel is empty, as `say` said it there; empty if it is not."""
+    return axes.texts[0].get_text() if axes.texts and not axes.get_xticks().size else ""

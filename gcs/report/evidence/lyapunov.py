@@ -1,0 +1,87 @@
+"""The Lyapunov function of the ring's spacings - (17) to (20) - as flown, and the decay that the spacing law promises.
+
+`V = 1/2 sum e_i^2` over the errors `e_i` of the angles from each vehicle on the ring to the next. Where each error
+decays at the gain gamma, V decays at twice that: `V(t) = V(t0) exp(-2 gamma (t - t0))`.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import log
+
+import numpy as np
+
+from agents.control.ring import spacing_decay_per_s
+from estimation.state import Vector
+from gcs.metrics.metrics import RingMotion
+
+# How much smaller V has to become to count as fallen: every error to a tenth.
+FALLEN_SHARE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Decay:
+    """One stretch of a flight with the same members on the ring: from `start_s`, when V was `start_rad2`, to `end_s`.
+
+    `decay_per_s` is the rate at which V is promised to decay, None without a gain. `fell_after_s` is when V had fallen
+    to `FALLEN_SHARE` of its start and stayed below to the end of the stretch; None if it never did.
+    """
+
+    members: int
+    start_s: float
+    end_s: float
+    start_rad2: float
+    decay_per_s: float | None
+    fell_after_s: float | None
+
+    @property
+    def promised_after_s(self) -> float | None:
+        """When V should have fallen to `FALLEN_SHARE`; None without a promise."""
+        return -log(FALLEN_SHARE) / self.decay_per_s if self.decay_per_s else None
+
+    def promised_rad2(self, time_s: Vector) -> Vector:
+        """Return the promised V at each time; NaN outside the stretch and without a promise."""
+        if self.decay_per_s is None:
+            return np.full(time_s.shape, np.nan)
+        inside = (time_s >= self.start_s) & (time_s <= self.end_s)
+        since_s = np.where(inside, time_s - self.start_s, 0.0)
+        return np.where(inside, self.start_rad2 * np.exp(-self.decay_per_s * since_s), np.nan)
+
+
+def lyapunov_rad2(motion: RingMotion) -> Vector:
+    """Return V (T,) of the ring - (18); NaN with fewer than two members, or where one of them was not heard."""
+    error_rad = motion.lead_rad - motion.desired_spacing_rad
+    known = np.isfinite(error_rad)
+    whole = (known == motion.member).all(axis=0) & (motion.member.sum(axis=0) > 1)
+    squares = np.where(known, error_rad, 0.0) ** 2
+    return np.where(whole, 0.5 * squares.sum(axis=0), np.nan)
+
+
+def decays(time_s: Vector, motion: RingMotion, gain_per_s: float | None) -> tuple[Decay, ...]:
+    """Return the stretches in which the members of the ring stayed the same; V starts anew with every change."""
+    value_rad2 = lyapunov_rad2(motion)
+    if not time_s.size:
+        return ()
+    changed = np.flatnonzero((np.diff(motion.member.astype(int), axis=1) != 0).any(axis=0)) + 1
+    bounds = [0, *changed.tolist(), time_s.size]
+    stretches = (
+        _decay(time_s[first:last], value_rad2[first:last], int(motion.member[:, first].sum()), gain_per_s)
+        for first, last in pairwise(bounds)
+    )
+    return tuple(stretch for stretch in stretches if stretch is not None)
+
+
+def _decay(time_s: Vector, value_rad2: Vector, members: int, gain_per_s: float | None) -> Decay | None:
+    known = np.flatnonzero(np.isfinite(value_rad2))
+    if not known.size:
+        return None
+    start = int(known[0])
+    above = known[value_rad2[known] > FALLEN_SHARE * value_rad2[start]]
+    after = known[known > above[-1]] if above.size else known
+    return Decay(
+        members,
+        float(time_s[start]),
+        float(time_s[-1]),
+        float(value_rad2[start]),
+        None if gain_per_s is None else 2.0 * spacing_decay_per_s(members, gain_per_s),
+        float(time_s[after[0]] - time_s[start]) if after.size else None,
+    )

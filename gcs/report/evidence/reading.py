@@ -1,0 +1,306 @@
+"""From logs to what a report needs: the record behind the metrics, and each vehicle's evidence."""
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from agents.outputs import Note
+from agents.tape import (
+    Autopilot,
+    LateTicks,
+    Message,
+    Start,
+)
+from agents.team.messages import CommandAnswer, MemberState, decode
+from estimation.state import MOTION, Telemetry, Vector
+from gcs.flightlog.log_error import LogError
+from gcs.flightlog.reader import FlightLog, LogRecord
+from gcs.flightlog.records import (
+    Cost,
+    Decision,
+    Run,
+    Truth,
+    VehicleEnd,
+)
+from gcs.flightlog.run import mission_of
+from gcs.metrics.journal import Journal
+from gcs.mission.mission import Mission
+from gcs.report.evidence.flight import (
+    Belief,
+    FlightEvidence,
+    Hearing,
+    Loop,
+    VehicleEvidence,
+)
+from sitl.server.server import TruthTrack
+
+SAME_START_S = 1.0
+"""Vehicles of one flight agree on when it starts: logs that differ by more, in wall seconds, are of several."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedFlight:
+    """A flight from its logs: the mission that was flown, and what is known of it."""
+
+    mission: Mission
+    evidence: FlightEvidence
+
+
+def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
+    """Put the logs of a flight's processes together; raises LogError when they are not of one flight."""
+    _require_one_flight(logs)
+    mission = mission_of(logs[0])
+    journal = Journal(mission)
+    passes = [_Pass(log, vehicle_id, journal) for log in logs for vehicle_id in log.run.vehicles]
+    starts_s = [each.start_s for each in passes if each.start_s is not None]
+    if not starts_s:
+        raise LogError([f"{log.path}: the mission never started: there is nothing to report" for log in logs])
+    start_s, speed = min(starts_s), logs[0].run.speed
+    if max(starts_s) - start_s > SAME_START_S * speed:
+        apart_s = (max(starts_s) - start_s) / speed
+        raise LogError([f"the logs are of several flights: they start {apart_s:.0f} s apart"])
+    record = journal.record(
+        start_s,
+        _flown_s(logs, passes, start_s),
+        ticks=sum(each.ticks for each in passes),
+        missed=sum(each.missed for each in passes),
+        wall_time_s=max(_wall_time_s(log) for log in logs),
+        source=logs[0].run.source,
+        truth=tuple(track for each in passes if (track := each.truth(mission)) is not None),
+        seed=logs[0].run.seed,
+    )
+    order = [track.vehicle_id for track in record.vehicles]
+    evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in passes}
+    known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
+    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs)))
+
+
+def _require_one_flight(logs: Sequence[FlightLog]) -> None:
+    first, faults = logs[0], []
+    seen: dict[int, FlightLog] = {}
+    for log in logs:
+        if log.run.mission_text != first.run.mission_text or log.run.source != first.run.source:
+            faults.append(f"{log.path}: it is of another mission than {first.path}")
+        for vehicle_id in log.run.vehicles:
+            if vehicle_id in seen:
+                faults.append(f"{log.path}: vehicle {vehicle_id} is in {seen[vehicle_id].path} already")
+            seen[vehicle_id] = log
+    if faults:
+        raise LogError(faults)
+
+
+def _flown_s(logs: Sequence[FlightLog], passes: Sequence["_Pass"], start_s: float) -> float:
+    """Return how long the mission was flown: as it was said at the end, else until the last tick that is known."""
+    said = [log.end.flown_s for log in logs if log.end is not None]
+    if len(said) == len(logs):
+        return max(said)
+    last_s = max((each.last_s for each in passes), default=start_s)
+    return max(min(last_s - start_s, logs[0].run.duration_s), 0.0)
+
+
+def _wall_time_s(log: FlightLog) -> float:
+    if log.end is not None:
+        return log.end.wall_time_s
+    stamps = [record.time_ns for records in log.vehicles.values() for record in (records[0], records[-1])]
+    return (max(stamps) - min(stamps)) / 1e9 if stamps else 0.0
+
+
+def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
+    run: Run = logs[0].run
+    began = datetime.fromtimestamp(run.began_s, UTC)
+    facts = {
+        "flown on": f"{began:%Y-%m-%d %H:%M:%S} UTC",
+        "log": ", ".join(log.path.name for log in logs),
+        "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),
+    }
+    faults = [f"{log.path.name}: {fault}" for log in logs for fault in log.faults]
+    return {**facts, "not whole": "; ".join(faults)} if faults else facts
+
+
+@dataclass(slots=True)
+class _Columns:
+    """What is gathered of a vehicle, a row a tick of its control loop."""
+
+    time_s: list[float] = field(default_factory=list)
+    own: list[list[float]] = field(default_factory=list)
+    own_sigma: list[Vector] = field(default_factory=list)
+    target_s: list[float] = field(default_factory=list)
+    target: list[list[float]] = field(default_factory=list)
+    target_sigma: list[Vector] = field(default_factory=list)
+    own_s: list[float] = field(default_factory=list)
+    tick_us: list[float] = field(default_factory=list)
+    skipped: list[int] = field(default_factory=list)
+    qp: list[str] = field(default_factory=list)
+    guard: list[str] = field(default_factory=list)
+    setpoint_m: list[tuple[float, ...]] = field(default_factory=list)
+    velocity_m_s: list[tuple[float, ...]] = field(default_factory=list)
+    yaw_rad: list[float] = field(default_factory=list)
+
+
+class _Pass:
+    """One pass over a vehicle's records, which feeds the journal and gathers the evidence."""
+
+    def __init__(self, log: FlightLog, vehicle_id: int, journal: Journal) -> None:
+        self.vehicle_id = vehicle_id
+        self.start_s: float | None = None
+        self.last_s = -np.inf
+        self._log = log
+        self._journal = journal
+        self._rows = _Columns()
+        self._telemetry: list[tuple[float, float, float, float, float]] = []
+        self._heard: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
+        self._peers: dict[int, MemberState] = {}
+        self._battery: list[tuple[float, float]] = []
+        self._truth: list[tuple[float, ...]] = []
+        self._late = 0
+        self._dropped = 0
+        self._end: VehicleEnd | None = None
+        records = log.vehicles.get(vehicle_id, [])
+        self._costs_us = {cost.time_s: cost.tick_us for cost in log.of_kind(vehicle_id, Cost)}
+        takers: dict[type[Any], Callable[[LogRecord], None]] = {
+            Decision: self._decision,
+            Telemetry: self._sample,
+            Message: self._message,
+            Truth: self._position,
+            Autopilot: self._autopilot,
+        }
+        for record in records:
+            if record.kind in takers:
+                takers[record.kind](record)
+            elif record.kind is LateTicks:
+                self._late = record.read(LateTicks).count
+            elif record.kind is Start:
+                self.start_s = record.read(Start).at_s
+            elif record.kind is VehicleEnd:
+                self._end = record.read(VehicleEnd)
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks there were."""
+        return len(self._rows.time_s) if self._end is None else self._end.ticks
+
+    @property
+    def missed(self) -> int:
+        """How many ticks were missed."""
+        return sum(self._rows.skipped) if self._end is None else self._end.missed
+
+    def truth(self, mission: Mission) -> TruthTrack | None:
+        """Return where the vehicle truly was, None where nobody knows."""
+        if not self._truth:
+            return None
+        rows = np.array(self._truth)
+        system_id = mission.vehicle(self.vehicle_id).system_id
+        return TruthTrack(system_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+
+    def evidence(self, start_s: float, speed: float) -> VehicleEvidence:
+        """Return what is known of the vehicle, with times since `start_s`; ages are in wall seconds."""
+        rows, telemetry = self._rows, np.array(self._telemetry).reshape(-1, 5)
+        own_s = np.array(rows.own_s)
+        heard_s, sampled_s = telemetry[:, 0], telemetry[:, 1]
+        altitude_m = np.interp(own_s, sampled_s, telemetry[:, 4]) if len(telemetry) else np.full(own_s.size, np.nan)
+        battery = np.array(self._battery).reshape(-1, 2) - [start_s, 0.0]
+        return VehicleEvidence(
+            self.vehicle_id,
+            own=_belief(own_s - start_s, rows.own, rows.own_sigma),
+            target=_belief(np.array(rows.target_s) - start_s, rows.target, rows.target_sigma),
+            altitude_m=altitude_m,
+            loop=Loop(
+                np.array(rows.time_s) - start_s,
+                np.array(rows.tick_us),
+                np.array(rows.skipped),
+                np.array(rows.qp, dtype="<U16"),
+                np.array(rows.guard, dtype="<U16"),
+                np.array(rows.setpoint_m).reshape(-1, 3),
+                np.array(rows.velocity_m_s).reshape(-1, 3),
+                np.array(rows.yaw_rad),
+            ),
+            samples=telemetry[:, 1:4] - [start_s, 0.0, 0.0],
+            telemetry=Hearing(heard_s - start_s, (heard_s - sampled_s) / speed),
+            peers={peer: _hearing(heard, start_s, speed) for peer, heard in sorted(self._heard.items())},
+            dropped=self._dropped,
+            battery=battery,
+        )
+
+    def _decision(self, record: LogRecord) -> None:
+        decision, journal = record.message(), self._journal
+        notes = [Note(note.time_s, note.kind, note.text) for note in decision.notes]
+        journal.event_log.take(self.vehicle_id, notes)
+        self._dropped = decision.messages_dropped
+        tick_us = self._costs_us.get(decision.time_s)
+        if tick_us is None:  # outside the control loop
+            return
+        self.last_s = decision.time_s
+        journal.tick(tick_us, decision.guard.causes)
+        for peer in decision.peers:
+            if peer in self._peers and peer not in self._log.run.vehicles:
+                journal.see_peer(self._peers[peer])
+                journal.event_log.watch(self._peers[peer])
+        self._add(decision, tick_us)
+
+    def _add(self, decision: Any, tick_us: float) -> None:
+        rows = self._rows
+        rows.time_s.append(decision.time_s)
+        rows.tick_us.append(tick_us)
+        rows.skipped.append(self._late)
+        rows.qp.append(decision.qp)
+        rows.guard.append(decision.guard.status)
+        sent = decision.HasField("setpoint")
+        rows.setpoint_m.append(tuple(decision.setpoint.position_m) if sent else (np.nan, np.nan, np.nan))
+        rows.yaw_rad.append(decision.setpoint.yaw_rad if sent else np.nan)
+        # A log of before there were velocities has no such field.
+        rows.velocity_m_s.append(tuple(getattr(decision.setpoint, "velocity_m_s", ())) or (0.0, 0.0, 0.0))
+        if decision.HasField("own"):
+            mean = list(decision.own.mean)
+            rows.own_s.append(decision.time_s)
+            rows.own.append(mean[MOTION])
+            rows.own_sigma.append(_sigma(decision.own.covariance, 6))
+            self._journal.see(self.vehicle_id, decision.time_s, np.array(mean[MOTION]), decision.tactic)
+        if decision.HasField("target"):
+            rows.target_s.append(decision.time_s)
+            rows.target.append(list(decision.target.mean))
+            rows.target_sigma.append(_sigma(decision.target.covariance, 4))
+
+    def _sample(self, record: LogRecord) -> None:
+        sample = record.message()
+        heard_s = record.time_ns * 1e-9 * self._log.run.speed
+        self._telemetry.append((heard_s, sample.time_s, *sample.position_m))
+
+    def _message(self, record: LogRecord) -> None:
+        heard = record.message()
+        with suppress(ValueError):
+            message = decode(heard.payload)
+            if isinstance(message, MemberState):
+                self._heard[message.sender].append((heard.now_s, message.time_s))
+                newest = self._peers.get(message.sender)
+                if newest is None or message.time_s > newest.time_s:
+                    self._peers[message.sender] = message
+            elif isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
+                self._journal.event_log.hear(message)
+
+    def _position(self, record: LogRecord) -> None:
+        truth = record.message()
+        self._truth.append((truth.time_s, *truth.position_m, *truth.velocity_m_s))
+
+    def _autopilot(self, record: LogRecord) -> None:
+        status = record.message().status
+        if status.HasField("battery"):
+            self._battery.append((record.time_ns * 1e-9 * self._log.run.speed, status.battery))
+
+
+def _belief(time_s: Vector, motion: list[list[float]], sigma: list[Vector]) -> Belief:
+    return Belief(time_s, np.array(motion).reshape(-1, 4), np.array(sigma).reshape(-1, 4))
+
+
+def _sigma(covariance: Sequence[float], size: int) -> Vector:
+    diagonal = np.array(covariance[:: size + 1])[MOTION]
+    return np.asarray(np.sqrt(np.maximum(diagonal, 0.0)))
+
+
+def _hearing(heard: list[tuple[float, float]], start_s: float, speed: float) -> Hearing:
+    heard_s, said_s = np.array(heard).T
+    return Hearing(heard_s - start_s, (heard_s - said_s) / speed)

@@ -1,0 +1,340 @@
+"""ArduPilot's own log (.bin), by pymavlink's description of its formats.
+
+The records are cut here, and only their formats are left to pymavlink: its indexer, in C, writes to the terminal past
+any redirection, ends the process on what it does not expect, and stops at the first bad format.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from math import isfinite, pi
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.DFReader import DFFormat, null_term
+
+from estimation.frames import Geodetic, MissionFrame, up_from_ned
+from estimation.state import Vector
+from gcs.flightlog.log_error import LogError
+from gcs.vehicle_logs.gathered import (
+    US,
+    Gathered,
+    Samples,
+    stamps_us,
+    vehicle_log,
+)
+from gcs.vehicle_logs.log_file import LogFile
+from gcs.vehicle_logs.mode_names import copter_mode
+from gcs.vehicle_logs.vehicle_log import VehicleLog
+
+FORMAT = "ArduPilot log (.bin)"
+HEAD = b"\xa3\x95"
+HEADER_BYTES = 3
+FMT, FMT_BYTES = 0x80, 89
+BLOCK_BYTES = 528
+"""What may be left over at the end of a log that is written in blocks."""
+
+SETPOINT, ESTIMATE, CONTROLLED = "GUIP", "XKF1", "PSCD"
+POSITIONED = (1, 2, 3)
+"""Guided mode's ways to fly that have a position: to a waypoint, to a position, along a trajectory."""
+FED = 3
+"""The one of them that feeds the setpoint's velocity forward."""
+EVENTS = MappingProxyType({10: True, 11: False})
+WANTED = frozenset(
+    {"FMTU", "UNIT", "MULT", "PARM", "MSG", "MODE", "VER", "EV", "ARM", "ORGN", "BAT", "ATT", "XKF4", "SIM", "SIM2"}
+    | {SETPOINT, ESTIMATE}
+)
+STAMPED = ("TimeUS",)
+NAMED_FACTORS = (("cm", 0.01), ("mm", 0.001), ("m", 1.0))
+
+Row = dict[str, Any]
+Table = dict[str, Any]
+
+
+class _Records:
+    """The records of the wanted types: where each begins, and each type's format."""
+
+    def __init__(self, log: LogFile) -> None:
+        self._data = log.path.read_bytes()
+        self._offsets: defaultdict[str, list[int]] = defaultdict(list)
+        self._formats: dict[str, Any] = {}
+        self.notes: list[str] = []
+        self._cut()
+        self._learn_units()
+
+    def table(self, name: str) -> Table:
+        """Return all records of a type as columns, in SI where the format itself has a factor; empty without any."""
+        offsets, form = self._offsets.get(name, []), self._formats.get(name)
+        if not offsets or form is None:
+            return {}
+        rows = np.array(offsets)[:, np.newaxis] + np.arange(HEADER_BYTES, form.len)
+        records = np.frombuffer(self._data, dtype=np.uint8)[rows].tobytes()
+        table = np.frombuffer(records, dtype=_dtype(form))
+        return {
+            column: table[column] * factor if factor is not None else table[column]
+            for column, factor in zip(form.columns, form.msg_mults, strict=True)
+        }
+
+    def unit(self, name: str, column: str) -> str:
+        """Return the unit that the log tells of a column; empty if none."""
+        form = self._formats[name]
+        return str(form.get_unit(column)) if form.units is not None else ""
+
+    def _cut(self) -> None:
+        """Find where records begin; what is none is passed over, byte by byte up to the next head."""
+        data, end, at = self._data, len(self._data), 0
+        lengths: dict[int, int] = {FMT: FMT_BYTES}
+        kept: dict[int, list[int]] = {}
+        bad = 0
+        while at + HEADER_BYTES <= end:
+            kind = data[at + 2]
+            length = lengths.get(kind, 0) if data.startswith(HEAD, at) else 0
+            if not length:
+                found = data.find(HEAD, at + 1)
+                skipped = (found if found >= 0 else end) - at
+                bad += skipped if end - at > BLOCK_BYTES or found >= 0 else 0
+                at += skipped
+                continue
+            if at + length > end:
+                self.notes.append(f"ends in the middle of a record at byte {at}")
+                break
+            if kind == FMT:
+                self._define(data[at + HEADER_BYTES : at + length], lengths, kept)
+            elif kind in kept:
+                kept[kind].append(at)
+            at += length
+        if bad:
+            self.notes.append(f"damaged: {bad} bytes were passed over")
+
+    def _define(self, body: bytes, lengths: dict[int, int], kept: dict[int, list[int]]) -> None:
+        """Take a type's first format. One that contradicts itself is not believed: its records are passed over."""
+        kind, length = body[0], body[1]
+        name, letters, columns = (null_term(part) for part in (body[2:6], body[6:22], body[22:86]))
+        if kind in lengths:
+            return
+        try:
+            form = DFFormat(kind, name, length, letters, columns)
+            fits = _dtype(form).itemsize == length - HEADER_BYTES
+        except Exception:  # of a letter that is none, pymavlink raises plain Exception
+            form, fits = None, length > HEADER_BYTES
+        if fits:
+            lengths[kind] = length
+        if fits and form is not None and name in WANTED and name not in self._formats:
+            self._formats[name] = form
+            kept[kind] = self._offsets[name]
+        elif name in WANTED:
+            self.notes.append(f"the format of {name} makes no sense: its records were passed over")
+
+    def _learn_units(self) -> None:
+        units = {row["Id"]: null_term(row["Label"]) for row in self.rows("UNIT", "Id", "Label")}
+        factors = {row["Id"]: float(f"{row['Mult']:.7g}") for row in self.rows("MULT", "Id", "Mult")}
+        named = {chr(key): unit for key, unit in units.items() if key in range(128)}
+        scaled = {chr(key): factor for key, factor in factors.items() if key in range(128)}
+        by_kind = {form.type: form for form in self._formats.values()}
+        for row in self.rows("FMTU", "FmtType", "UnitIds", "MultIds"):
+            form = by_kind.get(row["FmtType"])
+            unit_ids, factor_ids = null_term(row["UnitIds"]), null_term(row["MultIds"])
+            if form is not None and len(unit_ids) == len(factor_ids) == len(form.columns):
+                form.set_unit_ids(unit_ids, named)
+                form.set_mult_ids(factor_ids, scaled)
+
+    def rows(self, name: str, *needed: str) -> list[Row]:
+        """Return all records of a type one by one; none, and a note, where it lacks a column that is needed."""
+        table = self.table(name)
+        lacking = [column for column in needed if column not in table]
+        if table and lacking:
+            self.notes.append(f"{name} has no {', '.join(lacking)}: left out")
+        if not table or lacking:
+            return []
+        columns = [column.tolist() for column in table.values()]
+        return [dict(zip(table, values, strict=True)) for values in zip(*columns, strict=True)]
+
+
+def _dtype(form: Any) -> np.dtype[Any]:
+    letters = form.msg_struct[1:]
+    kinds = {"b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8"}
+    kinds |= {"e": "<f2", "f": "<f4", "d": "<f8", "4s": "S4", "16s": "S16", "64s": "S64"}
+    types, size = [], ""
+    for letter in letters:
+        size += letter
+        if not letter.isdigit():
+            types.append(kinds[size])
+            size = ""
+    return np.dtype(list(zip(form.columns, types, strict=True)))
+
+
+def read_dataflash(log: LogFile) -> tuple[VehicleLog, ...]:
+    """Return the one vehicle's log; raises LogError when it cannot be read as one."""
+    records = _Records(log)
+    gathered = Gathered(path=log.name, format=FORMAT, sha256=log.sha256, autopilot="ardupilot", notes=records.notes)
+    gathered.parameters.update(_parameters(records))
+    gathered.system_id = int(gathered.parameters.get("MAV_SYSID", gathered.parameters.get("SYSID_THISMAV", 0)))
+    gathered.firmware = next((_text(row, "FWS") for row in records.rows("VER", "FWS")), "")
+    _gather_estimate(gathered, records)
+    _gather_setpoints(gathered, records)
+    _gather_truth(gathered, records)
+    _gather_battery(gathered, records)
+    _gather_modes(gathered, records)
+    gathered.texts += [
+        (int(row["TimeUS"]), None, _text(row, "Message")) for row in records.rows("MSG", *STAMPED, "Message")
+    ]
+    if not gathered.samples and not gathered.modes:
+        raise LogError([f"{log.name}: holds none of the messages {ESTIMATE}, {SETPOINT}, MODE"])
+    return (vehicle_log(gathered),)
+
+
+def _text(row: Row, name: str) -> str:
+    return str(null_term(row.get(name, b""))).strip()
+
+
+def _parameters(records: _Records) -> dict[str, float]:
+    rows = records.rows("PARM", "Name", "Value")
+    return {_text(row, "Name"): float(row["Value"]) for row in rows if isfinite(row["Value"])}
+
+
+def _columns(gathered: Gathered, topic: str, table: Table, names: Sequence[str]) -> Vector:
+    lacking = [name for name in ("TimeUS", *names) if name not in table]
+    if lacking:
+        raise LogError([f"{gathered.path}: {topic} has no {', '.join(lacking)}"])
+    return np.column_stack([table[name].astype(np.float64) for name in names])
+
+
+def _of(table: Table, chosen: NDArray[np.bool_]) -> Table:
+    return {name: column[chosen] for name, column in table.items()}
+
+
+def _gather_estimate(gathered: Gathered, records: _Records) -> None:
+    """Take position, velocity and attitude from the estimator's core that flies the vehicle."""
+    table = records.table(ESTIMATE)
+    if not table:
+        gathered.missing.append(ESTIMATE)
+        return
+    if "C" in table:
+        table = _of(table, table["C"] == _primary_core(gathered, records, table))
+    position = up_from_ned(_columns(gathered, ESTIMATE, table, ("PN", "PE", "PD")))
+    stamps = stamps_us(table["TimeUS"])
+    gathered.samples["position"] = Samples(ESTIMATE, stamps, position)
+    velocity = up_from_ned(_columns(gathered, ESTIMATE, table, ("VN", "VE", "VD")))
+    gathered.samples["velocity"] = Samples(ESTIMATE, stamps, velocity)
+    attitude, topic = records.table("ATT"), "ATT"
+    if not attitude:
+        attitude, topic = table, ESTIMATE
+    angles_deg = _columns(gathered, topic, attitude, ("Roll", "Pitch", "Yaw"))
+    # Yaw is told from 0 to 360 degrees.
+    angles_rad = np.remainder(angles_deg * (pi / 180.0) + pi, 2.0 * pi) - pi
+    gathered.samples["attitude"] = Samples(topic, stamps_us(attitude["TimeUS"]), up_from_ned(angles_rad))
+
+
+def _primary_core(gathered: Gathered, records: _Records, table: Table) -> int:
+    """Return the estimator's core in use; where it changed, the one in use for longest, and that is noted."""
+    told = records.table("XKF4").get("PI", np.empty(0, dtype=np.int8))
+    present = np.unique(table["C"])
+    cores, counts = np.unique(told[np.isin(told, present)], return_counts=True)
+    if cores.size > 1:
+        gathered.notes.append(f"the estimator's core changed in flight, among {', '.join(map(str, cores.tolist()))}")
+    if cores.size:
+        return int(cores[counts.argmax()])
+    wanted = gathered.parameters.get("EK3_PRIMARY", 0)
+    return int(wanted) if wanted in present else int(present[0])
+
+
+def _gather_setpoints(gathered: Gathered, records: _Records) -> None:
+    table = records.table(SETPOINT)
+    if not table:
+        gathered.missing.append(SETPOINT)
+        return
+    factor = _metres(gathered, records)
+    values = _columns(gathered, SETPOINT, table, ("pX", "pY", "pZ")) * factor
+    rates = _columns(gathered, SETPOINT, table, ("vX", "vY", "vZ")) * factor * (1.0, -1.0, 1.0)
+    if "Type" in table:
+        values[~np.isin(table["Type"], POSITIONED)] = np.nan
+        rates[table["Type"] != FED] = np.nan
+    if table.get("Terrain", np.zeros(1)).any():
+        values[table["Terrain"] != 0, 2] = np.nan
+        gathered.notes.append(f"{SETPOINT}: heights above the terrain were left out")
+    stamps = stamps_us(table["TimeUS"])
+    # North, east, and up; newer firmware means down, under the same name.
+    up = values * np.array((1.0, -1.0, 1.0))
+    if _is_down(gathered, stamps, up[:, 2]):
+        up[:, 2] *= -1.0
+        rates[:, 2] *= -1.0
+    gathered.ask(SETPOINT, stamps, up, rates)
+
+
+def _metres(gathered: Gathered, records: _Records) -> float:
+    """Return the factor from what the log's setpoints are in to metres: untold, centimetres."""
+    unit = records.unit(SETPOINT, "pX")
+    factor = dict(NAMED_FACTORS).get(unit)
+    if factor is None:
+        gathered.notes.append(f"{SETPOINT}: the log does not tell its unit; taken as centimetres")
+        return 0.01
+    return factor
+
+
+def _is_down(gathered: Gathered, stamps: NDArray[np.int64], heights_m: Vector) -> bool:
+    """Say whether the setpoints' heights fit the vehicle's altitude better upside down."""
+    flown = gathered.samples.get("position")
+    known = np.isfinite(heights_m)
+    if flown is None or not flown.stamps_us.size or not known.any():
+        return False
+    altitude_m = np.interp(stamps[known], flown.stamps_us, flown.values[:, 2])
+    as_up, as_down = (np.median(np.abs(sign * heights_m[known] - altitude_m)) for sign in (1.0, -1.0))
+    return bool(as_down < as_up)
+
+
+def _gather_truth(gathered: Gathered, records: _Records) -> None:
+    """Take what the simulator flew: from its own local frame if it was logged, else from its place on Earth."""
+    table = records.table("SIM")
+    origin = _origin(gathered, records)
+    if table and origin is not None:
+        places = _columns(gathered, "SIM", table, ("Lat", "Lng", "Alt"))
+        wrong = np.flatnonzero((np.abs(places[:, 0]) > 90.0) | (np.abs(places[:, 1]) > 180.0))
+        if wrong.size:
+            at_s, (latitude, longitude, _) = table["TimeUS"][wrong[0]] / US, places[wrong[0]]
+            told = f"{gathered.path}: SIM at {at_s:.3f} s since boot: {latitude:.6g}, {longitude:.6g} degrees"
+            raise LogError([f"{told} are no place on Earth: other units, or a damaged log"])
+        position = up_from_ned(MissionFrame(origin).ned_from_geodetics(*places.T))
+        gathered.samples["true_position"] = Samples("SIM", stamps_us(table["TimeUS"]), position)
+    if table := records.table("SIM2"):
+        velocity = up_from_ned(_columns(gathered, "SIM2", table, ("VN", "VE", "VD")))
+        gathered.samples["true_velocity"] = Samples("SIM2", stamps_us(table["TimeUS"]), velocity)
+
+
+def _origin(gathered: Gathered, records: _Records) -> Geodetic | None:
+    """Return the estimator's origin."""
+    places = [row for row in records.rows("ORGN", *STAMPED, "Type", "Lat", "Lng", "Alt") if row["Type"] == 0]
+    try:
+        return Geodetic(places[-1]["Lat"], places[-1]["Lng"], places[-1]["Alt"]) if places else None
+    except ValueError as error:
+        told = f"{gathered.path}: ORGN at {places[-1]['TimeUS'] / US:.3f} s since boot: {error}"
+        raise LogError([f"{told}: other units, or a damaged log"]) from None
+
+
+def _gather_battery(gathered: Gathered, records: _Records) -> None:
+    table = records.table("BAT")
+    instance = next((name for name in ("Inst", "Instance", "I") if name in table), None)
+    if table and instance is not None:
+        table = _of(table, table[instance] == table[instance][0])
+    if not table or not {"Volt", "Curr"} <= table.keys():
+        return
+    left = table.get("RemPct", np.full(table["Volt"].shape, np.nan)) / 100.0
+    values = np.column_stack((table["Volt"], table["Curr"], left)).astype(np.float64)
+    gathered.samples["battery"] = Samples("BAT", stamps_us(table["TimeUS"]), values)
+
+
+def _gather_modes(gathered: Gathered, records: _Records) -> None:
+    gathered.mode_topic = "MODE"
+    for row in records.rows("MODE", *STAMPED):
+        number = row.get("ModeNum", row.get("Mode"))
+        gathered.modes.append((int(row["TimeUS"]), copter_mode(int(number if number is not None else -1))))
+    if not gathered.modes:
+        gathered.missing.append("MODE")
+    armed = [
+        (int(row["TimeUS"]), EVENTS[row["Id"]]) for row in records.rows("EV", *STAMPED, "Id") if row["Id"] in EVENTS
+    ]
+    armed += [(int(row["TimeUS"]), row["ArmState"] != 0) for row in records.rows("ARM", *STAMPED, "ArmState")]
+    if not any(state for _, state in armed) and gathered.parameters.get("LOG_DISARMED", 1.0) == 0.0 and gathered.modes:
+        # Then there is a log because the vehicle is armed, though the event itself may come too early for it.
+        armed.append((gathered.modes[0][0], True))
+    gathered.armed += sorted(armed)

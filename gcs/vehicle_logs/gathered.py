@@ -1,0 +1,219 @@
+"""From what a reader gathered of one vehicle to its log: one clock, every value plausible, every fault named."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import tau
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.state import Vector
+from gcs.flightlog.log_error import LogError
+from gcs.vehicle_logs.mode_names import EXTERNAL
+from gcs.vehicle_logs.plausible import unit_faults
+from gcs.vehicle_logs.vehicle_log import (
+    COLUMNS,
+    SECONDS_MAX,
+    ModeSegment,
+    Number,
+    Series,
+    Span,
+    Text,
+    VehicleLog,
+    spans_of,
+)
+
+Stamps = NDArray[np.int64]
+
+US = 1e6
+STAMP_MAX_US = 2**62
+FAULTS_MAX = 8
+"""So many faults are told of one log."""
+
+REACH_MAX_M, SPEED_MAX_M_S = 100e3, 300.0
+LIMITS = MappingProxyType(
+    {
+        "setpoint": (REACH_MAX_M, "m"),
+        "setpoint_velocity": (SPEED_MAX_M_S, "m/s"),
+        "position": (REACH_MAX_M, "m"),
+        "true_position": (REACH_MAX_M, "m"),
+        "velocity": (SPEED_MAX_M_S, "m/s"),
+        "true_velocity": (SPEED_MAX_M_S, "m/s"),
+        "attitude": (tau, "rad"),
+        "battery": (5000.0, "V, A or share"),
+    }
+)
+"""No quadrotor that cordon flies reaches these: a log that says so was written in other units, or was damaged."""
+NAN_TOLERATED = frozenset({"setpoint", "battery"})
+SUPPORTING = frozenset({"attitude", "battery"})
+"""A fault in one of these does not make the others wrong: the series is left out, and that is noted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """One topic as its log stamps it: microseconds (T,) on the vehicle's clock, and SI values (T, k), z up."""
+
+    topic: str
+    stamps_us: Stamps
+    values: Vector
+
+
+@dataclass(slots=True)
+class Gathered:
+    """All that a reader found of one vehicle; stamps are microseconds on the vehicle's clock.
+
+    `begin_us` is when the log itself began, if it tells: what is stamped earlier was only latched, not sampled.
+    """
+
+    path: str
+    format: str
+    sha256: str
+    autopilot: str
+    firmware: str = ""
+    system_id: int = 0
+    begin_us: int | None = None
+    samples: dict[str, Samples] = field(default_factory=dict)
+    mode_topic: str = ""
+    modes: list[tuple[int, str]] = field(default_factory=list)
+    armed: list[tuple[int, bool]] = field(default_factory=list)
+    texts: list[tuple[int, int | None, str]] = field(default_factory=list)
+    resets_us: list[int] = field(default_factory=list)
+    parameters: dict[str, Number] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def ask(self, topic: str, stamps: Stamps, setpoint_m: Vector, velocity_m_s: Vector) -> None:
+        """Take setpoints (T, 3), and the velocities beside them (T, 3), which are NaN where there were none."""
+        self.samples["setpoint"] = Samples(topic, stamps, setpoint_m)
+        given = np.isfinite(velocity_m_s[:, :2]).all(axis=1)
+        if given.any():
+            self.samples["setpoint_velocity"] = Samples(topic, stamps[given], np.nan_to_num(velocity_m_s[given]))
+
+
+def stamps_us(raw: NDArray[Any]) -> Stamps:
+    """Return stamps of any integer type as signed microseconds; what does not fit is far out of any range instead."""
+    if raw.dtype.kind not in "iu":
+        raise ValueError(f"stamps are {raw.dtype}, not integers")
+    return raw.astype(np.int64) if raw.dtype != np.uint64 else np.minimum(raw, STAMP_MAX_US).astype(np.int64)
+
+
+def vehicle_log(gathered: Gathered) -> VehicleLog:
+    """Return the log of what was gathered.
+
+    Raises LogError, naming topic and time, where time goes backwards or values are out of any plausible range.
+    """
+    origin_us = _origin_us(gathered)
+    faults: list[str] = []
+    series: dict[str, Series] = {}
+    for name, samples in gathered.samples.items():
+        made, found = _series(name, samples, origin_us, gathered.notes)
+        if made is not None:
+            series[name] = made
+        elif found and name in SUPPORTING:
+            gathered.notes.append(f"{name} left out: {found[0]}")
+            found = []
+        faults += found
+    stamps = [min(stamp_us, STAMP_MAX_US) for stamp_us, _ in gathered.modes]
+    faults += _clock_faults(gathered.mode_topic, np.array(stamps, dtype=np.int64), origin_us)
+    # A log without positions may still tell modes and texts.
+    faults += [] if faults else unit_faults(series)
+    if faults:
+        raise LogError([f"{gathered.path}: {fault}" for fault in faults[:FAULTS_MAX]])
+    return _assembled(gathered, series, origin_us)
+
+
+def _origin_us(gathered: Gathered) -> int:
+    if gathered.begin_us is not None:
+        return gathered.begin_us
+    first = [int(samples.stamps_us.min()) for samples in gathered.samples.values() if samples.stamps_us.size]
+    first += [stamp_us for stamp_us, _ in gathered.modes[:1]]
+    first += [stamp_us for stamp_us, _, _ in gathered.texts[:1]] if not first else []
+    return min(first, default=0)
+
+
+def _assembled(gathered: Gathered, series: Mapping[str, Series], origin_us: int) -> VehicleLog:
+    modes = [(_seconds(stamp_us, origin_us), name) for stamp_us, name in gathered.modes]
+    armed = [(_seconds(stamp_us, origin_us), state) for stamp_us, state in gathered.armed]
+    ends = [float(one.time_s[-1]) for one in series.values()] + [time_s for time_s, _ in modes]
+    end_s = max(ends, default=0.0)
+    texts = [Text(_seconds(stamp_us, origin_us), severity, text) for stamp_us, severity, text in gathered.texts]
+    if not series:
+        end_s = max([end_s, *(text.time_s for text in texts if text.time_s <= SECONDS_MAX)])
+    kept = tuple(text for text in texts if text.time_s <= min(end_s + 60.0, SECONDS_MAX))
+    if len(kept) < len(texts):
+        gathered.notes.append(f"{len(texts) - len(kept)} texts left out: stamped long after everything else")
+    return VehicleLog(
+        path=gathered.path,
+        format=gathered.format,
+        sha256=gathered.sha256,
+        autopilot=gathered.autopilot,
+        firmware=gathered.firmware,
+        system_id=gathered.system_id,
+        duration_s=end_s,
+        **series,
+        modes=tuple(ModeSegment(span, str(name), name in EXTERNAL) for span, name in _spans(modes, end_s)),
+        position_resets_s=tuple(
+            time_s for stamp_us in gathered.resets_us if 0.0 < (time_s := _seconds(stamp_us, origin_us)) <= end_s
+        ),
+        armed=tuple(span for span, is_armed in _spans(armed, end_s) if is_armed),
+        texts=kept,
+        parameters=MappingProxyType(dict(gathered.parameters)),
+        missing=tuple(gathered.missing),
+        notes=tuple(gathered.notes),
+    )
+
+
+def _spans(reports: Sequence[tuple[float, object]], end_s: float) -> list[tuple[Span, object]]:
+    return spans_of([time_s for time_s, _ in reports], [state for _, state in reports], end_s)
+
+
+def _seconds(stamp_us: int, origin_us: int) -> float:
+    return max(0.0, (stamp_us - origin_us) / US)
+
+
+def _series(name: str, samples: Samples, origin_us: int, notes: list[str]) -> tuple[Series | None, list[str]]:
+    """Return a series, or None and what is wrong with it; samples that cannot be used are left out and noted."""
+    faults = _clock_faults(samples.topic, samples.stamps_us, origin_us)
+    if faults:
+        return None, faults
+    stamps, values = samples.stamps_us, samples.values.astype(np.float64)
+    # Of two samples with one stamp, the later one was the truth from then on.
+    usable = np.append(np.diff(stamps) > 0, True)[: stamps.size] & (stamps >= origin_us)
+    if name not in NAN_TOLERATED:
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            notes.append(f"{samples.topic}: {int((~finite).sum())} of {finite.size} samples without a {name} left out")
+        usable &= finite
+    if not usable.any():
+        return None, []
+    time_s, values = (stamps[usable] - origin_us) / US, values[usable]
+    if faults := _range_faults(name, samples.topic, time_s, values):
+        return None, faults
+    return Series(samples.topic, COLUMNS[name], time_s, values), []
+
+
+def _clock_faults(topic: str, stamps: Stamps, origin_us: int) -> list[str]:
+    backwards = np.flatnonzero(np.diff(stamps) < 0)
+    if backwards.size:
+        before_s, after_s = ((int(stamps[backwards[0] + step]) - origin_us) / US for step in (0, 1))
+        return [f"{topic}: time goes backwards at {before_s:.6f} s, to {after_s:.6f} s"]
+    far = np.flatnonzero(stamps - origin_us > SECONDS_MAX * US)
+    if far.size:
+        return [
+            f"{topic}: sample {far[0]} is stamped {(int(stamps[far[0]]) - origin_us) / US:.6g} s after the log's begin"
+        ]
+    return []
+
+
+def _range_faults(name: str, topic: str, time_s: Vector, values: Vector) -> list[str]:
+    limit, unit = LIMITS[name]
+    beyond = np.argwhere((np.abs(values) > limit) & ~np.isnan(values))
+    if not beyond.size:
+        return []
+    row, column = beyond[0]
+    return [
+        f"{topic}: {COLUMNS[name][column]} = {values[row, column]:.6g} {unit} at {time_s[row]:.3f} s "
+        f"is beyond any plausible {name.replace('_', ' ')} ({limit:g} {unit}): other units, or a damaged log"
+    ]

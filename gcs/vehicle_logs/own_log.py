@@ -1,0 +1,102 @@
+"""Cordon's own log as everybody's: each vehicle's setpoints when they were sent, and its motion as it told."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.ports import FlightMode
+from agents.tape import Autopilot
+from estimation.frames import MissionFrame, Triple, up_from_ned
+from estimation.state import Telemetry, Vector
+from gcs.flightlog.reader import FlightLog, read_log
+from gcs.flightlog.records import Decision, Truth, Vehicle
+from gcs.flightlog.run import mission_of
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.vehicle_logs.gathered import (
+    US,
+    Gathered,
+    Samples,
+    Stamps,
+    vehicle_log,
+)
+from gcs.vehicle_logs.log_file import LogFile
+from gcs.vehicle_logs.mode_names import CORDON
+from gcs.vehicle_logs.vehicle_log import VehicleLog
+
+FORMAT = "log of cordon (.mcap)"
+DECISION, TELEMETRY, TRUTH, AUTOPILOT = "decision", "telemetry", "truth", "autopilot"
+
+
+def read_own_log(log: LogFile) -> tuple[VehicleLog, ...]:
+    """Return the log of each vehicle that was flown from here; raises LogError when it cannot be read."""
+    flight = read_log(log.path)
+    mission = mission_of(flight)
+    flown = [vehicle for vehicle in mission.vehicles if vehicle.id in flight.vehicles]
+    logs = [_vehicle(log, flight, mission, vehicle) for vehicle in flown]
+    return tuple(sorted(logs, key=lambda each: each.system_id))
+
+
+def _vehicle(log: LogFile, flight: FlightLog, mission: Mission, vehicle: MissionVehicle) -> VehicleLog:
+    facts = next(flight.of_kind(vehicle.id, Vehicle), None)
+    gathered = Gathered(
+        path=log.name,
+        format=FORMAT,
+        sha256=log.sha256,
+        autopilot=facts.autopilot if facts is not None else flight.run.source,
+        firmware=facts.firmware if facts is not None else "",
+        system_id=vehicle.system_id,
+        mode_topic=DECISION,
+        notes=list(flight.faults),
+    )
+    if facts is not None:
+        gathered.parameters.update({parameter.name: parameter.value for parameter in facts.parameters})
+    _gather_setpoints(gathered, flight, vehicle.id, mission.mission_frame())
+    _gather_motion(gathered, flight, vehicle.id, mission.mission_frame())
+    return vehicle_log(gathered)
+
+
+def _gather_setpoints(gathered: Gathered, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
+    """Take what was sent, and when it flew the vehicle: its autopilot's word counts, where it has one."""
+    sent: list[tuple[float, Triple]] = []
+    fed: list[tuple[float, Triple]] = []
+    mode = FlightMode.UNKNOWN
+    for record in flight.vehicles[vehicle_id]:
+        if record.kind is Autopilot:
+            mode = record.read(Autopilot).status.mode
+        elif record.kind is Decision:
+            decision = record.read(Decision)
+            flown = decision.setpoint is not None and mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
+            gathered.modes.append((_stamp(decision.time_s), CORDON if flown else mode.value))
+            if decision.setpoint is not None:
+                sent.append((decision.time_s, decision.setpoint.position_m))
+                if decision.setpoint.velocity_m_s:
+                    x, y, z = decision.setpoint.velocity_m_s
+                    fed.append((decision.time_s, (x, y, z)))
+    _gather(gathered, "setpoint", DECISION, sent, frame)
+    if fed:
+        _gather(gathered, "setpoint_velocity", DECISION, fed, frame)
+
+
+def _gather_motion(gathered: Gathered, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
+    told = list(flight.of_kind(vehicle_id, Telemetry))
+    _gather(gathered, "position", TELEMETRY, [(each.time_s, each.position_m) for each in told], frame)
+    _gather(gathered, "velocity", TELEMETRY, [(each.time_s, each.velocity_m_s) for each in told], frame)
+    true = list(flight.of_kind(vehicle_id, Truth))
+    if true:
+        _gather(gathered, "true_position", TRUTH, [(each.time_s, each.position_m) for each in true], frame)
+        _gather(gathered, "true_velocity", TRUTH, [(each.time_s, each.velocity_m_s) for each in true], frame)
+
+
+def _gather(
+    gathered: Gathered, name: str, topic: str, rows: Sequence[tuple[float, Triple]], frame: MissionFrame
+) -> None:
+    if not rows:
+        gathered.missing.append(topic)
+        return
+    stamps: Stamps = np.array([_stamp(time_s) for time_s, _ in rows], dtype=np.int64)
+    values: Vector = up_from_ned(np.array([frame.ned_from_mission(row) for _, row in rows]))
+    gathered.samples[name] = Samples(topic, stamps, values)
+
+
+def _stamp(time_s: float) -> int:
+    return round(time_s * US)

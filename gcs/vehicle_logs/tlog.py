@@ -1,0 +1,292 @@
+"""MAVLink telemetry logs (.tlog), as ground stations keep them: packets, each behind the time of its arrival.
+
+A vehicle's own series are timed by its own clock (`time_boot_ms`), which no link delays. Setpoints, modes and texts
+carry only the ground station's stamp: they are put on the vehicle's clock by what it said its time was at that stamp.
+So they come early by as long as the link took to bring that: tens of milliseconds, which is the link's share of the
+input delay that a ground station sees. Simulators that fly faster than the wall are read rightly, too.
+"""
+
+import re
+import struct
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from math import isfinite, nan
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from estimation.frames import up_from_ned
+from gcs.flightlog.log_error import LogError
+from gcs.vehicle_logs.gathered import (
+    Gathered,
+    Samples,
+    Stamps,
+    vehicle_log,
+)
+from gcs.vehicle_logs.log_file import LogFile
+from gcs.vehicle_logs.mode_names import copter_mode, px4_mode
+from gcs.vehicle_logs.packet_stamp import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US
+from gcs.vehicle_logs.vehicle_log import VehicleLog
+
+FORMAT = "MAVLink telemetry log (.tlog)"
+SET, ECHO, LOCAL = "SET_POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_LOCAL_NED", "LOCAL_POSITION_NED"
+READ = {
+    getattr(mavlink, f"MAVLINK_MSG_ID_{name}"): name
+    for name in (
+        *(SET, ECHO, LOCAL, "HEARTBEAT", "STATUSTEXT", "ATTITUDE", "BATTERY_STATUS", "SYS_STATUS"),
+        *("PARAM_VALUE", "AUTOPILOT_VERSION"),
+    )
+}
+_MAGIC = re.compile(b"[%s]" % re.escape(bytes(MAVLINK_MAGICS)))
+V2, SIGNED = 0xFD, 0x01
+BAD_BYTES_MAX = 1_000_000
+REORDERED_MAX_US = 500_000
+"""Packets that overtook one another by less than this are put in order; more is a clock that went back."""
+
+AUTOPILOT_COMPONENT = 1
+NO_AUTOPILOT = 8
+AUTOPILOTS = MappingProxyType({12: "px4", 3: "ardupilot"})
+ARMED = 128
+LOCAL_NED = 1
+VELOCITY_IGNORED = 0b111 << 3
+INTEGER_LAST = 6
+CELL_UNKNOWN = 65535
+
+Packet = tuple[int, Any]
+"""The ground station's stamp [us], and the message."""
+
+
+class _Packets:
+    """The packets of a file; what is none is passed over."""
+
+    def __init__(self, log: LogFile) -> None:
+        self._data = log.path.read_bytes()
+        self._parser = mavlink.MAVLink(None)
+        self.notes: list[str] = []
+
+    def __iter__(self) -> Iterator[Packet]:
+        data, end, at, bad = self._data, len(self._data), 0, 0
+        while at < end:
+            length = self._length(at)
+            if length and at + length > end:
+                break
+            message = self._message(at, length) if length else None
+            if message is None:
+                found = self._next(at + 1)
+                bad += found - at
+                if bad > BAD_BYTES_MAX:
+                    self.notes.append(f"too damaged to be read beyond byte {at}")
+                    return
+                at = found
+                continue
+            if message is not True:
+                yield int.from_bytes(data[at : at + STAMP_BYTES], "big"), message
+            at += length
+        if at < end:
+            self.notes.append(f"ends in the middle of a record at byte {at}")
+        if bad:
+            self.notes.append(f"damaged: {bad} bytes were passed over")
+
+    def _length(self, at: int) -> int:
+        """Return how long the packet is that may begin here, with its stamp; 0 if none can."""
+        head = self._data[at : at + STAMP_BYTES + 3]
+        if len(head) < STAMP_BYTES + 3:
+            return len(head) + 1  # beyond the end
+        if head[STAMP_BYTES] not in MAVLINK_MAGICS or int.from_bytes(head[:STAMP_BYTES], "big") not in STAMPS_US:
+            return 0
+        if head[STAMP_BYTES] != V2:
+            return STAMP_BYTES + 6 + head[STAMP_BYTES + 1] + 2
+        return STAMP_BYTES + 10 + head[STAMP_BYTES + 1] + 2 + (13 if head[STAMP_BYTES + 2] & SIGNED else 0)
+
+    def _message(self, at: int, length: int) -> Any:
+        """Return a message that is read, True for one that is not, None for none."""
+        packet = self._data[at + STAMP_BYTES : at + length]
+        kind = int.from_bytes(packet[7:10], "little") if packet[0] == V2 else packet[5]
+        if kind not in READ:
+            return True
+        try:
+            return self._parser.decode(bytearray(packet))
+        except mavlink.MAVError:
+            return None
+
+    def _next(self, start: int) -> int:
+        """Return where the next packet may begin; the end if nowhere."""
+        found = _MAGIC.search(self._data, start + STAMP_BYTES)
+        return found.start() - STAMP_BYTES if found else len(self._data)
+
+
+class _Vehicle:
+    """What one system sent, by kind of message."""
+
+    def __init__(self) -> None:
+        self.packets: defaultdict[str, list[Packet]] = defaultdict(list)
+        self.autopilot = NO_AUTOPILOT
+
+
+def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
+    """Return each vehicle's log, by ascending system id; raises LogError when it cannot be read as one."""
+    vehicles: defaultdict[int, _Vehicle] = defaultdict(_Vehicle)
+    asked: defaultdict[int, list[Packet]] = defaultdict(list)
+    packets = _Packets(log)
+    for stamp_us, message in packets:
+        kind = message.get_type()
+        if kind == SET:
+            asked[message.target_system].append((stamp_us, message))
+        elif message.get_srcComponent() == AUTOPILOT_COMPONENT:
+            vehicle = vehicles[message.get_srcSystem()]
+            vehicle.packets[kind].append((stamp_us, message))
+            if kind == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT:
+                vehicle.autopilot = message.autopilot
+    flown = {system: one for system, one in sorted(vehicles.items()) if one.autopilot != NO_AUTOPILOT}
+    if not flown:
+        raise LogError(["; ".join((f"{log.name}: no autopilot's HEARTBEAT in it", *packets.notes))])
+    for system, one in flown.items():
+        one.packets[SET] = sorted(asked[system] + asked[0], key=lambda packet: packet[0])
+    return tuple(_read(log, system, one, packets.notes) for system, one in flown.items())
+
+
+def _read(log: LogFile, system_id: int, vehicle: _Vehicle, notes: Sequence[str]) -> VehicleLog:
+    gathered = Gathered(
+        path=log.name,
+        format=FORMAT,
+        sha256=log.sha256,
+        autopilot=AUTOPILOTS.get(vehicle.autopilot, f"autopilot {vehicle.autopilot}"),
+        system_id=system_id,
+        notes=list(notes),
+    )
+    clock = _clock(gathered, vehicle)
+    _gather_motion(gathered, vehicle)
+    _gather_setpoints(gathered, vehicle, clock)
+    _gather_battery(gathered, vehicle, clock)
+    _gather_status(gathered, vehicle, clock)
+    for _, message in vehicle.packets["PARAM_VALUE"]:
+        if (value := _parameter(vehicle.autopilot, message)) is not None:
+            gathered.parameters[message.param_id] = value
+    for _, message in vehicle.packets["AUTOPILOT_VERSION"]:
+        number = message.flight_sw_version
+        gathered.firmware = f"v{number >> 24 & 255}.{number >> 16 & 255}.{number >> 8 & 255}"
+    return vehicle_log(gathered)
+
+
+Clock = Callable[[Stamps], Stamps]
+
+
+def _boot_us(packets: Sequence[Packet]) -> Stamps:
+    return np.array([1000 * message.time_boot_ms for _, message in packets], dtype=np.int64)
+
+
+def _clock(gathered: Gathered, vehicle: _Vehicle) -> Clock:
+    """Return what turns the ground station's stamps into the vehicle's time [us]."""
+    told = [packet for kind in (LOCAL, "ATTITUDE", ECHO) for packet in vehicle.packets[kind]]
+    if not told:
+        gathered.notes.append("the vehicle never told its time: all times are of the packets' arrival")
+        return lambda stamps: stamps
+    stamps = np.array([stamp_us for stamp_us, _ in told], dtype=np.int64)
+    order = np.argsort(stamps, kind="stable")
+    arrived, boot = stamps[order], np.maximum.accumulate(_boot_us(told)[order])
+
+    def vehicle_us(at: Stamps) -> Stamps:
+        # Relative to the first stamp: microseconds since 1970 fill a float to its last bits.
+        inside = np.interp((at - arrived[0]).astype(np.float64), (arrived - arrived[0]).astype(np.float64), boot)
+        beyond = np.minimum(at - arrived[0], 0) + np.maximum(at - arrived[-1], 0)
+        mapped: Stamps = np.rint(inside).astype(np.int64) + beyond
+        return mapped
+
+    return vehicle_us
+
+
+def _stamps(packets: Sequence[Packet]) -> Stamps:
+    return np.array([stamp_us for stamp_us, _ in packets], dtype=np.int64)
+
+
+def _in_order(gathered: Gathered, topic: str, stamps: Stamps, values: NDArray[np.float64]) -> Samples:
+    """Return samples with those in order that only overtook one another on the way."""
+    behind = np.maximum.accumulate(stamps) - stamps
+    late = int((behind > 0).sum())
+    if late and behind.max() <= REORDERED_MAX_US:
+        gathered.notes.append(f"{topic}: {late} packets came out of order, and were put in order")
+        order = np.argsort(stamps, kind="stable")
+        stamps, values = stamps[order], values[order]
+    return Samples(topic, stamps, values)
+
+
+def _gather_motion(gathered: Gathered, vehicle: _Vehicle) -> None:
+    if packets := vehicle.packets[LOCAL]:
+        rows = np.array([(m.x, m.y, m.z, m.vx, m.vy, m.vz) for _, m in packets], dtype=np.float64)
+        for name, columns in (("position", slice(0, 3)), ("velocity", slice(3, 6))):
+            values = up_from_ned(rows[:, columns])
+            gathered.samples[name] = _in_order(gathered, LOCAL, _boot_us(packets), values)
+    else:
+        gathered.missing.append(LOCAL)
+    if packets := vehicle.packets["ATTITUDE"]:
+        values = up_from_ned(np.array([(m.roll, m.pitch, m.yaw) for _, m in packets], dtype=np.float64))
+        gathered.samples["attitude"] = _in_order(gathered, "ATTITUDE", _boot_us(packets), values)
+
+
+def _gather_setpoints(gathered: Gathered, vehicle: _Vehicle, clock: Clock) -> None:
+    """Take what was asked of the vehicle; where no ground station logged that, what the vehicle says it aims at."""
+    topic = SET if vehicle.packets[SET] else ECHO
+    local = [packet for packet in vehicle.packets[topic] if packet[1].coordinate_frame == LOCAL_NED]
+    if others := len(vehicle.packets[topic]) - len(local):
+        gathered.notes.append(f"{topic}: {others} setpoints in other frames than the local one left out")
+    if not local:
+        gathered.missing.append(f"{SET} or {ECHO}")
+        return
+    rows = [[nan if m.type_mask >> axis & 1 else (m.x, m.y, m.z)[axis] for axis in range(3)] for _, m in local]
+    # What the vehicle aims at has the velocity that its position controller adds.
+    told = [(m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local]
+    stamps = clock(_stamps(local)) if topic == SET else _boot_us(local)
+    if topic == ECHO:
+        gathered.notes.append(f"setpoints are the vehicle's own {ECHO}: shaped, where its autopilot shapes them")
+    values = up_from_ned(np.array(rows, dtype=np.float64))
+    rates = up_from_ned(np.array(told, dtype=np.float64))
+    ordered = _in_order(gathered, topic, stamps, np.hstack((values, rates)))
+    gathered.ask(topic, ordered.stamps_us, ordered.values[:, :3], ordered.values[:, 3:])
+
+
+def _gather_battery(gathered: Gathered, vehicle: _Vehicle, clock: Clock) -> None:
+    """Take the first battery's report, or what the system's status says of it."""
+    first = [packet for packet in vehicle.packets["BATTERY_STATUS"] if packet[1].id == 0]
+    topic, packets = ("BATTERY_STATUS", first) if first else ("SYS_STATUS", vehicle.packets["SYS_STATUS"])
+    if not packets:
+        return
+    rows = []
+    for _, m in packets:
+        cells = [cell for cell in m.voltages if cell != CELL_UNKNOWN] if first else [m.voltage_battery]
+        known = cells and cells != [CELL_UNKNOWN]
+        ampere = m.current_battery / 100.0 if m.current_battery >= 0 else nan
+        left = m.battery_remaining / 100.0 if m.battery_remaining >= 0 else nan
+        rows.append((sum(cells) / 1000.0 if known else nan, ampere, left))
+    values = np.array(rows, dtype=np.float64)
+    gathered.samples["battery"] = _in_order(gathered, topic, clock(_stamps(packets)), values)
+
+
+def _gather_status(gathered: Gathered, vehicle: _Vehicle, clock: Clock) -> None:
+    gathered.mode_topic = "HEARTBEAT"
+    beats = [packet for packet in vehicle.packets["HEARTBEAT"] if packet[1].autopilot != NO_AUTOPILOT]
+    for stamp_us, (_, m) in zip(clock(_stamps(beats)).tolist(), beats, strict=True):
+        name = px4_mode(m.custom_mode) if gathered.autopilot == "px4" else copter_mode(m.custom_mode)
+        gathered.modes.append((stamp_us, name))
+        gathered.armed.append((stamp_us, bool(m.base_mode & ARMED)))
+    texts = vehicle.packets["STATUSTEXT"]
+    parts: dict[int, int] = {}
+    for stamp_us, (_, m) in zip(clock(_stamps(texts)).tolist(), texts, strict=True):
+        if m.id and m.chunk_seq and m.id in parts:
+            begun = gathered.texts[parts[m.id]]
+            gathered.texts[parts[m.id]] = (*begun[:2], begun[2] + m.text)
+            continue
+        parts[m.id] = len(gathered.texts)
+        gathered.texts.append((stamp_us, m.severity if 0 <= m.severity <= 7 else None, m.text))
+
+
+def _parameter(autopilot: int, message: Any) -> int | float | None:
+    """Return a parameter's value; None where it is none. PX4 sends integers as a float's bytes, ArduPilot as floats.
+
+    The bytes matter: those of -1 are a float's NaN.
+    """
+    if AUTOPILOTS.get(autopilot) == "px4" and message.param_type <= INTEGER_LAST:
+        return int(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
+    return float(message.param_value) if isfinite(message.param_value) else None

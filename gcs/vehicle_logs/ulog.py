@@ -1,0 +1,277 @@
+"""PX4's own log (.ulg), read through pyulog.
+
+Damage is met as pyulog does: a record that makes no sense is passed over, and the rest is read.
+"""
+
+import re
+from collections.abc import Sequence
+from io import BufferedReader, FileIO
+from typing import Any
+
+import numpy as np
+from pyulog import ULog
+
+from estimation.frames import (
+    Geodetic,
+    MissionFrame,
+    euler_from_quaternion_rad,
+    up_from_ned,
+)
+from estimation.state import Vector
+from gcs.flightlog.log_error import LogError
+from gcs.vehicle_logs.gathered import (
+    US,
+    Gathered,
+    Samples,
+    Stamps,
+    stamps_us,
+    vehicle_log,
+)
+from gcs.vehicle_logs.log_file import LogFile
+from gcs.vehicle_logs.mode_names import px4_state
+from gcs.vehicle_logs.vehicle_log import VehicleLog
+
+FORMAT = "PX4 log (.ulg)"
+SETPOINT, LOCAL, TRUTH = "trajectory_setpoint", "vehicle_local_position", "vehicle_local_position_groundtruth"
+ATTITUDE, BATTERY, STATUS = "vehicle_attitude", "battery_status", "vehicle_status"
+TOPICS = (SETPOINT, LOCAL, TRUTH, ATTITUDE, BATTERY, STATUS)
+ARMED = 2
+HEADER_BYTES = 3
+READ_AGAIN_MAX, READ_BYTES_MIN = 16, 1 << 24
+"""So many times a log's bytes may be read, and a small one's so many bytes."""
+BYTES_A_READ_MIN, READS_MIN = 16, 200_000
+"""A sound log has more bytes than these for each time it is read from; zeros are read one by one."""
+
+FIELDS_MAX = 200_000
+"""All topics' fields together: a log of PX4 has a tenth of them. A few bytes of formats can claim billions."""
+DEPTH_MAX = 16
+
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+
+Columns = dict[str, Any]
+
+
+def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
+    """Return the one vehicle's log; raises LogError when it cannot be read as one."""
+    with _Followed(log) as file:
+        ulog = _parsed(log, file)
+        told = file.told(ulog.file_corruption)
+    topics: dict[str, Columns] = {}
+    for data in ulog.data_list:  # sorted by instance: of several, the first is what the vehicle flies by
+        topics.setdefault(data.name, data.data)
+    gathered = Gathered(
+        path=log.name,
+        format=FORMAT,
+        sha256=log.sha256,
+        autopilot="px4",
+        firmware=_firmware(ulog),
+        begin_us=min(int(ulog.start_timestamp), 2**62),
+        notes=told,
+    )
+    _gather_motion(gathered, topics)
+    _gather_battery(gathered, topics)
+    _gather_status(gathered, topics)
+    _gather_texts(gathered, ulog)
+    gathered.parameters.update(_parameters(ulog))
+    gathered.system_id = _system_id(topics, gathered)
+    if not gathered.samples and not gathered.modes:
+        raise LogError([f"{log.name}: holds none of the topics {', '.join(TOPICS)}"])
+    return (vehicle_log(gathered),)
+
+
+class _Followed(BufferedReader):
+    """The file as pyulog reads it: it tells nobody where it stopped, or that the last record was not whole.
+
+    Searching for the next record in damaged bytes it may read them again and again, and beyond the end without end:
+    for it, a file ends where that has become too much.
+    """
+
+    def __init__(self, log: LogFile) -> None:
+        super().__init__(FileIO(str(log.path)))
+        self._size_bytes = log.size_bytes
+        self._reached = 0
+        self._cut_at: int | None = None
+        self._left_bytes = READ_AGAIN_MAX * log.size_bytes + READ_BYTES_MIN
+        self._left_reads = log.size_bytes // BYTES_A_READ_MIN + READS_MIN
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        begin = self.tell()
+        if self._exhausted():
+            self._reached = self._reached or begin
+            return b""
+        data = super().read(size)
+        self._left_bytes -= len(data)
+        self._left_reads -= 1
+        # A record is read in two steps: three bytes of header, then what it announces. None at all is a clean end.
+        if size and len(data) < size and (data or size != HEADER_BYTES):
+            self._cut_at = begin if size == HEADER_BYTES else begin - HEADER_BYTES
+        elif data:
+            self._cut_at = None
+        return data
+
+    def _exhausted(self) -> bool:
+        return self._left_bytes < 0 or self._left_reads < 0
+
+    def close(self) -> None:
+        """Remember how far the reader came."""
+        if not self.closed and not self._exhausted():
+            self._reached = self.tell()
+        super().close()
+
+    def told(self, corrupt: bool) -> list[str]:
+        """Return what is to be told of the file's state."""
+        notes = []
+        if self._exhausted():
+            notes.append(f"too damaged to be read beyond byte {self._reached} of {self._size_bytes}")
+        elif self._cut_at is not None and self._reached >= self._size_bytes:
+            notes.append(f"ends in the middle of a record at byte {self._cut_at}")
+        elif self._reached < self._size_bytes:
+            notes.append(f"cannot be read beyond byte {self._reached} of {self._size_bytes}")
+        if corrupt:
+            notes.append("damaged: what could not be understood was passed over")
+        return notes
+
+
+def _parsed(log: LogFile, file: _Followed) -> Any:
+    """Return what pyulog made of the file; it raises and prints all sorts of things."""
+    budget = [FIELDS_MAX]
+
+    class Bounded(ULog._MessageAddLogged):  # type: ignore[misc]
+        """A subscription whose format cannot claim more fields than any log has."""
+
+        def _parse_nested_type(self, prefix_str: str, type_name: str, message_formats: Any) -> None:
+            fields = message_formats[type_name].fields
+            budget[0] -= 1 + sum(max(1, array_size) for _, array_size, _ in fields)
+            if budget[0] < 0 or prefix_str.count(".") > DEPTH_MAX:
+                raise LogError([f"{log.name}: its formats claim more fields than a log of PX4 can have"])
+            super()._parse_nested_type(prefix_str, type_name, message_formats)
+
+    class BoundedLog(ULog):  # type: ignore[misc]
+        _MessageAddLogged = Bounded
+
+    try:
+        return BoundedLog(file, list(TOPICS))
+    except LogError:
+        raise
+    except Exception as error:
+        told = str(error) or type(error).__name__
+        raise LogError([f"{log.name}: cannot be read as a {FORMAT}, its beginning is damaged ({told})"]) from error
+
+
+def _columns(log: str, topic: str, data: Columns, names: Sequence[str]) -> Vector:
+    lacking = [name for name in names if name not in data]
+    if lacking:
+        raise LogError([f"{log}: {topic} has no {', '.join(lacking)}"])
+    return np.column_stack([np.asarray(data[name], dtype=np.float64) for name in names])
+
+
+def _stamps(log: str, topic: str, data: Columns) -> Stamps:
+    try:
+        return stamps_us(data["timestamp"])
+    except (KeyError, ValueError):
+        raise LogError([f"{log}: {topic} has no timestamp"]) from None
+
+
+def _gather_motion(gathered: Gathered, topics: dict[str, Columns]) -> None:
+    log = gathered.path
+    if (data := topics.get(SETPOINT)) is not None:
+        names = ("x", "y", "z", "vx", "vy", "vz")
+        if "position[0]" in data:
+            names = ("position[0]", "position[1]", "position[2]", "velocity[0]", "velocity[1]", "velocity[2]")
+        places, rates = (up_from_ned(_columns(log, SETPOINT, data, three)) for three in (names[:3], names[3:]))
+        gathered.ask(SETPOINT, _stamps(log, SETPOINT, data), places, rates)
+    else:
+        gathered.missing.append(SETPOINT)
+    if (data := topics.get(LOCAL)) is not None:
+        stamps = _stamps(log, LOCAL, data)
+        for name, fields, flags in (
+            ("position", ("x", "y", "z"), ("xy_valid", "z_valid")),
+            ("velocity", ("vx", "vy", "vz"), ("v_xy_valid", "v_z_valid")),
+        ):
+            values = up_from_ned(_columns(log, LOCAL, data, fields))
+            values[_columns(log, LOCAL, data, flags).min(axis=1) < 1.0] = np.nan
+            gathered.samples[name] = Samples(LOCAL, stamps, values)
+        resets = _columns(log, LOCAL, data, ("xy_reset_counter", "z_reset_counter"))
+        gathered.resets_us += stamps[1:][(np.diff(resets, axis=0) != 0.0).any(axis=1)].tolist()
+    else:
+        gathered.missing.append(LOCAL)
+    if (data := topics.get(TRUTH)) is not None:
+        stamps = _stamps(log, TRUTH, data)
+        shift_m = _origin_of_truth_m(gathered, data, topics.get(LOCAL))
+        position = up_from_ned(_columns(log, TRUTH, data, ("x", "y", "z")) + shift_m)
+        gathered.samples["true_position"] = Samples(TRUTH, stamps, position)
+        velocity = up_from_ned(_columns(log, TRUTH, data, ("vx", "vy", "vz")))
+        gathered.samples["true_velocity"] = Samples(TRUTH, stamps, velocity)
+    if (data := topics.get(ATTITUDE)) is not None:
+        quaternions = _columns(log, ATTITUDE, data, ("q[0]", "q[1]", "q[2]", "q[3]"))
+        values = up_from_ned(euler_from_quaternion_rad(quaternions))
+        gathered.samples["attitude"] = Samples(ATTITUDE, _stamps(log, ATTITUDE, data), values)
+
+
+def _origin_of_truth_m(gathered: Gathered, truth: Columns, local: Columns | None) -> Vector:
+    """Return where the simulator's local origin lies in the estimator's local NED [m]; the two are not the same."""
+    simulator = _origin(gathered.path, TRUTH, truth)
+    estimator = _origin(gathered.path, LOCAL, local) if local is not None else None
+    if simulator is None or estimator is None:
+        gathered.notes.append(f"{TRUTH} is about the simulator's own origin: where that lies is not in the log")
+        return np.zeros(3)
+    place = np.array([(simulator.latitude_deg, simulator.longitude_deg, simulator.altitude_m)])
+    return MissionFrame(estimator).ned_from_geodetics(*place.T).reshape(3)
+
+
+def _origin(log: str, topic: str, data: Columns) -> Geodetic | None:
+    """Return the last origin of a local frame that a topic tells."""
+    told = _columns(log, topic, data, ("ref_lat", "ref_lon", "ref_alt"))
+    told = told[np.isfinite(told).all(axis=1)]
+    at_s = float(data["timestamp"][-1]) / US if "timestamp" in data else 0.0
+    try:
+        return Geodetic(*told[-1].tolist()) if told.size else None
+    except ValueError as error:
+        raise LogError([f"{log}: {topic} at {at_s:.3f} s since boot: its origin, {error}: other units"]) from None
+
+
+def _gather_battery(gathered: Gathered, topics: dict[str, Columns]) -> None:
+    if (data := topics.get(BATTERY)) is None:
+        return
+    values = _columns(gathered.path, BATTERY, data, ("voltage_v", "current_a", "remaining"))
+    values[:, 1:][values[:, 1:] < 0.0] = np.nan  # how PX4 says that it does not know
+    gathered.samples["battery"] = Samples(BATTERY, _stamps(gathered.path, BATTERY, data), values)
+
+
+def _gather_status(gathered: Gathered, topics: dict[str, Columns]) -> None:
+    gathered.mode_topic = STATUS
+    if (data := topics.get(STATUS)) is None:
+        gathered.missing.append(STATUS)
+        return
+    stamps = _stamps(gathered.path, STATUS, data).tolist()
+    states = _columns(gathered.path, STATUS, data, ("nav_state", "arming_state")).tolist()
+    gathered.modes += [(stamp, px4_state(int(state))) for stamp, (state, _) in zip(stamps, states, strict=True)]
+    gathered.armed += [(stamp, arming == ARMED) for stamp, (_, arming) in zip(stamps, states, strict=True)]
+
+
+def _gather_texts(gathered: Gathered, ulog: Any) -> None:
+    tagged = [message for messages in ulog.logged_messages_tagged.values() for message in messages]
+    for message in sorted([*ulog.logged_messages, *tagged], key=lambda message: int(message.timestamp)):
+        severity = message.log_level - ord("0")
+        text = _COLOURS.sub("", message.message).strip()
+        gathered.texts.append((int(message.timestamp), severity if 0 <= severity <= 7 else None, text))
+    dropouts = ulog.dropouts
+    if dropouts:
+        lost_s = sum(dropout.duration for dropout in dropouts) / 1e3
+        gathered.notes.append(f"the logger dropped out {len(dropouts)} times, {lost_s:.2f} s in all")
+
+
+def _parameters(ulog: Any) -> dict[str, int | float]:
+    changed = {name: value for _, name, value in ulog.changed_parameters}
+    named = {**ulog.initial_parameters, **changed}
+    return {name: value for name, value in named.items() if isinstance(value, int | float)}
+
+
+def _system_id(topics: dict[str, Columns], gathered: Gathered) -> int:
+    told = topics.get(STATUS, {}).get("system_id")
+    return int(told[-1]) if told is not None else int(gathered.parameters.get("MAV_SYS_ID", 0))
+
+
+def _firmware(ulog: Any) -> str:
+    release, commit = ulog.get_version_info_str(), str(ulog.msg_info_dict.get("ver_sw", ""))[:8]
+    return " ".join(part for part in (release, commit) if part)

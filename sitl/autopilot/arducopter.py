@@ -1,0 +1,122 @@
+"""A stub autopilot with ArduCopter's manners: GUIDED flies take-off and setpoints alike, and forgets no position.
+
+What differs from PX4's: a mode is chosen, not intended, and stays after disarming; no stream of setpoints is needed,
+and its end is no failsafe; a position that came with a velocity moves on with it until the next one comes, for three
+seconds at most; take-off is an order to a vehicle armed in GUIDED; landing disarms at once. GUIDED is
+`NavMode.OFFBOARD` here, BRAKE is HOLD, LOITER is POSITION.
+"""
+
+from dataclasses import replace
+from math import inf
+
+from estimation.frames import Triple
+from estimation.plant.model import Plant
+from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.guidance import PositionTarget
+from sitl.autopilot.modes import Conditions, NavMode
+from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
+from sitl.autopilot.px4 import Autopilot, Verdict
+from sitl.vehicle.shaping import ShapeLimits
+
+CM = 0.01
+GUIDED_TIMEOUT_S = 3.0
+"""GUID_TIMEOUT: velocities that are older are taken as none."""
+PREVENTS_ARMING = frozenset({NavMode.HOLD, NavMode.LAND, NavMode.RETURN})
+
+
+class ArduCopter(Autopilot):
+    """One vehicle: commands in, motion and status out."""
+
+    ARMED_TEXT = "Arming motors"
+    DISARMED_TEXT = "Disarming motors"
+    TAKE_OFF_TEXT = LANDING_TEXT = LAND_TEXT = MODE_REFUSED_TEXT = None
+
+    def __init__(
+        self,
+        plant: Plant,
+        start_m: Triple = (0.0, 0.0, 0.0),
+        *,
+        parameters: Parameters | None = None,
+        battery_fraction: float = 1.0,
+        endurance_s: float = 1800.0,
+        gps: bool = True,
+        localised: bool = True,
+    ) -> None:
+        """Boot on the ground at `start_m`, disarmed, in STABILIZE; the limits of horizontal motion are read once."""
+        parameters = parameters or Parameters(ARDUCOPTER_TABLE)
+        shape = ShapeLimits(
+            parameters["WPNAV_SPEED"] * CM, parameters["WPNAV_ACCEL"] * CM, float(parameters["PSC_JERK_XY"])
+        )
+        self._feeds = plant.feedforward > 0.0
+        super().__init__(
+            plant,
+            start_m,
+            parameters=parameters,
+            battery_fraction=battery_fraction,
+            endurance_s=endurance_s,
+            mode=NavMode.STABILIZED,
+            shape=shape,
+            gps=gps,
+            localised=localised,
+        )
+
+    @property
+    def conditions(self) -> Conditions:
+        """What the flight modes may count on now: GUIDED waits for nobody, and a local position does for all."""
+        return Conditions(estimator_ready=self.estimator_ready, setpoints_flow=True)
+
+    @property
+    def armable(self) -> bool:
+        """Whether the pre-arm checks pass: whatever the mode, which is looked at on arming."""
+        return self.estimator_ready
+
+    def take_off(self, altitude_m: float | None = None) -> Verdict:
+        """Take off to a mission altitude: armed, in GUIDED, from the ground, and nowhere else; there is no default."""
+        if altitude_m is None or not (self.armed and self.landed and self.mode is NavMode.OFFBOARD):
+            return Verdict.REJECTED
+        x, y, _ = self.airframe.position_m
+        self._applied = PositionTarget((x, y, altitude_m))
+        return Verdict.ACCEPTED
+
+    def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
+        """Take a setpoint that arrived at `time_s`; outside GUIDED, and on the ground, it is passed over."""
+        if self.mode is NavMode.OFFBOARD and not self.landed:
+            super().receive_setpoint(time_s, target)
+
+    def _apply_due_setpoints(self) -> None:
+        super()._apply_due_setpoints()
+        flown = self._applied
+        if not self._feeds or flown is None or not flown.velocity_m_s:
+            return
+        if self.time_s - self._heard_s > GUIDED_TIMEOUT_S:
+            self._applied = replace(flown, velocity_m_s=())
+        else:
+            x, y, z = (place + rate * STEP_S for place, rate in zip(flown.position_m, flown.velocity_m_s, strict=True))
+            self._applied = replace(flown, position_m=(x, y, z))
+
+    def _arming_fault(self) -> str | None:
+        if not self.armable:
+            return "PreArm: Need Position Estimate"
+        return "Arm: mode not armable" if self.mode in PREVENTS_ARMING else None
+
+    def _flown(self) -> NavMode:
+        return self._intention.mode
+
+    def _fence_action(self) -> int:
+        """Play no fence: its own has other parameters."""
+        return 0
+
+    def _on_mode_change(self) -> None:
+        """Forget the setpoints: GUIDED begins with staying here."""
+        self._pending.clear()
+        self._applied = None
+
+    def _on_disarmed(self) -> None:
+        """Stay in the mode, without a setpoint that the next arming would fly off to."""
+        self._on_mode_change()
+
+    def _disarm_after_s(self, *, flown: bool) -> float:
+        """Return how long it idles on the ground, armed; landed as told to, not at all; a delay of 0 is for ever."""
+        if flown and self.mode in (NavMode.LAND, NavMode.RETURN):
+            return 0.0
+        return self.parameters["DISARM_DELAY"] or inf

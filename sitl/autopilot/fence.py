@@ -1,0 +1,93 @@
+"""PX4's geofence: zones to stay inside of or out of, the distance from home, and which mode a breach flies.
+
+Mission frame, metres.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import hypot, isfinite
+
+from estimation.frames import Geodetic, MissionFrame, Triple
+from sitl.autopilot.modes import NavMode
+from sitl.autopilot.parameters import Parameters
+from sitl.mavlink_constants import Fields
+
+INCLUSION_POLYGON, EXCLUSION_POLYGON, INCLUSION_CIRCLE, EXCLUSION_CIRCLE = 5001, 5002, 5003, 5004
+"""MAV_CMD_NAV_FENCE_*: a polygon takes one item per corner, with their number in the first parameter."""
+CORNERS_LEAST = 3
+DEG_E7 = 1e7
+
+BREACH_MODES = {2: NavMode.HOLD, 3: NavMode.RETURN, 5: NavMode.LAND}
+"""GF_ACTION -> the mode that a breach flies; the others warn at most, or stop motors, which the stub does not play."""
+WARNS = 1
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """An area to stay inside of, or out of: a polygon, or a circle around its only corner."""
+
+    stay_inside: bool
+    corners_m: tuple[Place, ...]
+    radius_m: float = 0.0
+
+    def allows(self, place_m: Place) -> bool:
+        """Say whether a place obeys this zone."""
+        return self._contains(place_m) is self.stay_inside
+
+    def _contains(self, place_m: Place) -> bool:
+        x, y = place_m
+        if len(self.corners_m) == 1:
+            (x0, y0), *_ = self.corners_m
+            return hypot(x - x0, y - y0) <= self.radius_m
+        # A ray to the right crosses the outline an odd number of times.
+        crossed = (
+            (y0 > y) is not (y1 > y) and x < x0 + (x1 - x0) * (y - y0) / (y1 - y0)
+            for (x0, y0), (x1, y1) in pairwise((*self.corners_m, self.corners_m[0]))
+        )
+        return sum(crossed) % 2 == 1
+
+
+def zones_of(items: Sequence[Fields], frame: MissionFrame) -> tuple[Zone, ...]:
+    """Return the zones of a fence plan (see `Plans.items`); what makes no zone is left out."""
+    return tuple(_zones(list(items), frame))
+
+
+def _zones(items: list[Fields], frame: MissionFrame) -> Iterator[Zone]:
+    while items:
+        _, command, _, _, size, *_ = items[0]
+        polygon = command in (INCLUSION_POLYGON, EXCLUSION_POLYGON)
+        count = int(size) if polygon and isfinite(size) and size >= CORNERS_LEAST else 1
+        group, items = items[:count], items[count:]
+        try:
+            corners = tuple(_place_m(item, frame) for item in group)
+        except ValueError:  # no place on the globe, or a frame that lies nowhere on it
+            continue
+        inside = command in (INCLUSION_POLYGON, INCLUSION_CIRCLE)
+        if polygon and len(corners) == count >= CORNERS_LEAST:
+            yield Zone(inside, corners)
+        elif command in (INCLUSION_CIRCLE, EXCLUSION_CIRCLE) and isfinite(size):
+            yield Zone(inside, corners, size)
+
+
+def _place_m(item: Fields, frame: MissionFrame) -> Place:
+    altitude_m = 0.0 if frame.origin is None else frame.origin.altitude_m
+    x, y, _ = frame.mission_from_geodetic(Geodetic(item[8] / DEG_E7, item[9] / DEG_E7, altitude_m))
+    return x, y
+
+
+def breach(zones: Sequence[Zone], parameters: Parameters, position_m: Triple, home_m: Triple) -> str | None:
+    """Return what PX4 says to a breach, or None where there is none; it has to be inside of one inclusion zone."""
+    across_m, up_m = parameters["GF_MAX_HOR_DIST"], parameters["GF_MAX_VER_DIST"]
+    x, y, z = position_m
+    if 0.0 < across_m < hypot(x - home_m[0], y - home_m[1]):
+        return "Geofence: exceeding maximum distance to Home"
+    if 0.0 < up_m < z - home_m[2]:
+        return "Geofence: exceeding maximum altitude above Home"
+    inclusions = [zone.allows((x, y)) for zone in zones if zone.stay_inside]
+    kept_out = all(zone.allows((x, y)) for zone in zones if not zone.stay_inside)
+    if kept_out and (any(inclusions) or not inclusions):
+        return None
+    return "Geofence: approaching or outside geofence"

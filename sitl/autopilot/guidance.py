@@ -1,0 +1,134 @@
+"""Where each flight mode wants the vehicle: hold points, take-off, descent, return, the followed setpoint.
+
+Mission frame, metres, seconds; headings clockwise from north.
+"""
+
+from dataclasses import dataclass
+from math import hypot, inf, isfinite
+
+from estimation.frames import Triple
+from sitl.autopilot.airframe import STEP_S, Airframe, Target
+from sitl.autopilot.modes import NEEDS_STICKS, NavMode
+from sitl.autopilot.parameters import FlightLimits, Parameters
+
+HOVER_THRUST_S = 1.0
+"""From spooled-up motors to lift-off, while the thrust ramps up."""
+LIFT_OFF_MARGIN_M = 0.2
+"""A target less than this above the ground leaves the vehicle standing."""
+CRAWL_BELOW_M = 1.0
+DESCENT_LEAD_M = 10.0
+"""A descent aims this far below, so that the speed limit rules and the ground is pressed on."""
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTarget:
+    """A received setpoint: mission position, heading (None keeps the present one), and velocity, empty if none.
+
+    Raises ValueError when a number is not finite.
+    """
+
+    position_m: Triple
+    heading_rad: float | None = None
+    velocity_m_s: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse NaN and infinity."""
+        if not all(map(isfinite, (*self.position_m, self.heading_rad or 0.0, *self.velocity_m_s))):
+            raise ValueError(f"setpoint {self.position_m}, {self.heading_rad}, {self.velocity_m_s} is not finite")
+
+
+class Guidance:
+    """Turns a flight mode into a target for the airframe, step by step."""
+
+    def __init__(self, parameters: Parameters, airframe: Airframe) -> None:
+        """Hold where the airframe stands, which is also home."""
+        self._parameters = parameters
+        self._airframe = airframe
+        self._hold_m = self.home_m = airframe.position_m
+        self._take_off_altitude_m = airframe.position_m[2]
+        self._return_altitude_m = 0.0
+        self._climb_from_s = inf
+
+    @property
+    def _limits(self) -> FlightLimits:
+        return self._parameters.limits
+
+    @property
+    def take_off_complete(self) -> bool:
+        """Whether the take-off altitude is as good as reached."""
+        return self._airframe.position_m[2] > self._take_off_altitude_m - self._limits.altitude_margin_m
+
+    def on_arm(self) -> None:
+        """Make this place home."""
+        self._hold_m = self.home_m = self._airframe.position_m
+        self._climb_from_s = inf
+
+    def plan_take_off(self, altitude_m: float | None) -> None:
+        """Set the altitude to take off to; None is MIS_TAKEOFF_ALT above here."""
+        default = self._airframe.position_m[2] + self._parameters["MIS_TAKEOFF_ALT"]
+        self._take_off_altitude_m = default if altitude_m is None else altitude_m
+
+    def enter(self, mode: NavMode, *, after: NavMode) -> None:
+        """Take this place as the hold point of `mode`; after a take-off the altitude is the one asked for."""
+        x, y, altitude = self._airframe.position_m
+        if (after, mode) == (NavMode.TAKE_OFF, NavMode.HOLD) and self.take_off_complete:
+            altitude = self._take_off_altitude_m
+        if mode is NavMode.TAKE_OFF:
+            self.plan_take_off(None)
+        self._hold_m = (x, y, altitude)
+        distance = hypot(x - self.home_m[0], y - self.home_m[1])
+        # PX4 climbs less for a short way home: its cone rises at 45 degrees.
+        rise = min(distance, self._limits.return_rise_m)
+        self._return_altitude_m = max(altitude, self.home_m[2] + rise)
+
+    def target(self, mode: NavMode, setpoint: PositionTarget | None, *, time_s: float, motors_s: float) -> Target:
+        """Return where to fly now; `motors_s` is when the motors were started."""
+        x, y, altitude = self._hold_m
+        heading = None
+        velocity: tuple[float, ...] = ()
+        sink = self._limits.sink_m_s
+        if mode is NavMode.OFFBOARD and setpoint is not None:
+            (x, y, altitude), heading, velocity = setpoint.position_m, setpoint.heading_rad, setpoint.velocity_m_s
+        elif mode is NavMode.TAKE_OFF:
+            altitude = self._take_off_altitude_m
+        elif mode is NavMode.RETURN and not self._home_reached:
+            x, y, altitude = self._head_home()
+        elif mode in (NavMode.LAND, NavMode.RETURN) or mode in NEEDS_STICKS:
+            altitude = self._airframe.position_m[2] - DESCENT_LEAD_M
+            sink = self._sink_speed_m_s(crawl=mode not in NEEDS_STICKS)
+        climb = self._climb_limit_m_s(mode, altitude, time_s=time_s, motors_s=motors_s)
+        return Target((x, y), altitude, heading, climb, sink, velocity)
+
+    @property
+    def _home_reached(self) -> bool:
+        return self._hold_m[:2] == self.home_m[:2]
+
+    def _head_home(self) -> Triple:
+        """Rise first, then move the hold point home at cruising speed."""
+        x, y, _ = self._hold_m
+        if self._airframe.position_m[2] > self._return_altitude_m - self._limits.altitude_margin_m:
+            dx, dy = self.home_m[0] - x, self.home_m[1] - y
+            stride = self._limits.cruise_m_s * STEP_S
+            share = min(1.0, stride / max(hypot(dx, dy), 1e-9))
+            x, y = (x + share * dx, y + share * dy) if share < 1.0 else self.home_m[:2]
+        self._hold_m = (x, y, self._return_altitude_m)
+        return self._hold_m
+
+    def _sink_speed_m_s(self, *, crawl: bool) -> float:
+        """Land slower near the ground; a vehicle without sticks just sinks on."""
+        near = crawl and self._airframe.height_m < CRAWL_BELOW_M
+        return self._limits.crawl_m_s if near else self._limits.land_m_s
+
+    def _climb_limit_m_s(self, mode: NavMode, altitude_m: float, *, time_s: float, motors_s: float) -> float:
+        """Allow no climb while the motors come up, then a ramp, then the mode's own speed."""
+        if self._airframe.on_ground:
+            wished = altitude_m > self._airframe.position_m[2] + LIFT_OFF_MARGIN_M
+            self._climb_from_s = min(self._climb_from_s, time_s) if wished else inf
+        limits = self._limits
+        spooled_s = motors_s + limits.spool_up_s
+        ramp_s = time_s - max(self._climb_from_s, spooled_s) - HOVER_THRUST_S
+        if ramp_s <= 0.0:
+            return 0.0
+        if ramp_s < limits.take_off_ramp_s:
+            return limits.take_off_m_s * ramp_s / limits.take_off_ramp_s
+        return limits.take_off_m_s if mode is NavMode.TAKE_OFF else limits.climb_m_s

@@ -1,0 +1,336 @@
+"""A stub autopilot with PX4's manners: arming, modes, offboard and its timeout, take-off, landing, return.
+
+A state machine in time: nothing happens but through its methods, and `step` alone lets time pass. Positions are in
+the mission frame, headings clockwise from north, times simulated seconds since boot.
+"""
+
+from collections import deque
+from enum import Enum, IntEnum
+from math import inf
+
+import numpy as np
+
+from estimation.frames import Triple
+from estimation.plant.model import Plant
+from sitl.autopilot.airframe import STEP_S, Airframe
+from sitl.autopilot.fence import (
+    BREACH_MODES,
+    WARNS,
+    Zone,
+    breach,
+)
+from sitl.autopilot.guidance import Guidance, PositionTarget
+from sitl.autopilot.modes import (
+    Conditions,
+    Intention,
+    ModeEvent,
+    NavMode,
+    can_arm,
+    can_run,
+)
+from sitl.autopilot.parameters import Parameters
+from sitl.vehicle.shaping import ShapeLimits
+
+ESTIMATOR_READY_S = 2.0
+"""From boot to a position estimate."""
+CHECK_PERIOD_S = 0.1
+"""PX4 looks at the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
+LANDED_AFTER_S = 1.0
+"""From touching the ground to having landed."""
+SETPOINTS_PENDING_MAX = 1000
+MODES_BY_SEVERITY = {NavMode.HOLD: 1, NavMode.RETURN: 2, NavMode.LAND: 3}
+
+
+class Verdict(Enum):
+    """What became of a command."""
+
+    ACCEPTED = "accepted"
+    REJECTED = "temporarily rejected"
+
+
+class LandedState(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKE_OFF = 3
+    LANDING = 4
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY, as far as it is used."""
+
+    CRITICAL = 2
+    INFO = 6
+
+
+class Autopilot:
+    """One vehicle: commands in, motion and status out. What another autopilot does otherwise, a subclass overrides."""
+
+    ARMED_TEXT = "Armed by external command"
+    DISARMED_TEXT = "Disarmed by {reason}"
+    TAKE_OFF_TEXT: str | None = "Takeoff detected"
+    LANDING_TEXT: str | None = "Landing detected"
+    LAND_TEXT: str | None = "Landing at current position"
+    DEFAULT_ALTITUDE_TEXT = "Using default takeoff altitude: {altitude_m:.1f} m"
+    MODE_REFUSED_TEXT: str | None = "Switching to {mode} is currently not available"
+
+    def __init__(
+        self,
+        plant: Plant,
+        start_m: Triple = (0.0, 0.0, 0.0),
+        *,
+        parameters: Parameters | None = None,
+        battery_fraction: float = 1.0,
+        endurance_s: float = 1800.0,
+        mode: NavMode = NavMode.HOLD,
+        shape: ShapeLimits | None = None,
+        gps: bool = True,
+        localised: bool = True,
+    ) -> None:
+        """Boot on the ground at `start_m`, disarmed, in `mode`.
+
+        `endurance_s` is how long a full battery keeps it armed, `shape` what bounds its horizontal motion. Without
+        `gps` it knows its local position only, as from cameras indoors; not `localised`, it never knows where it is.
+        """
+        self.parameters = parameters or Parameters()
+        self.airframe = Airframe(plant, start_m, shape=shape)
+        self.battery_fraction = battery_fraction
+        self.armed = False
+        self.landed = True
+        self.mode = mode
+        self.gps = gps
+        self._localised = localised
+        self._endurance_s = endurance_s
+        self._delay_s = plant.delay_s
+        self._guidance = Guidance(self.parameters, self.airframe)
+        self._intention = Intention(mode)
+        self._steps = 0
+        self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
+        self._applied: PositionTarget | None = None
+        self.setpoints_received = 0
+        self._heard_s = -inf
+        self._armed_s = self._airborne_s = self._landed_s = -inf
+        self._texts: list[tuple[Severity, str]] = []
+        self.zones: tuple[Zone, ...] = ()
+        self._breached = False
+        self._breach_mode: NavMode | None = None
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since boot, up to which `step` has come."""
+        return self._steps * STEP_S
+
+    @property
+    def home_m(self) -> Triple:
+        """Where the vehicle was last armed."""
+        return self._guidance.home_m
+
+    @property
+    def estimator_ready(self) -> bool:
+        """Whether there is a local position estimate."""
+        return self._localised and self.time_s >= ESTIMATOR_READY_S
+
+    @property
+    def global_position_known(self) -> bool:
+        """Whether it knows its place on the globe as well: home, and the origin of its local frame."""
+        return self.gps and self.estimator_ready
+
+    @property
+    def conditions(self) -> Conditions:
+        """What the flight modes may count on now."""
+        age_s = self.time_s - self._heard_s
+        flow = age_s <= self.parameters["COM_OF_LOSS_T"] + CHECK_PERIOD_S
+        return Conditions(self.estimator_ready, flow, self.global_position_known)
+
+    @property
+    def armable(self) -> bool:
+        """Whether the preflight checks pass in the present mode."""
+        return can_arm(self.mode, self.conditions)
+
+    @property
+    def failsafe(self) -> bool:
+        """Whether a failsafe flies instead of the mode that the user wants."""
+        return self.mode is not self._intention.mode
+
+    @property
+    def landed_state(self) -> LandedState:
+        """On the ground, or what the vehicle does in the air."""
+        if self.landed:
+            return LandedState.ON_GROUND
+        doing = {NavMode.TAKE_OFF: LandedState.TAKE_OFF, NavMode.LAND: LandedState.LANDING}
+        return doing.get(self.mode, LandedState.IN_AIR)
+
+    def take_texts(self) -> list[tuple[Severity, str]]:
+        """Return what the autopilot has said since the last call."""
+        texts, self._texts = self._texts, []
+        return texts
+
+    def arm(self) -> Verdict:
+        """Arm if the preflight checks pass; already armed is fine. As on PX4, no client can force it."""
+        if self.armed:
+            return Verdict.ACCEPTED
+        fault = self._arming_fault()
+        if fault is not None:
+            return self._reject(fault)
+        self.armed = True
+        self._armed_s = self.time_s
+        self._guidance.on_arm()
+        self._say(self.ARMED_TEXT)
+        return Verdict.ACCEPTED
+
+    def disarm(self, *, force: bool = False) -> Verdict:
+        """Disarm on the ground; `force` does so anywhere, and the vehicle drops."""
+        if self.armed and not (self.landed or force):
+            return self._reject("Disarming denied: not landed")
+        if self.armed:
+            self._disarm("external command")
+        return Verdict.ACCEPTED
+
+    def select(self, mode: NavMode) -> Verdict:
+        """Ask for a flight mode."""
+        if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
+            return self._reject(self.MODE_REFUSED_TEXT and self.MODE_REFUSED_TEXT.format(mode=mode.label))
+        self._breach_mode = None  # whoever chooses a mode may fly on outside
+        self._update_mode()
+        return Verdict.ACCEPTED
+
+    def take_off(self, altitude_m: float | None = None) -> Verdict:
+        """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above here; disarmed, wait to be armed."""
+        verdict = self.select(NavMode.TAKE_OFF)
+        if verdict is Verdict.ACCEPTED:
+            self._guidance.plan_take_off(altitude_m)
+            if altitude_m is None:
+                self._say(self.DEFAULT_ALTITUDE_TEXT.format(altitude_m=self.parameters["MIS_TAKEOFF_ALT"]))
+        return verdict
+
+    def land(self) -> Verdict:
+        """Land where the vehicle is."""
+        verdict = self.select(NavMode.LAND)
+        if verdict is Verdict.ACCEPTED:
+            self._say(self.LAND_TEXT)
+        return verdict
+
+    def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
+        """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""
+        self._heard_s = time_s
+        self.setpoints_received += 1
+        self._pending.append((time_s + self._delay_s, target))
+
+    def step(self, to_time_s: float, disturbance_m_s2: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Let time pass in whole steps of STEP_S up to `to_time_s`; the disturbance is a horizontal acceleration."""
+        disturbance = np.array(disturbance_m_s2)
+        while self.time_s + STEP_S <= to_time_s + 1e-9:
+            self._apply_due_setpoints()
+            self._update_mode()
+            if self.armed:
+                target = self._guidance.target(self.mode, self._applied, time_s=self.time_s, motors_s=self._armed_s)
+                self.airframe.fly(target, disturbance)
+                self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / self._endurance_s)
+            else:
+                self.airframe.fall()
+            self._steps += 1
+            self._watch_take_off()
+            self._watch_ground()
+            self._watch_fence()
+
+    def _apply_due_setpoints(self) -> None:
+        # A setpoint acts from the step nearest to its due time: on average nothing is added to the delay.
+        while self._pending and self._pending[0][0] <= self.time_s + STEP_S / 2:
+            self._applied = self._pending.popleft()[1]
+        if self._applied is not None and not self.conditions.setpoints_flow:
+            self._applied = None
+
+    def _update_mode(self) -> None:
+        flown = self._flown()
+        if flown is not self.mode:
+            self._guidance.enter(flown, after=self.mode)
+            self.mode = flown
+            self._on_mode_change()
+            if self.failsafe:
+                self._say("Failsafe activated", Severity.CRITICAL)
+
+    def _watch_take_off(self) -> None:
+        # Where hold cannot be flown, PX4 goes on hovering in take-off.
+        arrived = self.mode is NavMode.TAKE_OFF and self._guidance.take_off_complete
+        if self.armed and arrived and can_run(NavMode.HOLD, self.conditions):
+            self._intention.on_event(ModeEvent.TAKE_OFF_COMPLETE)
+
+    def _watch_ground(self) -> None:
+        """Notice lift-off at once and landing after a while on the ground; then disarm."""
+        if not self.airframe.on_ground:
+            if self.landed:
+                self._say(self.TAKE_OFF_TEXT)
+            self.landed = False
+            self._airborne_s = self.time_s
+        elif not self.landed and self.time_s - self._airborne_s >= LANDED_AFTER_S:
+            self.landed = True
+            self._landed_s = self.time_s
+            self._say(self.LANDING_TEXT)
+        if self.armed and self.landed:
+            self._disarm_when_idle()
+
+    def _watch_fence(self) -> None:
+        """Act once on leaving what the fence allows, in the air: the mode stays until somebody chooses another."""
+        before, action = self._breached, self._fence_action()
+        words = None
+        if action and self.armed and not self.landed and self.global_position_known:
+            words = breach(self.zones, self.parameters, self.airframe.position_m, self.home_m)
+        self._breached = words is not None
+        if self._breached and not before:
+            self._say(words, Severity.CRITICAL)
+            self._breach_mode = BREACH_MODES.get(action)
+
+    def _disarm_when_idle(self) -> None:
+        flown = self._landed_s > self._armed_s
+        if self._disarm_after_s(flown=flown) <= self.time_s - max(self._landed_s, self._armed_s):
+            self._disarm("landing" if flown else "auto preflight disarming")
+
+    def _disarm(self, reason: str) -> None:
+        self.armed = False
+        self._breach_mode = None
+        self._on_disarmed()
+        self._say(self.DISARMED_TEXT.format(reason=reason))
+
+    def _reject(self, why: str | None) -> Verdict:
+        self._say(why, Severity.CRITICAL)
+        return Verdict.REJECTED
+
+    def _say(self, text: str | None, severity: Severity = Severity.INFO) -> None:
+        if text is not None:
+            self._texts.append((severity, text))
+
+    def _arming_fault(self) -> str | None:
+        """Return why the vehicle cannot be armed, or None."""
+        return None if self.armable else "Arming denied: Resolve system health failures first"
+
+    def _flown(self) -> NavMode:
+        """Return the mode to fly: the one the user wants, or a failsafe; of several the one that ends the flight."""
+        flown = self._intention.flown(
+            armed=self.armed,
+            conditions=self.conditions,
+            offboard_loss_action=int(self.parameters["COM_OBL_RC_ACT"]),
+            sticks_loss_action=int(self.parameters["NAV_RCL_ACT"]),
+        )
+        if self._breach_mode is None:
+            return flown
+        return max(flown, self._breach_mode, key=lambda mode: MODES_BY_SEVERITY.get(mode, 0))
+
+    def _fence_action(self) -> int:
+        """Return GF_ACTION, or 0 where the fence does nothing."""
+        action = int(self.parameters["GF_ACTION"])
+        return action if action == WARNS or action in BREACH_MODES else 0
+
+    def _on_mode_change(self) -> None:
+        """Follow a change of the mode that flies: setpoints are kept."""
+
+    def _on_disarmed(self) -> None:
+        """Leave the mode that was flown for the one to rest in."""
+        self._intention.on_event(ModeEvent.DISARMED)
+
+    def _disarm_after_s(self, *, flown: bool) -> float:
+        """Return how long the vehicle idles on the ground, armed, after a flight or before; a limit of 0 is none."""
+        if flown:
+            return self.parameters["COM_DISARM_LAND"] or inf
+        limit_s = self.parameters["COM_DISARM_PRFLT"]
+        return limit_s + self.parameters["COM_SPOOLUP_TIME"] if limit_s else inf

@@ -1,0 +1,319 @@
+"""A stub vehicle as MAVLink bytes: bytes in, bytes out, no sockets and no clock.
+
+The only importer of pymavlink that speaks; the readers of flight logs import it, too. What is malformed, foreign or
+not understood is counted and dropped, never raised.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterator
+from enum import Enum
+from math import isfinite, isnan
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink  # all of common, and EKF_STATUS_REPORT
+
+from estimation.frames import MissionFrame, Triple
+from sitl.autopilot.fence import zones_of
+from sitl.autopilot.guidance import PositionTarget
+from sitl.autopilot.parameters import Value
+from sitl.autopilot.px4 import Autopilot
+from sitl.faults import VehicleFaults
+from sitl.mavlink.commands import Commander
+from sitl.mavlink.dialects import PX4, Dialect
+from sitl.mavlink.plans import FENCE_PLAN, Plans
+from sitl.mavlink.reports import EstimatorNoise, Reporter
+from sitl.mavlink.schedule import Schedule
+from sitl.mavlink_constants import Fields, MessageId, Outgoing
+
+AUTOPILOT_COMPONENT = 1
+INT32, REAL32 = 6, 9
+LOCAL_NED = 1
+POSITION_IGNORED = 0b111
+VELOCITY_IGNORED = 0b111 << 3
+YAW_IGNORED = 1 << 10
+REACH_MAX_M = 100e3
+"""A setpoint farther than this from the vehicle's origin is not believed."""
+DEG_E7 = 1e7
+TEXT_MAX = 50
+"""What one STATUSTEXT holds; a longer text comes in several."""
+
+_SPOKEN = {message: mavlink.mavlink_map[message] for message in MessageId}
+
+
+class Drop(Enum):
+    """Why a received message was dropped."""
+
+    GARBAGE = "garbage"
+    FOREIGN = "foreign"
+    NOT_UNDERSTOOD = "not understood"
+    NOT_FINITE = "not finite"
+    OUT_OF_REACH = "out of reach"
+    POSITION_MASKED = "position masked"
+    FRAME = "frame"
+    PARAMETER = "parameter"
+
+
+class _Outbox:
+    """Collects what pymavlink writes."""
+
+    def __init__(self) -> None:
+        self.packets: list[bytes] = []
+
+    def write(self, packet: bytes) -> None:
+        self.packets.append(packet)
+
+    def take(self) -> list[bytes]:
+        packets, self.packets = self.packets, []
+        return packets
+
+
+class MavlinkVehicle:
+    """One autopilot behind its MAVLink interface, with system id and local NED origin of its own."""
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        dialect: Dialect = PX4,
+        *,
+        system_id: int,
+        frame: MissionFrame,
+        origin_m: Triple,
+        noise: EstimatorNoise | None = None,
+        rng: np.random.Generator | None = None,
+        faults: VehicleFaults | None = None,
+    ) -> None:
+        """Speak for `autopilot`, in its dialect; `origin_m` is its estimator's origin in the mission frame."""
+        self._faults = faults or VehicleFaults()
+        self.autopilot = autopilot
+        self.autopilot.parameters.set(dialect.system_id_parameter, system_id)
+        self.dropped: Counter[Drop] = Counter()
+        self.plans = Plans()
+        self._dialect = dialect
+        self._system_id = system_id
+        self._frame = frame
+        self._origin_m = origin_m
+        reporter = Reporter(
+            autopilot,
+            dialect,
+            system_id=system_id,
+            frame=frame,
+            origin_m=origin_m,
+            noise=noise or EstimatorNoise(),
+            rng=rng or np.random.default_rng(0),
+            faults=self._faults,
+        )
+        self._reporter = reporter
+        self._schedule = Schedule(dialect.rates_hz, reporter.known)
+        self._commander = Commander(autopilot, dialect, frame=frame, reporter=reporter, schedule=self._schedule)
+        self._listing: list[int] = []
+        self._texts_chunked = 0
+        self._fence: tuple[Fields, ...] = ()
+        self._outbox = _Outbox()
+        self._writer = mavlink.MAVLink(self._outbox, system_id, AUTOPILOT_COMPONENT)
+        self._parser = _new_parser()
+        self._handlers: dict[str, Callable[[Any, float], list[Outgoing]]] = {
+            "COMMAND_INT": self._on_command_int,
+            "COMMAND_LONG": self._on_command_long,
+            "HEARTBEAT": lambda _message, _time_s: [],
+            "MISSION_ACK": lambda _message, _time_s: [],
+            "MISSION_CLEAR_ALL": self._on_mission_clear,
+            "MISSION_COUNT": self._on_mission_count,
+            "MISSION_ITEM_INT": self._on_mission_item,
+            "MISSION_REQUEST_INT": lambda m, _: self.plans.item(m.mission_type, m.seq, _sender(m)),
+            "MISSION_REQUEST_LIST": lambda m, _: self.plans.count(m.mission_type, _sender(m)),
+            "PARAM_REQUEST_LIST": self._on_param_request_list,
+            "PARAM_REQUEST_READ": self._on_param_request_read,
+            "PARAM_SET": self._on_param_set,
+            "PING": lambda m, _: [(MessageId.PING, (m.time_usec, m.seq, *_sender(m)))],
+            "REQUEST_DATA_STREAM": self._on_request_data_stream,
+            "SET_POSITION_TARGET_LOCAL_NED": self._on_setpoint,
+        }
+
+    def receive(self, data: bytes, time_s: float) -> list[bytes]:
+        """Take a datagram that arrived at `time_s` (simulated, since boot); return the packets that answer it."""
+        for message in self._parse(data):
+            for answer in self._handle(message, time_s):
+                self._send(answer)
+        return self._outbox.take()
+
+    def emit(self, time_s: float) -> list[bytes]:
+        """Return the packets due at `time_s`: telemetry, texts, and parameters being listed."""
+        for message in self._schedule.due(time_s):
+            for report in self._reporter.report(message):
+                self._send(report)
+        for severity, text in self.autopilot.take_texts():
+            for chunk in self._chunked(text):
+                self._send((MessageId.STATUSTEXT, (int(severity), *chunk)))
+        if self._listing:
+            self._send(self._param_value(self._listing.pop()))
+        return self._outbox.take()
+
+    def _chunked(self, text: str) -> Iterator[tuple[bytes, int, int]]:
+        """Yield a text's parts, each with the text's id and its place; texts that fit one message have no id."""
+        whole = text.encode()
+        starts = range(0, len(whole), TEXT_MAX)
+        if len(starts) > 1:
+            self._texts_chunked = self._texts_chunked % 65535 + 1
+        text_id = self._texts_chunked if len(starts) > 1 else 0
+        yield from ((whole[start : start + TEXT_MAX], text_id, place) for place, start in enumerate(starts))
+
+    def _send(self, outgoing: Outgoing) -> None:
+        message, fields = outgoing
+        self._writer.send(_SPOKEN[message](*fields))
+
+    def _parse(self, data: bytes) -> list[Any]:
+        """Return the messages of one datagram; no garbage in one can swallow the next."""
+        messages = self._parser.parse_buffer(data) or []
+        if self._parser.buf_len() > 0:
+            self.dropped[Drop.GARBAGE] += 1
+            self._parser = _new_parser()
+        return messages
+
+    def _handle(self, message: Any, time_s: float) -> list[Outgoing]:
+        kind = message.get_type()
+        if kind == "BAD_DATA":
+            return self._drop(Drop.GARBAGE)
+        target = getattr(message, "target_system", 0)
+        if target not in (0, self._system_id) or message.get_srcSystem() == self._system_id:
+            return self._drop(Drop.FOREIGN)
+        handler = self._handlers.get(kind)
+        return handler(message, time_s) if handler else self._drop(Drop.NOT_UNDERSTOOD)
+
+    def _drop(self, why: Drop) -> list[Outgoing]:
+        self.dropped[why] += 1
+        return []
+
+    def _on_command_long(self, m: Any, _time_s: float) -> list[Outgoing]:
+        params = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
+        return self._commander.execute(m.command, params, _sender(m))
+
+    def _on_command_int(self, m: Any, _time_s: float) -> list[Outgoing]:
+        params = (m.param1, m.param2, m.param3, m.param4, m.x / DEG_E7, m.y / DEG_E7, m.z)
+        return self._commander.execute(m.command, params, _sender(m))
+
+    def _on_mission_item(self, m: Any, _time_s: float) -> list[Outgoing]:
+        params = (m.param1, m.param2, m.param3, m.param4, m.x, m.y, m.z)
+        item = (m.frame, m.command, m.current, m.autocontinue, *params)
+        answers = self.plans.receive_item(m.mission_type, m.seq, item, _sender(m))
+        self._raise_fence()
+        return answers
+
+    def _on_mission_count(self, m: Any, _time_s: float) -> list[Outgoing]:
+        answers = self.plans.begin_upload(m.mission_type, m.count, _sender(m))
+        self._raise_fence()
+        return answers
+
+    def _on_mission_clear(self, m: Any, _time_s: float) -> list[Outgoing]:
+        answers = self.plans.clear(m.mission_type, _sender(m))
+        self._raise_fence()
+        return answers
+
+    def _raise_fence(self) -> None:
+        """Let the autopilot fly by the fence that is stored now."""
+        items = self.plans.items(FENCE_PLAN)
+        if items != self._fence:
+            self._fence = items
+            self.autopilot.zones = zones_of(items, self._frame)
+
+    def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
+        """Take a local position setpoint, with its velocity if it has one; its acceleration is left aside."""
+        if m.coordinate_frame != LOCAL_NED:
+            return self._drop(Drop.FRAME)
+        if m.type_mask & POSITION_IGNORED:
+            return self._drop(Drop.POSITION_MASKED)
+        # To PX4 a yaw of NaN means: keep the present one.
+        heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
+        # To both, one that is masked is none, and to PX4 one of NaN as well.
+        fed = not m.type_mask & VELOCITY_IGNORED and not any(map(isnan, (m.vx, m.vy, m.vz)))
+        numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz) if fed else (m.x, m.y, m.z)
+        if not all(map(isfinite, numbers)):
+            return self._drop(Drop.NOT_FINITE)
+        if max(map(abs, numbers)) > REACH_MAX_M:
+            return self._drop(Drop.OUT_OF_REACH)
+        x, y, z = self._frame.mission_from_ned((m.x, m.y, m.z))
+        x0, y0, z0 = self._origin_m
+        # It flies to where it believes the setpoint to be.
+        dx, dy, dz = self._faults.estimate_offset_m
+        velocity = self._frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
+        target = PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading, velocity)
+        self.autopilot.receive_setpoint(time_s, target)
+        return []
+
+    def _on_request_data_stream(self, m: Any, time_s: float) -> list[Outgoing]:
+        """Start or stop one of ArduPilot's groups of messages; PX4 has none."""
+        messages = self._dialect.streams.get(m.req_stream_id)
+        if messages is None:
+            return self._drop(Drop.NOT_UNDERSTOOD)
+        flows = m.start_stop == 1 and m.req_message_rate > 0
+        for message in messages:
+            self._schedule.set_interval(message, 1.0 / m.req_message_rate if flows else None, now_s=time_s)
+        return []
+
+    def _on_param_request_list(self, _message: Any, _time_s: float) -> list[Outgoing]:
+        self._listing = list(reversed(range(len(self.autopilot.parameters.names))))
+        return []
+
+    def _on_param_request_read(self, m: Any, _time_s: float) -> list[Outgoing]:
+        names = self.autopilot.parameters.names
+        index = m.param_index if m.param_index >= 0 else self._index(m.param_id)
+        return [self._param_value(index)] if 0 <= index < len(names) else self._drop(Drop.PARAMETER)
+
+    def _on_param_set(self, m: Any, _time_s: float) -> list[Outgoing]:
+        """Set a parameter and answer with its value; to an unknown name, or on PX4 a wrong type, with nothing."""
+        index = self._index(m.param_id)
+        if index < 0:
+            return self._drop(Drop.PARAMETER)
+        name = self.autopilot.parameters.names[index]
+        present = self.autopilot.parameters[name]
+        if self._dialect.parameters_bytewise:
+            value = _decoded(m.param_value, m.param_type)
+            if type(value) is not type(present):
+                return self._drop(Drop.PARAMETER)
+        else:
+            value = _cast(m.param_value, like=present)
+        if value is None or not self.autopilot.parameters.set(name, value):
+            self.dropped[Drop.PARAMETER] += 1
+        return [self._param_value(index)]
+
+    def _index(self, param_id: str) -> int:
+        names = self.autopilot.parameters.names
+        return names.index(param_id) if param_id in names else -1
+
+    def _param_value(self, index: int) -> Outgoing:
+        parameters = self.autopilot.parameters
+        name = parameters.names[index]
+        value, kind = _encoded(parameters[name], bytewise=self._dialect.parameters_bytewise)
+        return MessageId.PARAM_VALUE, (name.encode(), value, kind, len(parameters.names), index)
+
+
+def _new_parser() -> Any:
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    return parser
+
+
+def _sender(message: Any) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _encoded(value: Value, *, bytewise: bool) -> tuple[float, int]:
+    """Return a parameter as it is sent: PX4's integers keep their bytes in the float field, ArduPilot's their value."""
+    if not isinstance(value, int):
+        return value, REAL32
+    return struct.unpack("<f", struct.pack("<i", value))[0] if bytewise else float(value), INT32
+
+
+def _decoded(field: float, kind: int) -> Value | None:
+    """Return the parameter in a float field; None for a type that PX4 has not got."""
+    if kind == INT32:
+        return int(struct.unpack("<i", struct.pack("<f", field))[0])
+    return field if kind == REAL32 else None
+
+
+def _cast(field: float, *, like: Value) -> Value | None:
+    """Return the parameter in a float field as ArduPilot reads it: a number, of the type that the parameter has."""
+    if not isfinite(field) or abs(field) >= 2**31:
+        return None
+    return round(field) if isinstance(like, int) else field

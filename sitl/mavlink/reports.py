@@ -1,0 +1,286 @@
+"""What the stub reports about itself: the fields of each message, in wire units.
+
+Metres and the mission frame stop here: the wire speaks north-east-down, degE7, millimetres and centidegrees.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import atan2, cos, degrees, sin, tau
+
+import numpy as np
+
+from estimation.frames import Geodetic, MissionFrame, Triple
+from sitl.autopilot.airframe import GRAVITY_M_S2
+from sitl.autopilot.px4 import Autopilot
+from sitl.faults import VehicleFaults, shifted
+from sitl.mavlink.dialects import Dialect
+from sitl.mavlink_constants import (
+    ACTIVE,
+    CELL_EMPTY_V,
+    CELL_FULL_V,
+    CELLS,
+    CRITICAL,
+    GPS_FIX_3D,
+    GPS_FIX_NONE,
+    QUADROTOR,
+    STANDBY,
+    UNINITIALISED,
+    UNKNOWN_U16,
+    EstimatorFlag,
+    Fields,
+    MessageId,
+    ModeFlag,
+    Outgoing,
+    Sensor,
+)
+
+POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
+"""What the estimators' tests let through: five standard deviations of a GPS that is good to 0.5 m and 0.3 m/s."""
+
+
+MOTION_MESSAGES = frozenset({MessageId.ATTITUDE, MessageId.LOCAL_POSITION_NED, MessageId.GLOBAL_POSITION_INT})
+"""What tells a client where the vehicle is and how it moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorNoise:
+    """White noise on reported position and velocity, one sigma per axis. Raises ValueError if negative."""
+
+    position_m: float = 0.0
+    velocity_m_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse negative and NaN sigmas."""
+        if not (self.position_m >= 0.0 and self.velocity_m_s >= 0.0):
+            raise ValueError(f"{self}: a standard deviation is not negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the estimator believes at one time: mission position and velocity."""
+
+    time_s: float
+    position_m: Triple
+    velocity_m_s: Triple
+
+
+class Reporter:
+    """Computes each message's fields from the autopilot's state; one estimate serves all messages of a time."""
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        dialect: Dialect,
+        *,
+        system_id: int,
+        frame: MissionFrame,
+        origin_m: Triple,
+        noise: EstimatorNoise,
+        rng: np.random.Generator,
+        faults: VehicleFaults,
+    ) -> None:
+        """Report about `autopilot`, whose local NED origin lies at `origin_m` in the mission frame."""
+        self._autopilot = autopilot
+        self._dialect = dialect
+        self._system_id = system_id
+        self._frame = frame
+        self._origin_m = origin_m
+        self._noise = noise
+        self._rng = rng
+        self._faults = faults
+        self._estimated = Estimate(-1.0, autopilot.airframe.position_m, autopilot.airframe.velocity_m_s)
+        self._builders: dict[int, Callable[[], Fields | None]] = {
+            MessageId.HEARTBEAT: self._heartbeat,
+            MessageId.SYS_STATUS: self._sys_status,
+            MessageId.GPS_RAW_INT: self._gps_raw_int,
+            MessageId.ATTITUDE: self._attitude,
+            MessageId.LOCAL_POSITION_NED: self._local_position_ned,
+            MessageId.GLOBAL_POSITION_INT: self._global_position_int,
+            MessageId.GPS_GLOBAL_ORIGIN: self._gps_global_origin,
+            MessageId.BATTERY_STATUS: self._battery_status,
+            MessageId.AUTOPILOT_VERSION: self._autopilot_version,
+            MessageId.HOME_POSITION: self._home_position,
+            MessageId.EXTENDED_SYS_STATE: self._extended_sys_state,
+        }
+        estimators: dict[int, Callable[[], Fields]] = {
+            MessageId.ESTIMATOR_STATUS: self._estimator_status,
+            MessageId.EKF_STATUS_REPORT: self._ekf_status_report,
+        }
+        self._builders[dialect.estimator_message] = estimators[dialect.estimator_message]
+
+    @property
+    def known(self) -> frozenset[int]:
+        """The ids of all messages that can be asked for."""
+        return frozenset(self._builders)
+
+    def report(self, message: int) -> list[Outgoing]:
+        """Return a message, or nothing while the estimator has nothing to say; KeyError if it is not known."""
+        if self._faults.motion_silent and message in MOTION_MESSAGES:
+            return []
+        fields = self._builders[message]()
+        return [] if fields is None else [(MessageId(message), fields)]
+
+    @property
+    def _boot_ms(self) -> int:
+        return round(self._autopilot.time_s * 1e3) % 2**32
+
+    @property
+    def _ready(self) -> bool:
+        return self._autopilot.estimator_ready
+
+    @property
+    def _on_globe(self) -> bool:
+        return self._autopilot.global_position_known
+
+    def _estimate(self) -> Estimate:
+        """Return the estimate of now: the truth, what it is off, and noise drawn once per time."""
+        now_s = self._autopilot.time_s
+        if self._estimated.time_s != now_s:
+            airframe = self._autopilot.airframe
+            position, velocity = shifted(airframe.position_m, self._faults.estimate_offset_m), airframe.velocity_m_s
+            if self._noise.position_m > 0.0 or self._noise.velocity_m_s > 0.0:
+                error = self._rng.standard_normal(6).tolist()
+                position = _disturbed(position, error[:3], self._noise.position_m)
+                velocity = _disturbed(velocity, error[3:], self._noise.velocity_m_s)
+            self._estimated = Estimate(now_s, position, velocity)
+        return self._estimated
+
+    def _ned_from_mission_place(self, place_m: Triple) -> Triple:
+        x, y, z = place_m
+        x0, y0, z0 = self._origin_m
+        return self._frame.ned_from_mission((x - x0, y - y0, z - z0))
+
+    def _heartbeat(self) -> Fields:
+        autopilot = self._autopilot
+        flags = ModeFlag.CUSTOM_MODE_ENABLED | (ModeFlag.SAFETY_ARMED if autopilot.armed else 0)
+        mode = self._dialect.custom_mode(autopilot.mode)
+        return QUADROTOR, self._dialect.autopilot, int(flags), mode, self._system_status(), 3
+
+    def _system_status(self) -> int:
+        autopilot = self._autopilot
+        if autopilot.armed:
+            return CRITICAL if autopilot.failsafe else ACTIVE
+        # PX4 stands by only where it could be armed.
+        return STANDBY if autopilot.armable or not self._dialect.tells_checks_in_heartbeat else UNINITIALISED
+
+    def _sys_status(self) -> Fields:
+        present = Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.PRESSURE | Sensor.POSITION | Sensor.BATTERY
+        if self._autopilot.gps:
+            present |= Sensor.GPS
+        healthy = present if self._ready else present & ~(Sensor.GPS | Sensor.POSITION)
+        if self._autopilot.armable or self._autopilot.armed:
+            healthy |= Sensor.PREARM_CHECK
+        enabled = present | Sensor.PREARM_CHECK
+        millivolts = sum(self._cell_mv())
+        remaining = self._battery_percent()
+        return int(enabled), int(enabled), int(healthy), 300, millivolts, -1, remaining, 0, 0, 0, 0, 0, 0
+
+    def _gps_raw_int(self) -> Fields:
+        time_us = self._boot_ms * 1000
+        if not self._on_globe:
+            return time_us, GPS_FIX_NONE, 0, 0, 0, *[UNKNOWN_U16] * 4, 0
+        estimate = self._estimate()
+        north, east, _ = self._frame.ned_from_mission(estimate.velocity_m_s)
+        speed_cm_s = _bounded_i16(100.0 * float(np.hypot(north, east)))
+        return time_us, GPS_FIX_3D, *self._place(estimate.position_m), 70, 110, speed_cm_s, 0, 14
+
+    def _attitude(self) -> Fields:
+        airframe = self._autopilot.airframe
+        x, y = airframe.acceleration_m_s2
+        north, east, _ = self._frame.ned_from_mission((x, y, 0.0))
+        heading = airframe.heading_rad
+        ahead = north * cos(heading) + east * sin(heading)
+        right = east * cos(heading) - north * sin(heading)
+        roll, pitch = atan2(right, GRAVITY_M_S2), -atan2(ahead, GRAVITY_M_S2)
+        return self._boot_ms, roll, pitch, heading, 0.0, 0.0, airframe.heading_rate_rad_s
+
+    def _local_position_ned(self) -> Fields | None:
+        if not self._ready:
+            return None
+        estimate = self._estimate()
+        position = self._ned_from_mission_place(estimate.position_m)
+        return self._boot_ms, *position, *self._frame.ned_from_mission(estimate.velocity_m_s)
+
+    def _global_position_int(self) -> Fields | None:
+        if not self._on_globe:
+            return None
+        estimate = self._estimate()
+        relative_mm = round((estimate.position_m[2] - self._autopilot.home_m[2]) * 1e3)
+        velocity = [_bounded_i16(v * 100.0) for v in self._frame.ned_from_mission(estimate.velocity_m_s)]
+        heading_cdeg = round(degrees(self._autopilot.airframe.heading_rad % tau) * 100.0) % 36000
+        return self._boot_ms, *self._place(estimate.position_m), relative_mm, *velocity, heading_cdeg
+
+    def _gps_global_origin(self) -> Fields | None:
+        return (*self._place(self._origin_m), self._boot_ms * 1000) if self._on_globe else None
+
+    def _home_position(self) -> Fields | None:
+        if not self._on_globe:
+            return None
+        home = self._autopilot.home_m
+        local = self._ned_from_mission_place(home)
+        return *self._place(home), *local, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._boot_ms * 1000
+
+    def _battery_status(self) -> Fields:
+        voltages = [*self._cell_mv(), *[UNKNOWN_U16] * (10 - CELLS)]
+        return 0, 1, 1, 2500, voltages, -1, -1, -1, self._battery_percent(), 0, 1
+
+    def _extended_sys_state(self) -> Fields:
+        return 0, int(self._autopilot.landed_state)
+
+    def _estimator_status(self) -> Fields:
+        """PX4's: its test ratios are squares."""
+        ratios = (share**2 for share in self._shares_of_gates())
+        accuracy_m = self._noise.position_m
+        return self._boot_ms * 1000, int(self._estimator_flags()), *ratios, 0.0, 0.0, 0.0, accuracy_m, accuracy_m
+
+    def _ekf_status_report(self) -> Fields:
+        """ArduPilot's: what it calls variances are the roots of its test ratios."""
+        return int(self._estimator_flags()), *self._shares_of_gates(), 0.0, 0.0
+
+    def _shares_of_gates(self) -> tuple[float, float, float]:
+        """Return how far the estimate is off, of what the tests let through: velocity, horizontal position, height."""
+        estimate, airframe = self._estimate(), self._autopilot.airframe
+        position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
+        velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
+        return float(np.linalg.norm(velocity)), float(np.hypot(position[0], position[1])), abs(float(position[2]))
+
+    def _estimator_flags(self) -> EstimatorFlag:
+        """Gyros and barometer tell attitude and height at all times; the rest takes something that tells the place."""
+        flags = EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_VERT | EstimatorFlag.POS_VERT_ABS
+        if not self._ready:
+            return flags | EstimatorFlag.CONST_POS_MODE
+        flags |= EstimatorFlag.VELOCITY_HORIZ | EstimatorFlag.POS_HORIZ_REL | EstimatorFlag.PRED_POS_HORIZ_REL
+        if self._on_globe:
+            flags |= EstimatorFlag.POS_HORIZ_ABS | EstimatorFlag.PRED_POS_HORIZ_ABS
+        return flags
+
+    def _autopilot_version(self) -> Fields:
+        no_hash = (0,) * 8
+        uid = 0x5354_5542_0000_0000 + self._system_id
+        version = self._dialect.firmware_version
+        versions = (version, version, 0, 0)
+        return self._dialect.capabilities, *versions, no_hash, no_hash, no_hash, 0, 0, uid
+
+    def _battery_percent(self) -> int:
+        return round(self._autopilot.battery_fraction * 100.0)
+
+    def _cell_mv(self) -> list[int]:
+        volts = CELL_EMPTY_V + (CELL_FULL_V - CELL_EMPTY_V) * self._autopilot.battery_fraction
+        return [round(volts * 1e3)] * CELLS
+
+    def _place(self, place_m: Triple) -> tuple[int, int, int]:
+        return wire_place(self._frame.geodetic_from_mission(place_m))
+
+
+def wire_place(place: Geodetic) -> tuple[int, int, int]:
+    """Return latitude and longitude in degE7, altitude in millimetres."""
+    return round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), round(place.altitude_m * 1e3)
+
+
+def _disturbed(value: Triple, error: list[float], sigma: float) -> Triple:
+    x, y, z = (v + sigma * e for v, e in zip(value, error, strict=True))
+    return x, y, z
+
+
+def _bounded_i16(value: float) -> int:
+    return round(min(max(value, -32768.0), 32767.0))

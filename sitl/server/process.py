@@ -1,0 +1,104 @@
+"""The stub vehicles as a process of their own: its entry, and the parent's handle on it."""
+
+import asyncio
+import multiprocessing
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+from sitl.server.server import StubConfig, StubRecord, serve
+
+
+@dataclass(frozen=True, slots=True)
+class StubReady:
+    """Sent to the parent once every socket is bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class StubFailed:
+    """Sent to the parent when the stub cannot run: why."""
+
+    reason: str
+
+
+def unix_clock(speed: float) -> Callable[[], float]:
+    """Return a monotonic clock of simulated seconds: the Unix time, times `speed`."""
+    offset_s = time.time() - time.monotonic()
+    return lambda: (time.monotonic() + offset_s) * speed
+
+
+def run_in_process(configs: Sequence[StubConfig], speed: float, connection: Connection) -> None:
+    """Serve stubs: the target of a spawned multiprocessing.Process.
+
+    Sends StubReady or StubFailed, runs until anything arrives through `connection`, then sends its StubRecord. It
+    ends by itself when the parent is gone, and leaves Ctrl-C to the parent.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())  # the parent may hold signals back
+    with suppress(BrokenPipeError):
+        try:
+            record = asyncio.run(_serve_until_told(configs, speed, connection))
+        except (OSError, ValueError) as error:
+            connection.send(StubFailed(str(error)))
+        else:
+            connection.send(record)
+
+
+async def _serve_until_told(configs: Sequence[StubConfig], speed: float, connection: Connection) -> StubRecord:
+    loop = asyncio.get_running_loop()
+    stop = asyncio.Event()
+
+    def listen() -> None:
+        with suppress(EOFError, OSError):  # the parent is gone: the same as being told to stop
+            connection.recv()
+        with suppress(RuntimeError):  # the loop is closed already
+            loop.call_soon_threadsafe(stop.set)
+
+    threading.Thread(target=listen, daemon=True).start()
+    ready = StubReady()
+    return await serve(
+        configs, speed=speed, now_s=unix_clock(speed), stop=stop, on_ready=lambda _: connection.send(ready)
+    )
+
+
+class StubProcess:
+    """The parent's handle: start the stubs, later stop them and collect their record."""
+
+    def __init__(self, configs: Sequence[StubConfig], speed: float) -> None:
+        """Prepare a process; nothing runs yet."""
+        context = multiprocessing.get_context("spawn")
+        self._connection, self._theirs = context.Pipe()
+        self._process = context.Process(target=run_in_process, args=(tuple(configs), speed, self._theirs), daemon=True)
+
+    @property
+    def pid(self) -> int | None:
+        """The process id once started."""
+        return self._process.pid
+
+    def start(self) -> None:
+        """Start and wait until every vehicle can be reached; raises OSError when that fails."""
+        self._process.start()
+        self._theirs.close()
+        try:
+            answer = self._connection.recv()
+        except EOFError:
+            answer = StubFailed("the stub ended before it was ready")
+        if isinstance(answer, StubFailed):
+            self._process.join()
+            raise OSError(answer.reason)
+
+    def stop(self) -> StubRecord:
+        """Stop and return the record; raises OSError when the stub did not live to send one."""
+        try:
+            self._connection.send(None)
+            answer = self._connection.recv()
+        except (EOFError, BrokenPipeError, ConnectionResetError):
+            answer = StubFailed("the stub ended before it was stopped")
+        self._process.join()
+        if isinstance(answer, StubFailed):
+            raise OSError(answer.reason)
+        return answer  # type: ignore[no-any-return]  # pickled by run_in_process

@@ -1,0 +1,294 @@
+"""The stub vehicles on UDP: one socket and one MAVLink stream each, in scaled time, and their true tracks."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, field
+from math import floor, isfinite
+from typing import cast
+
+import numpy as np
+
+from estimation.frames import MissionFrame, Triple
+from estimation.plant.model import Plant
+from estimation.state import Vector
+from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.arducopter import ArduCopter
+from sitl.autopilot.parameters import Value
+from sitl.autopilot.px4 import Autopilot
+from sitl.faults import VehicleFaults
+from sitl.mavlink.dialects import (
+    ARDUCOPTER,
+    PX4,
+    AutopilotKind,
+    Dialect,
+)
+from sitl.mavlink.protocol import MavlinkVehicle
+from sitl.mavlink.reports import EstimatorNoise
+
+WAKE_PERIOD_S = 0.004
+"""Wall time between two catch-ups at the least: at high speed several steps are taken at once."""
+CATCH_UP_MAX_S = 0.5
+"""Simulated time that one catch-up may take; what exceeds it is given up, and slows the reached speed.
+
+Less than the offboard timeout: a stall of the stub must not look to it like a client that fell silent.
+"""
+TRUTH_STEPS = round(0.1 / STEP_S)
+DATAGRAM_MAX = 1400
+PEERS_MAX = 4
+LOOPBACK = "127.0.0.1"
+
+Address = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class StubConfig:
+    """One stub vehicle: who it is, where its client listens, where it stands and how it flies.
+
+    The vehicle id is its MAVLink system id. Mission frame; `origin_offset_m` is the estimator's origin seen from the
+    start position, `wind_m_s2` a constant disturbance acceleration. Raises ValueError for what makes no vehicle.
+
+    Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 flown indoors by
+    external position: neither hold nor return can be flown, and it arms in take-off or offboard only. Not `localised`,
+    it knows nothing of where it is and cannot be armed. `port` is where clients may call it; 0 is any. `parameters` are
+    those that somebody has set to other values than the firmware's own.
+    """
+
+    vehicle_id: int
+    client_port: int
+    plant: Plant
+    frame: MissionFrame
+    start_position_m: tuple[float, float] = (0.0, 0.0)
+    client_host: str = LOOPBACK
+    origin_offset_m: Triple = (0.0, 0.0, 0.0)
+    noise: EstimatorNoise = field(default_factory=EstimatorNoise)
+    wind_m_s2: tuple[float, float] = (0.0, 0.0)
+    seed: int = 0
+    battery_fraction: float = 1.0
+    autopilot: AutopilotKind = AutopilotKind.PX4
+    gps: bool = True
+    localised: bool = True
+    port: int = 0
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check what can be checked."""
+        if not 1 <= self.vehicle_id <= 254:
+            raise ValueError(f"vehicle_id = {self.vehicle_id}: a MAVLink system id lies between 1 and 254")
+        if not (1 <= self.client_port <= 65535 and 0 <= self.port <= 65535):
+            raise ValueError(f"client_port = {self.client_port}, port = {self.port}: one is not a port")
+        if not all(map(isfinite, (*self.start_position_m, *self.origin_offset_m, *self.wind_m_s2))):
+            raise ValueError(f"vehicle {self.vehicle_id}: its start, origin and wind must be finite")
+        if not (self.seed >= 0 and 0.0 <= self.battery_fraction <= 1.0):
+            raise ValueError(f"vehicle {self.vehicle_id}: a negative seed, or no battery fraction")
+        if self.gps and self.frame.is_local:
+            raise ValueError(f"vehicle {self.vehicle_id}: in a local frame there is no GPS")
+
+
+@dataclass(frozen=True, slots=True)
+class TruthTrack:
+    """Where one vehicle truly was, ten times a second: `time_s` (T,) on the common clock, the rest (T, 3)."""
+
+    vehicle_id: int
+    time_s: Vector
+    position_m: Vector
+    velocity_m_s: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class StubRecord:
+    """What a run leaves: tracks, the speed it kept, the simulated time it gave up, messages dropped by vehicle."""
+
+    tracks: tuple[TruthTrack, ...]
+    speed_reached: float
+    slipped_s: float
+    dropped: dict[int, dict[str, int]]
+
+
+class _Endpoint(asyncio.DatagramProtocol):
+    """One vehicle's socket: sends to its client, and to whoever else has spoken to it."""
+
+    def __init__(self, receive: Callable[[bytes], list[bytes]], client: Address, faults: VehicleFaults) -> None:
+        self._receive = receive
+        self._peers = [client]
+        self._faults = faults
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: Address) -> None:
+        if addr not in self._peers and len(self._peers) < PEERS_MAX:
+            self._peers.append(addr)
+        self._carry(lambda: self.send(self._receive(data)))
+
+    def send(self, packets: list[bytes]) -> None:
+        if packets:
+            self._carry(lambda: self._send(packets))
+
+    def _carry(self, deliver: Callable[[], None]) -> None:
+        """Deliver what the link carries: at once, late, or not at all."""
+        if self._faults.link_cut:
+            return
+        if self._faults.link_delay_s > 0.0:
+            asyncio.get_running_loop().call_later(self._faults.link_delay_s, deliver)
+        else:
+            deliver()
+
+    def _send(self, packets: list[bytes]) -> None:
+        if self._transport is None or self._transport.is_closing():
+            return
+        for datagram in _bundled(packets):
+            for peer in self._peers:
+                self._transport.sendto(datagram, peer)
+
+
+class _Pace:
+    """The stubs' uptime: what the common clock has run since the start, less what was given up."""
+
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        self._now_s = now_s
+        self._start_s = now_s()
+        self.slipped_s = 0.0
+        self.step = 0
+
+    @property
+    def clock_offset_s(self) -> float:
+        return self._start_s + self.slipped_s
+
+    def uptime_s(self) -> float:
+        return self._now_s() - self.clock_offset_s
+
+    def steps_due(self) -> range:
+        """Return the steps to take now; those beyond what one catch-up may take are given up."""
+        late_s = self.uptime_s() - self.step * STEP_S
+        self.slipped_s += max(0.0, late_s - CATCH_UP_MAX_S)
+        first = self.step + 1
+        self.step = max(self.step, floor(self.uptime_s() / STEP_S))
+        return range(first, self.step + 1)
+
+    def share_kept(self) -> float:
+        elapsed_s = self._now_s() - self._start_s
+        return 1.0 - self.slipped_s / elapsed_s if elapsed_s > 0.0 else 1.0
+
+
+_MANNERS: Mapping[AutopilotKind, tuple[type[Autopilot], Dialect]] = {
+    AutopilotKind.PX4: (Autopilot, PX4),
+    AutopilotKind.ARDUPILOT: (ArduCopter, ARDUCOPTER),
+}
+
+
+class Stub:
+    """One vehicle being served: its protocol, its socket, its track, and what is wrong with it."""
+
+    def __init__(self, config: StubConfig, pace: _Pace) -> None:
+        x, y = config.start_position_m
+        dx, dy, dz = config.origin_offset_m
+        self.config = config
+        autopilot, dialect = _MANNERS[config.autopilot]
+        self.faults = VehicleFaults()
+        self.autopilot = autopilot(
+            config.plant,
+            (x, y, 0.0),
+            battery_fraction=config.battery_fraction,
+            gps=config.gps,
+            localised=config.localised,
+        )
+        for name, value in config.parameters.items():
+            if not self.autopilot.parameters.set(name, value):
+                raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
+        self._vehicle = MavlinkVehicle(
+            self.autopilot,
+            dialect,
+            system_id=config.vehicle_id,
+            frame=config.frame,
+            origin_m=(x + dx, y + dy, dz),
+            noise=config.noise,
+            rng=np.random.default_rng((config.seed, config.vehicle_id)),
+            faults=self.faults,
+        )
+        self.endpoint = _Endpoint(
+            lambda data: self._vehicle.receive(data, pace.uptime_s()),
+            (config.client_host, config.client_port),
+            self.faults,
+        )
+        self._pace = pace
+        self._truth: list[tuple[float, ...]] = []
+
+    def advance(self, steps: range) -> None:
+        """Take the steps one by one, note the truth, and send what fell due."""
+        packets: list[bytes] = []
+        for step in steps:
+            self.autopilot.step(step * STEP_S, self.config.wind_m_s2)
+            packets += self._vehicle.emit(self.autopilot.time_s)
+            if step % TRUTH_STEPS == 0:
+                airframe = self.autopilot.airframe
+                clock_s = self.autopilot.time_s + self._pace.clock_offset_s
+                self._truth.append((clock_s, *airframe.position_m, *airframe.velocity_m_s))
+        self.endpoint.send(packets)
+
+    def track(self) -> TruthTrack:
+        """Return where it truly was so far."""
+        rows = np.array(self._truth).reshape(-1, 7)
+        return TruthTrack(self.config.vehicle_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+
+    def dropped(self) -> dict[str, int]:
+        """Return how many messages it dropped so far, by reason."""
+        return {drop.value: count for drop, count in self._vehicle.dropped.items()}
+
+
+async def serve(
+    configs: Sequence[StubConfig],
+    *,
+    speed: float,
+    now_s: Callable[[], float],
+    stop: asyncio.Event,
+    on_ready: Callable[[Sequence[Stub]], None] | None = None,
+) -> StubRecord:
+    """Fly the stubs until `stop` is set, then return their record; `on_ready` is given them when all can be reached.
+
+    `now_s` is the clock that all processes share: monotonic simulated seconds, `speed` times as fast as the wall's.
+    Raises OSError when a socket cannot be had, ValueError for a speed that is not positive.
+    """
+    if not (isfinite(speed) and speed > 0.0):
+        raise ValueError(f"speed = {speed}: it must be positive")
+    for config in configs:
+        if not config.frame.is_local:
+            config.frame.geodetic_from_mission((0.0, 0.0, 0.0))  # its first use loads a library: not in flight
+    pace = _Pace(now_s)
+    stubs = [Stub(config, pace) for config in configs]
+    async with AsyncExitStack() as stack:
+        for stub in stubs:
+            await stack.enter_async_context(_bound(stub.endpoint, stub.config.port))
+        if on_ready is not None:
+            on_ready(stubs)
+        while not stop.is_set():
+            steps = pace.steps_due()
+            for stub in stubs:
+                stub.advance(steps)
+            due_in_s = ((pace.step + 1) * STEP_S - pace.uptime_s()) / speed
+            await asyncio.sleep(max(due_in_s, WAKE_PERIOD_S))
+    tracks = tuple(stub.track() for stub in stubs)
+    dropped = {stub.config.vehicle_id: stub.dropped() for stub in stubs}
+    return StubRecord(tracks, speed * pace.share_kept(), pace.slipped_s, dropped)
+
+
+@asynccontextmanager
+async def _bound(endpoint: _Endpoint, port: int) -> AsyncIterator[None]:
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(lambda: endpoint, local_addr=(LOOPBACK, port))
+    try:
+        yield
+    finally:
+        transport.close()
+
+
+def _bundled(packets: list[bytes]) -> list[bytes]:
+    """Join packets into datagrams that fit an Ethernet frame, as PX4 does."""
+    datagrams: list[bytes] = []
+    for packet in packets:
+        if datagrams and len(datagrams[-1]) + len(packet) <= DATAGRAM_MAX:
+            datagrams[-1] += packet
+        else:
+            datagrams.append(packet)
+    return datagrams

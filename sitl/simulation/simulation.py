@@ -1,0 +1,350 @@
+"""The in-process simulation: the cores that fly, with simulated time, plants and network; seeded, deterministic.
+
+It knows a core only by what goes in and out of it, as a vehicle link and a peer bus would.
+"""
+
+import heapq
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import expm1, hypot
+from time import perf_counter
+from typing import Generic, Protocol, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.plant.model import Plant
+from estimation.state import (
+    MOTION,
+    POSITION,
+    Sighting,
+    Telemetry,
+    Vector,
+)
+from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
+from sitl.vehicle.body import Body
+from sitl.vehicle.cadence import Cadence
+from sitl.vehicle.imperfections import IDEAL, Imperfections
+from sitl.vehicle.wander import Wander
+
+
+class Sensor(Protocol):
+    """A sensor of the target that travels with one vehicle."""
+
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
+        """Return a sighting when one is due and in range."""
+        ...
+
+
+class WantedPosition(Protocol):
+    """A setpoint as far as a simulated vehicle obeys it."""
+
+    @property
+    def position_m(self) -> tuple[float, float, float]:
+        """Mission frame."""
+        ...
+
+    @property
+    def velocity_m_s(self) -> tuple[float, ...]:
+        """The velocity beside it, empty if there is none."""
+        ...
+
+
+class Packet(Protocol):
+    """A message on the simulated network."""
+
+    @property
+    def payload(self) -> bytes:
+        """The bytes that go over the air."""
+        ...
+
+
+class Output(Protocol):
+    """What a core asks for in a tick."""
+
+    @property
+    def setpoint(self) -> WantedPosition | None:
+        """The position wanted."""
+        ...
+
+    @property
+    def messages(self) -> Sequence[Packet]:
+        """What peers shall hear."""
+        ...
+
+
+OutputT = TypeVar("OutputT", bound=Output)
+OutputT_co = TypeVar("OutputT_co", bound=Output, covariant=True)
+
+
+class Core(Protocol[OutputT_co]):
+    """A vehicle's decision making: see `agents.core.VehicleCore`."""
+
+    def on_telemetry(self, telemetry: Telemetry) -> None:
+        """Take a sample of the vehicle's own motion."""
+        ...
+
+    def on_sighting(self, sighting: Sighting) -> None:
+        """Take a sighting of the target."""
+        ...
+
+    def on_message(self, payload: bytes, now_s: float) -> None:
+        """Take a peer's message."""
+        ...
+
+    def on_presence(self, vehicle_id: int, present: bool) -> None:
+        """Take the news that a peer has come or gone."""
+        ...
+
+    def tick(self, now_s: float) -> OutputT_co:
+        """Decide and plan."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkModel:
+    """The peers' radio: how far it reaches, how late a message comes, and the share that never comes."""
+
+    range_m: float
+    delay_s: float = 0.0
+    loss: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryNoise:
+    """White noise on what a vehicle reports of itself; standard deviations per axis."""
+
+    position_m: float = 0.0
+    velocity_m_s: float = 0.0
+
+
+class SimulatedVehicle(Generic[OutputT]):
+    """One simulated vehicle: its true motion, what it carries, and what its instruments make of it."""
+
+    def __init__(
+        self,
+        core: Core[OutputT],
+        plant: Plant,
+        start_m: tuple[float, float],
+        altitude_m: float,
+        sensor: Sensor,
+        noise: TelemetryNoise,
+        disturbance_m_s2: tuple[float, float],
+        seed: Sequence[int],
+        imperfections: Imperfections = IDEAL,
+        absences: Sequence[Absence] = (),
+        new_core: Callable[[], Core[OutputT]] | None = None,
+        climbs: bool = False,
+    ) -> None:
+        """Put a vehicle at rest, hovering at `start_m`; `plant` is the truth, which its core need not know.
+
+        One that `climbs` follows the altitude of its setpoints, any other stays at its own. `new_core` makes the core
+        of an agent that comes back after one of the `absences`.
+        """
+        self.core = core
+        self._absences = absences
+        self._new_core = new_core
+        self._away: Absence | None = None
+        self._plant = plant
+        self._body = Body(
+            plant, start_m, altitude_m, disturbance_m_s2, imperfections, np.random.default_rng([*seed, _WIND])
+        )
+        self.altitude_m = self._wanted_altitude_m = altitude_m
+        self._climbs = climbs
+        self._sensor = sensor
+        self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
+        self._random = np.random.default_rng(seed)
+        wander, cadence = imperfections.wander, imperfections.cadence
+        self._wander = None if wander is None else Wander(wander, np.random.default_rng([*seed, _WANDER]))
+        self._cadence = None if cadence is None else Cadence(cadence, np.random.default_rng([*seed, _CADENCE]))
+        self._samples: list[Telemetry] = []
+
+    @property
+    def motion(self) -> Vector:
+        """The true motion (4,)."""
+        return self._body.motion
+
+    @property
+    def present(self) -> bool:
+        """Whether its agent is there."""
+        return self._away is None
+
+    def aloft(self, now_s: float) -> bool:
+        """Return whether it is in the air: one whose agent has died is landed by its autopilot."""
+        return self._away is None or 0.0 < self._away.from_s > now_s - LANDED_AFTER_S
+
+    def attend(self, now_s: float) -> Absence | None:
+        """Let its agent come or go, if it is time; return the absence that begins or ends now, None if none does."""
+        before, self._away = self._away, absence_at(self._absences, now_s)
+        if before is self._away:
+            return None
+        if self._away is not None:
+            self._body.rest()
+            return self._away
+        assert before is not None
+        self._body.rest(before.at_m)
+        if before.from_s > 0.0 and self._new_core is not None:
+            self.core = self._new_core()
+        return before
+
+    def sense(self, now_s: float) -> tuple[list[Telemetry], Sighting | None]:
+        """Return what its instruments have said since they were asked last, and its sensor if it sees the target now.
+
+        The sensor sees the target from the vehicle: what the vehicle takes for its own place is in the sighting too.
+        """
+        samples, self._samples = self._samples, []
+        if self._cadence is None or now_s == 0.0:
+            samples.append(self._sample(now_s))
+        true_x, true_y = self.motion[POSITION].tolist()
+        sighting = self._sensor.sight(now_s, (true_x, true_y))
+        if sighting is not None and self._wander is not None:
+            (x, y), (off_x, off_y) = sighting.position_m, self._off_m(now_s)
+            sighting = msgspec.structs.replace(sighting, position_m=(x + off_x, y + off_y))
+        return samples, sighting
+
+    def think(self, now_s: float, samples: Sequence[Telemetry], sighting: Sighting | None) -> OutputT:
+        """Let the core take in what was sensed, and decide."""
+        for telemetry in samples:
+            self.core.on_telemetry(telemetry)
+        if sighting is not None:
+            self.core.on_sighting(sighting)
+        return self.core.tick(now_s)
+
+    def command(self, now_s: float, wanted: WantedPosition | None) -> None:
+        """Send a setpoint on its way; it acts one delay later."""
+        if wanted is not None:
+            self._body.command(now_s, self._plant.aim_m(wanted.position_m, wanted.velocity_m_s))
+            if self._climbs:
+                self._wanted_altitude_m = wanted.position_m[2]
+
+    def advance(self, from_s: float, to_s: float) -> None:
+        """Move the true vehicle, changing setpoints when they take effect, and take the samples that are due."""
+        for due_s in [] if self._cadence is None else self._cadence.due_s(to_s):
+            if due_s > from_s:
+                self._move(from_s, due_s)
+                from_s = due_s
+                self._samples.append(self._sample(due_s))
+        self._move(from_s, to_s)
+
+    def _move(self, from_s: float, to_s: float) -> None:
+        self._body.advance(from_s, to_s, self._off_m(from_s))
+        self.altitude_m += self._left_m * -expm1(-CLIMB_PER_S * (to_s - from_s))
+
+    @property
+    def _left_m(self) -> float:
+        return self._wanted_altitude_m - self.altitude_m
+
+    def _off_m(self, at_s: float) -> tuple[float, float]:
+        return (0.0, 0.0) if self._wander is None else self._wander.error_m(at_s)
+
+    def _sample(self, at_s: float) -> Telemetry:
+        x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
+        off_x, off_y = self._off_m(at_s)
+        return Telemetry(at_s, (x + off_x, y + off_y, self.altitude_m), (x_rate, y_rate, CLIMB_PER_S * self._left_m))
+
+
+CLIMB_PER_S = 0.62
+"""Climb rate per metre that the altitude is off, as of the stub vehicles (sitl/autopilot/airframe.py)."""
+_WIND, _WANDER, _CADENCE = range(3)
+"""Each kind of chance has its own generator: one that is switched off leaves the others as they were."""
+_ROUNDING_S = 1e-9
+"""A delay of whole ticks arrives on a tick, whatever its last binary digit says."""
+
+
+class _Network:
+    """Packets in flight between vehicles, by the time they arrive."""
+
+    def __init__(self, model: NetworkModel, seed: int) -> None:
+        self._model = model
+        self._random = np.random.default_rng([seed, 0])
+        self._flying: list[tuple[float, int, int, bytes]] = []
+        self._count = 0
+
+    def send(self, now_s: float, sender: int, packets: Sequence[Packet], positions: Vector) -> None:
+        """Send to every other vehicle in range; each copy is lost or late on its own."""
+        x, y = positions[sender].tolist()
+        for receiver, (other_x, other_y) in enumerate(positions.tolist()):
+            if receiver == sender or hypot(other_x - x, other_y - y) > self._model.range_m:
+                continue
+            for packet in packets:
+                if self._model.loss == 0.0 or self._random.random() >= self._model.loss:
+                    arrival = (now_s + self._model.delay_s, self._count, receiver, packet.payload)
+                    heapq.heappush(self._flying, arrival)
+                    self._count += 1
+
+    def arrived(self, now_s: float) -> dict[int, list[bytes]]:
+        """Take out what has arrived, by receiver."""
+        arrived: dict[int, list[bytes]] = {}
+        while self._flying and self._flying[0][0] <= now_s + _ROUNDING_S:
+            _, _, receiver, payload = heapq.heappop(self._flying)
+            arrived.setdefault(receiver, []).append(payload)
+        return arrived
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedFlight:
+    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), altitudes and what each tick cost [us] (T, N).
+
+    A tick's cost is all a vehicle's core does in one period: what peers say, its own sensors, decision and plan.
+    `aloft` (T, N) says who is in the air.
+    """
+
+    time_s: Vector
+    motion: Vector
+    altitude_m: Vector
+    tick_us: Vector
+    aloft: NDArray[np.bool_]
+
+
+def simulate(
+    vehicles: Sequence[SimulatedVehicle[OutputT]],
+    network: NetworkModel,
+    *,
+    rate_hz: float,
+    duration_s: float,
+    seed: int,
+    observe: Callable[[int, int, OutputT], None],
+    progress: Callable[[float], None],
+) -> SimulatedFlight:
+    """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` sees every decision."""
+    ticks = round(duration_s * rate_hz) + 1
+    time_s = np.arange(ticks) / rate_hz
+    motion = np.empty((ticks, len(vehicles), 4))
+    altitude_m, tick_us = np.zeros((2, ticks, len(vehicles)))
+    aloft = np.ones((ticks, len(vehicles)), dtype=np.bool_)
+    air = _Network(network, seed)
+    for tick, now_s in enumerate(time_s.tolist()):
+        _attend(vehicles, now_s)
+        for index, vehicle in enumerate(vehicles):
+            motion[tick, index, MOTION] = vehicle.motion
+            altitude_m[tick, index] = vehicle.altitude_m
+            aloft[tick, index] = vehicle.aloft(now_s)
+        arrived = air.arrived(now_s)
+        for index, vehicle in enumerate(vehicles):
+            sensed = vehicle.sense(now_s)
+            if not vehicle.present:
+                continue
+            began = perf_counter()
+            for payload in arrived.get(index, ()):
+                vehicle.core.on_message(payload, now_s)
+            output = vehicle.think(now_s, *sensed)
+            tick_us[tick, index] = (perf_counter() - began) * 1e6
+            vehicle.command(now_s, output.setpoint)
+            air.send(now_s, index, output.messages, motion[tick, :, POSITION])
+            observe(tick, index, output)
+        for vehicle in vehicles:
+            vehicle.advance(now_s, now_s + 1.0 / rate_hz)
+        progress(now_s)
+    return SimulatedFlight(time_s, motion, altitude_m, tick_us, aloft)
+
+
+def _attend(vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None:
+    """Let agents come and go, and tell all that are there."""
+    for vehicle in vehicles:
+        changed = vehicle.attend(now_s)
+        if changed is None:
+            continue
+        for other in vehicles:
+            if other is not vehicle and other.present:
+                other.core.on_presence(changed.vehicle_id, vehicle.present)

@@ -1,0 +1,386 @@
+"""Encirclement: the plan against the paper's cost (24) written out; the loop closed on a plant not the planner's."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import pi, tau
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from agents.control.detour import MARGIN_M, Obstacle
+from agents.control.encirclement import (
+    Approach,
+    EncirclementPlan,
+    EncirclementPlanner,
+    chord_m,
+)
+from agents.control.lmpc import QpStatus
+from agents.control.ring import RingPlace, ring_place, spaced_rate_rad_s
+from agents.control.ring_feasibility import Orbit
+from agents.settings.config import AgentConfig
+from estimation.filters.own import OwnFilter
+from estimation.plant.model import Plant, PlantAxis, exact_step
+from estimation.polar import Polar, motion_from_polar, polar_from_motion
+from estimation.state import (
+    DISTURBANCE,
+    MOTION,
+    Telemetry,
+    Vector,
+)
+
+Maker = Callable[..., AgentConfig]
+
+TARGET = np.array([35.0, -5.0, 0.1, 0.05])
+PERTURBED = Plant(PlantAxis(0.80 * 1.15, 0.87 * 0.9), PlantAxis(0.80 * 0.9, 0.87 * 1.1))
+WIND = np.array([0.15, -0.1])
+STILL = np.zeros(2)
+PERIOD_S = 0.1
+
+
+def polar_acceleration(config: AgentConfig, motion: Vector, plan: EncirclementPlan, wind: Vector) -> Vector:
+    """What the planner's own plant would do at once: (r'', phi'')."""
+    plant = config.plant
+    cartesian = plant.a0_per_s2 * (plan.setpoint_m - motion[:2]) - plant.a1_per_s * motion[2:] + wind
+    x, y, x_rate, y_rate = motion - TARGET
+    radius = np.hypot(x, y)
+    outward, sideways = np.array([x, y]) / radius, np.array([-y, x]) / radius
+    radial_speed, rate = np.array([x_rate, y_rate]) @ outward, np.array([x_rate, y_rate]) @ sideways / radius
+    return np.array(
+        [cartesian @ outward + radius * rate**2, (cartesian @ sideways - 2.0 * radial_speed * rate) / radius]
+    )
+
+
+@dataclass(frozen=True)
+class PaperProblem:
+    """(23)-(26) in the paper's four terms, each neighbour a vehicle of its own that goes on at the ring's rate."""
+
+    config: AgentConfig
+    polar: Polar
+    place: RingPlace
+    previous: Vector
+
+    def rollout(self, decision: Vector) -> Vector:
+        """Radius, angle turned, and their rates (horizon, 4)."""
+        ring = self.config.encirclement
+        dt, inputs = ring.prediction_step_s, decision.reshape(-1, 2)
+        place, rates = (
+            np.array([self.polar.radius_m, 0.0]),
+            np.array([self.polar.radial_speed_m_s, self.polar.angular_rate_rad_s]),
+        )
+        states = []
+        for step in range(ring.horizon):
+            acceleration = inputs[min(step, len(inputs) - 1)]
+            place = place + rates * dt + acceleration * dt**2 / 2.0
+            rates = rates + acceleration * dt
+            states.append([*place, *rates])
+        return np.array(states)
+
+    def neighbours(self) -> tuple[Vector, Vector]:
+        """The angles of lead and lag over the horizon (horizon,)."""
+        assert self.place.lead_rad is not None
+        assert self.place.lag_rad is not None
+        ring = self.config.encirclement
+        turned = ring.angular_rate_rad_s * ring.prediction_step_s * np.arange(1, ring.horizon + 1)
+        return np.asarray(self.place.lead_rad + turned), np.asarray(turned - self.place.lag_rad)
+
+    def cost(self, decision: Vector) -> float:
+        ring = self.config.encirclement
+        radius, angle, _, rate = self.rollout(decision).T
+        wanted = spaced_rate_rad_s(self.place, ring.angular_rate_rad_s, ring.spacing_gain_per_s)
+        total = ring.radius_weight * np.sum((radius - ring.radius_m) ** 2) + ring.rate_weight * np.sum(
+            (rate - wanted) ** 2
+        )
+        if self.place.members > 1:
+            lead, lag = self.neighbours()
+            desired = tau / self.place.members
+            total += ring.lag_weight * np.sum((angle - lag - desired) ** 2)
+            total += ring.lead_weight * np.sum((lead - angle - desired) ** 2)
+        increments = np.diff(np.vstack([self.previous, decision.reshape(-1, 2)]), axis=0)
+        return float(total + np.sum(increments**2 @ [ring.radial_increment_weight, ring.angular_increment_weight]))
+
+    def slack(self, decision: Vector) -> Vector:
+        """Nowhere negative where speed limit and clearance are kept."""
+        _, angle, radial_speed, rate = self.rollout(decision).T
+        limit = self.config.encirclement.speed_max_m_s
+        angular = limit / self.polar.radius_m
+        slacks = [limit - radial_speed, limit + radial_speed, angular - rate, angular + rate]
+        if self.place.members > 1:
+            lead, lag = self.neighbours()
+            slacks += [lead - angle - self.config.clearance_rad, angle - lag - self.config.clearance_rad]
+        return np.concatenate(slacks)
+
+    def optimum(self) -> Vector:
+        ring = self.config.encirclement
+        limit = ring.acceleration_max_m_s2 / np.array([1.0, self.polar.radius_m])
+        corners = np.eye(2 * ring.control_horizon)
+        result = minimize(
+            self.cost,
+            np.zeros(len(corners)),
+            # Differences over any step are exact: the cost is quadratic, the constraints are linear.
+            jac=lambda u: np.array([self.cost(u + corner) - self.cost(u - corner) for corner in corners]) / 2.0,
+            bounds=[(-value, value) for value in np.tile(limit, ring.control_horizon)],
+            constraints={
+                "type": "ineq",
+                "fun": self.slack,
+                "jac": lambda u: np.array([self.slack(u + corner) - self.slack(u) for corner in corners]).T,
+            },
+            method="SLSQP",
+            options={"ftol": 1e-12, "maxiter": 500},
+        )
+        assert result.status in (0, 8)  # converged, or as far as rounding allows
+        return np.asarray(result.x[:2], dtype=np.float64)
+
+
+PLACES = {
+    "alone": RingPlace(1, None, None),
+    "two": RingPlace(2, 3.13, tau - 3.13),
+    "three": RingPlace(3, 2.11, 2.08),
+    "crowded": RingPlace(3, 0.32, 2.0),
+    "squeezed": RingPlace(3, 0.35, 0.36),
+}
+
+
+@pytest.mark.parametrize(("lag_weight", "lead_weight"), [(5.0, 9.0), (9.0, 5.0)])
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+@pytest.mark.parametrize(
+    ("polar", "status"),
+    [
+        (Polar(10.2, 2.5, 0.05, 0.06), QpStatus.INTERIOR),
+        (Polar(9.7, -3.1, -0.1, 0.02), QpStatus.INTERIOR),
+        (Polar(25.0, 0.3, -1.0, 0.01), QpStatus.BOUNDED),
+    ],
+)
+def test_the_plan_minimises_the_papers_cost(
+    polar: Polar, status: QpStatus, place: RingPlace, lag_weight: float, lead_weight: float, make_config: Maker
+) -> None:
+    weights = {"lag_weight": lag_weight, "lead_weight": lead_weight}
+    config = make_config(encirclement=weights, safety={"separation_m": 3.0})
+    planner, motion, previous = EncirclementPlanner(config), motion_from_polar(polar, TARGET), np.zeros(2)
+    for _ in range(2):  # the second plan continues the first: it pays for the change of acceleration
+        plan = planner.plan(motion, TARGET, WIND, place)
+        acceleration = polar_acceleration(config, motion, plan, WIND)
+        assert acceleration == pytest.approx(PaperProblem(config, polar, place, previous).optimum(), abs=3e-3)
+        previous = acceleration
+    assert plan.status is (status if min(place.lead_rad or pi, place.lag_rad or pi) > 1.0 else QpStatus.BOUNDED)
+
+
+@given(
+    polar=st.builds(Polar, st.floats(1.5, 55.0), st.floats(-pi, pi), st.floats(-2.5, 2.5), st.floats(-0.5, 0.5)),
+    others=st.lists(st.floats(-pi, pi), max_size=3),
+)
+def test_the_acceleration_asked_for_stays_within_its_bounds(
+    polar: Polar, others: list[float], make_config: Maker
+) -> None:
+    config = make_config()
+    motion = motion_from_polar(polar, TARGET)
+    plan = EncirclementPlanner(config).plan(motion, TARGET, WIND, ring_place(polar.bearing_rad, others))
+    radial, angular = np.abs(polar_acceleration(config, motion, plan, WIND))
+    assert radial <= config.encirclement.acceleration_max_m_s2 + 1e-6
+    assert angular * polar.radius_m <= config.encirclement.acceleration_max_m_s2 + 1e-6
+
+
+@given(turn=st.floats(-pi, pi), radius=st.sampled_from([0.5, 8.0, 70.0]))
+def test_turning_the_world_turns_the_setpoint(turn: float, radius: float, make_config: Maker) -> None:
+    # No direction is special, least of all the one where the bearing wraps.
+    def setpoint(bearing: float) -> Vector:
+        motion = motion_from_polar(Polar(radius, bearing, 0.1, 0.08), np.zeros(4))
+        place = ring_place(bearing, [bearing + 1.0, bearing - 2.5])
+        return EncirclementPlanner(make_config()).plan(motion, np.zeros(4), STILL, place).setpoint_m
+
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    assert setpoint(turn) == pytest.approx(rotation @ setpoint(0.0), abs=1e-4)
+
+
+class Flyer:
+    """A vehicle of a perturbed plant in the wind, with filter and planner of the nominal plant."""
+
+    def __init__(self, config: AgentConfig, polar: Polar, plant: Plant = PERTURBED) -> None:
+        self.config, self.plant = config, plant
+        self.motion = motion_from_polar(polar, TARGET)
+        self.own = OwnFilter(config.plant, config.own_filter)
+        self.planner = EncirclementPlanner(config)
+        self.plans: list[EncirclementPlan] = []
+
+    def tick(self, now_s: float, others: Sequence[Vector]) -> None:
+        x, y, x_rate, y_rate = self.motion.tolist()
+        self.own.measure(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
+        mean = self.own.predicted(now_s + PERIOD_S / 2.0, PERIOD_S / 2.0)
+        acting = mean[MOTION]
+        target = target_at(now_s + PERIOD_S / 2.0)
+        drift = self.config.encirclement.angular_rate_rad_s * PERIOD_S / 2.0
+        bearings = [polar_from_motion(other, target_at(now_s)).bearing_rad + drift for other in others]
+        place = ring_place(polar_from_motion(acting, target).bearing_rad, bearings)
+        self.plans.append(self.planner.plan(acting, target, mean[DISTURBANCE], place))
+        self.own.command(now_s, self.plans[-1].setpoint_m)
+
+    def advance(self) -> None:
+        self.motion = exact_step(self.plant, PERIOD_S).advance(self.motion, self.plans[-1].setpoint_m, WIND)
+
+
+def target_at(time_s: float) -> Vector:
+    return np.concatenate([TARGET[:2] + TARGET[2:] * time_s, TARGET[2:]])
+
+
+def fly(flyers: Sequence[Flyer], duration_s: float) -> Vector:
+    """Fly all of them; return radius, unwrapped bearing and their rates (T, N, 4)."""
+    track = []
+    for tick in range(round(duration_s / PERIOD_S)):
+        motions = [flyer.motion for flyer in flyers]
+        polars = [polar_from_motion(motion, target_at(tick * PERIOD_S)) for motion in motions]
+        track.append([[p.radius_m, p.bearing_rad, p.radial_speed_m_s, p.angular_rate_rad_s] for p in polars])
+        for index, flyer in enumerate(flyers):
+            flyer.tick(tick * PERIOD_S, motions[:index] + motions[index + 1 :])
+        for flyer in flyers:
+            flyer.advance()
+    flown = np.array(track)
+    flown[:, :, 1] = np.unwrap(flown[:, :, 1], axis=0)
+    return flown
+
+
+@pytest.mark.parametrize("rate", [0.15, -0.15])
+def test_one_vehicle_settles_on_the_ring_of_a_moving_target(rate: float, make_config: Maker) -> None:
+    config = make_config(encirclement={"angular_rate_rad_s": rate})
+    flown = fly([Flyer(config, Polar(12.0, pi - 0.3, 0.0, 0.0))], 90.0)[300:, 0]
+    # Model error turns with the vehicle, so the disturbance estimate follows it at a distance: no bias, little ripple.
+    assert np.sqrt(np.mean((flown[:, 0] - 10.0) ** 2)) < 0.05
+    assert (flown[-1, 1] - flown[0, 1]) / ((len(flown) - 1) * PERIOD_S) == pytest.approx(rate, abs=0.001)
+    assert np.abs(np.diff(flown[:, 1])).max() < 0.02
+
+
+def test_three_vehicles_spread_evenly_whatever_their_bearings(make_config: Maker) -> None:
+    config = make_config()
+    flown = fly([Flyer(config, Polar(10.0, bearing, 0.0, 0.0)) for bearing in (2.9, -2.9, -2.0)], 60.0)[-100:]
+    gaps = np.diff(np.column_stack([flown[:, :, 1], flown[:, 0, 1] + tau]), axis=1) % tau
+    assert np.degrees(gaps) == pytest.approx(120.0, abs=1.0)
+    assert flown[:, :, 0] == pytest.approx(10.0, abs=0.05)
+    assert np.mean(flown[:, :, 3]) == pytest.approx(0.05, abs=5e-4)
+
+
+def test_the_speed_limit_is_kept_on_the_way_and_on_the_ring(make_config: Maker) -> None:
+    config = make_config(encirclement={"speed_max_m_s": 1.0, "angular_rate_rad_s": 0.3})
+    flown = fly([Flyer(config, Polar(40.0, 1.0, 0.0, 0.0), config.plant)], 120.0)[:, 0]
+    assert np.abs(flown[:, 2]).max() < 1.0 * 1.05
+    assert np.abs(flown[:, 0] * flown[:, 3]).max() < 1.0 * 1.05
+    # 0.3 rad/s would need 3 m/s: the vehicle turns as fast as it may.
+    assert flown[-50:, 3] == pytest.approx(0.1, abs=0.003)
+    assert flown[-50:, 0] == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("lead", "lag"), [(0.6, 0.8), (0.8, 0.6)])
+def test_the_clearance_to_a_neighbour_is_kept_against_the_wish_to_run_into_it(
+    lead: float, lag: float, make_config: Maker
+) -> None:
+    # Only the farther neighbour's spacing term is there to pull: nothing but the bound keeps off the nearer one.
+    weights = {"lag_weight": 50.0 if lag > lead else 1e-6, "lead_weight": 50.0 if lead > lag else 1e-6}
+    config = make_config(encirclement={"spacing_gain_per_s": 0.0, **weights}, safety={"separation_m": 3.0})
+    planner, motion = EncirclementPlanner(config), motion_from_polar(Polar(10.0, 3.0, 0.0, 0.05), target_at(0.0))
+    gaps = []
+    for tick in range(300):
+        now_s = tick * PERIOD_S
+        polar = polar_from_motion(motion, target_at(now_s))
+        place = ring_place(polar.bearing_rad, [3.0 + lead + 0.05 * now_s, 3.0 - lag + 0.05 * now_s])
+        assert place.lead_rad is not None
+        assert place.lag_rad is not None
+        gaps.append(min(place.lead_rad, place.lag_rad))
+        plan = planner.plan(motion, target_at(now_s), STILL, place)
+        motion = exact_step(config.plant, PERIOD_S).advance(motion, plan.setpoint_m, STILL)
+    assert min(gaps) == pytest.approx(config.clearance_rad, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("radius", "approach"),
+    [
+        (0.0, Approach.OUTWARD),
+        (0.99, Approach.OUTWARD),
+        (1.01, Approach.ORBIT),
+        (59.9, Approach.ORBIT),
+        (60.1, Approach.INWARD),
+    ],
+)
+@pytest.mark.parametrize("bearing", [0.4, -3.0])
+def test_near_the_centre_and_far_out_the_way_is_radial(
+    radius: float, approach: Approach, bearing: float, make_config: Maker
+) -> None:
+    config = make_config()
+    motion = motion_from_polar(Polar(radius, bearing, 0.0, 0.0), TARGET)
+    plan = EncirclementPlanner(config).plan(motion, TARGET, WIND, PLACES["three"])
+    assert plan.approach is approach
+    assert np.isfinite(plan.setpoint_m).all()
+    if approach is not Approach.ORBIT and radius > 0.0:
+        radial, angular = polar_acceleration(config, motion, plan, WIND)
+        assert angular * radius == pytest.approx(0.0, abs=1e-9)
+        assert radial * (1.0 if approach is Approach.OUTWARD else -1.0) == pytest.approx(0.87 * 3.0)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3, 90.0])
+def test_from_the_centre_and_from_afar_a_vehicle_reaches_the_ring(radius: float, make_config: Maker) -> None:
+    config = make_config()
+    flyer = Flyer(config, Polar(radius, 2.0, 0.0, 0.0), config.plant)
+    flown = fly([flyer], 90.0)[:, 0]
+    assert flyer.plans[0].approach is (Approach.INWARD if radius > 60.0 else Approach.OUTWARD)
+    assert flyer.plans[-1].approach is Approach.ORBIT
+    assert np.abs(flown[:, 2]).max() < 3.0 * 1.02
+    assert flown[-100:, 0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_the_speed_limit_is_kept_on_a_plant_that_is_not_the_planners(make_config: Maker) -> None:
+    flown = fly([Flyer(make_config(), Polar(90.0, 2.0, 0.0, 0.0))], 40.0)[:, 0]
+    assert np.abs(flown[:, 2]).max() < 3.0 * 1.1
+
+
+@pytest.mark.parametrize(("members", "chord"), [(2, 20.0), (3, 10.0 * 3.0**0.5), (4, 10.0 * 2.0**0.5), (6, 10.0)])
+def test_the_chord_between_neighbours(members: int, chord: float) -> None:
+    assert chord_m(10.0, members) == pytest.approx(chord)
+
+
+def test_the_clearance_is_the_angle_of_the_separation(make_config: Maker) -> None:
+    config = make_config(safety={"separation_m": 3.0})
+    assert 10.0 * config.clearance_rad == pytest.approx(3.0)
+    assert make_config(safety={"separation_m": 99.0}).clearance_rad == pytest.approx(pi / 2.0)
+
+
+def test_with_little_authority_the_model_alone_leads_along_the_ring(make_config: Callable[..., AgentConfig]) -> None:
+    # On the ring feedback has nothing to say; off it, a tenth of the authority says a tenth - to first order.
+    config = make_config(encirclement={"angular_rate_rad_s": 0.1})
+    settings, alone = config.encirclement, RingPlace(1, None, None)
+    ring = Polar(settings.radius_m, 0.7, 0.0, settings.angular_rate_rad_s)
+
+    def setpoint(polar: Polar, authority: float) -> Vector:
+        planner = EncirclementPlanner(config)
+        motion = motion_from_polar(polar, TARGET)
+        return planner.plan(motion, TARGET, np.zeros(2), alone, authority=authority).setpoint_m
+
+    led = setpoint(ring, 1.0)
+    assert setpoint(ring, 0.1) == pytest.approx(led, abs=1e-9)
+    off = Polar(ring.radius_m + 0.1, ring.bearing_rad, 0.05, ring.angular_rate_rad_s + 0.002)
+    assert setpoint(off, 0.1) - led == pytest.approx((setpoint(off, 1.0) - led) / 10.0, abs=2e-3)
+    assert np.linalg.norm(setpoint(off, 1.0) - led) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "stands_m", "at_m"),
+    [
+        (19.0, None, 19.0),  # waiting outside the ring
+        (None, None, 15.0),  # on an orbit wider and slower than the mission's
+        (None, 15.0, 17.0 + MARGIN_M),  # on the bend about an obstacle
+    ],
+)
+def test_where_it_is_to_fly_a_vehicle_of_little_authority_stays(
+    radius_m: float | None, stands_m: float | None, at_m: float, make_config: Maker
+) -> None:
+    config = make_config(encirclement={"angular_rate_rad_s": 0.1})
+    orbit, alone = Orbit(15.0, 0.05), RingPlace(1, None, None)
+    obstacles = [] if stands_m is None else [Obstacle(0.7, stands_m, 2.0)]
+    motion = motion_from_polar(Polar(at_m, 0.7, 0.0, 0.05), TARGET)
+
+    def setpoint(authority: float) -> Vector:
+        planner = EncirclementPlanner(config)
+        plan = planner.plan(
+            motion, TARGET, STILL, alone, orbit, authority=authority, radius_m=radius_m, obstacles=obstacles
+        )
+        return plan.setpoint_m
+
+    assert setpoint(0.1) == pytest.approx(setpoint(1.0), abs=1e-9)

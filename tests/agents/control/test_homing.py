@@ -1,0 +1,245 @@
+"""The way up and down, flown by three cores and their plants: layers, who waits for whom, and where they land."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import combinations
+from math import dist, hypot
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.control.homing import assembled
+from agents.core import VehicleCore
+from agents.settings.config import AgentConfig
+from agents.settings.sections import ChoreographySettings
+from agents.tactics import Event, Tactic
+from agents.team.messages import MemberState
+from estimation.plant.model import exact_step
+from estimation.state import Telemetry, Vector
+
+DT_S = 0.1
+CLIMB_M_S = 1.0
+SINK_M_S = 0.5
+LAYER_M = 3.0
+HOMES = {1: (0.0, 4.0), 2: (0.0, 0.0), 3: (0.0, -4.0)}
+RETURN = {"layer_m": LAYER_M, "landing": "return"}
+MakeConfig = Callable[..., AgentConfig]
+
+
+@dataclass
+class Flyer:
+    """One vehicle: its core, its true motion and height, and until when it has been up."""
+
+    config: AgentConfig
+    motion: Vector
+    height_m: float
+    core: VehicleCore = field(init=False)
+    down_s: float | None = None
+
+    def __post_init__(self) -> None:
+        self.core = VehicleCore(self.config)
+
+    def fly(self, setpoint: tuple[float, float, float]) -> None:
+        self.motion = exact_step(self.config.plant, DT_S).advance(self.motion, np.array(setpoint[:2]), np.zeros(2))
+        self._climb(setpoint[2], CLIMB_M_S)
+
+    def sink(self) -> None:
+        self._climb(0.0, SINK_M_S)
+
+    def _climb(self, to_m: float, rate_m_s: float) -> None:
+        self.height_m += min(max(to_m - self.height_m, -rate_m_s * DT_S), rate_m_s * DT_S)
+
+    @property
+    def place(self) -> tuple[float, float]:
+        return float(self.motion[0]), float(self.motion[1])
+
+
+class Sky:
+    """Three vehicles in the air that hear each other at once."""
+
+    def __init__(self, make: MakeConfig, places: dict[int, tuple[float, float]], **choreography: Any) -> None:
+        settings = ChoreographySettings(**choreography)
+        self.now_s = 100.0
+        self.flyers = {
+            i: Flyer(
+                make(
+                    vehicle_id=i,
+                    choreography=settings,
+                    home_m=HOMES[i],
+                    layers_from_m=8.0,
+                    safety={"separation_m": 2.0},
+                ),
+                np.array([*place, 0.0, 0.0]),
+                8.0,
+            )
+            for i, place in places.items()
+        }
+        for each in self.flyers.values():
+            each.height_m = each.config.take_off_altitude_m
+
+    def up(self) -> Iterator[Flyer]:
+        return (each for each in self.flyers.values() if each.down_s is None)
+
+    def step(self) -> None:
+        self.now_s += DT_S
+        payloads = {i: self._tick(each) for i, each in self.flyers.items() if each.down_s is None}
+        for sender, messages in payloads.items():
+            for i, each in self.flyers.items():
+                for message in messages if i != sender else ():
+                    each.core.on_message(message, self.now_s)
+
+    def _tick(self, flyer: Flyer) -> list[bytes]:
+        x, y, x_rate, y_rate = flyer.motion.tolist()
+        flyer.core.on_telemetry(Telemetry(self.now_s, (x, y, flyer.height_m), (x_rate, y_rate, 0.0)))
+        output = flyer.core.tick(self.now_s)
+        assert output.setpoint is not None
+        if flyer.core.tactic is Tactic.LAND:
+            flyer.sink()
+            flyer.down_s = self.now_s if flyer.height_m <= 0.0 else None
+        else:
+            flyer.fly(output.setpoint.position_m)
+        return [message.payload for message in output.messages]
+
+    def end(self, *vehicles: int) -> None:
+        for i in vehicles or tuple(self.flyers):
+            self.flyers[i].core.on_event(Event.END)
+
+    def clearances_m(self) -> float:
+        """The smallest distance in space between two that are up."""
+        return min(
+            (dist((*a.place, a.height_m), (*b.place, b.height_m)) for a, b in combinations(self.up(), 2)), default=99.0
+        )
+
+
+def settled(sky: Sky, steps: int = 30) -> Sky:
+    for _ in range(steps):
+        sky.step()
+    return sky
+
+
+def until_down(sky: Sky, limit_s: float = 400.0) -> tuple[list[int], float]:
+    """Fly until all are down: the order in which they came down, and the smallest distance on the way."""
+    end_s, nearest_m = sky.now_s + limit_s, 99.0
+    while any(sky.up()):
+        assert sky.now_s < end_s, "they never came down"
+        sky.step()
+        nearest_m = min(nearest_m, sky.clearances_m())
+    return sorted(sky.flyers, key=lambda i: sky.flyers[i].down_s or 0.0), nearest_m
+
+
+def test_vehicles_that_return_cross_in_layers_and_land_in_order_at_their_starts(make_config: MakeConfig) -> None:
+    crossed = {1: (20.0, -8.0), 2: (24.0, 0.0), 3: (20.0, 8.0)}  # their ways home cross
+    sky = settled(Sky(make_config, crossed, **RETURN, landing_order=(3, 1, 2)))
+    sky.end()
+    order, nearest_m = until_down(sky)
+    assert order == [3, 1, 2]
+    assert nearest_m > 0.9 * LAYER_M
+    for i, each in sky.flyers.items():
+        assert dist(each.place, HOMES[i]) < 1.0
+
+
+def test_nobody_sinks_while_one_below_is_still_on_its_way(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (4.0, 4.0), 2: (4.0, 0.0), 3: (60.0, -4.0)}, **RETURN, landing_order=(3, 1, 2)))
+    sky.end()
+    first = sky.flyers[3]
+    while first.core.tactic is Tactic.RETURN_AND_LAND:
+        sky.step()
+        others = {sky.flyers[i].core.tactic for i in (1, 2)}
+        assert others == {Tactic.RETURN_AND_LAND} or first.core.tactic is not Tactic.RETURN_AND_LAND
+    assert dist(first.place, HOMES[3]) < 1.0
+
+
+def test_a_vehicle_that_returns_rises_above_the_mission_before_it_moves_across(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (20.0, 8.0), 2: (20.0, 0.0), 3: (20.0, -8.0)}, **RETURN))
+    began = {i: each.place for i, each in sky.flyers.items()}
+    sky.end()
+    for _ in range(3000):
+        sky.step()
+        for i, each in sky.flyers.items():
+            if each.core.tactic is Tactic.RETURN_AND_LAND and dist(each.place, began[i]) > 1.0:
+                assert each.height_m > each.config.return_altitude_m - 1.1
+    assert not any(sky.up())
+
+
+def test_vehicles_well_apart_land_together_and_near_ones_one_by_one(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (0.0, 2.8), 2: (0.0, 0.0), 3: (0.0, -30.0)}))
+    sky.end()
+    order, _ = until_down(sky)
+    down_s = {i: each.down_s or 0.0 for i, each in sky.flyers.items()}
+    assert order[-1] == 2
+    assert down_s[1] == pytest.approx(down_s[3], abs=3.0)
+    assert down_s[2] - down_s[1] > 8.0 / SINK_M_S, "it began to sink once the other was down"
+
+
+def test_one_that_comes_down_alone_does_not_wait_for_those_that_fly_on(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (0.0, 2.8), 2: (0.0, 0.0), 3: (0.0, -2.8)}))
+    sky.end(2)
+    for _ in range(int(25.0 / DT_S)):
+        sky.step()
+    assert [i for i, each in sky.flyers.items() if each.down_s is not None] == [2]
+
+
+def test_nobody_waits_for_ever(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (0.0, 2.8), 2: (0.0, 0.0)}))
+    sky.flyers[1].sink = lambda: None  # type: ignore[method-assign]  # it says that it lands, and never does
+    sky.end()
+    while sky.flyers[2].down_s is None:
+        sky.step()
+        assert sky.now_s < 400.0
+    assert sky.now_s > 160.0
+
+
+def test_without_telemetry_a_vehicle_on_its_way_lands_where_it_is(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (20.0, 8.0)}, **RETURN))
+    sky.end()
+    settled(sky, 20)
+    core = sky.flyers[1].core
+    assert core.tactic is Tactic.RETURN_AND_LAND
+    core.tick(sky.now_s + 1.5)
+    assert core.tactic.value == "land"
+
+
+def test_layers_are_left_once_all_are_in_their_places(make_config: MakeConfig) -> None:
+    sky = Sky(make_config, {1: (0.0, 12.0), 2: (0.0, 0.0), 3: (0.0, -2.6)}, layer_m=LAYER_M)
+    for each in sky.flyers.values():
+        each.core.start(sky.now_s)
+    assert [each.height_m for each in sky.flyers.values()] == [8.0, 8.0 + LAYER_M, 8.0 + 2.0 * LAYER_M]
+    for _ in range(300):
+        sky.step()
+        if any(abs(each.height_m - each.config.take_off_altitude_m) > 0.2 for each in sky.flyers.values()):
+            gaps = [abs(a.place[1] - b.place[1]) for a, b in combinations(sky.flyers.values(), 2)]
+            assert min(gaps) > 4.0, "it sank before all were in their places"
+    assert [each.height_m for each in sky.flyers.values()] == pytest.approx([8.0] * 3)
+
+
+def peer(vehicle_id: int, place: tuple[float, float], tactic: Tactic) -> MemberState:
+    return MemberState(vehicle_id, 1.0, tactic.value, place, (0.0, 0.0), place, (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("tactic", "place", "peers_tactic", "expected"),
+    [
+        (Tactic.FORMATION, (0.0, 5.0), Tactic.FORMATION, True),
+        (Tactic.FORMATION, (0.9, 5.0), Tactic.FORMATION, True),
+        (Tactic.FORMATION, (1.1, 5.0), Tactic.FORMATION, False),
+        (Tactic.FORMATION, (30.0, 5.0), Tactic.FORMATION, False),
+        (Tactic.FORMATION, (30.0, 5.0), Tactic.ENCIRCLE, True),
+        (Tactic.ENCIRCLE, (0.0, 1.4), Tactic.FORMATION, False),
+        (Tactic.ENCIRCLE, (0.0, 1.6), Tactic.ENCIRCLE, True),
+    ],
+)
+def test_who_is_in_the_way(
+    tactic: Tactic, place: tuple[float, float], peers_tactic: Tactic, expected: bool, make_config: MakeConfig
+) -> None:
+    config = make_config(safety={"separation_m": 1.0})
+    heard = [peer(1, place, peers_tactic), peer(3, (0.0, -5.0), tactic)]
+    assert assembled(config, tactic, np.zeros(2), heard, 0.0) is expected
+    assert hypot(*place) > 0.0
+
+
+def test_who_is_not_heard_of_is_waited_for_but_not_for_ever(make_config: MakeConfig) -> None:
+    config, here = make_config(), np.zeros(2)
+    heard = [peer(1, (0.0, 5.0), Tactic.FORMATION)]
+    assert not assembled(config, Tactic.FORMATION, here, heard, 9.0)
+    assert assembled(config, Tactic.FORMATION, here, heard, 11.0)

@@ -1,0 +1,198 @@
+"""The LMPC against its cost written out as a rollout, minimised by least squares and by SLSQP."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from estimation.state import Vector
+
+HORIZON = 6
+FREE = 1e20
+CONSTRAINED = (2, 3)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One LMPC problem with what defines it, and its cost and states computed step by step."""
+
+    transition: Vector
+    input_gain: Vector
+    control_horizon: int
+    state_weight: Vector
+    increment_weight: Vector
+    state: Vector
+    reference: Vector
+    previous: Vector
+
+    def lmpc(self) -> Lmpc:
+        return Lmpc(
+            self.transition,
+            self.input_gain,
+            horizon=HORIZON,
+            control_horizon=self.control_horizon,
+            state_weight=self.state_weight,
+            increment_weight=self.increment_weight,
+            constrained_states=CONSTRAINED,
+        )
+
+    def states(self, decision: Vector) -> Vector:
+        inputs, state, states = decision.reshape(self.control_horizon, 2), self.state, []
+        for step in range(HORIZON):
+            state = self.transition @ state + self.input_gain @ inputs[min(step, self.control_horizon - 1)]
+            states.append(state)
+        return np.array(states)
+
+    def residuals(self, decision: Vector) -> Vector:
+        """The cost is the sum of their squares."""
+        inputs = np.vstack([self.previous, decision.reshape(self.control_horizon, 2)])
+        tracking = (self.states(decision) - self.reference) @ np.linalg.cholesky(self.state_weight)
+        return np.concatenate([tracking.ravel(), (np.diff(inputs, axis=0) * np.sqrt(self.increment_weight)).ravel()])
+
+    def cost(self, decision: Vector) -> float:
+        return float(np.sum(self.residuals(decision) ** 2))
+
+    def jacobian(self, function: Callable[[Vector], Vector]) -> Vector:
+        """Of a function affine in the decision: its values at the corners, exactly."""
+        size = 2 * self.control_horizon
+        origin = function(np.zeros(size)).ravel()
+        return np.column_stack([function(corner).ravel() - origin for corner in np.eye(size)])
+
+    def unbounded_optimum(self) -> Vector:
+        size = 2 * self.control_horizon
+        solution = np.linalg.lstsq(self.jacobian(self.residuals), -self.residuals(np.zeros(size)), rcond=None)[0]
+        return np.asarray(solution, dtype=np.float64)
+
+    def bounded_optimum(self, bounds: Bounds) -> Vector:
+        size = 2 * self.control_horizon
+        jacobian, offset = self.jacobian(self.residuals), self.residuals(np.zeros(size))
+        slope = self.jacobian(self.speeds)
+        result = minimize(
+            lambda u: np.sum((jacobian @ u + offset) ** 2),
+            np.zeros(size),
+            jac=lambda u: 2.0 * jacobian.T @ (jacobian @ u + offset),
+            bounds=list(
+                zip(
+                    np.tile(bounds.inputs[0], self.control_horizon),
+                    np.tile(bounds.inputs[1], self.control_horizon),
+                    strict=True,
+                )
+            ),
+            constraints=[
+                {
+                    "type": "ineq",
+                    "fun": lambda u: bounds.states[1].ravel() - self.speeds(u).ravel(),
+                    "jac": lambda u: -slope,
+                },
+                {
+                    "type": "ineq",
+                    "fun": lambda u: self.speeds(u).ravel() - bounds.states[0].ravel(),
+                    "jac": lambda u: slope,
+                },
+            ],
+            method="SLSQP",
+            options={"ftol": 1e-14, "maxiter": 500},
+        )
+        assert result.success
+        return np.asarray(result.x, dtype=np.float64)
+
+    def speeds(self, decision: Vector) -> Vector:
+        return self.states(decision)[:, CONSTRAINED]
+
+
+def problem(seed: int, control_horizon: int) -> Problem:
+    random = np.random.default_rng(seed)
+    root = random.standard_normal((4, 4))
+    # A damped, coupled pair of axes: nothing in the builder may rely on symmetry.
+    transition = np.eye(4) + 0.3 * np.block([[np.zeros((2, 2)), np.eye(2)], [-0.5 * np.eye(2), -0.6 * np.eye(2)]])
+    return Problem(
+        transition + 0.02 * random.standard_normal((4, 4)),
+        np.vstack([np.eye(2) * 0.05, np.eye(2) * 0.3]) + 0.01 * random.standard_normal((4, 2)),
+        control_horizon,
+        root @ root.T + 0.5 * np.eye(4),
+        random.uniform(0.2, 2.0, 2),
+        2.0 * random.standard_normal(4),
+        random.standard_normal((HORIZON, 4)),
+        random.standard_normal(2),
+    )
+
+
+def both_ways(most: Vector) -> Vector:
+    return np.stack([-most, most])
+
+
+def bounds(input_max: float = FREE, state_max: float = FREE) -> Bounds:
+    states = np.full((HORIZON, 2), state_max)
+    return Bounds(both_ways(np.full(2, input_max)), both_ways(states))
+
+
+@pytest.mark.parametrize("control_horizon", [1, 2, 4])
+@pytest.mark.parametrize("seed", range(5))
+def test_without_bounds_the_plan_is_the_least_squares_solution(seed: int, control_horizon: int) -> None:
+    given = problem(seed, control_horizon)
+    plan = given.lmpc().solve(given.state, given.reference, given.previous, bounds())
+    optimum = given.unbounded_optimum()
+    assert plan.status is QpStatus.INTERIOR
+    assert plan.inputs.ravel() == pytest.approx(optimum, abs=1e-8)
+    assert plan.first_input == pytest.approx(optimum[:2], abs=1e-8)
+
+
+@pytest.mark.parametrize("control_horizon", [1, 2, 4])
+@pytest.mark.parametrize(("input_max", "state_max"), [(0.5, FREE), (FREE, 2.5), (3.0, 3.0)])
+@pytest.mark.parametrize("seed", range(5))
+def test_on_the_bounds_the_plan_is_what_slsqp_finds(
+    seed: int, input_max: float, state_max: float, control_horizon: int
+) -> None:
+    given = problem(seed, control_horizon)
+    limits = bounds(input_max, max(state_max, 1.05 * np.abs(given.state[2:]).max()))
+    unbounded = given.unbounded_optimum()
+    inside = (np.abs(unbounded) <= input_max).all() and (np.abs(given.speeds(unbounded)) <= limits.states[1]).all()
+    plan = given.lmpc().solve(given.state, given.reference, given.previous, limits)
+    assert plan.status is (QpStatus.INTERIOR if inside else QpStatus.BOUNDED)
+    optimum = given.bounded_optimum(limits)
+    assert plan.first_input == pytest.approx(optimum[:2], abs=2e-3)
+    assert given.states(plan.inputs.ravel()) == pytest.approx(given.states(optimum), abs=2e-3)
+    assert (np.abs(plan.inputs) <= input_max).all()
+
+
+def test_a_warm_start_leads_to_the_same_plan() -> None:
+    given, elsewhere = problem(3, 2), problem(4, 2)
+    lmpc, limits = given.lmpc(), bounds(0.5)
+    fresh = lmpc.solve(given.state, given.reference, given.previous, limits)
+    lmpc.solve(elsewhere.state, elsewhere.reference, elsewhere.previous, bounds(0.2, 1.0))
+    warm = lmpc.solve(given.state, given.reference, given.previous, limits)
+    assert fresh.status is warm.status is QpStatus.BOUNDED
+    assert warm.first_input == pytest.approx(fresh.first_input, abs=1e-4)
+
+
+def crossed() -> Bounds:
+    return Bounds(both_ways(np.full(2, 0.5)), both_ways(np.full((HORIZON, 2), -1.0)))
+
+
+def out_of_reach() -> Bounds:
+    return Bounds(both_ways(np.full(2, 0.5)), np.stack([np.full((HORIZON, 2), 50.0), np.full((HORIZON, 2), 60.0)]))
+
+
+@pytest.mark.parametrize("impossible", [crossed(), out_of_reach()], ids=["crossed", "out of reach"])
+def test_states_that_cannot_be_kept_still_leave_a_plan_within_the_inputs_bounds(impossible: Bounds) -> None:
+    given = problem(1, 2)
+    lmpc = given.lmpc()
+    plan = lmpc.solve(given.state, given.reference, given.previous, impossible)
+    assert plan.status is QpStatus.BOUNDED
+    assert np.abs(plan.first_input).max() <= 0.5
+    again = lmpc.solve(given.state, given.reference, given.previous, bounds())
+    assert again.status is QpStatus.INTERIOR
+
+
+def test_a_solver_that_fails_falls_back_to_the_optimum_cut_to_the_inputs_bounds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = problem(1, 2)
+    lmpc = given.lmpc()
+    monkeypatch.setattr("agents.control.lmpc._SoftQp.minimise", lambda *_: None)
+    plan = lmpc.solve(given.state, given.reference, given.previous, out_of_reach())
+    assert plan.status is QpStatus.FALLBACK
+    assert plan.first_input == pytest.approx(np.clip(given.unbounded_optimum()[:2], -0.5, 0.5))

@@ -1,0 +1,125 @@
+"""The spacing law against the modes of a ring Laplacian, in closed form."""
+
+from math import cos, exp, pi, tau
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.control.ring import (
+    RingPlace,
+    ring_place,
+    spaced_rate_rad_s,
+    spacing_decay_per_s,
+)
+from estimation.state import Vector
+
+RATE_RAD_S = 0.05
+# Angles from each vehicle to the next, then scaled to a whole turn: no two share a bearing.
+gaps = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8)
+
+
+def bearings_of(gaps: list[float]) -> Vector:
+    """Bearings in no particular order, some of them a turn or two off."""
+    bearings = np.cumsum(gaps) / np.sum(gaps) * tau
+    mixed = np.random.default_rng(len(gaps)).permutation(len(gaps))
+    return np.asarray(bearings[mixed] + tau * (mixed % 3 - 1), dtype=np.float64)
+
+
+def rates(bearings: Vector, gain_per_s: float) -> Vector:
+    """The angular rate wanted of each vehicle, as the law tells each of them."""
+    everybody = bearings.tolist()
+    places = [ring_place(own, everybody[:i] + everybody[i + 1 :]) for i, own in enumerate(everybody)]
+    return np.array([spaced_rate_rad_s(place, RATE_RAD_S, gain_per_s) for place in places])
+
+
+def modes_per_s(members: int, gain_per_s: float) -> list[float]:
+    """The decay rates of the evenly spaced ring, slowest first: eigenvalues of a numerical Jacobian."""
+    even, step = np.arange(members) * tau / members + 0.1, 1e-6
+    columns = [
+        (rates(even + step * e, gain_per_s) - rates(even - step * e, gain_per_s)) / (2.0 * step)
+        for e in np.eye(members)
+    ]
+    return sorted((-np.linalg.eigvals(np.column_stack(columns)).real).tolist())
+
+
+def test_with_three_vehicles_both_modes_decay_exactly_at_gamma() -> None:
+    # (20): the paper's law with gamma itself, two modes (2 gamma / 3)(1 + 1/2), and the common rotation.
+    assert modes_per_s(3, 0.3) == pytest.approx([0.0, 0.3, 0.3], abs=1e-8)
+    place = RingPlace(3, lead_rad=2.5, lag_rad=1.9)
+    assert spaced_rate_rad_s(place, 0.05, 0.3) == pytest.approx(0.05 + 0.3 / 3.0 * (2.5 - 1.9))
+
+
+@pytest.mark.parametrize("members", range(2, 8))
+def test_the_slowest_mode_decays_at_the_gain_and_all_of_them_as_a_ring_laplacian(members: int) -> None:
+    gain = 0.15
+    scaled = 1.5 * gain / (1.0 - cos(tau / members))
+    closed_form = [2.0 * scaled / 3.0 * (1.0 - cos(tau * k / members)) for k in range(members)]
+    modes = modes_per_s(members, gain)
+    assert modes == pytest.approx(sorted(closed_form), abs=1e-7)
+    assert modes[1] == pytest.approx(gain)
+
+
+@pytest.mark.parametrize("members", [6, 9, 20])
+def test_the_fastest_mode_of_a_large_ring_stays_within_what_a_vehicle_can_follow(members: int) -> None:
+    fastest = modes_per_s(members, 0.3)[-1]
+    assert fastest == pytest.approx(0.5 * (1.0 - cos(tau * (members // 2) / members)), abs=1e-7)
+    assert fastest <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("members", range(2, 25))
+@pytest.mark.parametrize("gain", [0.05, 0.3, 1.5])
+def test_the_decay_told_of_a_ring_is_its_slowest_mode(members: int, gain: float) -> None:
+    assert spacing_decay_per_s(members, gain) == pytest.approx(modes_per_s(members, gain)[1], rel=1e-4)
+
+
+def test_a_disturbed_ring_of_three_settles_exponentially() -> None:
+    bearings, step_s, gain = np.array([0.0, 1.6, 4.0]), 1e-3, 0.3
+    errors = []
+    for tick in range(10_001):
+        if tick % 5000 == 0:
+            errors.append(np.diff(bearings) - tau / 3.0)
+        bearings = bearings + rates(bearings, gain) * step_s
+    assert errors[1] == pytest.approx(errors[0] * exp(-gain * 5.0), abs=1e-3)
+    assert errors[2] == pytest.approx(errors[0] * exp(-gain * 10.0), abs=1e-3)
+
+
+@given(gaps, st.floats(0.0, 2.0))
+def test_the_corrections_sum_to_zero(gaps: list[float], gain: float) -> None:
+    assert rates(bearings_of(gaps), gain).sum() == pytest.approx(RATE_RAD_S * len(gaps), abs=1e-9)
+
+
+@given(gaps, st.floats(-20.0, 20.0))
+def test_neighbours_are_the_adjacent_gaps_wherever_the_ring_is_turned_to(gaps: list[float], turn: float) -> None:
+    scaled = np.array(gaps) / np.sum(gaps) * tau
+    bearings = np.cumsum(scaled) + turn
+    for own in range(len(gaps)):
+        place = ring_place(bearings[own], np.delete(bearings, own).tolist())
+        assert place.members == len(gaps)
+        if len(gaps) > 1:
+            assert place.lag_rad == pytest.approx(scaled[own], abs=1e-9)
+            assert place.lead_rad == pytest.approx(scaled[(own + 1) % len(gaps)], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("own", "others", "lead", "lag"),
+    [
+        (0.0, [1.0, -2.0], 1.0, 2.0),
+        (pi - 0.1, [0.1 - pi, 0.0], 0.2, pi - 0.1),
+        (0.1 - pi, [pi - 0.1, 0.0], pi - 0.1, 0.2),
+        (-3.0, [6.0, 5.0], 8.0 - tau, 2.0 * tau - 9.0),
+        (1.0, [1.0], tau, tau),
+        (0.0, [1.0], 1.0, tau - 1.0),
+    ],
+)
+def test_neighbours_by_hand(own: float, others: list[float], lead: float, lag: float) -> None:
+    place = ring_place(own, others)
+    assert (place.lead_rad, place.lag_rad) == pytest.approx((lead, lag))
+    assert place.desired_rad == pytest.approx(tau / (len(others) + 1))
+
+
+def test_alone_on_the_ring_there_is_nothing_to_keep() -> None:
+    place = ring_place(1.0, [])
+    assert place == RingPlace(1, None, None)
+    assert spaced_rate_rad_s(place, -0.2, 0.3) == -0.2

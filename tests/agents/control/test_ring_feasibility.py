@@ -1,0 +1,128 @@
+"""The ring that can be flown about a target: slower, then wider; by steps, with hysteresis, and agreed on."""
+
+from collections.abc import Callable
+from math import sqrt
+
+import pytest
+
+from agents.control.ring_feasibility import BROKEN_MAX, RESERVE, RingFeasibility
+from agents.settings.config import AgentConfig
+from agents.team.messages import MemberState, NeighbourAngle
+from agents.team.ring_scale import FULL_RING, RingScale
+from agents.team.team import Team
+
+Maker = Callable[..., AgentConfig]
+RING = {"radius_m": 10.0, "angular_rate_rad_s": 0.15, "speed_max_m_s": 3.0, "acceleration_max_m_s2": 2.0}
+
+
+def fly(
+    ring_feasibility: RingFeasibility, target_m_s: float, from_s: float, for_s: float, others: RingScale = FULL_RING
+) -> list[str]:
+    """What is told while the target keeps a speed."""
+    told = [ring_feasibility.find(target_m_s, others, from_s + tick * 0.1) for tick in range(round(for_s * 10.0))]
+    return [text for text in told if text is not None]
+
+
+@pytest.mark.parametrize("target_m_s", [0.0, 0.5, 1.0, 1.35])
+def test_a_ring_that_can_be_flown_is_flown_as_asked(target_m_s: float, make_config: Maker) -> None:
+    ring_feasibility = RingFeasibility(make_config(encirclement=RING))
+    assert fly(ring_feasibility, target_m_s, 0.0, 20.0) == []
+    assert (ring_feasibility.needed, ring_feasibility.words) == (FULL_RING, "")
+    assert (ring_feasibility.orbit.radius_m, ring_feasibility.orbit.angular_rate_rad_s) == (10.0, 0.15)
+
+
+@pytest.mark.parametrize("target_m_s", [0.1 * k for k in range(31)])
+@pytest.mark.parametrize("acceleration_m_s2", [0.5, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_what_is_flown_keeps_the_limits_and_the_rate_goes_first(
+    target_m_s: float, acceleration_m_s2: float, sign: float, make_config: Maker
+) -> None:
+    ring = RING | {"acceleration_max_m_s2": acceleration_m_s2, "angular_rate_rad_s": sign * 0.15}
+    shares = RingFeasibility(make_config(encirclement=ring)).shares(target_m_s)
+    rate, radius_m = shares.rate * 0.15, shares.radius * 10.0
+    assert 0.0 <= shares.rate <= 1.0 <= shares.radius <= 2.0
+    assert rate * radius_m + target_m_s <= RESERVE * 3.0 + 1e-9 or shares.rate == 0.0
+    if shares.radius > 1.0:
+        assert shares.rate <= 0.3
+    if shares.radius < 2.0 and target_m_s > 0.0:
+        turning_m_s2 = target_m_s**2 / (BROKEN_MAX * radius_m)
+        assert turning_m_s2 + rate**2 * radius_m <= acceleration_m_s2 + 1e-9
+
+
+def test_what_is_lowered_is_the_most_that_the_speed_allows(make_config: Maker) -> None:
+    """By hand: 0.95 * 3 m/s less 2 m/s leaves 0.85 m/s of the 1.5 m/s along the ring, 56 %, so 50 %."""
+    ring_feasibility = RingFeasibility(make_config(encirclement=RING | {"acceleration_max_m_s2": 4.0}))
+    assert ring_feasibility.shares(2.0) == RingScale(0.5, 1.0)
+    assert ring_feasibility.shares(3.0) == RingScale(0.0, 1.0)
+
+
+def test_a_ring_too_tight_for_a_turn_is_widened_by_what_it_takes(make_config: Maker) -> None:
+    """The smallest R with V²/(0.25 R) + w² R <= A, for V = 2 m/s, w = 0.3 * 0.15 rad/s, A = 1 m/s²: 16.5 m."""
+    config = make_config(encirclement=RING | {"acceleration_max_m_s2": 1.0, "speed_max_m_s": 20.0})
+    squared = 0.045**2
+    smallest_m = (1.0 - sqrt(1.0 - 64.0 * squared)) / (2.0 * squared)
+    assert 16.0 < smallest_m < 17.0
+    assert RingFeasibility(config).shares(2.0) == RingScale(0.3, 1.7)
+
+
+def test_a_need_is_told_once_taken_up_soon_and_left_late(make_config: Maker) -> None:
+    ring_feasibility = RingFeasibility(make_config(encirclement=RING | {"acceleration_max_m_s2": 4.0}))
+    assert fly(ring_feasibility, 0.1, -4.0, 4.0) == []
+    assert fly(ring_feasibility, 2.0, 0.0, 0.4) == []
+    assert fly(ring_feasibility, 2.0, 0.4, 6.0) == ["ring at 50% of its rate: the target moves at 2.0 m/s"]
+    assert ring_feasibility.orbit.angular_rate_rad_s == pytest.approx(0.075)
+    # Neither noise nor a short stop changes that.
+    for tick in range(100):
+        assert ring_feasibility.find(2.0 + 0.1 * (-1) ** tick, FULL_RING, 6.4 + tick * 0.1) is None
+    assert fly(ring_feasibility, 0.0, 16.4, 5.0) == []
+    assert ring_feasibility.needed.rate == 0.5
+    assert fly(ring_feasibility, 0.0, 21.4, 60.0)[-1] == ""
+    assert ring_feasibility.orbit.angular_rate_rad_s == pytest.approx(0.15)
+
+
+def test_how_fast_a_target_seems_to_be_when_it_was_just_found_changes_nothing(make_config: Maker) -> None:
+    ring_feasibility = RingFeasibility(make_config(encirclement=RING))
+    assert fly(ring_feasibility, 5.0, 0.0, 2.5) + fly(ring_feasibility, 0.2, 2.5, 10.0) == []
+    assert ring_feasibility.orbit == RingFeasibility(make_config(encirclement=RING)).orbit
+
+
+def test_a_ring_changes_smoothly(make_config: Maker) -> None:
+    ring_feasibility = RingFeasibility(make_config(encirclement=RING | {"acceleration_max_m_s2": 1.0}))
+    before = ring_feasibility.orbit
+    for tick in range(300):
+        ring_feasibility.find(2.0, FULL_RING, tick * 0.1)
+        assert abs(ring_feasibility.orbit.angular_rate_rad_s - before.angular_rate_rad_s) <= 0.1 * 0.15 * 0.1 + 1e-9
+        assert abs(ring_feasibility.orbit.radius_m - before.radius_m) <= 0.05 * 10.0 * 0.1 + 1e-9
+        before = ring_feasibility.orbit
+    assert before.radius_m > 10.0
+
+
+def test_who_waits_outside_flies_by_the_ring_of_those_on_it_at_once(make_config: Maker) -> None:
+    ring_feasibility, flown = RingFeasibility(make_config(encirclement=RING)), RingScale(0.4, 1.6)
+    ring_feasibility.find(0.1, flown, 0.0, joined=False)
+    assert ring_feasibility.orbit.radius_m == pytest.approx(16.0)
+    assert ring_feasibility.orbit.angular_rate_rad_s == pytest.approx(0.06)
+    ring_feasibility.find(0.1, RingScale(0.4, 2.0), 0.1, joined=True)
+    assert ring_feasibility.orbit.radius_m == pytest.approx(16.05)
+
+
+def test_everybody_flies_by_the_needs_of_whoever_needs_most_and_nobody_holds_on_to_them(make_config: Maker) -> None:
+    config = make_config(encirclement=RING)
+    one, other = RingFeasibility(config), RingFeasibility(config)
+    for tick in range(100):
+        one.find(2.4, other.needed, tick * 0.1)
+        other.find(0.1, one.needed, tick * 0.1)
+    assert other.needed == FULL_RING
+    assert other.orbit == one.orbit != RingFeasibility(config).orbit
+    for tick in range(100, 1100):
+        one.find(0.1, other.needed, tick * 0.1)
+        other.find(0.1, one.needed, tick * 0.1)
+    assert one.orbit == other.orbit == RingFeasibility(config).orbit
+
+
+def test_a_team_knows_the_ring_that_its_engaged_members_can_fly() -> None:
+    team = Team()
+    for sender, tactic, rate, radius in ((1, "encircle", 0.7, 1.0), (2, "encircle", 1.0, 1.4), (3, "hold", 0.1, 2.0)):
+        team.hear_member(MemberState(sender, 1.0, tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+        team.hear_angle(NeighbourAngle(sender, 1.0, 0.0, 0.1, 10.0, rate, radius))
+    assert team.shares() == RingScale(0.7, 1.4)

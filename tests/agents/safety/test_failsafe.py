@@ -1,0 +1,575 @@
+"""The failsafe table, row by row through a whole core: when it reacts, how, who is told, and how it is left again."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from agents.control.lmpc import Lmpc, Plan, QpStatus
+from agents.core import VehicleCore
+from agents.outputs import CoreStatus, TickOutput
+from agents.ports import VehicleStatus
+from agents.safety.failsafe import TABLE, Condition, FailsafeMonitor
+from agents.safety.guard import Guard, Guarded, GuardStatus
+from agents.settings.config import AgentConfig
+from agents.settings.sections import ChoreographySettings, FailsafeSettings
+from agents.tactics import Event, Tactic
+from agents.team.messages import (
+    MemberState,
+    OperatorCommand,
+    decode,
+    encode,
+)
+from estimation.plant.model import exact_step
+from estimation.state import Sighting, Telemetry, Vector
+from gcs.flight.simulated import fly_simulated
+from gcs.mission.file import load_mission
+
+Maker = Callable[..., AgentConfig]
+
+PERIOD_S = 0.1
+HEIGHT_M = 8.0
+ONSET_S = 8.0
+"""When the fault begins: by then everything is known, and nothing was wrong."""
+ESCALATION_S = 6.0
+FENCE_X_M = 0.2 * ONSET_S
+# No two alike, so that no row can take another's.
+SETTINGS = FailsafeSettings(
+    escalation_s=ESCALATION_S,
+    settle_s=3.0,
+    battery_s=4.0,
+    fence_s=0.6,
+    separation_s=0.4,
+    plan_s=1.3,
+    bus_lost_s=2.2,
+    peers_silent_s=3.4,
+    peer_silent_s=2.6,
+    late_s=1.8,
+    clock_s=1.5,
+)
+
+
+class Flight:
+    """Vehicle 3 of a line of three: follows the leader, 2, or is on the ring; faults can be switched on and off."""
+
+    def __init__(self, config: AgentConfig, *, on_ring: bool = False, time_scale: float = 1.0) -> None:
+        self.core = VehicleCore(config)
+        self.core.set_time_scale(time_scale)
+        self.core.start(0.0)
+        self.plant = config.plant
+        self.time_scale = time_scale
+        self.motion: Vector = np.array([0.0, -5.0, 0.2, 0.0])
+        self.ticks = 0
+        self.outputs: list[TickOutput] = []
+        self.on_ring = on_ring
+        self.peers = {1: "formation", 2: "formation"}
+        self.telemetry = True
+        self.offset_m = 0.0
+        self.target_m: tuple[float, float] | None = (6.0, -5.0) if on_ring else None
+        self.battery: float | None = 0.9
+        self.wind = np.zeros(2)
+        self.plan_fails = False
+        self.close = False
+        self.peer_height_m = HEIGHT_M
+        self.late_ticks = 0
+        self.bus = True
+        self.clock_ahead_s = 0.0
+
+    @property
+    def now_s(self) -> float:
+        return self.ticks * PERIOD_S
+
+    @property
+    def status(self) -> CoreStatus:
+        return self.outputs[-1].status
+
+    @property
+    def told(self) -> MemberState:
+        """What the peers are told."""
+        message = decode(self.outputs[-1].messages[0].payload)
+        assert isinstance(message, MemberState)
+        return message
+
+    def notes(self, since_s: float = 0.0, kind: str = "failsafe") -> list[str]:
+        notes = (note for output in self.outputs for note in output.status.notes)
+        return [note.text for note in notes if note.kind == kind and note.time_s >= since_s - 1e-9]
+
+    def fly(self, until_s: float) -> list[TickOutput]:
+        before = len(self.outputs)
+        while self.now_s < until_s - 1e-6:
+            self._step()
+        return self.outputs[before:]
+
+    def _step(self) -> None:
+        now_s, core = self.now_s, self.core
+        x, y, x_rate, y_rate = self.motion.tolist()
+        if self.telemetry:
+            core.on_telemetry(Telemetry(now_s, (x + self.offset_m, y, HEIGHT_M), (x_rate, y_rate, 0.0)))
+        for peer, tactic in self.peers.items():
+            core.on_message(encode(self._said_by(peer, tactic)), now_s)
+        if self.target_m is not None:
+            core.on_sighting(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+        core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery))
+        core.on_loop(self.late_ticks)
+        core.on_bus(self.bus)
+        output = core.tick(now_s)
+        self.outputs.append(output)
+        wanted = (x, y) if output.setpoint is None else output.setpoint.position_m[:2]
+        wanted = wanted[0] - self.offset_m, wanted[1]
+        self.motion = exact_step(self.plant, PERIOD_S).advance(self.motion, np.array(wanted), self.wind)
+        self.ticks += 1
+
+    def _said_by(self, peer: int, tactic: str) -> MemberState:
+        place = 0.2 * self.now_s, {1: 5.0, 2: 0.0}[peer]
+        if peer == 1 and self.close:
+            place = float(self.motion[0]), float(self.motion[1]) + 0.5
+        dated_s = self.now_s + (self.clock_ahead_s * self.time_scale if peer == 1 else 0.0)
+        ahead = place[0] + 0.2 * self.plant.x.a1_per_s / self.plant.x.a0_per_s2, place[1]
+        return MemberState(peer, dated_s, tactic, place, (0.2, 0.0), ahead, (0.2, 0.0), altitude_m=self.peer_height_m)
+
+
+def set_to(**values: object) -> Callable[[Flight], None]:
+    def change(flight: Flight) -> None:
+        for name, value in values.items():
+            setattr(flight, name, value)
+
+    return change
+
+
+def peers(*ids: int) -> Callable[[Flight], None]:
+    return set_to(peers=dict.fromkeys(ids, "formation"))
+
+
+def jump(flight: Flight) -> None:
+    flight.offset_m += 5.0
+
+
+def target_jump(flight: Flight) -> None:
+    assert flight.target_m is not None
+    flight.target_m = flight.target_m[0], flight.target_m[1] - 9.0
+
+
+def nothing(_flight: Flight) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Case:
+    """How a condition comes about and ends, after how long it is met, and by which tactics, one after another.
+
+    `wall` conditions count on the wall's clock. `grave` is the tactic on the way down.
+    """
+
+    begin: Callable[[Flight], None]
+    end: Callable[[Flight], None]
+    after_s: float
+    tactics: tuple[Tactic, ...]
+    on_ring: bool = False
+    wall: bool = False
+    grave: Tactic = Tactic.RETURN_AND_LAND
+
+
+AS_BEFORE: tuple[Tactic, ...] = (Tactic.FORMATION,)
+HOLDS = (Tactic.HOLD, Tactic.LAND)
+LEAVES = (Tactic.ASIDE, Tactic.HOLD, Tactic.LAND)
+CASES = {
+    Condition.TELEMETRY_STALE: Case(
+        set_to(telemetry=False), set_to(telemetry=True), 1.0, HOLDS, wall=True, grave=Tactic.LAND
+    ),
+    Condition.ESTIMATOR_JUMPED: Case(jump, nothing, 1.1, (Tactic.HOLD, Tactic.HOLD)),
+    Condition.PILOT_TOOK_OVER: Case(
+        lambda flight: flight.core.on_event(Event.PILOT_TOOK_OVER),
+        nothing,
+        0.0,
+        (Tactic.PILOT_OVERRIDE, Tactic.PILOT_OVERRIDE),
+        grave=Tactic.PILOT_OVERRIDE,
+    ),
+    Condition.BATTERY_CRITICAL: Case(set_to(battery=0.08), set_to(battery=0.5), 4.0, (Tactic.LAND,), grave=Tactic.LAND),
+    Condition.BATTERY_LOW: Case(
+        set_to(battery=0.18), set_to(battery=0.5), 4.0, (Tactic.RETURN_AND_LAND, Tactic.RETURN_AND_LAND)
+    ),
+    # The line leads it out at the onset; the wind blows it back in.
+    Condition.FENCE_LEFT: Case(nothing, set_to(wind=np.array([-0.6, 0.0])), 0.6, HOLDS),
+    Condition.TOO_CLOSE: Case(set_to(close=True), set_to(close=False), 0.4, LEAVES),
+    Condition.TARGET_STALE: Case(set_to(target_m=None), set_to(target_m=(6.0, -5.0)), 4.0, HOLDS, on_ring=True),
+    # Once it has left the ring, the target may jump as it likes.
+    Condition.TARGET_JUMPED: Case(target_jump, nothing, 2.1, (Tactic.ASIDE, Tactic.ASIDE), on_ring=True),
+    # Once it has left the line, there is no plan to fail.
+    Condition.PLAN_FAILING: Case(set_to(plan_fails=True), set_to(plan_fails=False), 1.3, (Tactic.ASIDE, Tactic.ASIDE)),
+    Condition.BUS_LOST: Case(set_to(bus=False), set_to(bus=True), 2.2, LEAVES, wall=True),
+    Condition.PEERS_SILENT: Case(peers(), peers(1, 2), 3.4, LEAVES, wall=True),
+    Condition.LATE_TICKS: Case(set_to(late_ticks=1), set_to(late_ticks=0), 1.8, AS_BEFORE + LEAVES, wall=True),
+    Condition.CLOCK_STEPPED: Case(set_to(clock_ahead_s=0.7), set_to(clock_ahead_s=0.0), 1.5, AS_BEFORE * 3, wall=True),
+    Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
+    Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
+}
+BY_THE_SHELL = {Condition.OPERATOR_LOST}
+"""Ended by a signal, see the test at the end."""
+STICKY = [condition for condition, case in CASES.items() if case.tactics[0] in (Tactic.HOLD, Tactic.ASIDE)]
+PASSING = [condition for condition, case in CASES.items() if case.tactics[0] is Tactic.FORMATION]
+WALL = [condition for condition, case in CASES.items() if case.wall]
+
+
+def by_name(condition: Condition) -> str:
+    return condition.name.lower()
+
+
+@pytest.fixture
+def make_flight(make_config: Maker, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Flight]:
+    """Return a maker of flights that are healthy so far, just before the onset."""
+
+    def make(
+        condition: Condition | None,
+        *,
+        time_scale: float = 1.0,
+        going_home: bool = False,
+        heard: tuple[int, ...] = (1, 2),
+    ) -> Flight:
+        on_ring = condition is not None and CASES[condition].on_ring
+        config = make_config(
+            vehicle_id=3,
+            failsafe=SETTINGS,
+            target_filter={"stale_after_s": 4.0},
+            own_filter={"disturbance_max_m_s2": 0.05},
+            choreography=ChoreographySettings(layer_m=3.0, landing="return"),
+            home_m=(-60.0, -5.0),
+            layers_from_m=HEIGHT_M,
+            safety={"guard": False, "fence_m": corners(FENCE_X_M)}
+            if condition is Condition.FENCE_LEFT
+            else {"guard": condition is Condition.TOO_CLOSE},
+        )
+        flight = Flight(config, on_ring=on_ring, time_scale=time_scale)
+        peers(*heard)(flight)
+        failing(flight, monkeypatch)
+        flight.fly(ONSET_S - 1.0)
+        if going_home:
+            flight.core.on_event(Event.END)
+        flight.fly(ONSET_S)
+        expected = Tactic.RETURN_AND_LAND if going_home else Tactic.ENCIRCLE if on_ring else Tactic.FORMATION
+        assert (flight.status.tactic, flight.status.alert, flight.notes()) == (expected, "", [])
+        return flight
+
+    return make
+
+
+def corners(x_m: float) -> tuple[tuple[float, float], ...]:
+    return (-90.0, -90.0), (x_m, -90.0), (x_m, 90.0), (-90.0, 90.0)
+
+
+def failing(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let plans fail while the flight is told so."""
+    solve = Lmpc.solve
+
+    def solved(lmpc: Lmpc, *arguments: Vector) -> Plan:
+        plan = solve(lmpc, *arguments)  # type: ignore[arg-type]
+        return Plan(plan.inputs, QpStatus.FALLBACK) if flight.plan_fails else plan
+
+    monkeypatch.setattr(Lmpc, "solve", solved)
+
+
+def reaction_s(flight: Flight, condition: Condition, until_s: float) -> float:
+    """Fly until the alert is told, and return how long after the onset that was."""
+    while flight.core.alert != condition.value:
+        assert flight.now_s < until_s, "never detected"
+        flight.fly(flight.now_s + PERIOD_S)
+    return flight.now_s - PERIOD_S - ONSET_S
+
+
+def test_every_condition_has_one_row_and_every_row_a_case() -> None:
+    assert sorted(row.condition.name for row in TABLE) == sorted(condition.name for condition in Condition)
+    assert set(CASES) | BY_THE_SHELL == set(Condition)
+    assert {row.condition for row in TABLE if row.shell} == BY_THE_SHELL
+    assert set(STICKY) | set(PASSING) == set(CASES) - {
+        Condition.PILOT_TOOK_OVER,
+        Condition.BATTERY_LOW,
+        Condition.BATTERY_CRITICAL,
+    }
+
+
+@pytest.mark.parametrize("condition", CASES, ids=by_name)
+def test_it_is_met_after_its_grace_and_not_before_and_announced(
+    condition: Condition, make_flight: Callable[..., Flight]
+) -> None:
+    case, flight = CASES[condition], make_flight(condition)
+    before = flight.status.tactic
+    case.begin(flight)
+    quiet = flight.fly(ONSET_S + case.after_s - 0.15)
+    assert {output.status.tactic for output in quiet} <= {before}
+    assert condition.value not in {output.status.alert for output in quiet}
+    flight.fly(ONSET_S + case.after_s + 0.15)
+    assert flight.status.tactic is case.tactics[0]
+    assert flight.status.alert == condition.value
+    assert (flight.told.tactic, flight.told.alert) == (case.tactics[0].value, condition.value)
+    assert [note for note in flight.notes() if note.startswith(f"{condition.value}: ")]
+
+
+@pytest.mark.parametrize("condition", WALL, ids=by_name)
+def test_what_comes_over_a_link_is_borne_by_the_wall(condition: Condition, make_flight: Callable[..., Flight]) -> None:
+    case, flight = CASES[condition], make_flight(condition, time_scale=5.0)
+    case.begin(flight)
+    assert reaction_s(flight, condition, ONSET_S + 25.0) == pytest.approx(5.0 * case.after_s, abs=0.2)
+
+
+@pytest.mark.parametrize("condition", [each for each in CASES if each not in WALL], ids=by_name)
+def test_what_happens_to_the_vehicle_is_borne_by_its_own_time(
+    condition: Condition, make_flight: Callable[..., Flight]
+) -> None:
+    case, flight = CASES[condition], make_flight(condition, time_scale=5.0)
+    case.begin(flight)
+    assert reaction_s(flight, condition, ONSET_S + 25.0) == pytest.approx(case.after_s, abs=0.2)
+
+
+@pytest.mark.parametrize("condition", CASES, ids=by_name)
+def test_what_persists_is_met_by_graver_reactions(condition: Condition, make_flight: Callable[..., Flight]) -> None:
+    case, flight = CASES[condition], make_flight(condition)
+    case.begin(flight)
+    for step, tactic in enumerate(case.tactics):
+        reached_s = ONSET_S + case.after_s + step * ESCALATION_S
+        flight.fly(reached_s + 0.15)
+        assert flight.status.tactic is tactic
+        steady = flight.fly(reached_s + ESCALATION_S - 0.15) if step + 1 < len(case.tactics) else []
+        assert {output.status.tactic for output in steady} <= {tactic}
+
+
+@pytest.mark.parametrize("condition", STICKY, ids=by_name)
+def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
+    condition: Condition, make_flight: Callable[..., Flight]
+) -> None:
+    case, flight = CASES[condition], make_flight(condition)
+    reaction = case.tactics[0]
+    case.begin(flight)
+    flight.fly(ONSET_S + case.after_s + 0.15)
+    # Nothing is planned any more once it has stepped aside: then the plan is what does not last.
+    lasts = condition is not Condition.PLAN_FAILING
+    if lasts:
+        said_s = flight.now_s
+        flight.core.on_message(encode(OperatorCommand(flight.now_s, "resume", None, "pat", 1)), flight.now_s)
+        flight.fly(flight.now_s + 0.2)
+        assert flight.status.tactic is reaction
+        (refusal,) = flight.notes(said_s - PERIOD_S, kind="command")
+        assert refusal.startswith(f"resume by pat: refused: {condition.value}")
+    case.end(flight)
+    after = flight.fly(flight.now_s + 4.0)
+    assert {output.status.tactic for output in after} == {reaction}, "it stays"
+    assert (flight.told.tactic, flight.told.alert) == (reaction.value, condition.value)
+    assert f"{condition.value}: over, left by resume" in flight.notes()
+    flight.core.on_message(encode(OperatorCommand(flight.now_s, "resume", None, "pat", 2)), flight.now_s)
+    flight.fly(flight.now_s + 0.3)
+    assert flight.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
+    assert flight.told.alert == ""
+
+
+@pytest.mark.parametrize("condition", PASSING, ids=by_name)
+def test_what_is_only_told_ends_by_itself(condition: Condition, make_flight: Callable[..., Flight]) -> None:
+    case, flight = CASES[condition], make_flight(condition)
+    case.begin(flight)
+    flight.fly(ONSET_S + case.after_s + 1.0)
+    assert flight.told.alert == condition.value
+    case.end(flight)
+    flight.fly(flight.now_s + 0.3)
+    assert flight.told.alert == ""
+    began, over = flight.notes()
+    assert began.startswith(f"{condition.value}: ")
+    assert began.endswith("fly on, and say so")
+    assert over == f"{condition.value}: over"
+    assert {output.status.tactic for output in flight.outputs} == {Tactic.FORMATION}
+
+
+@pytest.mark.parametrize("condition", CASES, ids=by_name)
+def test_nothing_turns_a_descent_into_hovering(condition: Condition, make_flight: Callable[..., Flight]) -> None:
+    case, flight = CASES[condition], make_flight(condition, going_home=True)
+    case.begin(flight)
+    down = flight.fly(ONSET_S + case.after_s + 2.0)
+    assert {output.status.tactic for output in down} <= {Tactic.RETURN_AND_LAND, case.grave}
+    assert flight.status.tactic is case.grave
+
+
+def test_a_vehicle_that_was_held_and_is_sent_down_blind_lands(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.TELEMETRY_STALE)
+    flight.telemetry = False
+    flight.fly(ONSET_S + 2.0)
+    assert flight.status.tactic is Tactic.HOLD
+    flight.core.on_event(Event.END)
+    (output,) = flight.fly(flight.now_s + 0.1)
+    assert output.status.tactic is Tactic.LAND
+
+
+def test_a_battery_is_no_reason_to_go_on_once_it_reads_better(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.BATTERY_LOW)
+    flight.battery = 0.18
+    flight.fly(ONSET_S + 5.0)
+    flight.battery = 0.5
+    flight.core.on_event(Event.RESUME)
+    flight.fly(flight.now_s + 2.0)
+    flight.core.on_event(Event.RESUME)
+    flight.fly(flight.now_s + 2.0)
+    assert flight.status.tactic is Tactic.RETURN_AND_LAND
+
+
+def test_a_battery_that_sags_for_a_moment_or_is_not_known_is_borne(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.BATTERY_LOW)
+    for _ in range(4):
+        flight.battery = 0.05
+        flight.fly(flight.now_s + 3.5)
+        flight.battery = None
+        flight.fly(flight.now_s + 0.5)
+    assert flight.notes() == []
+
+
+def test_who_has_the_vehicle_keeps_it_and_it_returns_by_resume_once_all_is_well(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(Condition.PILOT_TOOK_OVER)
+    flight.core.on_event(Event.PILOT_TOOK_OVER)
+    flight.battery = 0.05
+    flight.fly(ONSET_S + 20.0)
+    flight.core.on_event(Event.RESUME)
+    flight.fly(flight.now_s + 0.2)
+    assert flight.status.tactic is Tactic.PILOT_OVERRIDE
+    assert flight.outputs[-1].setpoint is None
+    (refusal,) = [note for note in flight.notes() if note.startswith("resume refused")]
+    assert "battery critical: at 5%" in refusal
+    flight.battery = 0.9
+    flight.fly(flight.now_s + 0.2)
+    flight.core.on_event(Event.RESUME)
+    flight.fly(flight.now_s + 0.2)
+    assert (flight.status.tactic, flight.told.alert) == (Tactic.FORMATION, "")
+
+
+def test_the_gravest_is_obeyed_and_told(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.TELEMETRY_STALE)
+    peers(2)(flight)
+    flight.fly(ONSET_S + 3.0)
+    assert flight.told.alert == "peer silent"
+    flight.telemetry = False
+    flight.fly(flight.now_s + 1.5)
+    assert (flight.told.alert, flight.told.tactic) == ("telemetry stale", "hold")
+    flight.bus = False
+    flight.fly(flight.now_s + 3.0)
+    assert (flight.told.alert, flight.told.tactic) == ("telemetry stale", "hold")
+
+
+def test_a_guard_that_finds_no_solution_is_a_plan_that_fails(
+    make_flight: Callable[..., Flight], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = make_flight(None)
+    check = Guard.check
+
+    def braked(guard: Guard, *arguments: object) -> Guarded:
+        return Guarded(check(guard, *arguments).setpoint_m, GuardStatus.BRAKED)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Guard, "check", braked)
+    assert reaction_s(flight, Condition.PLAN_FAILING, ONSET_S + 3.0) == pytest.approx(1.3, abs=0.15)
+
+
+def test_peers_that_land_or_stand_down_are_not_missed(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    flight.peers = {1: "land", 2: "stood down"}
+    flight.fly(ONSET_S + 5.0)
+    flight.peers = {1: "land"}
+    flight.fly(ONSET_S + 10.0)
+    flight.core.on_presence(1, present=False)
+    flight.peers = {}
+    flight.fly(ONSET_S + 30.0)
+    assert (flight.told.tactic, flight.told.alert, flight.notes()) == ("formation", "", [])
+
+
+def test_the_last_peer_to_fall_silent_counts_beside_those_that_landed(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    flight.peers = {1: "land", 2: "formation"}
+    flight.fly(ONSET_S + 5.0)
+    flight.peers = {2: "formation"}
+    flight.fly(ONSET_S + 10.0)
+    assert flight.told.alert == ""
+    flight.peers = {}
+    flight.fly(ONSET_S + 15.0)
+    assert (flight.told.tactic, flight.told.alert) == ("aside", "all peers silent")
+
+
+@pytest.mark.parametrize("drift_m_s", [0.0, 0.5])
+def test_on_the_ring_who_hears_nobody_stays_clear_of_all_that_the_others_may_fly(
+    drift_m_s: float, make_flight: Callable[..., Flight]
+) -> None:
+    flight = make_flight(Condition.TARGET_STALE)
+    flight.peers = {}
+    flight.fly(ONSET_S + 3.6)
+    assert flight.told.tactic == "aside"
+    assert flight.target_m is not None
+    x, y = flight.target_m
+    away_m = []
+    while flight.now_s < ONSET_S + 3.4 + ESCALATION_S:
+        # The ring comes after it.
+        course = flight.motion[:2] - np.array([x, y])
+        away_m.append(float(np.hypot(*course)))
+        x, y = (np.array([x, y]) + course / away_m[-1] * drift_m_s * PERIOD_S).tolist()
+        flight.target_m = x, y
+        flight.fly(flight.now_s + PERIOD_S)
+    # The ring, twice the separation of its bend, and one for the vehicle.
+    assert away_m[-1] == pytest.approx(10.0 + 3.0 + 1.0, abs=0.6)
+    assert min(away_m[-10:]) >= 10.0 + 3.0
+
+
+def test_who_was_never_heard_does_not_count_among_the_silent(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None, heard=(2,))
+    flight.peers = {}
+    flight.fly(ONSET_S + 10.0)
+    assert (flight.told.tactic, flight.told.alert) == ("formation", "leader lost")
+
+
+def test_in_the_line_a_target_may_jump_and_vanish(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    for target_m in ((40.0, -5.0), (40.0, 15.0), None):
+        flight.target_m = target_m
+        flight.fly(flight.now_s + 5.0)
+    assert (flight.told.tactic, flight.told.alert, flight.notes()) == ("formation", "", [])
+
+
+def test_a_peer_whose_words_are_dropped_for_its_clock_is_said_to_have_stepped(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(None)
+    flight.clock_ahead_s = -5.0
+    flight.fly(ONSET_S + 4.0)
+    assert flight.status.messages_dropped >= 39
+    step, silence = flight.notes()
+    assert step == "peer's clock stepped: vehicle 1 by -5.00 s: fly on, and say so"
+    assert silence.startswith("peer silent: vehicle 1")
+    assert flight.told.alert == "peer's clock stepped"
+
+
+@pytest.mark.parametrize("height_m", [6.5, 9.5])
+def test_above_and_below_each_other_vehicles_are_not_too_close(
+    height_m: float, make_flight: Callable[..., Flight]
+) -> None:
+    flight = make_flight(Condition.TOO_CLOSE)
+    flight.close, flight.peer_height_m = True, height_m
+    flight.fly(ONSET_S + 2.0)
+    assert flight.told.alert == ""
+
+
+def test_a_field_flight_with_losses_and_delays_raises_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Condition] = []
+    monkeypatch.setattr(FailsafeMonitor, "_tell", lambda _monitor, condition: told.append(condition))
+    mission = load_mission("case2-field")
+    assert mission.network.loss == 0.1
+    record = fly_simulated(mission, 3, 300.0, lambda _: None)
+    assert [track.tactic[-1] for track in record.vehicles] == ["encircle"] * 3
+    assert told == []
+
+
+@pytest.mark.parametrize("signal", ["SIGHUP", "SIGTERM", "SIGINT"])
+def test_a_lost_operator_ends_the_flight_and_does_not_kill_the_program(signal: str) -> None:
+    program = (
+        "import os, signal, threading\n"
+        "from gcs.signals import hold_back, relay\n"
+        "hold_back()\n"
+        "asked = threading.Event()\n"
+        "relay(asked.set)\n"
+        f"os.kill(os.getpid(), signal.{signal})\n"
+        "print(asked.wait(10.0))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr

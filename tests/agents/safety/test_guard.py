@@ -1,0 +1,435 @@
+"""The guard's setpoints against a solver that knows nothing of it, its promises for whatever it is given, and two
+vehicles in closed loop on plants that are not the model."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import hypot, pi
+
+import numpy as np
+import osqp
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.safety.barriers import Body, Cause
+from agents.safety.guard import Guard, Guarded, GuardStatus
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from estimation.plant.model import Plant, PlantAxis, exact_step
+from estimation.state import OwnEstimate, TargetEstimate, Vector
+from tests.support.solver import slsqp
+
+Maker = Callable[..., AgentConfig]
+Pair = tuple[float, float]
+STILL = (0.0, 0.0)
+BOX = ((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0))
+
+
+def situation(
+    place: Pair = STILL,
+    velocity: Pair = STILL,
+    wind: Pair = STILL,
+    target: Pair | None = None,
+    target_velocity: Pair = STILL,
+    sigma_m: float = 0.0,
+) -> Situation:
+    mean = np.array([*place, *velocity, *wind])
+    own = OwnEstimate(10.0, mean, np.diag([sigma_m**2] * 2 + [0.0] * 4))
+    seen = None if target is None else np.array([*target, *target_velocity])
+    estimate = None if seen is None else TargetEstimate(10.0, seen, np.zeros((4, 4)), 10.0, 0.8, 0.2)
+    return Situation(10.0, 10.05, own, mean[:4], mean[4:], estimate, None, seen)
+
+
+def body(place: Pair, velocity: Pair = STILL, distance_m: float = 3.0, shares: bool = True) -> Body:
+    return Body(place, velocity, STILL, distance_m, shares)
+
+
+def checked(
+    config: AgentConfig, seen: Situation, plan: Sequence[float], bodies: Sequence[Body] = ()
+) -> tuple[Guarded, Vector]:
+    guarded = Guard(config).check(seen, np.array(plan, dtype=np.float64), bodies)
+    return guarded, guarded.setpoint_m
+
+
+# The whole guard against a solver, from the accelerations that follow
+
+
+ANISOTROPIC = Plant(PlantAxis(0.8, 0.87), PlantAxis(1.1, 0.7))
+
+
+def demands(
+    config: AgentConfig, seen: Situation, bodies: Sequence[Body], box_m: float | None
+) -> list[tuple[Vector, float, bool]]:
+    """Every `row . u >= least`, derived once more, and whether it is got around."""
+    safety, k = config.safety, config.safety.barrier_rate_per_s
+    here, velocity = seen.acting_motion[:2], seen.acting_motion[2:]
+    gain, drift = config.plant.a0_per_s2, seen.disturbance - config.plant.a1_per_s * velocity
+    rows: list[tuple[Vector, float, bool]] = []
+
+    def demand(normal: Vector, least: float, evades: bool = False) -> None:
+        rows.append((normal * gain, min(least, safety.acceleration_max_m_s2) - float(normal @ drift), evades))
+
+    for each in bodies:
+        apart, closing = here - each.position_m, velocity - each.velocity_m_s
+        away = float(np.linalg.norm(apart))
+        rest = closing @ closing + 2.0 * k * apart @ closing + k**2 / 2.0 * (away**2 - each.distance_m**2)
+        demand(apart / away, -float(rest) / away * (0.5 if each.shares else 1.0), evades=True)
+    speed = float(np.linalg.norm(velocity))
+    if speed > safety.speed_max_m_s / 2.0:
+        demand(-velocity / speed, -k * (safety.speed_max_m_s**2 - speed**2) / speed)
+    if box_m is not None:
+        for inward in np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]):
+            distance = float(inward @ here) + box_m
+            demand(inward, -(2.0 * k * float(inward @ velocity) + k**2 * distance))
+            rows.append((inward, -distance, False))
+    return rows
+
+
+def expected_setpoint(rows: list[tuple[Vector, float, bool]], seen: Situation, plan: Vector, reach: float) -> Vector:
+    here = seen.acting_motion[:2]
+    lead = plan - here
+    lead = lead * min(1.0, reach / float(np.linalg.norm(lead)))
+    normals, least = np.array([row for row, _, _ in rows]), np.array([bound for _, bound, _ in rows])
+    wanted = lead.copy()
+    for normal, bound, evades in rows:
+        missing = (bound - float(normal @ lead)) / float(np.linalg.norm(normal))
+        if evades and missing > 0.0:
+            forward = -normal / float(np.linalg.norm(normal))
+            wanted += missing * np.array([forward[1], -forward[0]])  # a quarter turn to the right
+    scale = np.linalg.norm(normals, axis=1)
+    found = slsqp(wanted, reach, normals / scale[:, None], least / scale)
+    return np.full(2, np.nan) if found is None else here + found
+
+
+@pytest.mark.parametrize("met", ["fence and speed", "others"])
+def test_what_can_be_kept_is_kept_as_a_solver_would(met: str, make_config: Maker) -> None:
+    changed = 0
+    for seed in range(80):
+        random = np.random.default_rng([seed, met == "others"])
+        fence = BOX if met == "fence and speed" else ()
+        config = make_config(
+            plant=ANISOTROPIC, safety={"fence_m": fence, "speed_max_m_s": 3.0, "acceleration_max_m_s2": 3.0}
+        )
+        place, velocity = random.uniform(-9.0, 9.0, 2), random.uniform(-1.8, 1.8, 2)
+        seen = situation(tuple(place), tuple(velocity), tuple(random.uniform(-0.3, 0.3, 2)))
+        bodies = (
+            []
+            if fence
+            else [
+                Body(
+                    tuple(place + random.uniform(3.0, 9.0) * np.array([np.cos(turn), np.sin(turn)])),
+                    tuple(random.uniform(-1.5, 1.5, 2)),
+                    STILL,
+                    3.0,
+                    bool(random.random() < 0.7),
+                )
+                for turn in random.uniform(-pi, pi, 3)
+            ]
+        )
+        plan = place + random.uniform(-8.0, 8.0, 2)
+        guarded, setpoint = checked(config, seen, plan.tolist(), bodies)
+        rows = demands(config, seen, bodies, 10.0 if fence else None)
+        expected = expected_setpoint(rows, seen, plan, config.safety.setpoint_lead_max_m)
+        if np.isnan(expected).any():
+            assert guarded.status is GuardStatus.YIELDED
+            continue
+        assert setpoint == pytest.approx(expected, abs=5e-3), seed
+        assert guarded.yielded is None
+        changed += guarded.status is GuardStatus.CHANGED
+    assert changed > 25
+
+
+# Minimal change
+
+
+near = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
+
+
+@given(plan=near)
+def test_a_wish_that_keeps_everything_passes_as_it_is(plan: Pair, make_config: Maker) -> None:
+    config = make_config(safety={"fence_m": BOX, "setpoint_lead_max_m": 8.0})
+    wanted = np.array(plan)
+    guarded = Guard(config).check(situation(), wanted, [body((0.0, 40.0)), body((-40.0, 0.0))])
+    assert guarded.setpoint_m is wanted
+    assert (guarded.status, guarded.causes, guarded.yielded) == (GuardStatus.PASSED, (), None)
+
+
+def test_a_change_that_nobody_would_notice_is_none(make_config: Maker) -> None:
+    config = make_config(safety={"fence_m": BOX})
+    guarded, setpoint = checked(config, situation(place=(9.0, 0.0)), (10.005, 0.0))
+    assert setpoint == pytest.approx((10.0, 0.0))
+    assert (guarded.status, guarded.causes) == (GuardStatus.PASSED, ())
+
+
+# Whatever it is given
+
+
+anywhere = st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)) | near
+fast = st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
+bodies_anywhere = st.lists(
+    st.builds(Body, near | anywhere, fast, fast, st.floats(0.5, 20.0), st.booleans()), max_size=16
+)
+
+
+@given(place=near, velocity=fast, wind=near, plan=anywhere, bodies=bodies_anywhere, target=near, guard=st.booleans())
+def test_the_reach_always_holds_and_every_answer_is_a_number(
+    place: Pair,
+    velocity: Pair,
+    wind: Pair,
+    plan: Pair,
+    bodies: list[Body],
+    target: Pair,
+    guard: bool,
+    make_config: Maker,
+) -> None:
+    config = make_config(safety={"fence_m": BOX, "keep_out_m": 2.0, "guard": guard})
+    guarded, setpoint = checked(config, situation(place, velocity, wind, target, sigma_m=0.1), plan, bodies)
+    assert np.isfinite(setpoint).all()
+    assert np.linalg.norm(setpoint - place) <= config.safety.setpoint_lead_max_m + 1e-6
+    assert list(guarded.causes) == sorted(set(guarded.causes))
+    if guarded.status is GuardStatus.PASSED:
+        assert (guarded.causes, guarded.yielded) == ((), None)
+        assert np.linalg.norm(setpoint - plan) < 0.01 + 1e-9
+    else:
+        assert guarded.causes
+    assert (guarded.yielded is not None) is (guarded.status in (GuardStatus.YIELDED, GuardStatus.BRAKED))
+    again, repeated = checked(config, situation(place, velocity, wind, target, sigma_m=0.1), plan, bodies)
+    assert (again.status, repeated.tobytes()) == (guarded.status, setpoint.tobytes())
+
+
+def test_switched_off_it_only_keeps_the_reach(make_config: Maker) -> None:
+    config = make_config(safety={"guard": False, "fence_m": BOX, "setpoint_lead_max_m": 6.0})
+    near_by = [body((1.0, 0.0))]
+    plan = np.array([5.0, 0.0])
+    assert Guard(config).check(situation(), plan, near_by).setpoint_m is plan
+    guarded, setpoint = checked(config, situation(place=(9.0, 0.0)), (29.0, 0.0), near_by)
+    assert setpoint == pytest.approx((15.0, 0.0))
+    assert (guarded.status, guarded.causes) == (GuardStatus.CHANGED, (Cause.REACH,))
+
+
+def test_the_solver_is_bounded_and_asked_once_for_the_level_that_yields(
+    make_config: Maker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings: dict[str, float] = {}
+    solved = 0
+    setup, solve = osqp.OSQP.setup, osqp.OSQP.solve
+
+    def noted_setup(self: object, *args: object, **named: float) -> object:
+        settings.update(named)
+        return setup(self, *args, **named)
+
+    def counted_solve(self: object, *args: object, **named: object) -> object:
+        nonlocal solved
+        solved += 1
+        return solve(self, *args, **named)
+
+    monkeypatch.setattr(osqp.OSQP, "setup", noted_setup)
+    monkeypatch.setattr(osqp.OSQP, "solve", counted_solve)
+    config = make_config(safety={"fence_m": BOX})
+    crowd = [body((x, 0.1 * number), shares=False) for number in range(10) for x in (1.0, -1.0)]
+    guarded, _ = checked(config, situation(), (5.0, 0.0), crowd)
+    assert guarded.status is GuardStatus.YIELDED
+    assert settings["max_iter"] <= 1000
+    assert solved == 1
+
+
+def test_a_solver_that_fails_makes_the_vehicle_stop(make_config: Maker, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agents.safety.guard._ElasticQp.nearest", lambda *_: (None, Cause.SEPARATION))
+    crowd = [body((1.0, 0.0)), body((-1.0, 0.0))]
+    guarded, setpoint = checked(make_config(), situation(place=(0.1, 0.2)), (5.0, 0.0), crowd)
+    assert guarded.status is GuardStatus.BRAKED
+    assert setpoint == pytest.approx((0.1, 0.2))
+
+
+def test_two_in_one_place_do_not_divide_by_zero(make_config: Maker) -> None:
+    for velocity in (STILL, (1.0, -1.0)):
+        seen = situation(place=(2.0, 3.0), velocity=velocity)
+        guarded, setpoint = checked(make_config(), seen, (4.0, 3.0), [body((2.0, 3.0), velocity)])
+        assert np.isfinite(setpoint).all()
+        assert Cause.SEPARATION in guarded.causes
+
+
+# What yields first
+
+
+def acceleration(config: AgentConfig, seen: Situation, setpoint: Vector) -> Vector:
+    here, velocity = seen.acting_motion[:2], seen.acting_motion[2:]
+    return np.asarray(config.plant.a0_per_s2 * (setpoint - here) - config.plant.a1_per_s * velocity + seen.disturbance)
+
+
+def test_the_speed_limit_yields_to_separation(make_config: Maker) -> None:
+    """Somebody comes from behind, faster than the vehicle may fly."""
+    config = make_config(safety={"speed_max_m_s": 2.0, "separation_m": 3.0})
+    seen = situation(velocity=(2.0, 0.0))
+    chased = [body((-3.0, 0.0), (3.0, 0.0), shares=False)]
+    guarded, setpoint = checked(config, seen, (2.0, 0.0), chased)
+    assert (guarded.status, guarded.yielded) == (GuardStatus.YIELDED, Cause.SPEED)
+    assert Cause.SEPARATION in guarded.causes
+    (row, least, _), *_ = demands(config, seen, chased, None)
+    assert row @ setpoint >= least - 0.01
+    assert acceleration(config, seen, setpoint)[0] > 0.5  # beyond the speed it may have
+
+
+def test_the_keep_out_disc_yields_to_the_fence(make_config: Maker) -> None:
+    config = make_config(safety={"keep_out_m": 4.0, "fence_m": BOX})
+    seen = situation(place=(8.5, 0.0), target=(6.0, 0.0))
+    guarded, setpoint = checked(config, seen, (8.5, 0.0))
+    assert (guarded.status, guarded.yielded) == (GuardStatus.YIELDED, Cause.KEEP_OUT)
+    assert 8.5 < setpoint[0] <= 10.0 + 0.01
+
+
+def test_the_fence_yields_to_separation(make_config: Maker) -> None:
+    config = make_config(safety={"fence_m": BOX})
+    seen = situation(place=(9.5, 0.0))
+    guarded, setpoint = checked(config, seen, (9.5, 0.0), [body((7.0, 0.0), (1.5, 0.0), shares=False)])
+    assert (guarded.status, guarded.yielded) == (GuardStatus.YIELDED, Cause.FENCE)
+    assert setpoint[0] > 10.0
+    (row, least, _), *_ = demands(config, seen, [body((7.0, 0.0), (1.5, 0.0), shares=False)], None)
+    assert row @ (setpoint - (9.5, 0.0)) >= least - 0.01
+
+
+def test_separation_gives_way_only_to_itself(make_config: Maker) -> None:
+    """Between two that do not evade there is no place to keep: the middle is the best there is."""
+    squeezed = [body((1.0, 0.0), shares=False), body((-1.0, 0.0), shares=False)]
+    guarded, setpoint = checked(make_config(), situation(), (3.0, 0.0), squeezed)
+    assert (guarded.status, guarded.yielded) == (GuardStatus.YIELDED, Cause.SEPARATION)
+    assert abs(setpoint[0]) < 0.1
+
+
+# One cause at a time
+
+
+@pytest.mark.parametrize(
+    ("seen", "wish", "bodies", "cause"),
+    [
+        (situation(), (5.0, 0.0), [body((3.5, 0.0))], Cause.SEPARATION),
+        (situation(place=(8.0, 0.0)), (13.0, 0.0), [], Cause.FENCE),
+        (situation(target=(4.5, 0.0)), (5.0, 0.0), [], Cause.KEEP_OUT),
+        (situation(velocity=(2.9, 0.0)), (6.0, 0.0), [], Cause.SPEED),
+        (situation(), (7.0, 0.0), [], Cause.REACH),
+    ],
+)
+def test_status_and_cause_say_why(
+    seen: Situation, plan: Pair, bodies: list[Body], cause: Cause, make_config: Maker
+) -> None:
+    config = make_config(safety={"fence_m": BOX, "keep_out_m": 3.0, "speed_max_m_s": 3.0})
+    guarded, setpoint = checked(config, seen, plan, bodies)
+    assert (guarded.status, guarded.causes, guarded.yielded) == (GuardStatus.CHANGED, (cause,), None)
+    assert setpoint[0] < plan[0]
+    assert bool(setpoint[1] < 0.0) is (cause in (Cause.SEPARATION, Cause.KEEP_OUT))  # around it, on the right
+
+
+def test_of_a_target_that_nobody_sees_there_is_nothing_to_keep_out_of(make_config: Maker) -> None:
+    guarded, _ = checked(make_config(safety={"keep_out_m": 3.0}), situation(), (5.0, 0.0))
+    assert guarded.status is GuardStatus.PASSED
+
+
+def test_uncertainty_keeps_a_vehicle_farther_inside_the_fence(make_config: Maker) -> None:
+    config = make_config(safety={"fence_m": BOX, "uncertainty_sigmas": 3.0})
+    for sigma_m in (0.0, 0.2):
+        _, setpoint = checked(config, situation(place=(8.0, 0.0), sigma_m=sigma_m), (12.0, 0.0))
+        assert setpoint[0] <= 10.0 - 3.0 * sigma_m + 1e-6
+
+
+def test_outside_the_fence_there_is_only_the_way_back(make_config: Maker) -> None:
+    config = make_config(safety={"fence_m": BOX})
+    guarded, setpoint = checked(config, situation(place=(12.0, 3.0)), (15.0, 3.0))
+    assert guarded.causes == (Cause.FENCE,)
+    assert setpoint[0] <= 10.0
+    assert setpoint[1] == pytest.approx(3.0)
+
+
+def test_who_does_not_share_is_avoided_with_twice_the_acceleration(make_config: Maker) -> None:
+    config = make_config()
+    seen = situation()
+    felt = {
+        shares: acceleration(config, seen, checked(config, seen, (0.0, 0.0), [body((2.5, 0.0), shares=shares)])[1])[0]
+        for shares in (True, False)
+    }
+    assert felt[False] == pytest.approx(2.0 * felt[True], abs=1e-6)
+    assert felt[True] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "wish", "altitude"),
+    [(None, None, 500.0, 500.0), (5.0, 20.0, 8.0, 8.0), (5.0, 20.0, 3.0, 5.0), (5.0, 20.0, 21.0, 20.0)],
+)
+def test_the_altitude_stays_in_the_band(
+    low: float | None, high: float | None, plan: float, altitude: float, make_config: Maker
+) -> None:
+    guard = Guard(make_config(safety={"altitude_min_m": low, "altitude_max_m": high}))
+    assert guard.altitude_m(plan) == altitude
+
+
+# Two in closed loop, on plants that are not the model
+
+
+PERTURBED = (
+    Plant(PlantAxis(0.8 * 1.15, 0.87 * 0.85), PlantAxis(0.8 * 1.15, 0.87 * 0.85)),
+    Plant(PlantAxis(0.8 * 0.85, 0.87 * 1.15), PlantAxis(0.8 * 0.85, 0.87 * 1.15)),
+)
+
+
+def meet(config: AgentConfig, starts: Sequence[Pair], goals: Sequence[Pair], shares: Sequence[bool]) -> Vector:
+    """Fly two vehicles that know each other's motion for 40 s; who does not share does not look. Paths (T, 2, 2)."""
+    motions = [np.array([*start, 0.0, 0.0]) for start in starts]
+    guard = Guard(config)
+    paths = []
+    for _ in range(400):
+        paths.append([motion[:2].copy() for motion in motions])
+        setpoints = []
+        for index, motion in enumerate(motions):
+            other = motions[1 - index]
+            there = Body(tuple(other[:2]), tuple(other[2:]), STILL, 3.0, shares[1 - index])
+            own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), np.zeros((6, 6)))
+            seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
+            goal = np.array(goals[index])
+            lead = goal - motion[:2]
+            plan = motion[:2] + lead * min(1.0, 3.0 / max(float(np.linalg.norm(lead)), 1e-9))
+            setpoints.append(guard.check(seen, plan, [there] if shares[index] else []).setpoint_m)
+        motions = [
+            exact_step(plant, 0.1).advance(motion, setpoint, np.zeros(2))
+            for plant, motion, setpoint in zip(PERTURBED, motions, setpoints, strict=True)
+        ]
+    return np.array(paths)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.7, 2.5])
+def test_two_that_meet_head_on_pass_each_other_on_the_right(turn_rad: float, make_config: Maker) -> None:
+    along = np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    ends = tuple((-12.0 * along).tolist()), tuple((12.0 * along).tolist())
+    paths = meet(make_config(), ends, ends[::-1], (True, True))
+    apart = np.linalg.norm(paths[:, 0] - paths[:, 1], axis=1)
+    assert apart.min() >= 3.0 - 0.05
+    right_of_first = np.array([along[1], -along[0]])
+    middle = int(apart.argmin())
+    assert paths[middle, 0] @ right_of_first > 0.5
+    assert paths[middle, 1] @ -right_of_first > 0.5
+    assert paths[-1] == pytest.approx(np.array(ends[::-1]), abs=0.05)
+
+
+def test_one_that_does_not_evade_is_got_around_by_the_other_alone(make_config: Maker) -> None:
+    paths = meet(make_config(), ((-12.0, 0.0), (6.0, 0.0)), ((12.0, 0.0), (-8.0, 0.0)), (True, False))
+    assert np.linalg.norm(paths[:, 0] - paths[:, 1], axis=1).min() >= 3.0 - 0.1
+    assert np.abs(paths[:, 1, 1]).max() < 1e-6
+    assert paths[-1, 0] == pytest.approx((12.0, 0.0), abs=0.05)
+
+
+def test_without_the_guard_two_that_meet_head_on_collide(make_config: Maker) -> None:
+    paths = meet(
+        make_config(safety={"guard": False}), ((-12.0, 0.0), (12.0, 0.0)), ((12.0, 0.0), (-12.0, 0.0)), (True,) * 2
+    )
+    assert np.linalg.norm(paths[:, 0] - paths[:, 1], axis=1).min() < 0.3
+
+
+def test_a_vehicle_flies_to_the_fence_without_crossing_it(make_config: Maker) -> None:
+    config = make_config(safety={"fence_m": BOX})
+    for plant, (one, other) in zip(PERTURBED, pairwise([(0.0, 0.0), (3.0, -9.0), (9.5, 9.5)]), strict=True):
+        motion, guard = np.array([*one, 2.0, 1.0]), Guard(config)
+        for _ in range(300):
+            own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), np.zeros((6, 6)))
+            seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
+            plan = motion[:2] + np.array(other) / hypot(*other) * 6.0
+            motion = exact_step(plant, 0.1).advance(motion, guard.check(seen, plan, []).setpoint_m, np.zeros(2))
+            assert np.abs(motion[:2]).max() <= 10.0 + 0.02
+        assert np.abs(motion[:2]).max() == pytest.approx(10.0, abs=0.1)

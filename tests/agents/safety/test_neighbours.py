@@ -1,0 +1,243 @@
+"""Bodies made of messages: where they are, how far to keep away, who counts, and for how long."""
+
+from collections.abc import Callable
+from math import hypot
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.core import VehicleCore
+from agents.safety.guard import Guard
+from agents.safety.neighbours import (
+    A_FEW,
+    GOING_ON_S,
+    UNTOLD_ACCELERATION_M_S2,
+    Neighbours,
+)
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from agents.tactics import Event
+from agents.team.messages import MemberState, encode
+from agents.team.team import Team
+from estimation.plant.model import exact_step
+from estimation.state import OwnEstimate, Telemetry
+from tests.conftest import CONFIG, STUB
+
+Maker = Callable[..., AgentConfig]
+HEIGHT_M = 8.0
+STILL = (0.0, 0.0)
+
+
+def situation(now_s: float, acts_after_s: float = 0.05, sigma_m: float = 0.0) -> Situation:
+    mean = np.zeros(6)
+    own = OwnEstimate(now_s, mean, np.diag([sigma_m**2, (sigma_m / 2.0) ** 2, 0.0, 0.0, 0.0, 0.0]))
+    return Situation(now_s, now_s + acts_after_s, own, mean[:4], mean[4:], None, None, None)
+
+
+def member(
+    time_s: float = 10.0,
+    tactic: str = "formation",
+    position: tuple[float, float] = (3.0, -4.0),
+    velocity: tuple[float, float] = STILL,
+    setpoint: tuple[float, float] | None = None,
+    altitude_m: float = HEIGHT_M,
+    sigma_m: float = 0.0,
+) -> MemberState:
+    return MemberState(
+        1, time_s, tactic, position, velocity, setpoint or position, STILL, altitude_m, position_sigma_m=sigma_m
+    )
+
+
+# Not so fast that the acceleration meets its limit.
+speeds = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+
+
+@given(velocity=speeds, lead=speeds, ahead_s=st.floats(0.01, 0.3))
+def test_a_neighbour_goes_on_as_the_plant_answers_the_setpoint_it_published(
+    velocity: tuple[float, float], lead: tuple[float, float], ahead_s: float
+) -> None:
+    position = 3.0, -4.0
+    setpoint = position[0] + lead[0], position[1] + lead[1]
+    spoken = member(position=position, velocity=velocity, setpoint=setpoint)
+    (body,) = Neighbours(CONFIG).bodies(situation(10.0, ahead_s), HEIGHT_M, [spoken], [])
+    start = np.array([*position, *velocity])
+    later = exact_step(STUB, ahead_s).advance(start, np.array(setpoint), np.zeros(2))
+    # The acceleration is taken for constant: what it changes by is of third order in the position.
+    assert hypot(*(later[:2] - body.position_m)) <= 4.0 * ahead_s**3
+    assert hypot(*(later[2:] - body.velocity_m_s)) <= 6.0 * ahead_s**2
+    soon = exact_step(STUB, 1e-5).advance(start, np.array(setpoint), np.zeros(2))
+    assert (soon[2:] - start[2:]) / 1e-5 == pytest.approx(body.acceleration_m_s2, abs=1e-3)
+
+
+def test_no_neighbour_is_taken_to_accelerate_by_more_than_the_limit() -> None:
+    (body,) = Neighbours(CONFIG).bodies(situation(10.0, 0.1), HEIGHT_M, [member(setpoint=(1003.0, -996.0))], [])
+    limit = CONFIG.safety.acceleration_max_m_s2
+    assert body.acceleration_m_s2 == (limit, -limit)
+    assert body.velocity_m_s == pytest.approx((limit * 0.1, -limit * 0.1))
+
+
+def test_the_distance_grows_with_both_uncertainties_and_with_the_age_of_the_message(make_config: Maker) -> None:
+    neighbours = Neighbours(make_config(safety={"separation_m": 3.0, "uncertainty_sigmas": 2.0}))
+
+    def distance_m(age_s: float, own_sigma_m: float = 0.0, its_sigma_m: float = 0.0, speed_m_s: float = 0.0) -> float:
+        # Steady flight: the setpoint is ahead by what drag takes.
+        setpoint = 3.0 + speed_m_s * STUB.x.a1_per_s / STUB.x.a0_per_s2, -4.0
+        heard = [member(10.0, velocity=(speed_m_s, 0.0), setpoint=setpoint, sigma_m=its_sigma_m)]
+        (body,) = neighbours.bodies(situation(10.0 + age_s, sigma_m=own_sigma_m), HEIGHT_M, heard, [])
+        return body.distance_m
+
+    assert distance_m(0.0) == 3.0
+    assert distance_m(0.0, own_sigma_m=0.3, its_sigma_m=0.4) == pytest.approx(3.0 + 2.0 * 0.5)
+    assert distance_m(0.4) == pytest.approx(3.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
+    assert distance_m(0.4, 0.3, 0.4) == pytest.approx(4.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
+    # Neither makes more of it than one separation: who is lost for a minute does not close the sky.
+    assert distance_m(30.0, 50.0, 50.0, speed_m_s=2.0) == pytest.approx(9.0)
+    # One that is lost may have changed its mind, and may have flown on until it missed the others, which takes 3 s. It
+    # is believed to have gone on for the first of these; the slower it was, the less that is.
+    assert distance_m(30.0) == pytest.approx(3.0 + 1.0)
+    assert distance_m(2.0, speed_m_s=0.4) == pytest.approx(3.0 + 1.0 + 0.4)
+    assert distance_m(30.0, speed_m_s=0.4) == pytest.approx(3.0 + 1.0 + 0.8)
+
+
+def test_who_is_silent_goes_on_for_a_while_only() -> None:
+    spoken = member(velocity=(1.0, 0.0), setpoint=(3.0 + 0.87 / 0.8, -4.0))
+    for now_s in (10.0 + GOING_ON_S, 40.0):
+        (body,) = Neighbours(CONFIG).bodies(situation(now_s), HEIGHT_M, [], [spoken])
+        assert body.position_m == pytest.approx((3.0 + GOING_ON_S, -4.0))
+        # There it stands: as one that still moved away it would be come too near to.
+        assert (body.velocity_m_s, body.acceleration_m_s2) == (STILL, STILL)
+
+
+@pytest.mark.parametrize(
+    ("tactic", "shares"),
+    [
+        ("standby", True),
+        ("formation", True),
+        ("encircle", True),
+        ("aside", True),
+        ("hold", True),
+        ("come down", True),
+        ("land", False),
+        ("stood down", False),
+    ],
+)
+def test_who_lands_or_is_flown_by_somebody_else_bears_no_half(tactic: str, shares: bool) -> None:
+    (heard,) = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [member(tactic=tactic)], [])
+    (lost,) = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [], [member(tactic=tactic)])
+    assert (heard.shares, lost.shares) == (shares, False)
+
+
+@pytest.mark.parametrize(("above_m", "counts"), [(0.0, 1), (1.9, 1), (-1.9, 1), (2.0, 0), (-2.5, 0)])
+def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts: int) -> None:
+    bodies = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [member(altitude_m=HEIGHT_M + above_m)], [])
+    assert len(bodies) == counts
+
+
+# Who is lost
+
+
+def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -> None:
+    team = Team()
+    team.hear_member(member(10.0))
+    team.expire(11.0)
+    assert team.lost(11.0, 60.0) == ()
+    team.expire(11.1)
+    assert (team.members(), team.lost(11.1, 60.0)) == ((), (member(10.0),))
+    assert len(team.lost(69.9, 60.0)) == 1
+    assert team.lost(70.0, 60.0) == ()
+
+
+def test_who_is_heard_again_is_lost_no_more() -> None:
+    team = Team()
+    team.hear_member(member(10.0))
+    team.expire(12.0)
+    team.hear_member(member(12.1))
+    assert (team.lost(12.1, 60.0), team.members()) == ((), (member(12.1),))
+
+
+@pytest.mark.parametrize("tactic", ["formation", "come down", "land"])
+def test_who_says_good_bye_is_lost(tactic: str) -> None:
+    team = Team()
+    team.hear_member(member(10.0, tactic))
+    team.forget(1)
+    assert team.members() == ()
+    assert len(team.lost(10.1, 60.0)) == 1
+
+
+def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_told_of_it() -> None:
+    team = Team()
+    team.hear_member(member(10.0, "land"))
+    team.expire(11.5)
+    team.forget(1)
+    assert len(team.lost(11.5, 60.0)) == 1
+
+
+@pytest.mark.parametrize(
+    ("tactic", "height_m", "avoided"), [("formation", HEIGHT_M, True), ("land", HEIGHT_M, True), ("land", 0.2, False)]
+)
+def test_the_core_keeps_away_from_where_somebody_was_lost(
+    tactic: str, height_m: float, avoided: bool, make_config: Maker
+) -> None:
+    core, motion, away_m = VehicleCore(make_config(safety={"lost_avoided_s": 5.0})), np.zeros(4), []
+    for tick in range(200):
+        now_s = 10.0 + 0.1 * tick
+        x, y, x_rate, y_rate = motion.tolist()
+        core.on_telemetry(Telemetry(now_s, (x, y, HEIGHT_M), (x_rate, y_rate, 0.0)))
+        if tick == 0:
+            core.on_message(encode(member(now_s, tactic, position=(0.5, 0.0), altitude_m=height_m)), now_s)
+        if tick == 5:
+            core.on_presence(1, present=False)
+        guarded = core.tick(now_s).status.guarded
+        assert guarded is not None
+        motion = exact_step(STUB, 0.1).advance(motion, guarded.setpoint_m, np.zeros(2))
+        away_m.append(hypot(motion[0] - 0.5, motion[1]))
+    assert (min(away_m[20:49]) > 1.0) is avoided
+    assert away_m[-1] == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("event", "guarded"), [(Event.HOLD, True), (Event.LAND, False), (Event.PILOT_TOOK_OVER, False)]
+)
+def test_a_setpoint_that_nobody_obeys_is_not_guarded(event: Event, guarded: bool, make_config: Maker) -> None:
+    core = VehicleCore(make_config())
+    core.on_event(event)
+    for tick in range(5):
+        now_s = 10.0 + 0.1 * tick
+        core.on_telemetry(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
+        core.on_message(encode(member(now_s, position=(0.5, 0.0))), now_s)
+        status = core.tick(now_s).status
+    assert status.guarded is not None
+    assert bool(status.guarded.causes) is guarded
+
+
+@settings(max_examples=500)
+@given(
+    away_m=st.floats(5.0, 40.0),
+    closing=st.tuples(st.floats(2.0, 5.0), st.floats(2.0, 5.0)),
+    ahead_m=st.floats(-8.0, 8.0),
+    lead_m=st.floats(0.0, 8.0),
+    age_s=st.floats(0.0, 1.0),
+    tactic=st.sampled_from(["formation", "land"]),
+)
+def test_who_is_not_near_changes_no_setpoint(
+    away_m: float, closing: tuple[float, float], ahead_m: float, lead_m: float, age_s: float, tactic: str
+) -> None:
+    here = situation(10.0 + age_s)
+    here = msgspec.structs.replace(here, acting_motion=np.array([0.0, 0.0, closing[0], 0.0]))
+    spoken = member(10.0, tactic, (away_m, 0.0), (-closing[1], 0.0), (away_m + ahead_m, 0.0))
+    neighbours, guard, plan = Neighbours(CONFIG), Guard(CONFIG), np.array([lead_m, 0.0])
+    if not neighbours.near(here, [spoken] * (A_FEW + 1)):
+        heeded = guard.check(here, plan, neighbours.bodies(here, HEIGHT_M, [spoken], []))
+        alone = guard.check(here, plan, [])
+        assert heeded.setpoint_m == pytest.approx(alone.setpoint_m, abs=0.0)
+        assert heeded.causes == alone.causes
+
+
+def test_who_is_as_far_as_the_other_end_of_a_long_line_is_not_near() -> None:
+    heard = [member(position=(0.0, 5.0 * place)) for place in range(1, 16)]
+    near = Neighbours(CONFIG).near(situation(10.0), heard)
+    assert near == heard[: len(near)]
+    assert 1 <= len(near) <= 8

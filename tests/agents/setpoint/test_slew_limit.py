@@ -1,0 +1,87 @@
+"""The way of a setpoint from tick to tick: bounded for whatever is wished, and not for what keeps vehicles apart."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from math import dist, hypot
+
+import numpy as np
+import pytest
+
+from agents.control.plan import Plan
+from agents.setpoint.slew_limit import SlewLimit
+from agents.settings.config import AgentConfig
+from agents.settings.sections import SafetySettings
+from agents.tactics import Event, Tactic
+from agents.team.messages import MemberState, encode
+from estimation.state import Sighting
+from tests.agents.test_core import PERIOD_S, Pilot, setpoint_of
+
+Maker = Callable[..., AgentConfig]
+FAST_M_S = 6.0
+
+
+def plan(x: float, y: float) -> Plan:
+    place_m = np.array([x, y])
+    return Plan(place_m, place_m - 0.5, np.zeros(2))
+
+
+def test_a_wish_is_come_nearer_to_by_one_bound_a_tick_and_what_peers_are_told_goes_with_it(make_config: Maker) -> None:
+    increment = SlewLimit(make_config(safety={"setpoint_speed_max_m_s": FAST_M_S}))
+    assert increment.bounded(Tactic.ENCIRCLE, plan(1.0, 2.0)).setpoint_m.tolist() == [1.0, 2.0]
+    increment.sent(np.array([1.0, 2.0]))
+    places = []
+    for _ in range(4):
+        bounded = increment.bounded(Tactic.HOLD, plan(2.0, 2.9))
+        assert bounded.undisturbed_m == pytest.approx(bounded.setpoint_m - 0.5)
+        increment.sent(bounded.setpoint_m)
+        places.append(bounded.setpoint_m)
+    away_m = hypot(1.0, 0.9)
+    for tick, place in enumerate(places[:2], start=1):
+        share = tick * FAST_M_S * PERIOD_S / away_m
+        assert place == pytest.approx([1.0 + share, 2.0 + 0.9 * share])
+    assert [place.tolist() for place in places[2:]] == [[2.0, 2.9]] * 2
+
+
+@pytest.mark.parametrize("tactic", [Tactic.EXCITE, Tactic.LAND, Tactic.PILOT_OVERRIDE])
+def test_steps_for_identification_and_setpoints_that_nobody_obeys_are_left_alone(
+    tactic: Tactic, make_config: Maker
+) -> None:
+    increment = SlewLimit(make_config())
+    increment.sent(np.zeros(2))
+    assert increment.bounded(tactic, plan(9.0, 9.0)).setpoint_m.tolist() == [9.0, 9.0]
+
+
+def test_unless_told_otherwise_setpoints_move_twice_as_fast_as_vehicles() -> None:
+    assert SafetySettings(speed_max_m_s=3.0).setpoint_speed_bound_m_s == 6.0
+    assert SafetySettings(speed_max_m_s=3.0, setpoint_speed_max_m_s=4.0).setpoint_speed_bound_m_s == 4.0
+
+
+def test_a_target_that_jumps_moves_no_setpoint_far_but_another_vehicle_does(make_config: Maker) -> None:
+    config = make_config(
+        safety={"setpoint_speed_max_m_s": FAST_M_S, "separation_m": 3.0}, encirclement={"smoothing_time_s": 0.0}
+    )
+    pilot, places = Pilot(config, motion=(10.0, 0.0, 0.0, 0.0)), []
+    for tick in range(200):
+        # It comes ever nearer for 10 s, and is then 8 m to the side.
+        pilot.core.on_sighting(Sighting(tick * PERIOD_S, 2, (0.0, 8.0 * (tick >= 100)), (0.01, 0.0, 0.01), 0.8, 0.2))
+        places += [setpoint_of(output) for output in pilot.fly((tick + 1) * PERIOD_S)]
+    moved_m = [dist(*each) for each in pairwise(places[100:])]
+    assert FAST_M_S * PERIOD_S - 1e-9 < max(moved_m) <= FAST_M_S * PERIOD_S + 1e-9
+    x, y, x_rate, y_rate = pilot.motion.tolist()
+    ahead = MemberState(
+        3, pilot.now_s, "hold", (x + 1.5, y), (x_rate - 1.5, y_rate), (x, y), (0.0, 0.0), altitude_m=8.0
+    )
+    pilot.core.on_message(encode(ahead), pilot.now_s)
+    output = pilot.fly(pilot.now_s + PERIOD_S)[-1]
+    assert dist(setpoint_of(output), places[-1]) > 2.0 * FAST_M_S * PERIOD_S
+
+
+def test_a_vehicle_that_is_held_is_not_stopped_by_a_jump(make_config: Maker) -> None:
+    pilot = Pilot(make_config(formation={"speed_m_s": 2.0}, safety={"setpoint_speed_max_m_s": FAST_M_S}))
+    last = setpoint_of(pilot.fly(20.0)[-1])
+    here = pilot.motion.copy()
+    assert last[0] - here[0] > 2.0
+    pilot.core.on_event(Event.HOLD)
+    held = [setpoint_of(output) for output in pilot.fly(22.0)]
+    assert max(dist(*each) for each in pairwise([last, *held])) <= FAST_M_S * PERIOD_S + 1e-9
+    assert held[-1] == pytest.approx(here[:2], abs=0.05)

@@ -1,0 +1,138 @@
+"""The ticker on a fake clock: nothing here sleeps."""
+
+import pytest
+
+from agents.shell.ticker import Ticker, TickerStatistics
+
+
+class FakeClock:
+    """A mission clock `speed` times as fast as the wall; moved by sleep (plus an overshoot) and `work`."""
+
+    def __init__(self, speed: float = 1.0, overshoot_wall_s: float = 0.0) -> None:
+        self.time_s = 100.0
+        self.speed = speed
+        self.overshoot_wall_s = overshoot_wall_s
+        self.slept_wall_s: list[float] = []
+
+    def now_s(self) -> float:
+        return self.time_s
+
+    async def sleep(self, wall_s: float) -> None:
+        assert wall_s >= 0.0
+        self.slept_wall_s.append(wall_s)
+        if wall_s > 0.0:
+            self.time_s += (wall_s + self.overshoot_wall_s) * self.speed
+
+    def work(self, mission_s: float) -> None:
+        self.time_s += mission_s
+
+
+def ticker_on(clock: FakeClock, period_s: float = 0.1) -> Ticker:
+    return Ticker(period_s, clock.now_s, speed=clock.speed, sleep=clock.sleep)
+
+
+async def test_the_first_tick_comes_at_once_and_the_rest_on_the_grid() -> None:
+    clock = FakeClock()
+    ticker = ticker_on(clock)
+    times_s = []
+    async for tick in ticker:
+        times_s.append(clock.time_s)
+        clock.work(0.03)
+        if tick.index == 4:
+            break
+    assert times_s == pytest.approx([100.0, 100.1, 100.2, 100.3, 100.4])
+    assert ticker.statistics.ticks == 5
+    assert ticker.statistics.missed == 0
+
+
+async def test_late_sleeps_never_add_up() -> None:
+    # A millisecond of oversleep in every tick, at ten times real time: each tick 10 ms of mission time late.
+    clock = FakeClock(speed=10.0, overshoot_wall_s=0.001)
+    ticker = ticker_on(clock)
+    ticks = [await ticker.next() for _ in range(1001)]
+    assert ticks[-1].index == 1000
+    assert ticks[-1].deadline_s == pytest.approx(200.0, abs=1e-9)
+    assert clock.time_s == pytest.approx(200.01, abs=1e-6)
+    statistics = ticker.statistics
+    assert (statistics.ticks, statistics.missed) == (1001, 0)
+    assert statistics.late_mean_s == pytest.approx(0.01, rel=2e-3)
+    assert statistics.late_max_s == pytest.approx(0.01, rel=1e-6)
+
+
+async def test_sleeps_are_in_wall_seconds() -> None:
+    clock = FakeClock(speed=10.0)
+    ticker = ticker_on(clock)
+    await ticker.next()
+    await ticker.next()
+    assert max(clock.slept_wall_s) == pytest.approx(0.01)
+
+
+async def test_a_tick_less_than_a_period_late_is_kept() -> None:
+    clock = FakeClock()
+    ticker = ticker_on(clock)
+    await ticker.next()
+    clock.work(0.199)
+    tick = await ticker.next()
+    assert (tick.index, tick.skipped) == (1, 0)
+    assert tick.late_s == pytest.approx(0.099)
+
+
+@pytest.mark.parametrize(("work_s", "index"), [(0.201, 2), (0.35, 3), (10.05, 100)])
+async def test_whole_periods_late_are_counted_and_skipped(work_s: float, index: int) -> None:
+    clock = FakeClock()
+    ticker = ticker_on(clock)
+    await ticker.next()
+    clock.work(work_s)
+    late = await ticker.next()
+    assert (late.index, late.skipped) == (index, index - 1)
+    assert late.late_s < 0.1
+    following = await ticker.next()
+    assert following.index == index + 1
+    assert clock.time_s == pytest.approx(following.deadline_s)
+    assert ticker.statistics.missed == index - 1
+    assert ticker.statistics.ticks == 3
+
+
+async def test_a_sleep_that_oversleeps_by_periods_is_a_miss_too() -> None:
+    clock = FakeClock(overshoot_wall_s=0.25)
+    ticker = ticker_on(clock)
+    await ticker.next()
+    tick = await ticker.next()
+    assert (tick.index, tick.skipped) == (3, 2)
+
+
+async def test_a_sleep_that_returns_early_is_slept_again() -> None:
+    clock = FakeClock()
+
+    sleeps = 0
+
+    async def half_sleep(wall_s: float) -> None:
+        nonlocal sleeps
+        sleeps += 1
+        clock.time_s += max(wall_s / 2.0, 1e-4)
+
+    ticker = Ticker(0.1, clock.now_s, sleep=half_sleep)
+    first = await ticker.next()
+    second = await ticker.next()
+    assert second.deadline_s == pytest.approx(first.deadline_s + 0.1)
+    assert clock.time_s >= second.deadline_s
+    assert sleeps <= 15  # halving the rest each time, not creeping up to it
+
+
+async def test_a_late_ticker_still_gives_way() -> None:
+    clock = FakeClock()
+    ticker = ticker_on(clock)
+    for _ in range(3):
+        await ticker.next()
+        clock.work(1.0)
+    assert len(clock.slept_wall_s) == 3
+
+
+def test_statistics_before_the_first_tick_are_zero() -> None:
+    assert ticker_on(FakeClock()).statistics == TickerStatistics()
+
+
+@pytest.mark.parametrize(("period_s", "speed"), [(0.0, 1.0), (-1.0, 1.0), (0.1, 0.0), (float("nan"), 1.0)])
+def test_impossible_rates_are_refused(period_s: float, speed: float) -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        Ticker(period_s, lambda: 0.0, speed=speed)

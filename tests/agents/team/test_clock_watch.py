@@ -1,0 +1,58 @@
+"""Clocks that are set while their vehicles fly: who is off, since when, and by how much."""
+
+import pytest
+
+from agents.team.clock_watch import ClockWatch
+
+LIMIT_S = 0.5
+
+
+def watched(age_s: float = 0.05, until_s: int = 10) -> ClockWatch:
+    watch = ClockWatch(LIMIT_S)
+    for tick in range(until_s * 10):
+        watch.hear(1, age_s + 0.02 * (tick % 3), tick / 10.0)
+    return watch
+
+
+@pytest.mark.parametrize(("by_s", "off"), [(0.6, True), (-0.6, True), (0.4, False), (-0.4, False), (-40.0, True)])
+def test_a_step_beyond_the_limit_either_way(by_s: float, off: bool) -> None:
+    watch = watched()
+    for tick in range(3):
+        watch.hear(1, 0.07 - by_s, 10.0 + tick / 10.0)
+    stepped = watch.stepped(10.3, 1.0)
+    assert (1 in stepped) is off
+    if off:
+        assert stepped[1].since_s == 10.0
+        assert stepped[1].by_s == pytest.approx(by_s, abs=0.03)
+
+
+def test_a_single_message_that_comes_late_is_forgotten_with_the_next() -> None:
+    watch = watched()
+    watch.hear(1, 0.9, 10.0)
+    watch.hear(1, 0.05, 10.1)
+    assert watch.stepped(10.1, 1.0) == {}
+
+
+def test_a_network_that_slows_down_is_no_clock() -> None:
+    watch = watched()
+    for tick in range(300):
+        watch.hear(1, 0.05 + 0.9 * tick / 300.0, 10.0 + tick / 10.0)
+        assert watch.stepped(10.0 + tick / 10.0, 1.0) == {}
+
+
+def test_the_clocks_of_two_peers_are_told_apart_and_one_set_back_is_well_again() -> None:
+    watch = watched()
+    for tick in range(10):
+        watch.hear(1, 3.0, 10.0 + tick / 10.0)
+        watch.hear(2, -3.0, 10.0 + tick / 10.0)
+    assert list(watch.stepped(11.0, 1.0)) == [1], "2 was never otherwise"
+    watch.hear(1, 0.05, 11.0)
+    assert watch.stepped(11.0, 1.0) == {}
+
+
+@pytest.mark.parametrize(("patience", "after_s"), [(1.0, 1.05), (5.0, 5.05)])
+def test_one_that_says_nothing_any_more_is_silent_rather_than_off(time_scale: float, after_s: float) -> None:
+    watch = watched()
+    watch.hear(1, 3.0, 10.0)
+    assert list(watch.stepped(10.0 + after_s - 0.1, time_scale)) == [1]
+    assert watch.stepped(10.0 + after_s, time_scale) == {}

@@ -1,0 +1,532 @@
+"""`VehicleCore`: what it decides and asks for, whatever it is told."""
+
+from collections.abc import Callable, Sequence
+from math import hypot, nan, tau
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.core import VehicleCore
+from agents.outputs import TickOutput
+from agents.settings.config import AgentConfig
+from agents.tactics import Event, Tactic
+from agents.team.messages import (
+    TOPICS,
+    BusMessage,
+    MemberState,
+    Muster,
+    NeighbourAngle,
+    OperatorCommand,
+    PeerMessage,
+    TargetPackage,
+    decode,
+    encode,
+)
+from estimation.plant.model import Plant, exact_step
+from estimation.state import Sighting, Telemetry, Vector
+
+Maker = Callable[..., AgentConfig]
+
+PERIOD_S = 0.1
+STILL = np.zeros(2)
+
+
+def telemetry(time_s: float, motion: Sequence[float] = (0.0, 0.0, 0.0, 0.0)) -> Telemetry:
+    x, y, x_rate, y_rate = motion
+    return Telemetry(time_s, (x, y, 8.0), (x_rate, y_rate, 0.0))
+
+
+def sighting(time_s: float, x: float = 5.0, y: float = 0.0, importance: float = 0.8, threat: float = 0.2) -> Sighting:
+    return Sighting(time_s, 2, (x, y), (0.01, 0.0, 0.01), importance, threat)
+
+
+def member(sender: int, time_s: float, x: float, y: float, tactic: str = "formation") -> MemberState:
+    return MemberState(sender, time_s, tactic, (x, y), (0.2, 0.0), (x + 0.2175, y), (0.2, 0.0))
+
+
+def package(time_s: float, importance: float = 0.8, recipients: tuple[int, ...] = (2,)) -> TargetPackage:
+    return TargetPackage(1, time_s, (5.0, 0.0), (0.01, 0.0, 0.01), importance, 0.2, recipients)
+
+
+def setpoint_of(output: TickOutput) -> tuple[float, float]:
+    assert output.setpoint is not None
+    assert output.setpoint.position_m[2] == 8.0
+    return output.setpoint.position_m[:2]
+
+
+def sent_by(output: TickOutput) -> list[BusMessage]:
+    messages = [decode(outgoing.payload) for outgoing in output.messages]
+    assert [outgoing.topic for outgoing in output.messages] == [TOPICS[type(message)].name for message in messages]
+    return messages
+
+
+class Pilot:
+    """Flies a core on its own plant, in the wind if told so, tick by tick."""
+
+    def __init__(
+        self, config: AgentConfig, start_s: float = 0.0, motion: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
+    ) -> None:
+        self.core = VehicleCore(config)
+        self.core.start(start_s)
+        self.plant: Plant = config.plant
+        self.motion: Vector = np.array(motion, dtype=np.float64)
+        self.ticks = 0
+
+    @property
+    def now_s(self) -> float:
+        return self.ticks * PERIOD_S
+
+    def fly(self, until_s: float, wind: Vector = STILL) -> list[TickOutput]:
+        outputs = []
+        while self.now_s < until_s - 1e-9:
+            self.core.on_telemetry(telemetry(self.now_s, self.motion.tolist()))
+            outputs.append(self.core.tick(self.now_s))
+            self.motion = exact_step(self.plant, PERIOD_S).advance(
+                self.motion, np.array(setpoint_of(outputs[-1])), wind
+            )
+            self.ticks += 1
+        return outputs
+
+
+def test_before_any_telemetry_there_is_nothing_to_ask_for(make_config: Maker) -> None:
+    output = VehicleCore(make_config()).tick(0.0)
+    assert output.setpoint is None
+    assert output.messages == ()
+    assert (output.status.tactic, output.status.motion, output.status.polar) == (Tactic.STANDBY, None, None)
+
+
+def test_standby_holds_the_place_where_it_began_until_the_start(make_config: Maker) -> None:
+    pilot = Pilot(make_config(), start_s=2.0, motion=(3.0, 4.0, 0.5, 0.0))
+    waiting = pilot.fly(1.95)
+    assert {setpoint_of(output) for output in waiting} == {(3.0, 4.0)}
+    assert {output.status.tactic for output in waiting} == {Tactic.STANDBY}
+    assert pilot.fly(2.05)[-1].status.tactic is Tactic.FORMATION
+
+
+def test_a_leader_flies_the_mission_line_in_the_wind(make_config: Maker) -> None:
+    pilot = Pilot(make_config(line_start_m=(1.0, 2.0)), motion=(0.0, 0.0, 0.0, 0.0))
+    pilot.fly(40.0, wind=np.array([0.2, -0.1]))
+    assert pilot.motion == pytest.approx([1.0 + 0.2 * 40.0, 2.0, 0.2, 0.0], abs=5e-3)
+
+
+@pytest.mark.parametrize("leader_leaves", ["says so", "falls silent", "is gone"])
+def test_a_follower_follows_and_leads_on_from_its_own_slot_once_the_leader_has_left(
+    leader_leaves: str, make_config: Maker
+) -> None:
+    pilot = Pilot(make_config(vehicle_id=3), motion=(0.0, -4.0, 0.0, 0.0))
+    for tick in range(400):
+        heard_s = max(pilot.now_s - 0.8, 0.0)  # late, as over a poor radio
+        pilot.core.on_message(encode(member(2, heard_s, 0.2 * heard_s + 1.0, 0.5)), pilot.now_s)
+        pilot.fly((tick + 1) * PERIOD_S)
+    # The leader is a metre ahead of the line and half a metre beside it: a follower keeps to it, not to the line.
+    assert pilot.motion == pytest.approx([0.2 * pilot.now_s + 1.0, -4.5, 0.2, 0.0], abs=0.02)
+    if leader_leaves == "says so":
+        pilot.core.on_message(encode(member(2, pilot.now_s, 9.0, 0.5, "encircle")), pilot.now_s)
+    if leader_leaves == "is gone":
+        pilot.core.on_presence(2, present=False)
+        assert pilot.core.tick(pilot.now_s).status.peers == ()
+    pilot.fly(80.0)
+    assert pilot.motion == pytest.approx([0.2 * pilot.now_s, -5.0, 0.2, 0.0], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("payload", "why"),
+    [
+        (b"\x00nonsense", "malformed"),
+        (encode(member(2, 5.0, 0.0, 0.0)), "the vehicle's own id"),
+        (encode(member(9, 5.0, 0.0, 0.0)), "not of the team"),
+        (encode(member(1, 6.2, 0.0, 0.0)), "from the future"),
+        (encode(member(1, 3.9, 0.0, 0.0)), "stale"),
+        (msgspec.msgpack.encode(["angle", 1, 5.0, nan, 0.0, 1.0]), "not a number"),
+        (encode(TargetPackage(1, 5.0, (5.0, 0.0), (1.0, 2.0, 1.0), 0.8, 0.2, (2,))), "no covariance"),
+    ],
+)
+def test_what_cannot_be_trusted_is_counted_and_dropped(payload: bytes, why: str, make_config: Maker) -> None:
+    core = VehicleCore(make_config())
+    core.on_telemetry(telemetry(5.0))
+    core.on_message(payload, 5.0)
+    status = core.tick(5.0).status
+    assert status.messages_dropped == 1, why
+    assert status.peers == ()
+    assert status.target is None
+
+
+@pytest.mark.parametrize(
+    "message", [member(1, 5.5, 0.0, 0.0), NeighbourAngle(3, 4.1, 0.0, 0.0, 1.0), package(5.0), Muster(1, 5.0, None)]
+)
+def test_what_can_be_trusted_is_not_counted(message: PeerMessage, make_config: Maker) -> None:
+    core = VehicleCore(make_config())
+    core.on_message(encode(message), 5.0)
+    assert core.tick(5.0).status.messages_dropped == 0
+
+
+# To the micrometre: two bodies that coincide, do.
+near = (st.floats(-30.0, 30.0) | st.floats(-1e6, 1e6)).map(lambda metres: round(metres, 6))
+pairs = st.tuples(near, near)
+rates = st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
+peers, moments = st.sampled_from([1, 3]), st.floats(9.0, 10.9)
+variances = st.floats(1e-6, 1e8) | st.floats(0.01, 1.0)
+plausible = st.one_of(
+    st.builds(MemberState, peers, moments, st.sampled_from(["formation", "encircle", "?"]), pairs, rates, pairs, rates),
+    st.builds(NeighbourAngle, peers, moments, st.floats(-7.0, 7.0), st.floats(-1e3, 1e3), st.floats(0.0, 1e6)),
+    st.builds(
+        TargetPackage,
+        peers,
+        moments,
+        pairs,
+        st.tuples(variances, st.floats(-0.1, 0.1), variances),
+        st.floats(0.0, 1.0),
+        st.floats(0.0, 1.0),
+        st.just((2,)),
+    ),
+).map(encode)
+
+
+def found(config: AgentConfig, motion: Vector) -> Vector:
+    """Where a vehicle that was told nothing yet is when its setpoint acts, half a period from now.
+
+    The bound on the lead counts from there: the setpoint acts meanwhile, as far ahead as the vehicle flies in a period.
+    """
+    half = exact_step(config.plant, PERIOD_S / 2.0)
+    flown_m = half.advance(motion, motion[:2], STILL)[2:] * PERIOD_S
+    return half.advance(motion, motion[:2] + flown_m, STILL)
+
+
+@given(payloads=st.lists(plausible | st.binary(max_size=60), max_size=12), smoothing_s=st.sampled_from([0.0, 3.5]))
+def test_no_message_makes_a_vehicle_raise_or_fly_off(
+    payloads: list[bytes], smoothing_s: float, make_config: Maker
+) -> None:
+    config = make_config(encirclement={"smoothing_time_s": smoothing_s}, decision={"distance_max_m": 1e4})
+    core = VehicleCore(config)
+    core.start(0.0)
+    motion = np.array([3.0, -2.0, 0.4, 0.1])
+    core.on_telemetry(telemetry(10.0, motion.tolist()))
+    for payload in payloads:
+        core.on_message(payload, 10.0)
+    x, y = setpoint_of(core.tick(10.0))
+    acting = found(config, motion)
+    assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
+    core.tick(10.1)
+
+
+@given(
+    motion=st.tuples(near, near, st.floats(-30.0, 30.0), st.floats(-30.0, 30.0)),
+    target=pairs,
+    tactic=st.sampled_from([Tactic.FORMATION, Tactic.ENCIRCLE]),
+)
+def test_the_setpoint_never_leads_by_more_than_allowed_whatever_the_estimate(
+    motion: tuple[float, float, float, float], target: tuple[float, float], tactic: Tactic, make_config: Maker
+) -> None:
+    decision = {"distance_max_m": 1e8, "importance_min": 0.0 if tactic is Tactic.ENCIRCLE else 1.0}
+    config = make_config(encirclement={"smoothing_time_s": 0.0}, decision=decision)
+    core = VehicleCore(config)
+    core.start(0.0)
+    core.on_telemetry(telemetry(10.0, motion))
+    core.on_sighting(sighting(10.0, *target))
+    output = core.tick(10.0)
+    assert output.status.tactic is tactic
+    acting = found(config, np.array(motion))
+    x, y = setpoint_of(output)
+    assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("message", "tactic"),
+    [
+        (package(0.0), Tactic.ENCIRCLE),
+        (package(0.0, importance=0.5), Tactic.FORMATION),
+        (package(0.0, recipients=(1, 3)), Tactic.FORMATION),
+    ],
+)
+def test_a_peers_sighting_is_decided_on_if_it_is_meant_for_the_vehicle(
+    message: TargetPackage, tactic: Tactic, make_config: Maker
+) -> None:
+    pilot = Pilot(make_config())
+    pilot.core.on_message(encode(message), 0.0)
+    assert pilot.fly(0.1)[-1].status.tactic is tactic
+
+
+@pytest.mark.parametrize(("override", "tactic"), [({}, Tactic.ENCIRCLE), ({"distance_max_m": 4.0}, Tactic.FORMATION)])
+def test_each_vehicle_has_thresholds_of_its_own(override: dict[str, float], tactic: Tactic, make_config: Maker) -> None:
+    pilot = Pilot(make_config(decision=override))
+    pilot.core.on_sighting(sighting(0.0))
+    assert pilot.fly(0.1)[-1].status.tactic is tactic
+
+
+def test_engaging_moves_the_setpoint_smoothly_onto_the_ring(make_config: Maker) -> None:
+    pilot = Pilot(make_config(), motion=(0.0, 0.0, 0.2, 0.0))
+    outputs = pilot.fly(5.0)
+    for tick in range(50, 700):
+        pilot.core.on_sighting(sighting(pilot.now_s, x=11.0, y=1.0))
+        outputs += pilot.fly((tick + 1) * PERIOD_S)
+    setpoints = np.array([setpoint_of(output) for output in outputs])
+    assert [output.status.tactic for output in outputs[49:51]] == [Tactic.FORMATION, Tactic.ENCIRCLE]
+    assert np.abs(np.diff(setpoints[48:52], axis=0)).max() < 0.05
+    assert np.abs(np.diff(setpoints[52:95], axis=0)).max() < 0.1
+    assert outputs[50].status.mixing == 0.0
+    assert outputs[67].status.mixing == pytest.approx(0.5, abs=0.03)
+    assert outputs[85].status.mixing == 1.0
+    final = outputs[-1].status.polar
+    assert final is not None
+    assert final.radius_m == pytest.approx(10.0, abs=0.02)
+    assert final.angular_rate_rad_s == pytest.approx(0.05, abs=1e-3)
+
+
+def test_neighbours_on_the_ring_are_taken_to_where_they_are_when_the_setpoint_acts(make_config: Maker) -> None:
+    pilot = Pilot(make_config(encirclement={"angular_rate_rad_s": 0.4}), motion=(0.0, 0.0, 0.0, 0.0))
+    pilot.core.on_sighting(sighting(0.0, x=10.0))
+    pilot.fly(0.55)
+    for sender, bearing in ((1, -2.5), (3, 1.5)):
+        pilot.core.on_message(encode(NeighbourAngle(sender, 0.1, bearing, 0.4, 10.0)), pilot.now_s)
+    output = pilot.fly(0.65)[-1]
+    place, polar, drift = output.status.place, output.status.polar, 0.4 * (0.6 + PERIOD_S / 2.0 - 0.1)
+    assert place is not None
+    assert polar is not None
+    own = polar.bearing_rad + polar.angular_rate_rad_s * PERIOD_S / 2.0
+    assert place.members == 3
+    assert place.lead_rad == pytest.approx((-2.5 + drift - own) % tau, abs=0.01)
+    assert place.lag_rad == pytest.approx((own - 1.5 - drift) % tau, abs=0.01)
+
+
+def test_silent_telemetry_means_hold(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.fly(3.0)
+    assert pilot.core.tick(3.8).status.tactic is Tactic.FORMATION
+    held = [pilot.core.tick(time_s) for time_s in (4.0, 4.1, 9.0)]
+    assert {output.status.tactic for output in held} == {Tactic.HOLD}
+    assert len({setpoint_of(output) for output in held}) == 1
+
+
+@pytest.mark.parametrize(("silence_s", "tactic"), [(9.8, Tactic.FORMATION), (10.3, Tactic.HOLD)])
+def test_faster_than_the_wall_links_may_be_silent_for_as_long_on_the_wall(
+    silence_s: float, tactic: Tactic, make_config: Maker
+) -> None:
+    pilot = Pilot(make_config())
+    pilot.core.set_time_scale(10.0)
+    pilot.fly(1.0)
+    heard_s = pilot.now_s - PERIOD_S
+    pilot.core.on_message(encode(member(1, heard_s, 0.0, 0.0)), heard_s + silence_s)
+    status = pilot.core.tick(heard_s + silence_s).status
+    assert status.tactic is tactic
+    assert ([peer.sender for peer in status.peers] == [1]) is (tactic is Tactic.FORMATION)
+
+
+def test_a_lost_target_means_hold(make_config: Maker) -> None:
+    pilot = Pilot(make_config(target_filter={"stale_after_s": 4.0}))
+    pilot.core.on_sighting(sighting(0.0))
+    assert {output.status.tactic for output in pilot.fly(4.05)} == {Tactic.ENCIRCLE}
+    held = pilot.fly(20.0)
+    assert {output.status.tactic for output in held} == {Tactic.HOLD}
+    assert len({setpoint_of(output) for output in held}) == 1
+    assert pilot.motion == pytest.approx([*setpoint_of(held[-1]), 0.0, 0.0], abs=5e-3)
+
+
+def test_a_vehicle_that_held_resumes_its_formation_and_one_that_lands_stays(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.fly(5.0)
+    pilot.core.on_event(Event.HOLD)
+    held = setpoint_of(pilot.fly(10.0)[-1])
+    assert held[0] == pytest.approx(1.0, abs=0.1)
+    pilot.core.on_event(Event.RESUME)
+    pilot.fly(60.0)
+    assert pilot.motion == pytest.approx([12.0, 0.0, 0.2, 0.0], abs=5e-3)
+    pilot.core.on_event(Event.LAND)
+    assert pilot.core.tactic is Tactic.LAND
+    assert len({setpoint_of(output) for output in pilot.fly(65.0)}) == 1
+
+
+def test_what_is_told_to_the_peers(make_config: Maker) -> None:
+    pilot = Pilot(make_config(communication_radius_m=20.0))
+    for message in (member(1, 0.0, 0.0, 19.9), member(3, 0.0, 0.0, -20.1)):
+        pilot.core.on_message(encode(message), 0.0)
+    (state,) = sent_by(pilot.fly(0.1)[-1])
+    assert isinstance(state, MemberState)
+    assert (state.sender, state.time_s, state.tactic) == (2, 0.0, "formation")
+    seen = sighting(0.1)
+    pilot.core.on_sighting(seen)
+    state, angle, told = sent_by(pilot.fly(0.2)[-1])
+    assert isinstance(state, MemberState)
+    assert state.tactic == "encircle"
+    assert isinstance(angle, NeighbourAngle)
+    assert (angle.radius_m, abs(angle.bearing_rad)) == pytest.approx((5.0, np.pi), abs=0.05)
+    assert told == TargetPackage(2, 0.1, seen.position_m, seen.covariance_m2, 0.8, 0.2, (1,))
+    assert [type(message) for message in sent_by(pilot.fly(0.3)[-1])] == [MemberState, NeighbourAngle]
+
+
+def test_followers_hear_the_setpoint_without_wind_compensation_at_the_time_of_the_message(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    wind = np.array([0.2, -0.1])
+    output = pilot.fly(40.0, wind=wind)[-1]
+    state = sent_by(output)[0]
+    assert isinstance(state, MemberState)
+    # In steady flight: the mission line's own setpoint, as of the message's time.
+    assert state.setpoint_m == pytest.approx((0.2 * state.time_s + 0.2 * 0.87 / 0.80, 0.0), abs=0.01)
+    assert state.setpoint_rate_m_s == (0.2, 0.0)
+    compensated = state.setpoint_m - wind / 0.80 + np.array([0.2 * PERIOD_S / 2.0, 0.0])
+    assert setpoint_of(output) == pytest.approx(compensated, abs=0.01)
+
+
+def test_the_same_inputs_give_the_same_outputs_bit_for_bit(make_config: Maker) -> None:
+    def flight() -> list[tuple[tuple[float, float], tuple[bytes, ...]]]:
+        random = np.random.default_rng(5)
+        core, outputs = VehicleCore(make_config()), []
+        core.start(1.0)
+        for tick in range(120):
+            now_s = tick * PERIOD_S
+            core.on_telemetry(telemetry(now_s, random.normal(0.0, 0.02, 4).tolist()))
+            core.on_message(encode(member(1, now_s, *random.normal(0.0, 5.0, 2).tolist())), now_s)
+            core.on_message(encode(NeighbourAngle(3, now_s, random.uniform(-3.0, 3.0), 0.05, 10.0)), now_s)
+            core.on_message(random.bytes(20), now_s)
+            if tick > 40:
+                core.on_sighting(sighting(now_s, *(random.normal(0.0, 0.1, 2) + 7.0).tolist()))
+            output = core.tick(now_s)
+            outputs.append((setpoint_of(output), tuple(outgoing.payload for outgoing in output.messages)))
+        return outputs
+
+    assert flight() == flight()
+
+
+def test_a_vehicle_that_stood_down_asks_for_nothing_and_tells_its_peers_so(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.fly(5.0)
+    pilot.core.on_event(Event.PILOT_TOOK_OVER)
+    for tick in range(20):
+        pilot.core.on_telemetry(telemetry(5.0 + tick * PERIOD_S, [tick * 0.3, 1.0, 3.0, 0.0]))
+        output = pilot.core.tick(5.0 + tick * PERIOD_S)
+        assert output.setpoint is None
+        (state,) = sent_by(output)
+        assert isinstance(state, MemberState)
+        assert state.tactic == "stood down"
+
+
+@pytest.mark.parametrize(("vehicle", "obeys"), [(2, True), (None, True), (3, False)])
+def test_a_command_is_for_one_vehicle_or_for_all(vehicle: int | None, obeys: bool, make_config: Maker) -> None:
+    pilot = Pilot(make_config(vehicle_id=2))
+    pilot.fly(1.0)
+    pilot.core.on_message(encode(OperatorCommand(1.0, "hold", vehicle, "pat", 1)), 1.0)
+    assert (pilot.core.tactic is Tactic.HOLD) == obeys
+
+
+def test_a_command_of_long_ago_is_dropped(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.fly(10.0)
+    pilot.core.on_message(encode(OperatorCommand(5.0, "land", None, "pat", 1)), 10.0)
+    assert pilot.core.tactic is Tactic.FORMATION
+
+
+def test_a_vehicle_sent_back_beside_the_ring_does_not_cut_across_it(make_config: Maker) -> None:
+    # Its place in line is at the target by now: mixing that in would pull it through the ring.
+    pilot = Pilot(make_config(line_start_m=(0.0, 0.0)), motion=(10.0, 10.5, 0.0, 0.0))
+    pilot.core.on_event(Event.START)
+    pilot.core.on_event(Event.PILOT_TOOK_OVER)
+    radii = []
+    for tick in range(200):
+        now_s = tick * PERIOD_S
+        if tick == 10:
+            pilot.core.on_event(Event.RESUME)
+        pilot.core.on_sighting(Sighting(now_s, 2, (10.0, 0.0), (1e-4, 0.0, 1e-4), 0.8, 0.2))
+        pilot.core.on_telemetry(telemetry(now_s, pilot.motion.tolist()))
+        output = pilot.core.tick(now_s)
+        wanted = output.setpoint.position_m[:2] if output.setpoint is not None else pilot.motion[:2]
+        pilot.motion = exact_step(pilot.plant, PERIOD_S).advance(pilot.motion, np.array(wanted), STILL)
+        radii.append(float(np.hypot(*(pilot.motion[:2] - [10.0, 0.0]))))
+    assert pilot.core.tactic is Tactic.ENCIRCLE
+    assert min(radii) > 9.0
+    assert radii[-1] == pytest.approx(10.0, abs=0.05)
+
+
+def test_who_comes_back_to_the_formation_is_followed_only_once_it_is_there(make_config: Maker) -> None:
+    pilot = Pilot(make_config(vehicle_id=3), motion=(0.0, -5.0, 0.0, 0.0))
+    way = [(-9.0, -6.0), *((-9.0 + 0.2 * tick, 0.0) for tick in range(45)), *[(0.0, 0.0)] * 200]
+    for tick, (off_x, y) in enumerate(way):
+        moving = 1 <= tick < 45
+        x = 0.2 * pilot.now_s + off_x + (0.5 if tick > 45 else 0.0)  # its place in the end: half a metre ahead
+        speed = (2.2, 0.0) if moving else (0.2, 0.0)
+        leader = MemberState(2, pilot.now_s, "formation", (x, y), speed, (x + 0.2175, y), speed)
+        pilot.core.on_message(encode(leader), pilot.now_s)
+        pilot.fly((tick + 1) * PERIOD_S)
+        off = pilot.motion[:2] - [0.2 * pilot.now_s, -5.0]
+        if tick <= 45:
+            assert np.abs(off).max() < 0.1, tick
+    assert off == pytest.approx([0.5, 0.0], abs=0.05)
+
+
+def test_in_another_shape_it_flies_to_its_new_slot(make_config: Maker) -> None:
+    pilot = Pilot(make_config(vehicle_id=3), motion=(0.0, -5.0, 0.0, 0.0))
+    pilot.fly(20.0)
+    pilot.core.on_message(encode(OperatorCommand(20.0, "formation", None, "pat", 1, "wedge")), 20.0)
+    outputs = pilot.fly(50.0)
+    assert pilot.motion == pytest.approx([0.2 * 50.0 - 3.5355, -3.5355, 0.2, 0.0], abs=0.02)
+    steps = np.diff([setpoint_of(output) for output in outputs], axis=0)
+    assert np.abs(steps).max() < 3.0  # as far as the bound on the speed lets it lead
+    assert "the formation's shape is 'wedge'" in [note.text for output in outputs for note in output.status.notes]
+
+
+def test_behind_somebodys_back_it_keeps_off_the_ring_and_says_nothing_of_its_bearing(make_config: Maker) -> None:
+    def flight(bearing_off: float) -> list[TickOutput]:
+        config = make_config(safety={"separation_m": 3.0, "guard": False}, decision={"distance_max_m": 50.0})
+        pilot = Pilot(config, motion=(20.0, 0.0, 0.0, 0.0))
+        outputs = []
+        for tick in range(40):
+            now_s = pilot.now_s
+            pilot.core.on_sighting(sighting(now_s, 0.0, 0.0))
+            for sender, bearing in ((1, bearing_off), (3, bearing_off + 2.0)):
+                pilot.core.on_message(encode(NeighbourAngle(sender, now_s, bearing + 0.05 * now_s, 0.05, 10.0)), now_s)
+            outputs += pilot.fly((tick + 1) * PERIOD_S)
+        return outputs
+
+    def told(outputs: list[TickOutput]) -> int:
+        return sum(isinstance(m, NeighbourAngle) for output in outputs for m in sent_by(output))
+
+    hidden, free = flight(0.1), flight(-3.1)
+    assert told(hidden) < 5
+    assert told(free) > 30
+    assert hidden[20].status.place is None
+    assert free[20].status.place is not None
+
+
+def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.core.on_message(encode(member(1, 0.0, 0.0, 4.0)), 0.0)
+    pilot.core.on_sighting(msgspec.structs.replace(sighting(0.0), sensor_id=1007))
+    output = pilot.fly(0.05)[-1]
+    assert output.status.target is not None
+    assert not [message for message in sent_by(output) if isinstance(message, TargetPackage)]
+
+
+def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make_config: Maker) -> None:
+    ring = {"radius_m": 10.0, "angular_rate_rad_s": 0.15, "speed_max_m_s": 3.0, "acceleration_max_m_s2": 4.0}
+    pilot, outputs = Pilot(make_config(encirclement=ring)), []
+    for tick in range(90):
+        time_s = tick * PERIOD_S
+        pilot.core.on_sighting(sighting(time_s, 8.0 + 2.0 * time_s))
+        outputs += pilot.fly(time_s + PERIOD_S / 2.0)
+    last = outputs[-1]
+    assert last.status.tactic is Tactic.ENCIRCLE
+    assert last.status.slowed == "ring at 50% of its rate: the target moves at 2.0 m/s"
+    assert [note.text for output in outputs for note in output.status.notes if note.kind == "ring"][-1] == (
+        last.status.slowed
+    )
+    (angle,) = (message for message in sent_by(last) if isinstance(message, NeighbourAngle))
+    assert (angle.rate_share, angle.radius_share) == (0.5, 1.0)
+    rates = [output.status.ring_rate_rad_s for output in outputs]
+    assert rates[0] == 0.15
+    assert rates == sorted(rates, reverse=True)
+    assert rates[-1] == pytest.approx(0.075)
+    assert -np.diff(rates).min() <= 0.015 * PERIOD_S + 1e-9
+
+
+def test_a_target_seen_again_elsewhere_moves_no_setpoint_far(make_config: Maker) -> None:
+    pilot, outputs = Pilot(make_config(target_filter={"stale_after_s": 60.0}), motion=(8.0, 0.0, 0.0, 0.0)), []
+    for tick in range(450):
+        time_s = tick * PERIOD_S
+        if time_s < 15.0 or time_s >= 30.0:
+            pilot.core.on_sighting(sighting(time_s, 0.0 if time_s < 15.0 else 12.0))
+        outputs += pilot.fly(time_s + PERIOD_S / 2.0)
+    places = np.array([setpoint_of(output) for output in outputs[145:]])
+    assert np.hypot(*np.diff(places, axis=0).T).max() <= 0.5
+    assert outputs[-1].status.target is not None
+    assert outputs[-1].status.target[:2] == pytest.approx([12.0, 0.0], abs=0.1)

@@ -1,0 +1,318 @@
+"""Operators' commands: each acts once and is answered every time, and whatever is said, an abort ends on the ground."""
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.core import VehicleCore
+from agents.orders import (
+    CUT,
+    CUTTING,
+    DID_LIMIT,
+    NUMBERS_KEPT,
+    Orders,
+    Reshaping,
+    final,
+    obeyed,
+)
+from agents.settings.config import AgentConfig
+from agents.settings.sections import ExcitationSettings
+from agents.settings.shapes import Shape
+from agents.tactics import Event, Tactic, next_tactic
+from agents.team.messages import (
+    CommandAnswer,
+    MemberState,
+    OperatorCommand,
+    Verb,
+    decode,
+    encode,
+)
+from estimation.state import Telemetry
+
+HOVER_S = 5.0
+VERBS: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "kill", "formation")
+Maker = Callable[..., AgentConfig]
+
+
+class Vehicle:
+    """Orders, and the tactic machine that they steer."""
+
+    def __init__(self, tactic: Tactic = Tactic.FORMATION) -> None:
+        self.orders = Orders(2, HOVER_S, ("line", "wedge"))
+        self.tactic = tactic
+        self.now_s = 0.0
+        self._number = 0
+
+    def told(self, verb: Verb, vehicle: int | None = None, number: int | None = None) -> str:
+        """Take a command, of a new number unless that is given, and return its answer."""
+        self._number += number is None
+        command = OperatorCommand(self.now_s, verb, vehicle, "pat@here", self._number if number is None else number)
+        self._apply(self.orders.take(command, self.tactic, self.now_s))
+        answers = self.orders.answers(self.now_s)
+        assert len(answers) <= 1
+        return answers[0].did if answers else ""
+
+    def tick(self, now_s: float) -> None:
+        self.now_s = now_s
+        self._apply(self.orders.due(self.tactic, now_s))
+
+    def does(self, tactic: Tactic) -> bool:
+        return self.tactic is tactic
+
+    def _apply(self, event: Event | None) -> None:
+        if event is not None:
+            self.tactic = next_tactic(self.tactic, event)
+
+
+@pytest.mark.parametrize(
+    ("before", "verb", "did", "after"),
+    [
+        (Tactic.FORMATION, "hold", "holds", Tactic.HOLD),
+        (Tactic.HOLD, "hold", "was holding already", Tactic.HOLD),
+        (Tactic.LAND, "hold", "refused: it is landing", Tactic.LAND),
+        (Tactic.HOLD, "resume", "resumes its mission", Tactic.FORMATION),
+        (Tactic.PILOT_OVERRIDE, "resume", "resumes its mission", Tactic.FORMATION),
+        (Tactic.ENCIRCLE, "resume", "was on its mission already", Tactic.ENCIRCLE),
+        (Tactic.RETURN_AND_LAND, "resume", "refused: it is coming down", Tactic.RETURN_AND_LAND),
+        (Tactic.ENCIRCLE, "rtl", "returns and lands", Tactic.RETURN_AND_LAND),
+        (Tactic.RETURN_AND_LAND, "rtl", "was coming down already", Tactic.RETURN_AND_LAND),
+        (Tactic.ENCIRCLE, "land", "lands", Tactic.LAND),
+        (Tactic.LAND, "land", "was landing already", Tactic.LAND),
+        (Tactic.ENCIRCLE, "abort", "holds, lands in 5 s unless resumed", Tactic.HOLD),
+        (Tactic.HOLD, "abort", "was holding already, lands in 5 s unless resumed", Tactic.HOLD),
+        (Tactic.RETURN_AND_LAND, "abort", "holds, lands in 5 s unless resumed", Tactic.HOLD),
+        (Tactic.LAND, "abort", "was landing already", Tactic.LAND),
+        (Tactic.FORMATION, "kill", CUTTING, Tactic.LAND),
+    ],
+)
+def test_what_is_done_and_answered(before: Tactic, verb: Verb, did: str, after: Tactic) -> None:
+    vehicle = Vehicle(before)
+    assert (vehicle.told(verb), vehicle.tactic) == (did, after)
+
+
+@pytest.mark.parametrize("verb", ["hold", "land", "rtl", "abort"])
+def test_a_vehicle_that_was_taken_says_who_has_it_and_what_helps(verb: Verb) -> None:
+    vehicle = Vehicle(Tactic.PILOT_OVERRIDE)
+    did = vehicle.told(verb)
+    assert not obeyed(did)
+    assert "somebody else" in did
+    assert "resume takes it back" in did
+    assert "lands in" not in did
+    assert vehicle.tactic is Tactic.PILOT_OVERRIDE
+
+
+@given(tactic=st.sampled_from(Tactic), verb=st.sampled_from(VERBS))
+def test_whatever_the_tactic_every_command_is_answered_and_obeyed_or_refused(tactic: Tactic, verb: Verb) -> None:
+    vehicle = Vehicle(tactic)
+    did = vehicle.told(verb)
+    assert 0 < len(did) <= DID_LIMIT
+    answer = CommandAnswer(2, 0.0, 1, did)
+    assert decode(encode(answer)) == answer
+    if not obeyed(did):
+        assert vehicle.tactic is tactic
+
+
+def reshaping(shape: Shape | None, told_s: float = 1.0, number: int = 7) -> OperatorCommand:
+    return OperatorCommand(told_s, "formation", None, "pat@here", number, shape)
+
+
+@pytest.mark.parametrize(
+    ("shape", "tactic", "did"),
+    [
+        ("wedge", Tactic.FORMATION, "takes its place in the shape 'wedge'"),
+        ("wedge", Tactic.ENCIRCLE, "will take its place, once in formation, in the shape 'wedge'"),
+        ("free", Tactic.FORMATION, "refused: the mission's formation cannot be 'free' (shapes: line, wedge)"),
+        (None, Tactic.FORMATION, "refused: the mission's formation cannot be 'None' (shapes: line, wedge)"),
+    ],
+)
+def test_a_change_of_formation_is_taken_or_refused(shape: Shape | None, tactic: Tactic, did: str) -> None:
+    orders = Vehicle().orders
+    assert orders.take(reshaping(shape), tactic, 1.0) is None
+    assert [answer.did for answer in orders.answers(1.0)] == [did]
+    assert orders.reshaping == (Reshaping(1.0, "wedge") if obeyed(did) else None)
+
+
+def test_repeats_act_once_and_are_answered_again() -> None:
+    vehicle = Vehicle()
+    assert vehicle.told("hold", number=7) == "holds"
+    assert vehicle.told("resume", number=8) == "resumes its mission"
+    assert vehicle.told("hold", number=7) == "holds"  # a straggler: said before the resume
+    assert vehicle.tactic is Tactic.FORMATION
+    assert [note.text for note in vehicle.orders.notes()] == [
+        "hold by pat@here: holds",
+        "resume by pat@here: resumes its mission",
+    ]
+
+
+def test_a_repeated_abort_is_no_second_one() -> None:
+    vehicle = Vehicle()
+    for tenth in range(20):
+        vehicle.tick(tenth / 10.0)
+        vehicle.told("abort", number=7)
+    assert vehicle.does(Tactic.HOLD)
+    assert vehicle.told("abort", number=8) == "lands"
+    assert vehicle.does(Tactic.LAND)
+
+
+def test_a_command_for_another_vehicle_is_not_answered() -> None:
+    vehicle = Vehicle()
+    assert vehicle.told("land", vehicle=3) == ""
+    assert vehicle.tactic is Tactic.FORMATION
+
+
+def test_an_abort_lands_after_its_time_and_not_before() -> None:
+    vehicle = Vehicle()
+    vehicle.told("abort")
+    vehicle.tick(4.9)
+    assert vehicle.does(Tactic.HOLD)
+    vehicle.tick(5.0)
+    assert vehicle.does(Tactic.LAND)
+    assert vehicle.orders.notes()[-1].text == "abort by pat@here: lands, nobody resumed it"
+
+
+@pytest.mark.parametrize(("verb", "after"), [("resume", Tactic.FORMATION), ("rtl", Tactic.RETURN_AND_LAND)])
+def test_who_says_where_to_go_on_ends_an_abort(verb: Verb, after: Tactic) -> None:
+    vehicle = Vehicle()
+    vehicle.told("abort")
+    vehicle.told(verb)
+    vehicle.tick(100.0)
+    assert vehicle.tactic is after
+    assert vehicle.told("abort") == "holds, lands in 5 s unless resumed", "the first of a new pair"
+
+
+def test_a_pilot_who_takes_an_aborted_vehicle_has_it() -> None:
+    vehicle = Vehicle()
+    vehicle.told("abort")
+    vehicle.tactic = Tactic.PILOT_OVERRIDE
+    vehicle.tick(100.0)
+    assert [note.text.partition(":")[0] for note in vehicle.orders.notes()] == ["abort by pat@here"]
+    assert vehicle.told("resume") == "resumes its mission"
+    vehicle.tick(200.0)
+    assert vehicle.tactic is Tactic.FORMATION, "what came before is over"
+
+
+_STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.sampled_from(["hold", "abort", "land"]), st.integers(0, 5)),
+        st.tuples(st.just("wait"), st.integers(1, 20)),
+    ),
+    max_size=20,
+)
+
+
+@given(
+    before=st.sampled_from([Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.RETURN_AND_LAND]), steps=_STEPS
+)
+def test_whatever_follows_an_abort_but_a_resume_or_return_it_is_landing_in_time(
+    before: Tactic, steps: list[tuple[str, int]]
+) -> None:
+    vehicle = Vehicle(before)
+    vehicle.told("abort", number=1000)
+    for verb, number in steps:
+        if verb == "wait":
+            vehicle.tick(vehicle.now_s + number / 10.0)
+        else:
+            vehicle.told(verb, number=number)  # type: ignore[arg-type]
+        assert vehicle.tactic in (Tactic.HOLD, Tactic.LAND)
+    vehicle.tick(max(vehicle.now_s, HOVER_S))
+    assert vehicle.does(Tactic.LAND)
+
+
+def test_a_kill_is_told_of_twice_meant_and_done() -> None:
+    vehicle = Vehicle()
+    did = vehicle.told("kill", number=7)
+    assert (did, final("kill", did), vehicle.orders.kills) == (CUTTING, False, True)
+    vehicle.orders.on_killed("", 0.4)
+    assert not vehicle.orders.kills
+    assert [(a.number, a.did) for a in vehicle.orders.answers(0.5)] == [(7, CUT)]
+    assert vehicle.told("kill", number=7) == CUT, "a repeat kills nobody again"
+    assert not vehicle.orders.kills
+    assert vehicle.told("kill", number=8) == CUTTING
+
+
+def test_all_who_asked_for_a_kill_hear_why_it_failed() -> None:
+    vehicle = Vehicle()
+    vehicle.told("kill", number=7)
+    vehicle.told("kill", number=8)
+    vehicle.orders.on_killed("vehicle 2 did not even acknowledge it", 9.0)
+    answers = vehicle.orders.answers(9.0)
+    assert {a.number: a.did for a in answers} == dict.fromkeys((7, 8), "refused: vehicle 2 did not even acknowledge it")
+    assert not any(obeyed(a.did) for a in answers)
+
+
+def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
+    vehicle = Vehicle()
+    vehicle.told("abort")
+    resume = OperatorCommand(0.0, "resume", None, "pat@here", 1000)
+    assert vehicle.orders.take(resume, vehicle.tactic, 0.0, "battery low: 20 %") is None
+    assert vehicle.orders.answers(0.0)[0].did == "refused: battery low: 20 %"
+    vehicle.tick(HOVER_S)
+    assert vehicle.tactic is Tactic.LAND
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    vehicle = Vehicle()
+    for number in range(3 * NUMBERS_KEPT):
+        command = OperatorCommand(0.0, "hold", None, "pat@here", number)
+        vehicle.orders.take(command, vehicle.tactic, 0.0)
+    assert len(vehicle.orders.answers(0.0)) == NUMBERS_KEPT
+
+
+def test_a_core_answers_in_its_next_tick_even_before_it_knows_where_it_is(make_config: Maker) -> None:
+    core = VehicleCore(make_config(vehicle_id=2))
+    core.on_message(encode(OperatorCommand(1.0, "kill", 2, "pat@here", 7)), 1.0)
+    assert core.kills
+    output = core.tick(1.1)
+    assert [decode(each.payload) for each in output.messages] == [CommandAnswer(2, 1.1, 7, CUTTING)]
+    assert ("command", f"kill by pat@here: {CUTTING}") in [(note.kind, note.text) for note in output.status.notes]
+    assert core.tick(1.2).messages == ()
+
+
+def test_a_core_that_hovers_for_an_abort_lands_though_it_lost_its_telemetry(make_config: Maker) -> None:
+    core = VehicleCore(make_config(vehicle_id=2, safety={"abort_hover_s": 2.0}))
+    core.on_command(OperatorCommand(1.0, "abort", None, "pat@here", 7), 1.0)
+    assert [core.tick(now_s).status.tactic for now_s in (2.9, 3.0)] == [Tactic.HOLD, Tactic.LAND]
+
+
+def told_shape(core: VehicleCore, now_s: float) -> tuple[str | None, float]:
+    """What it tells its peers of the formation's shape."""
+    core.on_telemetry(Telemetry(now_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
+    (state,) = (m for m in (decode(o.payload) for o in core.tick(now_s).messages) if isinstance(m, MemberState))
+    return state.shape, state.shaped_s
+
+
+def test_the_newest_shape_spreads_from_vehicle_to_vehicle(make_config: Maker) -> None:
+    def heard(shape: Shape, told_s: float, now_s: float) -> bytes:
+        place = (0.0, 5.0)
+        return encode(
+            MemberState(1, now_s, "formation", place, (0.0, 0.0), place, (0.0, 0.0), 8.0, 0.0, "", shape, told_s)
+        )
+
+    core = VehicleCore(make_config(vehicle_id=2))
+    assert told_shape(core, 1.0) == (None, 0.0)
+    core.on_message(encode(reshaping("wedge", 2.0)), 2.0)
+    assert told_shape(core, 2.0) == ("wedge", 2.0)
+    core.on_message(heard("column", 1.5, 2.1), 2.1)  # older: whoever says so has not heard the newer one yet
+    assert told_shape(core, 2.1) == ("wedge", 2.0)
+    core.on_message(heard("column", 2.1, 2.2), 2.2)
+    assert told_shape(core, 2.2) == ("column", 2.1)
+    core.on_message(heard("free", 2.2, 2.3), 2.3)  # its mission has none
+    assert told_shape(core, 2.3) == ("column", 2.1)
+    core.on_message(encode(reshaping("wedge", 2.0)), 2.4)  # a straggler of the first command
+    assert told_shape(core, 2.4) == ("column", 2.1)
+
+
+def test_a_flight_for_identification_knows_no_shapes(make_config: Maker) -> None:
+    core = VehicleCore(make_config(vehicle_id=2, excitation=ExcitationSettings()))
+    core.on_message(encode(reshaping("wedge")), 1.0)
+    assert told_shape(core, 1.0) == (None, 0.0)
+
+
+def test_a_core_shows_what_its_peers_answered(make_config: Maker) -> None:
+    core = VehicleCore(make_config(vehicle_id=2))
+    answer = CommandAnswer(3, 1.0, 7, "holds")
+    core.on_message(encode(answer), 1.0)
+    assert core.tick(1.0).status.answers == (answer,)
+    assert core.tick(1.1).status.answers == ()

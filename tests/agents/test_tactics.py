@@ -1,0 +1,115 @@
+"""The tactic machine walked through whole, the decision rule at its thresholds, and the mixing of tactics."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.settings.sections import DecisionSettings
+from agents.tactics import (
+    TRANSITIONS,
+    Event,
+    Tactic,
+    decides_to_encircle,
+    diagram,
+    mixing_share,
+    next_tactic,
+)
+from estimation.state import TargetEstimate
+
+# One line for each tactic, one letter for each event in the order below; '.' changes nothing.
+EVENTS = (
+    Event.START,
+    Event.ENGAGE,
+    Event.HOLD,
+    Event.RESUME,
+    Event.LAND,
+    Event.PILOT_TOOK_OVER,
+    Event.END,
+    Event.RETURN,
+    Event.STEP_ASIDE,
+    Event.EXCITE,
+)
+LETTERS = {
+    "F": Tactic.FORMATION,
+    "E": Tactic.ENCIRCLE,
+    "X": Tactic.EXCITE,
+    "A": Tactic.ASIDE,
+    "H": Tactic.HOLD,
+    "D": Tactic.RETURN_AND_LAND,
+    "L": Tactic.LAND,
+    "S": Tactic.PILOT_OVERRIDE,
+}
+TABLE = {
+    Tactic.STANDBY: "F.H.LSDD.X",
+    Tactic.FORMATION: ".EH.LSDDA.",
+    Tactic.ENCIRCLE: "..H.LSDDA.",
+    Tactic.EXCITE: "..H.LSDDH.",
+    Tactic.ASIDE: "..HFLSDD..",
+    Tactic.HOLD: "...FLSDD.X",
+    Tactic.RETURN_AND_LAND: "..H.LS....",
+    Tactic.LAND: "..........",
+    Tactic.PILOT_OVERRIDE: "...F.....X",
+}
+
+
+def test_the_table_here_knows_every_tactic_and_every_event() -> None:
+    assert set(TABLE) == set(Tactic)
+    assert set(EVENTS) == set(Event)
+
+
+@pytest.mark.parametrize("tactic", Tactic)
+def test_every_event_in_every_tactic(tactic: Tactic) -> None:
+    for event, letter in zip(EVENTS, TABLE[tactic], strict=True):
+        assert next_tactic(tactic, event) is LETTERS.get(letter, tactic)
+
+
+def test_the_diagram_shows_every_transition_and_no_other() -> None:
+    first, *arrows = [line.strip() for line in diagram().splitlines()]
+    assert first == "stateDiagram-v2"
+    shown = [f"{before.value} --> {after.value}: {event.value}" for (before, event), after in TRANSITIONS.items()]
+    assert sorted(arrows) == sorted(["[*] --> standby", "land --> [*]", *shown])
+
+
+THRESHOLDS = DecisionSettings(importance_min=0.6, threat_max=0.5, distance_max_m=12.0)
+
+
+@pytest.mark.parametrize(
+    ("importance", "threat", "distance", "engages"),
+    [
+        (0.8, 0.2, 5.0, True),
+        (0.61, 0.49, 11.99, True),
+        (0.6, 0.2, 5.0, False),
+        (0.8, 0.5, 5.0, False),
+        (0.8, 0.2, 12.01, False),
+        (0.0, 1.0, 100.0, False),
+        (1.0, 0.0, 0.0, True),
+    ],
+)
+@pytest.mark.parametrize("bearing", [0.3, 2.0, -2.5])
+def test_the_decision_at_its_thresholds(
+    importance: float, threat: float, distance: float, engages: bool, bearing: float
+) -> None:
+    position = np.array([35.0, -5.0])
+    place = position + distance * np.array([np.cos(bearing), np.sin(bearing)])
+    target = TargetEstimate(0.0, np.array([*place, 9.0, 9.0]), np.eye(4), 0.0, importance, threat)
+    assert decides_to_encircle(target, position, THRESHOLDS) is engages
+
+
+@given(st.floats(-10.0, 20.0), st.floats(0.01, 10.0))
+def test_the_share_rises_from_none_to_all(since_s: float, smoothing_s: float) -> None:
+    share = mixing_share(since_s, smoothing_s)
+    assert 0.0 <= share <= 1.0
+    assert share == (0.0 if since_s <= 0.0 else 1.0) or 0.0 < since_s < smoothing_s
+    assert mixing_share(since_s + 0.1, smoothing_s) >= share
+    assert share + mixing_share(smoothing_s - since_s, smoothing_s) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("knot", [0.0, 3.5])
+def test_the_share_has_no_kink(knot: float) -> None:
+    before, at, after = (mixing_share(knot + shift, 3.5) for shift in (-1e-5, 0.0, 1e-5))
+    assert (at - before) / 1e-5 == pytest.approx((after - at) / 1e-5, abs=1e-4)
+
+
+def test_without_smoothing_the_ring_takes_over_at_once() -> None:
+    assert mixing_share(0.0, 0.0) == 1.0

@@ -1,0 +1,216 @@
+"""Identification of plants that are known, flown by another arithmetic; and flights that nothing can be learnt from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.identification.excerpts import Recording, excerpts_of
+from estimation.identification.identified import Found, Identified
+from estimation.identification.identify import identify
+from estimation.identification.response import Between
+from estimation.identification.simulated import fit_percent, simulated
+from estimation.plant.provenance import Verdict
+from estimation.state import Vector
+from tests.experiments.identification_draws import drawn, intervals_of
+from tests.support.synthetic_flights import (
+    SENT_S,
+    Truth,
+    excitation_m,
+    recorded,
+    saturated,
+)
+
+TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
+
+
+def found_in(identified: Identified) -> Found:
+    assert identified.found is not None, identified.reasons
+    return identified.found
+
+
+def values(found: Found) -> list[float]:
+    return [interval.value for interval in intervals_of(found)]
+
+
+def test_without_noise_the_plant_is_found_as_it_is() -> None:
+    """Setpoints logged as they were sent: held."""
+    recording = recorded(TRUTH, 1, noise_m=1e-4, setpoints_hz=25.0, sampled=False)
+    found = found_in(identify([recording]))
+    assert found.between is Between.HELD
+    assert values(found) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2], rel=0.01)
+    x, _ = found.axes
+    assert x.frequency_rad_s.value == pytest.approx(np.sqrt(1.5), rel=0.005)
+    assert x.damping.value == pytest.approx(1.9 / 2.0 / np.sqrt(1.5), rel=0.005)
+    assert min(axis.fit_percent for axis in found.axes) > 99.0
+
+
+def test_the_share_of_the_velocities_that_is_fed_forward_is_found() -> None:
+    fed = replace(TRUTH, feedforward=0.8)
+    recording = recorded(fed, 1, noise_m=1e-3, setpoints_hz=25.0, sampled=False, fed=True)
+    identified = identify([recording])
+    found = found_in(identified)
+    assert identified.verdict is Verdict.GOOD
+    assert values(found) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2, 0.8], rel=0.01)
+    assert found.plant.feedforward == pytest.approx(0.8, rel=0.01)
+    assert found.covariance.shape == (6, 6)
+    assert found.baseline is not None
+    assert found.baseline.feedforward == pytest.approx(0.8, abs=0.1)
+
+
+def test_a_vehicle_that_leaves_the_velocities_aside_is_not_to_be_flown_with_them() -> None:
+    identified = identify([recorded(TRUTH, 13, fed=True)])
+    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert "the velocities beside the setpoints show no effect" in identified.reasons[0]
+
+
+def test_velocities_that_stay_the_same_tell_nothing() -> None:
+    recording = recorded(TRUTH, 14, fed=True)
+    steady = np.tile((0.3, 0.0), (recording.setpoint_time_s.size, 1))
+    for velocity_m_s, fed in ((recording.velocity_m_s, True), (steady, False), (None, False)):
+        assert any(each.fed for each in excerpts_of(replace(recording, velocity_m_s=velocity_m_s))) is fed
+
+
+@pytest.fixture(scope="module")
+def draws() -> list[tuple[float, Vector, Vector]]:
+    return [(draw.noise_m, draw.errors, draw.covered) for draw in map(drawn, (0, 4, 12, 18))]
+
+
+def test_plants_are_found_in_coloured_noise(draws: list[tuple[float, Vector, Vector]]) -> None:
+    """A few of the hundred of `python -m tests.experiments.identification_draws`."""
+    quiet = [errors for noise_m, errors, _ in draws if noise_m == 0.05]
+    assert len(quiet) == 3
+    assert np.median(np.abs(quiet)[:, :4]) < 0.02
+    assert np.abs(quiet)[:, 4].max() < 0.05
+
+
+def test_intervals_hold_the_truth(draws: list[tuple[float, Vector, Vector]]) -> None:
+    assert np.mean([covered for _, _, covered in draws]) >= 0.85
+
+
+def test_intervals_are_as_wide_as_noise_makes_them() -> None:
+    narrow, wide = (found_in(identify([recorded(TRUTH, 2, noise_m=noise_m)])) for noise_m in (0.03, 0.24))
+    ratios = [
+        loud.relative / quiet.relative for quiet, loud in zip(intervals_of(narrow), intervals_of(wide), strict=True)
+    ]
+    assert 3.0 < float(np.median(ratios)) < 20.0
+
+
+def test_several_flights_are_one_identification() -> None:
+    """Beginning elsewhere, and in another wind, each."""
+    flights = []
+    for seed in (3, 4):
+        random = np.random.default_rng(seed)
+        flight = recorded(TRUTH, seed, setpoint_m=excitation_m(random, 45.0, 0.0), noise_m=0.02)
+        offset_m = random.uniform(-40.0, 40.0, 2)
+        wind_m = random.uniform(2.0, 4.0, 2)
+        flights.append(
+            replace(flight, position_m=flight.position_m + offset_m + wind_m, setpoint_m=flight.setpoint_m + offset_m)
+        )
+    identified = identify(flights)
+    assert identified.excerpts == 2
+    found = found_in(identified)
+    assert values(found) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2], rel=0.06)
+    assert max(interval.relative for interval in intervals_of(found)[:4]) < 0.06
+
+
+def test_a_good_flight_is_called_good() -> None:
+    identified = identify([recorded(TRUTH, 5, noise_m=0.05)])
+    assert (identified.verdict, identified.reasons) == (Verdict.GOOD, ())
+
+
+def test_progress_rises_to_the_end() -> None:
+    shares: list[float] = []
+    identify([recorded(TRUTH, 5, noise_m=0.05)], shares.append)
+    assert shares == sorted(shares)
+    assert shares[0] < 0.3
+    assert shares[-1] == pytest.approx(1.0)
+
+
+def still(recording: Recording) -> Recording:
+    nothing = np.zeros_like(recording.setpoint_m)
+    noise_m = recording.position_m - recording.position_m.mean(axis=0)
+    return replace(recording, setpoint_m=nothing, position_m=0.02 * noise_m)
+
+
+def unmoved(recording: Recording) -> Recording:
+    return replace(recording, position_m=0.02 * recording.position_m)
+
+
+@pytest.mark.parametrize(
+    ("recording", "reason"),
+    [
+        (still(recorded(TRUTH, 6)), "too little excitation: along x the setpoint moved by 0.00 m rms"),
+        (unmoved(recorded(TRUTH, 6)), "the vehicle hardly moved: along x by 0.04 m rms"),
+        (replace(recorded(TRUTH, 6), flown_s=[]), "wrong mode: at no time did a computer's position setpoints fly"),
+        (replace(recorded(TRUTH, 6), flown_s=[(5.0, 25.0)]), "too short: 19 s were flown"),
+        (replace(recorded(TRUTH, 6), resets_s=np.arange(0.0, 150.0, 7.0).tolist()), "too short: 0 s were flown"),
+    ],
+)
+def test_nothing_is_learnt_from_a_bad_flight_and_the_reason_is_told(recording: Recording, reason: str) -> None:
+    identified = identify([recording])
+    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.found is None
+    assert len(identified.reasons) == 1
+    assert identified.reasons[0].startswith(reason)
+
+
+def test_a_vehicle_at_its_greatest_speed_is_noticed_and_the_speed_told() -> None:
+    identified = identify([saturated(TRUTH, 7, speed_max_m_s=1.0)])
+    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.reasons[0].startswith("saturation: speed was held at 1.0 m/s for ")
+    shaping = found_in(identified).shaping
+    assert shaping.speed_max_m_s == pytest.approx(1.0, rel=0.05)
+    assert shaping.speed_share == pytest.approx(0.6, abs=0.15)
+
+
+def test_a_delay_beyond_any_plants_is_noticed() -> None:
+    late = recorded(replace(TRUTH, delay_s=0.9), 8, noise_m=0.02)
+    identified = identify([late])
+    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert any(reason.startswith("the delay is at its bound of 0.6 s") for reason in identified.reasons)
+
+
+def test_a_vehicle_that_moves_before_it_is_asked_is_noticed() -> None:
+    """The log stamps setpoints 0.2 s late: the plant is found all the same, without a delay."""
+    flight = recorded(replace(TRUTH, delay_s=0.0), 9, noise_m=0.02, setpoints_hz=25.0, sampled=False)
+    identified = identify([replace(flight, setpoint_time_s=flight.setpoint_time_s + 0.2)])
+    assert identified.verdict is Verdict.USABLE
+    assert any("before it is asked to" in reason for reason in identified.reasons)
+    assert found_in(identified).delay_s.value == 0.0
+
+
+def test_a_flight_with_little_in_it_leaves_little_certainty() -> None:
+    """One slow ramp: no wish of a plant's can be told from another's."""
+    ramp_m = np.column_stack([np.linspace(0.0, 20.0, round(60.0 / SENT_S))] * 2)
+    identified = identify([recorded(TRUTH, 10, noise_m=0.1, setpoint_m=ramp_m)])
+    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.reasons[0].startswith("too little excitation for so much noise: known are a0 along x to ")
+
+
+def test_another_order_is_noticed() -> None:
+    """A lag of half a second in the actuators."""
+    identified = identify([recorded(TRUTH, 11, noise_m=0.02, lag_s=0.5)])
+    order = found_in(identified).order
+    assert not order.second_is_enough
+    assert order.lag_s == pytest.approx(0.5, rel=0.3)
+    assert any(reason.startswith("a second order is not quite enough") for reason in identified.reasons)
+    assert found_in(identify([recorded(TRUTH, 11, noise_m=0.02)])).order.second_is_enough
+
+
+def test_what_an_estimator_wanders_in_a_minute_is_not_held_against_the_plant() -> None:
+    recording = recorded(TRUTH, 13, noise_m=0.02)
+    wander_m = 0.6 * np.sin(2.0 * np.pi * recording.position_time_s / 80.0)
+    found = found_in(identify([replace(recording, position_m=recording.position_m + wander_m[:, None])]))
+    assert min(axis.fit_percent for axis in found.axes) > 90.0
+    validation = found.validation
+    through = [fit_percent(simulated(validation.excerpts, validation.trained, axis, 0.7)) for axis in range(2)]
+    assert max(through) < 80.0
+    assert [axis.a0_per_s2.value for axis in found.axes] == pytest.approx(TRUTH.a0, rel=0.05)
+
+
+def test_plain_least_squares_is_told_beside_and_is_worse() -> None:
+    found = found_in(identify([recorded(TRUTH, 12, noise_m=0.03, memory_s=0.5)]))
+    assert found.baseline is not None
+    errors = [abs(found.axes[0].a0_per_s2.value - 1.5), abs(found.baseline.a0_per_s2[0] - 1.5)]
+    assert errors[0] < errors[1]

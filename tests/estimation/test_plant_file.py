@@ -1,0 +1,125 @@
+"""Plant files: what is bundled, what a user's own may say, and how its faults are told."""
+
+from pathlib import Path
+
+import pytest
+
+from estimation.plant.file import (
+    PlantFileError,
+    PlantShelf,
+    bundled_plants,
+    load_plant,
+)
+from estimation.plant.model import Plant, PlantAxis
+from estimation.plant.provenance import IdentifiedLog, Verdict
+
+AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1\n"
+IDENTIFIED = f"""
+[identified]
+method = "output error 1"
+date = "2026-11-21"
+vehicle = 3
+autopilot = "px4"
+firmware = "v1.17.0"
+setpoints = "held"
+duration_s = 148.3
+fit_x_percent = 86.0
+fit_y_percent = 79.0
+verdict = "usable"
+reasons = ["the estimator wandered"]
+covariance = {[[0.01 if row == column else 0.0 for column in range(5)] for row in range(5)]}
+
+[[identified.logs]]
+name = "flight.ulg"
+sha256 = "{"0a" * 32}"
+"""
+
+
+def test_the_bundled_plants_load(tmp_path: Path) -> None:
+    axis = PlantAxis(0.80, 0.87)
+    assert bundled_plants() == ["ardupilot", "px4", "stub", "stub-delayed", "stub-feedforward"]
+    assert load_plant("stub", tmp_path) == Plant(axis, axis)
+    assert load_plant("stub-delayed", tmp_path) == Plant(axis, axis, 0.15)
+    assert load_plant("stub-feedforward", tmp_path) == Plant(axis, axis, 0.0, 1.0)
+
+
+def test_a_file_of_the_users_own_is_found_beside_the_mission(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text("delay_s = 0.2\nfeedforward = 0.9\n" + AXES)
+    assert load_plant("own.toml", tmp_path) == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1), 0.2, 0.9)
+
+
+def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
+    with pytest.raises(
+        PlantFileError, match=r"no plant file 'stubb' .*bundled plants: ardupilot, px4, stub, stub-delayed"
+    ):
+        load_plant("stubb", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (b"a0 = = 1", "'own.toml' is not TOML"),
+        (b"\xff\xfe", "'own.toml' is not TOML"),
+        (AXES.encode() + b"extra = 1\n", "own.toml: y.extra: Extra inputs are not permitted"),
+        (b"feedforward = -1\n" + AXES.encode(), "own.toml: feedforward: Input should be greater than or equal to 0"),
+        (b"feedforward = 2.5\n" + AXES.encode(), "own.toml: feedforward: Input should be less than or equal to 2"),
+        (b"delay_s = 1.5\n" + AXES.encode(), "own.toml: delay_s: Input should be less than or equal to 1"),
+        (AXES.replace("0.6", "nan").encode(), "own.toml: y.a0_per_s2: Input should be a finite number"),
+        (AXES.replace("0.6", "'0.6'").encode(), "own.toml: y.a0_per_s2: Input should be a valid number"),
+        (AXES.replace("0.6", "-0.6").encode(), "own.toml: y: a0_per_s2 = -0.6 makes the plant unstable"),
+    ],
+)
+def test_a_fault_is_told_with_its_place(content: bytes, fault: str, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_bytes(content)
+    with pytest.raises(PlantFileError) as caught:
+        load_plant("own.toml", tmp_path)
+    assert len(caught.value.faults) == 1
+    assert caught.value.faults[0].startswith(fault)
+
+
+@pytest.mark.parametrize("wrong", [{"0.5": "-0.5", "0.6": "0.0"}, {"a0_per_s2 = 0.5\n": "", "1.1": "true"}])
+def test_all_faults_are_told_at_once(wrong: dict[str, str], tmp_path: Path) -> None:
+    content = AXES
+    for right, fault in wrong.items():
+        content = content.replace(right, fault)
+    (tmp_path / "own.toml").write_text(content)
+    with pytest.raises(PlantFileError) as caught:
+        load_plant("own.toml", tmp_path)
+    assert [fault.split(":")[1].strip()[0] for fault in caught.value.faults] == ["x", "y"]
+
+
+def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
+    file = PlantShelf(tmp_path).open("own.toml")
+    assert file.plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1))
+    identified = file.identified
+    assert identified is not None
+    assert (identified.verdict, identified.date, identified.vehicle) == (Verdict.USABLE, "2026-11-21", 3)
+    assert identified.logs == (IdentifiedLog(name="flight.ulg", sha256="0a" * 32),)
+    assert [identified.covariance[at][at] for at in range(5)] == [0.01] * 5
+
+
+def test_a_file_without_that_section_tells_nothing_of_it(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(AXES)
+    assert PlantShelf(tmp_path).open("own.toml").identified is None
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ('verdict = "usable"', 'verdict = "fine"', "identified.verdict: Input should be"),
+        ("vehicle = 3", "vehicle = 3\nextra = 1", "identified.extra: Extra inputs are not permitted"),
+        ("2026-11-21", "2026-13-21", "identified.date: String should match pattern"),
+        ("0a0a", "xyz0", "identified.logs.0.sha256: String should match pattern"),
+        ("[0.01, 0.0, 0.0, 0.0, 0.0], ", "", "identified: Value error, covariance must have 5 rows of 5 numbers"),
+        ("[[0.01", "[[-0.01", "identified: Value error, covariance has a negative variance"),
+    ],
+)
+def test_a_fault_in_how_it_was_identified_is_told_with_its_place(
+    right: str, wrong: str, fault: str, tmp_path: Path
+) -> None:
+    assert right in IDENTIFIED
+    (tmp_path / "own.toml").write_text(AXES + IDENTIFIED.replace(right, wrong, 1))
+    with pytest.raises(PlantFileError) as caught:
+        load_plant("own.toml", tmp_path)
+    assert [each.startswith(f"own.toml: {fault}") for each in caught.value.faults] == [True]

@@ -1,0 +1,166 @@
+"""Members that come, go and are lost, over many seeds: `python -m tests.experiments.membership 50`.
+
+Everything follows from a seed: who it is, when and where, the ring's rate, the target's course, true plants up to 20 %
+off the plant file in each number, and a network that loses and delays; telemetry and sightings are as noisy as in
+case2-field. What is measured is the truth of the simulation. Exit code 1 when a limit is missed.
+"""
+
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from math import inf, isnan, pi, tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.state import POSITION, Vector
+from sitl.simulation.simulation import SimulatedFlight
+from tests.experiments.membership_scenes import SCENES, Scene, flown
+
+ON_RING_SHARE = 0.05
+NEAR_RING_SHARE = 0.15
+SPACING_DEG, SPACING_M = 5.0, 0.3
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One flight: how long it took until all was well for good, and what must not happen on the way.
+
+    All are spaced once every spacing is right for good; all is well once the ring is round as well.
+    """
+
+    seed: int
+    spaced_s: float
+    settled_s: float
+    separation_left_m: float
+    overtakings: int
+    innermost_share: float
+    off_most_m: float = 0.0
+
+    def __str__(self) -> str:
+        return (
+            f"seed {self.seed}: spaced after {self.spaced_s:.1f} s, settled after {self.settled_s:.1f} s, "
+            f"separation {self.separation_left_m:+.2f} m, {self.overtakings} overtakings, "
+            f"innermost {self.innermost_share:.2f} R, most off {self.off_most_m:.2f} m"
+        )
+
+
+def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Draw:
+    """Fly the scene of a seed and measure."""
+    scene = build(seed)
+    flight = flown(scene, seed)
+    stay = np.array([each not in scene.gone for each in scene.mission.ids])
+    if in_formation:
+        settled_s, off_m = formation_settled_s(scene, flight, stay)
+        return Draw(seed, settled_s, settled_s, separation_left_m(scene, flight), 0, inf, off_m)
+    target = scene.mission.target.motion
+    about = np.array([target.position_m(time_s) for time_s in flight.time_s.tolist()])
+    polar = (flight.motion[..., POSITION] - about[:, None]) @ np.array([1.0, 1.0j])
+    ring_m = scene.mission.encirclement.radius_m
+    after = flight.time_s >= scene.from_s
+    polar_there = np.where(scene.there(flight.time_s), polar, np.nan)
+    since_s = flight.time_s[after] - scene.from_s
+    return Draw(
+        seed,
+        *ring_settled_s(since_s, polar[after][:, stay], scene.radius_share, ring_m),
+        separation_left_m(scene, flight),
+        overtakings(polar_there, ring_m),
+        innermost_share(polar_there, ring_m),
+    )
+
+
+def settled_s(time_s: Vector, well: NDArray[np.bool_]) -> float:
+    """Return from when on all is well for good, inf if it is not at the end."""
+    if not well[-1]:
+        return inf
+    bad = np.flatnonzero(~well)
+    return 0.0 if bad.size == 0 else float(time_s[bad[-1] + 1])
+
+
+def ring_settled_s(
+    time_s: Vector, polar: NDArray[np.complex128], radius_share: float, ring_m: float
+) -> tuple[float, float]:
+    """Return when every spacing is right for good, and when every radius is as well."""
+    turns = np.sort(np.angle(polar), axis=1)
+    gaps = np.diff(turns, axis=1, append=turns[:, :1] + tau)
+    even = np.degrees(np.abs(gaps - tau / polar.shape[1])).max(axis=1) <= SPACING_DEG
+    round_ = np.abs(np.abs(polar) / ring_m - 1.0).max(axis=1) <= radius_share
+    return settled_s(time_s, even), settled_s(time_s, even & round_)
+
+
+def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return when every spacing between neighbours is right for good after the loss, and how wrong one was."""
+    config = scene.mission.agent_config(scene.mission.vehicles[0])
+    if scene.shape is not None:
+        config = config.reshaped(scene.shape)
+    slots = np.array([config.slot_offset_m(each, scene.mission.ids[0]) for each in scene.mission.ids])
+    off = (flight.motion[..., POSITION] - slots)[:, stay]
+    error_m = np.linalg.norm(np.diff(off, axis=1), axis=-1).max(axis=1)
+    after = flight.time_s >= scene.from_s
+    return settled_s(flight.time_s[after] - scene.from_s, error_m[after] <= SPACING_M), float(error_m[after].max())
+
+
+def separation_left_m(scene: Scene, flight: SimulatedFlight) -> float:
+    """Return by how much the closest two in the air were farther apart than they must."""
+    least = inf
+    for one, other in combinations(range(flight.motion.shape[1]), 2):
+        both = flight.aloft[:, one] & flight.aloft[:, other]
+        apart_m = np.linalg.norm(flight.motion[both, one, :2] - flight.motion[both, other, :2], axis=-1)
+        least = min(least, float(apart_m.min(initial=inf)))
+    return least - scene.mission.safety.separation_m
+
+
+def overtakings(polar: NDArray[np.complex128], ring_m: float) -> int:
+    """Return how often one passed another while both were at the ring."""
+    count = 0
+    near = np.abs(np.abs(polar) / ring_m - 1.0) <= NEAR_RING_SHARE
+    for one, other in combinations(range(polar.shape[1]), 2):
+        between = np.angle(polar[:, one] * polar[:, other].conj())
+        both = near[:, one] & near[:, other]
+        passed = (np.sign(between[1:]) != np.sign(between[:-1])) & (np.abs(between[1:]) < pi / 2.0)
+        count += int((passed & both[1:] & both[:-1]).sum())
+    return count
+
+
+def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
+    """Return how far in anybody came who was on the ring, as a share of its radius; absence (NaN) begins anew."""
+    least = inf
+    for radius in np.abs(polar).T:
+        reached = False
+        for share in (radius / ring_m).tolist():
+            reached = not isnan(share) and (reached or share >= 1.0 - ON_RING_SHARE)
+            least = min(least, share) if reached else least
+    return least
+
+
+def main(arguments: list[str]) -> int:
+    """Fly as many seeds of each scene as the first argument says; further ones choose scenes by their beginnings."""
+    count, chosen = int(arguments[0]), arguments[1:]
+    missed = 0
+    with ProcessPoolExecutor() as pool:
+        for name, (build, in_formation, limit_s) in SCENES.items():
+            if chosen and not any(name.startswith(each) for each in chosen):
+                continue
+            draws = list(pool.map(partial(measured, build, in_formation), range(count)))
+            took_s = np.array([draw.settled_s for draw in draws])
+            bad = [d for d in draws if not (d.settled_s <= limit_s and d.separation_left_m >= 0.0)]
+            missed += len(bad)
+            print(
+                f"{name}: spaced after {max(d.spaced_s for d in draws):.1f} s at worst; settled after "
+                f"{np.median(took_s):.1f} s in the middle, {took_s.max():.1f} s at worst (limit {limit_s:g} s); "
+                f"separation {min(d.separation_left_m for d in draws):+.2f} m; "
+                f"{sum(d.overtakings for d in draws)} overtakings; innermost "
+                f"{min(d.innermost_share for d in draws):.2f} R; most off {max(d.off_most_m for d in draws):.2f} m; "
+                f"{len(bad)} of {count} miss",
+                *bad,
+                sep="\n  ",
+                flush=True,
+            )
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,221 @@
+"""The drills on PX4: `python -m tests.experiments.px4_drills` flies px4-trio on three simulators, named by CORDON_PX4.
+
+Between each autopilot and cordon is a relay: it cuts the link, counts the setpoints, and plays the second client that
+changes a flight mode. Modes are those that PX4 tells twenty times a second (CURRENT_MODE); its heartbeats are kept
+apart, for they are what cordon goes by. At speed 1.
+"""
+
+import asyncio
+import sys
+from contextlib import AsyncExitStack
+
+from agents.ports import VehicleRefusedError
+from agents.safety.failsafe import Condition
+from agents.tactics import Tactic
+from gcs.cli.output import STDERR
+from gcs.drill.faults import (
+    HEARTBEAT_S,
+    Crew,
+    Drill,
+    by_table,
+    cut,
+    dead,
+    kill,
+    stop,
+    the_one,
+)
+from gcs.drill.flight import DrillFlight
+from gcs.drill.judge import OFFBOARD, Expectation
+from gcs.drill.run import DrillRun
+from gcs.drill.view import DrillProgress, drill_table
+from sitl.autopilot.modes import NavMode
+from tests.support.px4 import FIRST_PORT, Px4Missing, Px4Simulator
+from tests.support.relay import (
+    CURRENT_MODE,
+    GLOBAL_POSITION,
+    HEARTBEAT,
+    Message,
+    Relay,
+    flight_mode,
+    is_armed,
+)
+
+MISSION = "px4-trio"
+SET_MESSAGE_INTERVAL, DO_SET_MODE = 511, 176
+MODE_PERIOD_US = 50_000.0
+ASKED_AGAIN_S = 1.0
+READY_WITHIN_S, SETTLES_S = 60.0, 15.0
+RESTARTED_WITHIN_S = 30.0
+STOOD_DOWN_MAX_S = 0.5
+METRES_PER_DEGREE = 111_195.0
+_MODES = {mode.custom_mode: mode.name.lower() for mode in NavMode}
+
+
+class Px4Flight(DrillFlight):
+    """A flight of PX4 simulators behind relays."""
+
+    def __init__(self, text: str, speed: float) -> None:
+        super().__init__(text, speed)
+        self.relays: dict[int, Relay] = {}
+        self.simulators: dict[int, Px4Simulator] = {}
+        self.foreign_s: dict[int, float] = {}
+        self._offboard: set[int] = set()
+        self._asked_s = 0.0
+        self._located: set[int] = set()
+        self._armed: dict[int, bool] = {}
+
+    async def serve(self, stack: AsyncExitStack) -> None:
+        """Start relays and simulators, and wait until their estimators have settled."""
+        frame = self.mission.frame
+        for instance, vehicle in enumerate(self.mission.vehicles):
+            east_m, north_m = vehicle.section.start_m
+            assert frame.x_bearing_deg == 90.0
+            assert frame.latitude_deg is not None
+            assert frame.longitude_deg is not None
+            assert frame.altitude_m is not None
+            place = (frame.latitude_deg + north_m / METRES_PER_DEGREE, frame.longitude_deg, frame.altitude_m)
+            assert east_m == 0.0
+            simulator = Px4Simulator(instance, speed=self.speed, place=place, parameters={"COM_OBL_RC_ACT": 4.0})
+            stack.callback(simulator.close)
+            self.simulators[vehicle.id] = simulator
+            await self._relay(stack, vehicle.id, simulator.system_id, FIRST_PORT + instance, vehicle.section.url)
+        for simulator in self.simulators.values():
+            simulator.start()
+        if not await self.until(lambda: len(self._located) == len(self.simulators), READY_WITHIN_S):
+            raise VehicleRefusedError(f"PX4 {sorted(self._located)} alone know where they are", "see their px4.log")
+        await asyncio.sleep(SETTLES_S)
+
+    async def _relay(self, stack: AsyncExitStack, vehicle: int, system_id: int, port: int, url: str) -> None:
+        def take(message: Message) -> None:
+            self._take(vehicle, message)
+
+        def count() -> None:
+            self.log.setpoint_s[vehicle] = self.now_s()
+
+        back_port = int(url.rpartition(":")[2])
+        relay = Relay(system_id, port, back_port, on_message=take, on_setpoint=count)
+        await relay.open()
+        stack.push_async_callback(relay.close)
+        self.relays[vehicle] = relay
+
+    def _take(self, vehicle: int, message: Message) -> None:
+        now_s = self.now_s()
+        if message.kind == GLOBAL_POSITION:
+            self._located.add(vehicle)
+        mode = _MODES.get(flight_mode(message) or 0, "other")
+        if message.kind == HEARTBEAT:
+            self._armed[vehicle] = is_armed(message)
+            if mode == OFFBOARD:
+                self._offboard.add(vehicle)
+            elif vehicle in self._offboard:
+                self.foreign_s.setdefault(vehicle, now_s)
+        if message.kind == CURRENT_MODE:
+            self.log.note_mode(now_s, vehicle, mode)
+
+    def look(self, now_s: float) -> None:
+        """Note where they believe to be, and see to it that they tell their modes, after a restart as well."""
+        flying = {i: position_m for i, position_m in self.positions_m.items() if self._armed.get(i)}
+        self.log.note_places(now_s, flying)
+        if now_s - self._asked_s > ASKED_AGAIN_S:
+            self._asked_s = now_s
+            for relay in self.relays.values():
+                relay.command(SET_MESSAGE_INTERVAL, CURRENT_MODE, MODE_PERIOD_US)
+
+    def heal(self) -> None:
+        """Let the links through again."""
+        super().heal()
+        for relay in self.relays.values():
+            relay.cut = False
+
+
+FLIGHTS: list[Px4Flight] = []
+
+
+def fly(text: str, speed: float) -> Px4Flight:
+    """Return a flight, and keep it for what is to be said of it later."""
+    FLIGHTS.append(Px4Flight(text, speed))
+    return FLIGHTS[-1]
+
+
+def _take_over(flight: Px4Flight, crew: Crew) -> None:
+    main, sub = NavMode.HOLD.value
+    flight.relays[crew.one].command(DO_SET_MODE, 1.0, float(main), float(sub))
+
+
+def _cut_link(flight: Px4Flight, crew: Crew) -> None:
+    flight.relays[crew.one].cut = True
+
+
+def _restart(flight: Px4Flight, crew: Crew) -> None:
+    simulator = flight.simulators[crew.one]
+    simulator.stop()
+    simulator.start()
+
+
+def _restarted(crew: Crew, _speed: float) -> Expectation:
+    return Expectation(
+        (crew.one,),
+        crew.others,
+        RESTARTED_WITHIN_S,
+        tactic=Tactic.PILOT_OVERRIDE.value,
+        stands_back=True,
+        leaves_offboard=True,
+        respacing=tuple(i for i in crew.others if i in crew.on_ring),
+        separation_m=crew.mission.safety.separation_m,
+    )
+
+
+def _foreign(crew: Crew, speed: float) -> Expectation:
+    return by_table(Condition.PILOT_TOOK_OVER, the_one, found_within_s=HEARTBEAT_S)(crew, speed)
+
+
+DRILLS: tuple[Drill[Px4Flight], ...] = (
+    Drill("foreign mode", "stand down, nothing sent; back by resume", _take_over, _foreign),
+    Drill(
+        "link cut",
+        "out of offboard, and not back after 5 s; the others close the gap",
+        _cut_link,
+        cut,
+        undo_after_s=5.0,
+        spends=True,
+    ),
+    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends=True),
+    Drill(
+        "autopilot restarted",
+        "stand down, nothing sent; the others close the gap",
+        _restart,
+        _restarted,
+        spends=True,
+    ),
+    Drill("stopped agent", "all out of offboard", stop, dead, by_wall=True, ends=True),
+)
+
+
+def stood_down_after_s(flight: Px4Flight) -> dict[int, float]:
+    """Return, by vehicle, how long after the heartbeat that showed a foreign mode it first said that it stood down."""
+    return {
+        i: said[0].time_s - shown_s
+        for i, shown_s in flight.foreign_s.items()
+        if (said := [each for each in flight.log.said[i] if each.tactic == Tactic.PILOT_OVERRIDE.value])
+    }
+
+
+async def main() -> int:
+    """Fly them all, and print the table."""
+    names = sys.argv[1:]
+    drills = [drill for drill in DRILLS if not names or drill.fault.replace(" ", "-") in names]
+    progress = DrillProgress(STDERR, len(drills))
+    rows = await DrillRun(MISSION, fly, drills, progress, speed=1.0).run()
+    STDERR.print(drill_table(MISSION, rows))
+    for number, flight in enumerate(FLIGHTS, start=1):
+        for i, after_s in stood_down_after_s(flight).items():
+            STDERR.print(f"flight {number}, vehicle {i}: stood down {after_s:.2f} s after the heartbeat that shows it")
+            assert after_s <= STOOD_DOWN_MAX_S
+    return 0 if all(row.holds for row in rows) else 1
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(asyncio.run(main()))
+    except (Px4Missing, VehicleRefusedError) as reason:
+        sys.exit(str(reason))

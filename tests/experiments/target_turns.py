@@ -1,0 +1,139 @@
+"""Flights about a target that turns: `python -m tests.experiments.target_turns 10`.
+
+Each seed flies case3-turns as it is - 2 m/s, turns of 90 degrees, stops, outliers, late sightings, a silent sensor -
+and twice with nobody seeing the target for 20 s: once with the patience to wait for it, and once as it is shipped, so
+that the vehicles hold and an operator has them go on. Exit code 1 when a flight misses a limit.
+"""
+
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from agents.outputs import TickOutput
+from agents.tactics import Tactic
+from agents.team.messages import OperatorCommand, encode
+from estimation.state import POSITION
+from gcs.flight.simulated import simulated_vehicles
+from gcs.mission.mission import Mission
+from sitl.simulation.simulation import NetworkModel, simulate
+from tests.support.mission_text import content, parsed
+from tests.support.paths import MISSIONS
+
+MISSION = (MISSIONS / "case3-turns.toml").read_text(encoding="utf-8")
+SETTLED_S = 25.0
+BLIND_FROM_S, BLIND_S, PATIENCE_S, RESUMED_S = 100.0, 20.0, 30.0, 125.0
+TARGET_ERROR_MAX_M, BROKEN_MAX, JUMP_MAX_M = 0.5, 0.25, 0.5
+
+
+class Flight(Enum):
+    """What is flown: the mission as it is, or with a blackout that is waited for, or that makes vehicles hold."""
+
+    SEEN = "seen"
+    AWAITED = "awaited"
+    HELD = "held"
+
+
+@dataclass(frozen=True)
+class Turns:
+    """What a flight shows: the target's error rms and the worst share of R by which the ring is broken, both until
+    nobody sees the target; the farthest that a setpoint moves from one tick to the next, from then - without such a
+    blackout, once settled - to the end; and the tactics of the first vehicle, one after the other.
+    """
+
+    target_error_rms_m: float
+    broken: float
+    jump_m: float
+    tactics: tuple[Tactic, ...]
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether the figures are as promised."""
+        return self.target_error_rms_m <= TARGET_ERROR_MAX_M and self.broken <= BROKEN_MAX and self.jump_m <= JUMP_MAX_M
+
+
+def mission(flight: Flight) -> Mission:
+    """Return case3-turns, but for `SEEN` with nobody seeing the target for a while."""
+    text = content(MISSION)
+    if flight is not Flight.SEEN:
+        nobody = [[BLIND_FROM_S, BLIND_FROM_S + BLIND_S]]
+        text["target"]["sensor"]["blind_s"] = nobody
+        for vehicle in text["vehicles"]:
+            vehicle.pop("sensor", None)
+    if flight is Flight.AWAITED:
+        text["target_filter"] = {"stale_after_s": PATIENCE_S}
+    return parsed(text)
+
+
+def flown(seed: int, flight: Flight) -> Turns:
+    """Fly once, and look at it against the truth."""
+    turning = mission(flight)
+    rate_hz, duration_s, count = turning.mission.rate_hz, turning.mission.duration_s, len(turning.vehicles)
+    believed_m = np.full((round(duration_s * rate_hz) + 1, count, 2), np.nan)
+    setpoint_m = np.full_like(believed_m, np.nan)
+    tactics: list[Tactic] = []
+    vehicles = simulated_vehicles(turning, seed)
+
+    def observe(tick: int, vehicle: int, output: TickOutput) -> None:
+        if output.status.target is not None and output.status.tactic is Tactic.ENCIRCLE:
+            believed_m[tick, vehicle] = output.status.target[POSITION]
+        if output.setpoint is not None:
+            setpoint_m[tick, vehicle] = output.setpoint.position_m[:2]
+        if vehicle == 0 and tactics[-1:] != [output.status.tactic]:
+            tactics.append(output.status.tactic)
+        if flight is Flight.HELD and tick == round(RESUMED_S * rate_hz):
+            resume = OperatorCommand(RESUMED_S, "resume", None, "tower", 1)
+            vehicles[vehicle].core.on_message(encode(resume), RESUMED_S)
+
+    truth = simulate(
+        vehicles,
+        NetworkModel(turning.network.range_m, 0.05, 0.05),
+        rate_hz=rate_hz,
+        duration_s=duration_s,
+        seed=seed,
+        observe=observe,
+        progress=lambda _: None,
+    )
+    target_m = np.array([turning.target.motion.position_m(time_s) for time_s in truth.time_s.tolist()])[:, None]
+    seen, about = truth.time_s > SETTLED_S, truth.time_s > SETTLED_S
+    if flight is not Flight.SEEN:
+        seen &= truth.time_s < BLIND_FROM_S
+        about = truth.time_s >= BLIND_FROM_S
+    error_m = np.linalg.norm(believed_m - target_m, axis=2)[seen]
+    radius_m = np.linalg.norm(truth.motion[:, :, POSITION] - target_m, axis=2)[seen]
+    jumps_m = np.linalg.norm(np.diff(setpoint_m, axis=0), axis=2)[about[1:]]
+    ring_m = turning.encirclement.radius_m
+    return Turns(
+        float(np.sqrt(np.mean(error_m**2))),
+        float(np.abs(radius_m - ring_m).max()) / ring_m,
+        float(jumps_m.max()),
+        tuple(tactics),
+    )
+
+
+def _all(seed: int) -> dict[Flight, Turns]:
+    return {flight: flown(seed, flight) for flight in Flight}
+
+
+def main(arguments: list[str]) -> int:
+    """Fly so many seeds, from the second argument on, and print the figures of each."""
+    count, first = (*map(int, arguments), *(5, 0)[len(arguments) :])
+    failures = 0
+    with ProcessPoolExecutor(2) as pool:
+        seeds = range(first, first + count)
+        for seed, turns in zip(seeds, pool.map(_all, seeds), strict=True):
+            for flight, shown in turns.items():
+                print(
+                    f"seed {seed}, {flight.value}: target error {shown.target_error_rms_m:.3f} m rms, ring broken by "
+                    f"{shown.broken:.1%} at most; setpoints move by {shown.jump_m:.3f} m a tick at most",
+                    flush=True,
+                )
+                failures += not shown.within_limits
+    print(f"{failures} beyond the limits: {TARGET_ERROR_MAX_M} m, {BROKEN_MAX:.0%} of R, {JUMP_MAX_M} m")
+    return int(failures > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

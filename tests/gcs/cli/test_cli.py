@@ -1,0 +1,570 @@
+"""The command line as users and scripts meet it: a process, its exit code, standard output and standard error."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs.cli.app import app, main
+from gcs.flight.supervision import LIFELINE
+from tests.support.paths import ROOT
+
+# It warns that these tests run main() itself, as the console script does.
+pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
+
+COMMANDS = [name for name in app if not name.startswith("-")]
+MISSIONS = ROOT / "gcs" / "missions"
+CASE1 = (MISSIONS / "case1.toml").read_text(encoding="utf-8")
+HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink")
+
+RESULT_KEYS = {
+    "": (
+        "mission seed source reference duration_s window_s vehicles ring reynolds closest_approach_m "
+        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events"
+    ),
+    "vehicles": (
+        "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
+        "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"
+    ),
+    "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg",
+    "reynolds": "formation ring flight",
+    "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
+    "verdicts": "C1 C2 C3 formation separation",
+}
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
+
+
+def cordon(*arguments: str, cwd: Path | None = None) -> Ran:
+    """Run a command to its end; however it ends, it does not end in a traceback."""
+    command = [sys.executable, "-m", "gcs", *arguments]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, cwd=cwd, env=environment(), check=False, encoding="utf-8"
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return Ran(done.returncode, done.stdout, done.stderr)
+
+
+Refused = Callable[..., list[str]]
+
+
+@pytest.fixture
+def refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., list[str]]:
+    """Return a runner of commands that have to end as bad input before they do anything: what they complain about.
+
+    It runs them in this process, which is faster; the process gives users the same. For `fly` this process is the one
+    that would fly.
+    """
+
+    def complaints(*arguments: str) -> list[str]:
+        monkeypatch.setattr(sys, "argv", ["cordon", *arguments])
+        monkeypatch.chdir(tmp_path)
+        supervisor, flying = socket.socketpair()
+        monkeypatch.setenv(LIFELINE, str(os.dup(flying.fileno())))
+        with supervisor, flying, pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        assert (ended.value.code, out) == (2, "")
+        assert "judged by" not in err, "it flew"
+        return err.splitlines()
+
+    return complaints
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Callable[..., str]:
+    """Return a maker of mission files: case 1 with pieces of its text replaced."""
+
+    def make(*changes: tuple[str, str]) -> str:
+        text = CASE1
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "mission.toml"
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return make
+
+
+# Help
+
+
+def test_starting_up_imports_nothing_heavy() -> None:
+    program = (
+        f"import sys, gcs.cli.app, gcs.flight.supervisor; print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment(), timeout=60
+    )
+    assert done.stdout == "[]\n"
+
+
+def test_all_commands_are_listed_with_an_example_to_start_with() -> None:
+    ran = cordon("--help")
+    assert ran.code == 0
+    assert {"sim", "fly", "sitl"} <= set(COMMANDS)
+    assert all(f" {name} " in ran.out for name in COMMANDS)
+    assert "cordon fly case2 --sitl --speed 10" in ran.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_help_of_every_command_shows_an_example(command: str) -> None:
+    ran = cordon(command, "--help")
+    assert ran.code == 0
+    example = next(line for line in ran.out.splitlines() if "Example: " in line).partition("Example: ")[2]
+    assert example.startswith(f"cordon {command}")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_example_of_every_command_is_one_that_parses(command: str) -> None:
+    docstring = app[command].help or ""
+    example = docstring.partition("Example: ")[2].splitlines()[0].split()
+    bound = app.parse_args(example[1:], exit_on_error=False, print_error=False)[1]
+    if "mission" in bound.signature.parameters:
+        assert bound.arguments["mission"] in {"case1", "case2", "case2-field"}
+
+
+def test_no_command_at_all_is_a_plea_for_help() -> None:
+    ran = cordon()
+    assert ran.code == 0
+    assert "Usage: cordon COMMAND" in ran.out
+
+
+# Flying in simulation
+
+
+def test_json_is_one_object_with_its_keys_in_their_order() -> None:
+    ran = cordon("sim", "case1", "--duration", "3", "--json")
+    assert ran.code == 0
+    assert ran.out.count("\n") == 1
+    result = json.loads(ran.out)
+    assert list(result) == RESULT_KEYS[""].split()
+    assert [list(vehicle) for vehicle in result["vehicles"]] == [RESULT_KEYS["vehicles"].split()] * 3
+    for part in ("ring", "loop", "verdicts"):
+        assert list(result[part]) == RESULT_KEYS[part].split()
+    assert (result["mission"], result["seed"], result["source"], result["reference"]) == (
+        "case1",
+        0,
+        "simulation",
+        "truth",
+    )
+    assert (result["duration_s"], result["window_s"], result["loop"]["ticks"]) == (3.0, None, 93)
+    assert result["wall_time_s"] > 0.0
+
+
+def test_people_are_told_on_standard_error_only() -> None:
+    ran = cordon("sim", "case1", "--duration", "3")
+    assert (ran.code, ran.out) == (0, "")
+    assert "closest approach 4.000 m" in ran.err
+    assert "\x1b" not in ran.err
+
+
+def test_one_seed_gives_the_same_bytes_twice_and_another_others(tmp_path: Path) -> None:
+    field = tmp_path / "field.toml"
+    # The target is in sight from the beginning: also the sensors' noise has its seed.
+    field.write_text(
+        (MISSIONS / "case2-field.toml").read_text(encoding="utf-8").replace("[35.0, -5.0]", "[14.0, -5.0]")
+    )
+    arguments = ("sim", str(field), "--duration", "32", "--json", "--seed")
+    once, again, other = cordon(*arguments, "7"), cordon(*arguments, "7"), cordon(*arguments, "8")
+    assert once.out == again.out
+    assert json.loads(once.out)["seed"] == 7
+    timeless = {**json.loads(once.out), "seed": None}
+    assert timeless != {**json.loads(other.out), "seed": None}
+
+
+def test_the_events_of_a_simulation_are_told_with_their_time_in_the_mission() -> None:
+    ran = cordon("sim", "case1", "--duration", "3", "--seed", "1", "--json")
+    assert json.loads(ran.out)["events"] == [
+        {"time_s": 0.0, "vehicle": vehicle, "kind": "tactic", "text": "standby -> formation: start"}
+        for vehicle in (1, 2, 3)
+    ]
+
+
+@pytest.mark.parametrize(("option", "timed"), [("--timing", True), ("--no-timing", False)])
+def test_wall_times_are_told_or_left_out_as_asked(option: str, timed: bool) -> None:
+    result = json.loads(cordon("sim", "case1", "--duration", "1", "--seed", "1", option, "--json").out)
+    assert (result["wall_time_s"] is not None) is timed
+    assert (result["loop"]["tick_p50_us"] is not None) is timed
+
+
+def test_a_verdict_that_does_not_hold_is_exit_code_1(mission: Callable[..., str]) -> None:
+    strict = mission(("[target]\n", "[verdicts]\nformation_speed_error_rms_m_s = 1e-12\n\n[target]\n"))
+    ran = cordon("sim", strict, "--duration", "32", "--json")
+    assert ran.code == 1
+    assert json.loads(ran.out)["verdicts"]["formation"] is False
+
+
+def test_a_figure_is_drawn_beside_the_result(tmp_path: Path) -> None:
+    ran = cordon("sim", "case1", "--duration", "2", "--plot", "flight.svg", "--json", cwd=tmp_path)
+    assert ran.code == 0
+    assert json.loads(ran.out)["mission"] == "case1"
+    assert (tmp_path / "flight.svg").read_text(encoding="utf-8").startswith("<?xml")
+    assert "figure: flight.svg" in ran.err
+
+
+# Bad input: exit code 2, nothing on standard output, every fault on a line of standard error
+
+
+def test_bad_input_is_an_exit_code_of_the_process_and_text_on_standard_error(mission: Callable[..., str]) -> None:
+    path = mission(("radius_m = 10.0", 'radius_m = "10 m"'), ("spacing_m = 5.0", "spacing_m = nan"))
+    ran = cordon("sim", path, "--json")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.splitlines() == [
+        "formation.spacing_m: it must be a finite number (given: nan)",
+        "encirclement.radius_m: it must be a valid number (given: '10 m')",
+    ]
+
+
+def test_a_misspelt_option_is_an_exit_code_of_the_process_and_a_hint_on_standard_error() -> None:
+    ran = cordon("sim", "case1", "--sede", "3")
+    assert (ran.code, ran.out) == (2, "")
+    assert "--seed" in ran.err
+
+
+def test_an_unknown_mission_names_the_bundled_ones(refused: Refused) -> None:
+    known = "ardupilot-trio, case1, case2, case2-field, case3-turns, crossing, mixed-team, px4-trio, shaped-trio"
+    assert refused("sim", "case9") == [f"case9: No such file or directory; bundled missions: {known}"]
+
+
+@pytest.mark.parametrize("command", ["sim", "fly", "sitl"])
+def test_every_fault_of_a_mission_is_a_line_with_its_place(
+    command: str, mission: Callable[..., str], refused: Refused
+) -> None:
+    path = mission(
+        ("radius_m = 10.0", 'radius_m = "10 m"'),
+        ("spacing_m = 5.0", "spacing_m = nan"),
+        ("id = 3", "id = 1"),
+        ("leader = 2", "leader = 2\ncolour = 1"),
+        ("start_m = [0.0, -4.0]", 'start_m = [0.0, -4.0]\nplant = "none"'),
+    )
+    lines = refused(command, path)
+    places = sorted(line.partition(": ")[0] for line in lines)
+    assert places == ["encirclement.radius_m", "formation.colour", "formation.spacing_m", "vehicles[2].plant"]
+
+
+@pytest.mark.parametrize("command", ["sim", "fly"])
+@pytest.mark.parametrize(
+    ("plot", "complaint"),
+    [
+        ("flight.bmp", "--plot: 'flight.bmp' must end in .png, .svg, .pdf"),
+        ("nowhere/flight.png", "--plot: no folder 'nowhere' to write into"),
+    ],
+)
+def test_a_figure_that_cannot_be_written_is_refused_before_flying(
+    command: str, plot: str, complaint: str, refused: Refused
+) -> None:
+    assert refused(command, "case1", "--plot", plot) == [complaint]
+
+
+def test_only_asks_for_a_vehicle_of_the_mission(refused: Refused) -> None:
+    assert refused("fly", "case1", "--only", "9") == ["--only: the mission has no vehicle 9 (it has 1, 2, 3)"]
+
+
+def test_excite_asks_for_a_vehicle_of_the_mission(refused: Refused) -> None:
+    assert refused("excite", "case1", "--vehicle", "9") == ["--vehicle: the mission has no vehicle 9 (it has 1, 2, 3)"]
+
+
+def test_a_box_that_is_in_the_way_is_bad_input(mission: Callable[..., str], refused: Refused) -> None:
+    path = mission(("[target]\n", "[excitation]\noffset_m = [0.0, 0.0]\nhalf_width_m = 3.0\n\n[target]\n"))
+    [fault] = refused("excite", path)
+    assert fault.startswith("excitation.offset_m: vehicle 2 starts 1.00 m from the box of vehicle 1")
+    [fault] = refused("excite", path, "--preview")
+    assert fault.startswith("excitation.offset_m: vehicle 2 starts 1.00 m from the box of vehicle 1")
+
+
+def test_a_preview_tells_the_space_and_the_time_and_flies_nothing() -> None:
+    ran = cordon("excite", "case2", "--vehicle", "3", "--preview", "--json")
+    assert ran.code == 0
+    told = json.loads(ran.out)
+    assert told["vehicle"] == 3
+    assert told["box_m"] == [[7.0, -9.0], [17.0, -9.0], [17.0, 1.0], [7.0, 1.0]]
+    assert list(told["preview"]) == ["duration_s", "reach_m", "speed_m_s", "acceleration_m_s2", "distance_m"]
+    assert 200.0 < told["preview"]["duration_s"] < 300.0
+    assert "box" in ran.err
+    assert "looking for the vehicles" not in ran.err
+
+
+def test_sitl_and_only_exclude_each_other(refused: Refused) -> None:
+    (line,) = refused("fly", "case1", "--sitl", "--only", "1")
+    assert line.startswith("--only: with --sitl ")
+    assert "cordon sitl" in line
+
+
+def test_a_drill_that_there_is_not_names_those_that_there_are(refused: Refused) -> None:
+    (line,) = refused("drill", "case2", "--fault", "fire")
+    assert line.startswith("--fault: there is no drill 'fire' (there are ")
+    assert "killed-agent" in line
+
+
+@pytest.mark.parametrize(
+    "address", ["8765", "127.0.0.1", ":8765", "here:", "here:0", "here:65536", "::1:8765", "[::1", "here:-1"]
+)
+def test_viewers_cannot_look_on_at_what_is_no_address(refused: Refused, address: str) -> None:
+    assert refused("fly", "case1", "--sitl", "--no-log", "--live", f"--live-address={address}") == [
+        f"--live-address: an address is like 127.0.0.1:8765 or [::1]:8765 (given: '{address}')"
+    ]
+
+
+def test_where_viewers_look_on_says_nothing_without_looking_on(refused: Refused) -> None:
+    (line,) = refused("fly", "case1", "--sitl", "--no-log", "--live-address", "127.0.0.1:8765")
+    assert line == "--live-address: without --live nobody can look on, wherever that is"
+
+
+def test_a_layout_overwrites_nothing(refused: Refused, tmp_path: Path) -> None:
+    (tmp_path / "kept.json").write_text("kept")
+    assert refused("log", "layout", "-o", "kept.json") == ["--output: 'kept.json': File exists"]
+    assert (tmp_path / "kept.json").read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (("1e400", "0"), "is no place"),
+        (("35",), "give its place as X Y in metres, or as --lat and --lon in degrees"),
+        (("--lat", "91", "--lon", "8"), "is not a place on Earth"),
+        (("1e7", "0"), "it is too far away (10000 km, at most 1000)"),
+        (("--lat", "-47", "--lon", "-171"), "it is too far away (12734.2 km, at most 1000)"),
+        (("35", "-5", "--sigma", "1e-200"), "its covariance is not positive definite"),
+        (("35", "-5", "--sigma", "nan"), "nan"),
+    ],
+)
+def test_a_target_where_no_vehicle_would_believe_it_is_refused_before_it_is_said(
+    place: tuple[str, ...], words: str, refused: Refused
+) -> None:
+    assert words in "".join(refused("target", *place))
+
+
+def test_a_drill_of_an_unknown_mission_is_refused(refused: Refused) -> None:
+    assert refused("drill", "nowhere")[0].startswith("nowhere: ")
+
+
+@pytest.mark.parametrize("arguments", [("fly", "--sitl"), ("sitl",)], ids=" ".join)
+def test_stubs_serve_no_serial_port(arguments: tuple[str, ...], mission: Callable[..., str], refused: Refused) -> None:
+    path = mission(
+        ("udpin://127.0.0.1:14541", "serial:///dev/ttyUSB0:57600"),
+        ("udpin://127.0.0.1:14542", "tcpout://127.0.0.1:5760"),
+    )
+    lines = refused(arguments[0], path, *arguments[1:])
+    assert [line.partition(": ")[0] for line in lines] == ["vehicles[1].url", "vehicles[2].url"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("sim",), "--mission"),
+        (("sim", "case1", "case2"), "case2"),
+        (("sim", "case1", "--sede", "3"), "--seed"),
+        (("sim", "case1", "--seed", "-1"), "--seed"),
+        (("sim", "case1", "--seed", "x"), "--seed"),
+        (("sim", "case1", "--duration", "0"), "--duration"),
+        (("sim", "case1", "--duration", "nan"), "--duration"),
+        (("sim", "case1", "--duration", "inf"), "--duration"),
+        (("sim", "case1", "--duration", "1e9"), "--duration"),
+        (("fly", "case1", "--speed", "0"), "--speed"),
+        (("sitl", "case1", "--speed", "1000"), "--speed"),
+        (("command", "stop"), "stop"),
+        (("command", "kill"), "--yes"),
+        (("command", "hold", "--vehicle", "9"), "--vehicle"),
+        (("command", "hold", "wedge"), "shape"),
+        (("command", "formation"), "shape"),
+        (("command", "formation", "diamond"), "diamond"),
+        (("command", "formation", "free"), "slot_m"),
+        (("command", "formation", "wedge", "--vehicle", "2"), "--vehicle"),
+        (("watch", "--mission", "no-such-mission"), "no-such-mission"),
+        (("flyy", "case1"), "fly"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_a_command_line_that_makes_no_sense_is_told_and_refused(
+    arguments: tuple[str, ...], told: str, refused: Refused
+) -> None:
+    assert told in "\n".join(refused(*arguments))
+
+
+# Over real sockets
+
+
+@pytest.fixture
+def own_ports(mission_file: Callable[..., str]) -> str:
+    """A copy of case 1 on ports that nobody else uses."""
+    return mission_file("case1")
+
+
+def ports_of(path: str, key: str) -> list[int]:
+    vehicles: list[dict[str, Any]] = tomllib.loads(Path(path).read_text(encoding="utf-8"))["vehicles"]
+    return [int(vehicle[key].rpartition(":")[2]) for vehicle in vehicles]
+
+
+@pytest.fixture
+def taken() -> Iterator[Callable[[int, socket.SocketKind], None]]:
+    """Return a taker of ports; they are given back in the end."""
+    held = []
+
+    def take(port: int, kind: socket.SocketKind) -> None:
+        one = socket.socket(socket.AF_INET, kind)
+        held.append(one)
+        one.bind(("127.0.0.1", port))
+        if kind is socket.SOCK_STREAM:
+            one.listen()
+
+    yield take
+    for one in held:
+        one.close()
+
+
+def not_taken_off(*arguments: str) -> tuple[str, str]:
+    """Run a command that is refused before take-off; return the reason and the next step it tells."""
+    ran = cordon(*arguments)
+    assert (ran.code, ran.out) == (3, ""), ran.err
+    *_, reason, following = ran.err.splitlines()
+    assert following.startswith("next: ")
+    return reason, following.removeprefix("next: ")
+
+
+@pytest.mark.wire
+def test_a_vehicle_that_is_not_heard_is_a_refusal_with_a_next_step(own_ports: str) -> None:
+    reason, following = not_taken_off("fly", own_ports, "--only", "1", "--json")
+    assert reason == f"no heartbeat on udpin://127.0.0.1:{ports_of(own_ports, 'url')[0]} within 10 s"
+    assert "cordon sitl" in following
+
+
+@pytest.mark.wire
+def test_all_vehicles_that_cannot_be_reached_are_named_one_a_line(own_ports: str, taken: Callable[..., None]) -> None:
+    ports = ports_of(own_ports, "url")
+    taken(ports[1], socket.SOCK_DGRAM)
+    ran = cordon("fly", own_ports, "--json")
+    assert (ran.code, ran.out) == (3, "")
+    first, second, third = ran.err.splitlines()[-3:]
+    assert first.startswith(f"vehicle 1: no heartbeat on udpin://127.0.0.1:{ports[0]} within 10 s; next: ")
+    assert second.startswith(f"vehicle 2: udp port {ports[1]} of udpin://127.0.0.1:{ports[1]} is taken; next: ")
+    assert third.startswith(f"vehicle 3: no heartbeat on udpin://127.0.0.1:{ports[2]} within 10 s; next: ")
+
+
+@pytest.mark.wire
+def test_a_vehicles_port_that_is_taken_is_a_refusal(own_ports: str, taken: Callable[..., None]) -> None:
+    port = ports_of(own_ports, "url")[0]
+    taken(port, socket.SOCK_DGRAM)
+    reason, following = not_taken_off("fly", own_ports, "--only", "1")
+    assert reason.startswith(f"udp port {port} of udpin://127.0.0.1:{port} is taken")
+    assert "end the other" in following
+
+
+@pytest.mark.wire
+def test_a_peers_endpoint_that_is_taken_is_a_refusal(own_ports: str, taken: Callable[..., None]) -> None:
+    port = ports_of(own_ports, "endpoint")[0]
+    taken(port, socket.SOCK_STREAM)
+    reason, following = not_taken_off("fly", own_ports, "--only", "1")
+    assert reason == f"peer endpoint tcp/127.0.0.1:{port} is taken"
+    assert "[" in following, "where in the mission file"
+    assert "]" in following
+
+
+@pytest.mark.wire
+def test_a_team_flies_with_stubs_of_its_own(own_ports: str) -> None:
+    ran = cordon("fly", own_ports, "--sitl", "--speed", "10", "--duration", "20", "--json")
+    assert "fit to fly" not in ran.err, "the vehicles that it brings along give no cause for warnings"
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)
+    assert list(result) == RESULT_KEYS[""].split()
+    assert (result["source"], result["reference"]) == ("sitl", "truth")
+    assert result["duration_s"] == pytest.approx(20.0, abs=0.2)
+    assert [vehicle["tactic"] for vehicle in result["vehicles"]] == ["formation"] * 3
+
+
+@pytest.mark.wire
+@pytest.mark.team
+def test_a_drill_tells_its_progress_and_its_table() -> None:
+    ran = cordon("drill", "case2", "--fault", "frozen-interpreter", "--json")
+    assert ran.code == 0, ran.err
+    result = json.loads(ran.out)
+    assert (result["mission"], result["holds"]) == ("case2", True)
+    (row,) = result["drills"]
+    assert list(row) == ["fault", "expected", "limit_s", "measured_s", "holds", "detail"]
+    assert (row["fault"], row["limit_s"], row["holds"]) == ("frozen interpreter", 2.0, True)
+    assert 1.0 < row["measured_s"] <= 2.0, "later than a process that is gone: somebody had to notice"
+    assert "1 of 1: frozen interpreter ..." in ran.err
+    assert "drills of case2" in ran.err
+
+
+@pytest.mark.wire
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stubs_are_served_until_they_are_told_to_end(own_ports: str, number: signal.Signals) -> None:
+    command = [sys.executable, "-m", "gcs", "sitl", own_ports, "--speed", "5"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        assert process.stderr is not None
+        lines = [process.stderr.readline() for _ in range(4)]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.settimeout(20.0)
+            client.bind(("127.0.0.1", ports_of(own_ports, "url")[0]))
+            assert client.recv(512)[0] == 0xFD, "a MAVLink 2 frame"
+        process.send_signal(number)
+        assert process.wait(20.0) == 0
+        assert "Traceback" not in process.stderr.read()
+    for port, line in zip(ports_of(own_ports, "url"), lines, strict=False):
+        assert line.endswith(f" 127.0.0.1:{port}\n")
+
+
+@pytest.mark.wire
+def test_ctrl_c_before_take_off_ends_the_search_for_vehicles(own_ports: str) -> None:
+    command = [sys.executable, "-m", "gcs", "fly", own_ports, "--only", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        assert process.stderr is not None
+        assert "looking for the vehicles" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(8.0) == 3, "sooner than the search would end by itself"
+        told = process.stderr.read()
+    assert "Traceback" not in told
+    assert "before take-off" in told
+
+
+@pytest.mark.parametrize("gone", ["stdout", "stderr"])
+def test_a_reader_that_has_gone_ends_nothing(gone: str, mission: Callable[..., str]) -> None:
+    command = [sys.executable, "-m", "gcs", "sim", mission(("duration_s = 600.0", "duration_s = 20.0")), "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()) as process:
+        streams = {"stdout": process.stdout, "stderr": process.stderr}
+        lost = streams.pop(gone)
+        (read,) = streams.values()
+        assert lost is not None
+        assert read is not None
+        lost.close()
+        told = read.read().decode()
+        assert process.wait(60.0) == 0, "the flight's own code"
+    assert "Traceback" not in told
+    assert "BrokenPipe" not in told
+    assert ("judged by" if gone == "stdout" else '"mission"') in told
+
+
+def test_ctrl_c_ends_a_simulation_without_a_traceback(mission: Callable[..., str]) -> None:
+    endless = mission(("duration_s = 600.0", "duration_s = 86400.0"))
+    command = [sys.executable, "-m", "gcs", "sim", endless]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment()) as process:
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(4.0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == 4
+        assert process.stderr is not None
+        assert "Traceback" not in process.stderr.read()

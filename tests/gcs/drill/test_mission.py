@@ -1,0 +1,104 @@
+"""The mission that a drill flies: on ports of its own, with the target in reach, otherwise as it was given."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import hypot
+from pathlib import Path
+
+import pytest
+
+from gcs.drill.faults import DRILLS, Crew, chosen
+from gcs.drill.mission import drill_mission
+from gcs.errors import InputError
+from gcs.mission.file import (
+    MissionError,
+    bundled_missions,
+    load_mission,
+    parse_mission,
+)
+from gcs.mission.mission import Mission
+from tests.support.paths import PLANTS
+
+
+def drilled(name: str, *changes: tuple[str, str, object]) -> Mission:
+    return parse_mission(drill_mission(name, changes), Path())
+
+
+@pytest.mark.parametrize("name", bundled_missions())
+def test_everything_but_ports_team_and_target_is_kept(name: str) -> None:
+    given, flown = load_mission(name), drilled(name)
+    assert replace(flown, vehicles=(), network=given.network, target=given.target) == replace(given, vehicles=())
+    for before, after in zip(given.vehicles, flown.vehicles, strict=True):
+        section = after.section.model_copy(update={"url": before.section.url, "endpoint": before.section.endpoint})
+        assert replace(after, section=section) == before
+    ports = [each.section.url for each in flown.vehicles] + [each.section.endpoint for each in flown.vehicles]
+    assert len({port.rpartition(":")[2] for port in ports}) == 2 * len(flown.vehicles)
+    assert not {*ports} & {each.section.url for each in given.vehicles}
+    assert flown.network.team != given.network.team
+    assert flown.target.model_copy(update={"start_m": given.target.start_m}) == given.target
+
+
+def test_the_target_is_in_reach_of_those_who_want_it() -> None:
+    case1, case2 = drilled("case1"), drilled("case2")
+    assert [Crew(case2).tactic(i) for i in case2.ids] == ["encircle"] * 3
+    assert [Crew(case1).tactic(i) for i in case1.ids] == ["encircle", "formation", "formation"]
+    x, y = case2.target.start_m
+    assert hypot(x, abs(y) + case2.formation.spacing_m) == pytest.approx(12.0)
+
+
+def test_where_nobody_gets_to_it_the_target_stays() -> None:
+    crossing = drilled("crossing")
+    assert crossing.target == load_mission("crossing").target
+    assert {Crew(crossing).tactic(i) for i in crossing.ids} == {"formation"}
+
+
+def test_a_mission_that_forbids_it_keeps_its_target(mission_file: Callable[..., str]) -> None:
+    fence = "fence_m = [[-5.0, -30.0], [120.0, -30.0], [120.0, 8.0], [-5.0, 8.0]]"
+    name = mission_file("case2", ("separation_m = 3.0", f"separation_m = 3.0\n{fence}"))
+    assert drilled(name).target.start_m == (35.0, -5.0)
+
+
+def test_changes_are_made_to_sections_that_are_there_or_not() -> None:
+    flown = drilled("case2", ("failsafe", "battery_low", 0.3), ("safety", "telemetry_timeout_s", 30.0))
+    assert (flown.failsafe.battery_low, flown.safety.telemetry_timeout_s) == (0.3, 30.0)
+    with pytest.raises(MissionError, match="nonsense"):
+        drilled("case2", ("safety", "nonsense", 1))
+
+
+def test_a_plant_file_beside_the_mission_is_found(mission_file: Callable[..., str]) -> None:
+    name = mission_file("case2", ("endpoint =", 'plant = "own.toml"\nendpoint ='))
+    text = (PLANTS / "px4.toml").read_text(encoding="utf-8")
+    (Path(name).parent / "own.toml").write_text(text, encoding="utf-8")
+    assert [each.plant for each in drilled(name).vehicles] == [each.plant for each in load_mission("px4-trio").vehicles]
+
+
+def test_who_things_happen_to_is_the_last_in_line_and_the_leader_at_the_end() -> None:
+    crew = Crew(drilled("case2"))
+    assert (crew.one, crew.others) == (3, (1, 2))
+    crew.spent.add(3)
+    assert (crew.one, crew.others, crew.everybody) == (1, (2,), (1, 2))
+    crew.spent.add(1)
+    assert crew.one == 2
+
+
+def test_grace_times_are_the_missions() -> None:
+    usual, patient = (
+        Crew(drilled("case2", ("failsafe", "battery_s", battery_s), ("safety", "telemetry_timeout_s", telemetry_s)))
+        for battery_s, telemetry_s in ((5.0, 1.0), (25.0, 11.0))
+    )
+    by_name = {drill.fault: drill for drill in DRILLS}
+
+    def limit_s(crew: Crew, fault: str) -> float:
+        return by_name[fault].expect(crew, 5.0).limit_s or 0.0
+
+    assert limit_s(patient, "battery low") - limit_s(usual, "battery low") == pytest.approx(20.0 / 5.0)
+    assert limit_s(patient, "telemetry frozen") - limit_s(usual, "telemetry frozen") == pytest.approx(10.0), (
+        "the wall's"
+    )
+
+
+def test_drills_are_chosen_by_name() -> None:
+    assert chosen([]) == DRILLS
+    assert [drill.fault for drill in chosen(["killed-agent", "gps jump"])] == ["GPS jump", "killed agent"]
+    with pytest.raises(InputError, match=r"--fault: there is no drill 'fire' \(there are .*killed-agent"):
+        chosen(["fire"])

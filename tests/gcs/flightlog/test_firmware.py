@@ -1,0 +1,66 @@
+"""The version of an autopilot's firmware, as it gets into a log."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foxglove import Context
+from mavsdk.plugins.info import InfoError, InfoResult, Version
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from agents.shell.clock import MissionClock
+from gcs.flightlog.flight import FlightRecording
+from gcs.flightlog.writer import LogWriter
+from gcs.preflight import link_facts
+from gcs.preflight.findings import AutopilotKind, VehicleFacts
+
+Kind = Version.FlightSoftwareVersionType
+
+
+class Told:
+    """MAVSDK's plugin, with what a vehicle told of itself."""
+
+    def __init__(self, version: Version | None) -> None:
+        self.version = version
+        self.destroyed = False
+
+    def get_version(self) -> Version:
+        if self.version is None:
+            raise InfoError(InfoResult.INFORMATION_NOT_RECEIVED_YET, "get_version()")
+        return self.version
+
+    def destroy(self) -> None:
+        self.destroyed = True
+
+
+@pytest.mark.parametrize(
+    ("version", "words"),
+    [
+        (None, ""),
+        (Version(1, 17, 0, flight_sw_version_type=Kind.RELEASE, flight_sw_git_hash="000000000"), "1.17.0"),
+        (Version(4, 6, 3, flight_sw_version_type=Kind.RELEASE, flight_sw_git_hash="3fc7011a0"), "4.6.3+3fc7011a0"),
+        (Version(1, 16, 1, flight_sw_version_type=Kind.BETA, flight_sw_git_hash=""), "1.16.1-beta"),
+        (Version(1, 18, 0, flight_sw_version_type=Kind.DEV, flight_sw_git_hash="0d1e"), "1.18.0-dev+0d1e"),
+        (Version(1, 2, 3, flight_sw_version_type=Kind.UNKNOWN), "1.2.3"),
+    ],
+)
+def test_a_version_in_words(version: Any, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Told(version)
+    monkeypatch.setattr(link_facts, "Info", lambda _system: told)
+    assert link_facts._firmware(None) == words
+    assert told.destroyed
+
+
+def test_a_log_holds_it_beside_the_parameters(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with FlightRecording(LogWriter(path, Context()), MissionClock(1.0)) as recording:
+        parameters = {"COM_OBL_RC_ACT": 4.0, "NOT_THERE": None}
+        recording.meet(
+            VehicleFacts(vehicle_id=2, autopilot=AutopilotKind.PX4, firmware="1.17.0", parameters=parameters)
+        )
+    with path.open("rb") as stream:
+        ((_, channel, _, vehicle),) = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+    assert channel.topic == "/vehicle/2/vehicle"
+    assert (vehicle.autopilot, vehicle.firmware) == ("PX4", "1.17.0")
+    assert [(each.name, each.value) for each in vehicle.parameters] == [("COM_OBL_RC_ACT", 4.0)]

@@ -1,0 +1,249 @@
+"""The recorder when something is wrong with it: whoever flies does not notice, and the log says what is missing."""
+
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from foxglove import Context
+from mcap.reader import make_reader
+
+from agents.tape import Tick
+from gcs.cli.logbook import flight_log, tell_of_log
+from gcs.errors import InputError
+from gcs.flightlog import recorder
+from gcs.flightlog.place import FOLDER_VARIABLE
+from gcs.flightlog.reader import read_log
+from gcs.flightlog.recorder import Recorder, RecorderThread
+from gcs.flightlog.records import RunEnd
+from gcs.flightlog.writer import LogWriter
+from tests.support.flight_logs import engaging, files_up_to, record_into
+
+DURATION_S = 20.0
+TICKS = 200
+
+
+class HangingDisk:
+    """Stands in for the writing to a file that does not come back until it is told to."""
+
+    def __init__(self, write: Callable[[bytes], int]) -> None:
+        self._write = write
+        self.works = threading.Event()
+        self.works.set()
+
+    def write(self, data: bytes) -> int:
+        self.works.wait()
+        return self._write(data)
+
+
+def hanging(writer: LogWriter, monkeypatch: pytest.MonkeyPatch) -> HangingDisk:
+    disk = writer._disk
+    assert disk is not None
+    hanging_disk = HangingDisk(disk.write)
+    monkeypatch.setattr(disk, "write", hanging_disk.write)
+    return hanging_disk
+
+
+def recorder_of(writer: LogWriter) -> Recorder:
+    return Recorder(writer, time.time, lambda: 1.0)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+# A disk that is full
+
+
+def test_a_file_that_cannot_grow_ends_the_log_and_not_the_flight(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    writer = LogWriter(path, Context())
+    with files_up_to(100_000):
+        record = record_into(writer, engaging(), duration_s=DURATION_S, flush_s=1.0)
+    assert record.time_s[-1] == DURATION_S
+    assert writer.fault == "File too large"
+    assert writer.size_bytes == path.stat().st_size <= 100_000
+    assert_readable(path)
+
+
+@pytest.fixture
+def tiny_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 200 kB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
+    try:
+        subprocess.run(mount, check=True, capture_output=True, timeout=10)
+    except (OSError, subprocess.SubprocessError) as error:
+        pytest.skip(f"a file system can be mounted by root alone: {error}")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True, timeout=10)
+
+
+def test_a_full_disk_ends_the_log_and_not_the_flight(
+    tiny_disk: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tiny_disk / "log.mcap"
+    writer = LogWriter(path, Context())
+    record = record_into(writer, engaging(), duration_s=DURATION_S, flush_s=1.0)
+    assert record.time_s[-1] == DURATION_S
+    assert writer.fault == "No space left on device"
+    tell_of_log(writer)
+    assert "the log is not whole: No space left on device\n" in capsys.readouterr().err
+    assert_readable(path)
+
+
+def assert_readable(path: Path) -> None:
+    log = read_log(path)
+    assert any("it was never closed" in fault for fault in log.faults)
+    assert all(len(records) > 100 for records in log.vehicles.values())
+    assert not any("missing" in fault for fault in log.faults), "what is there is without gaps"
+
+
+def test_a_log_that_has_grown_too_large_is_closed_there(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    writer = LogWriter(path, Context(), size_max_bytes=100_000)
+    record_into(writer, engaging(), duration_s=DURATION_S, flush_s=1.0)
+    assert writer.fault == "it has reached 0.1 MB and ends there"
+    assert 100_000 < path.stat().st_size < 150_000
+    log = read_log(path)
+    assert log.faults == []
+    assert log.end is None
+    with path.open("rb") as stream:
+        assert make_reader(stream).get_summary() is not None
+
+
+# A disk that hangs
+
+
+def test_a_disk_that_hangs_is_not_noticed_by_who_flies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder, "QUEUE_MAX", 50)
+    monkeypatch.setattr(recorder, "FLUSH_PERIOD_S", 0.0)
+    writer = LogWriter(tmp_path / "log.mcap", Context())
+    disk = hanging(writer, monkeypatch)
+    recording = recorder_of(writer)
+    tape, slowest_s = recording.tape(2), 0.0
+    with RecorderThread(recording):
+        for tick in range(TICKS):
+            if tick == 20:
+                until(lambda: not recording._queue)
+                disk.works.clear()
+                time.sleep(0.3)  # the recorder has begun to wait for the disk
+            began_s = time.perf_counter()
+            tape.write(Tick(float(tick)))
+            slowest_s = max(slowest_s, time.perf_counter() - began_s)
+        disk.works.set()
+        until(lambda: not recording._queue)
+        tape.write(Tick(float(TICKS)))
+    assert slowest_s < 0.05
+    assert writer.fault == "its disk is too slow: records are missing"
+    numbers = [record["number"] for record in ticks_of(tmp_path / "log.mcap")]
+    assert numbers[:20] == list(range(1, 21))
+    assert numbers[-1] == TICKS + 1
+    assert 70 <= len(numbers) < TICKS
+
+
+def ticks_of(path: Path) -> list[dict[str, int]]:
+    """The records of a log that does not say what was flown, as mcap's own reader and Protobuf find them."""
+    from gcs.flightlog.schema import Decoder
+
+    with path.open("rb") as stream:
+        found = list(make_reader(stream).iter_messages(topics=["/vehicle/2/tick"]))
+    return [
+        Decoder(schema.name, schema.data).decode(message.data) for schema, _, message in found if schema is not None
+    ]
+
+
+def test_leaving_a_flight_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder, "CLOSING_TIMEOUT_S", 0.3)
+    writer = LogWriter(tmp_path / "log.mcap", Context())
+    disk = hanging(writer, monkeypatch)
+    recording = recorder_of(writer)
+    with RecorderThread(recording) as thread:
+        recording.tape(2).write(Tick(0.0))
+        disk.works.clear()
+        began_s = time.perf_counter()
+    assert time.perf_counter() - began_s < 1.0
+    assert recording.fault == "its disk has not answered for 0.3 s: it is not closed"
+    disk.works.set()
+    until(lambda: not thread._thread.is_alive())
+
+
+# Bugs
+
+
+def test_a_record_that_cannot_be_written_costs_itself_alone(tmp_path: Path) -> None:
+    writer = LogWriter(tmp_path / "log.mcap", Context())
+    recording = recorder_of(writer)
+    tape = recording.tape(2)
+    with RecorderThread(recording):
+        tape.write(Tick(1.0))
+        tape.note(object())
+        tape.write(Tick(2.0))
+    assert recording.fault.startswith("a object could not be written: KeyError")
+    assert [record["number"] for record in ticks_of(tmp_path / "log.mcap")] == [1, 3]
+
+
+def test_a_recorder_that_fails_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise RuntimeError("out of order")
+
+    writer = LogWriter(tmp_path / "log.mcap", Context())
+    monkeypatch.setattr(writer, "flush", fail)
+    recording = recorder_of(writer)
+    with RecorderThread(recording):
+        until(lambda: bool(recording.fault))
+        recording.note(0, 0, RunEnd(1.0, 1.0))
+    assert recording.fault == "the recorder ended: RuntimeError: out of order"
+
+
+# Where the log is to be
+
+
+def test_a_flight_that_was_not_told_where_is_flown_without_a_log_where_there_is_no_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "file"))
+    with flight_log(None, "case2", None, recorded=True, live=None) as log:
+        assert log is None
+    assert "this flight is not recorded: " in capsys.readouterr().err
+
+
+def test_a_home_that_nobody_knows_is_no_place(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    monkeypatch.delenv("XDG_DATA_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", fail)
+    with flight_log(None, "case2", None, recorded=True, live=None) as log:
+        assert log is None
+    assert f"{FOLDER_VARIABLE} may name a folder for logs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("file", "exists already"),
+        (".", "exists already"),
+        ("nowhere/log.mcap", "No such file"),
+        ("file/log.mcap", "Not a directory"),
+        ("x" * 300, "File name too long"),
+    ],
+)
+def test_a_place_that_was_told_and_is_none_ends_in_bad_input(name: str, reason: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    with (
+        pytest.raises(InputError, match=reason),
+        flight_log(tmp_path / name, "case2", None, recorded=True, live=None),
+    ):
+        pass
+    assert (tmp_path / "file").read_text() == "kept"

@@ -1,0 +1,118 @@
+"""Records as Protobuf: what is written is read back to the last bit, by this code and by somebody else's."""
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from agents.ports import FlightMode, Setpoint, VehicleStatus
+from agents.tape import Autopilot, Message
+from estimation.state import Telemetry
+from gcs.flightlog.reader import read_log
+from gcs.flightlog.records import Decision, Place
+from gcs.flightlog.schema import Codec, Decoder
+from tests.support.flight_logs import engaging, record_simulation
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+TRIPLES = st.tuples(NUMBERS, NUMBERS, NUMBERS)
+LARGEST = (0.0, 0.0, sys.float_info.max)
+"""Finite, while the sum of two such numbers is not."""
+
+
+def back(record: Any, number: int = 7) -> Any:
+    codec = Codec(type(record))
+    decoded = Decoder(codec.name, codec.schema).decode(codec.encode(record, number))
+    assert decoded["number"] == number
+    return msgspec.convert(decoded, type(record))
+
+
+def bits(values: tuple[float, ...]) -> list[str]:
+    return [value.hex() for value in values]
+
+
+@example(0.0, LARGEST, LARGEST)
+@given(NUMBERS, TRIPLES, TRIPLES)
+def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> None:
+    again = back(Telemetry(time_s, position, velocity))
+    assert bits((again.time_s, *again.position_m, *again.velocity_m_s)) == bits((time_s, *position, *velocity))
+
+
+@given(st.binary(max_size=300), NUMBERS)
+def test_payloads_keep_every_byte(payload: bytes, now_s: float) -> None:
+    assert back(Message(now_s, payload)) == Message(now_s, payload)
+
+
+@pytest.mark.parametrize("battery", [None, 0.0, 0.25])
+def test_nothing_is_told_from_nought(battery: float | None) -> None:
+    status = VehicleStatus(connected=True, mode=FlightMode.LAND, battery=battery)
+    assert back(Autopilot(status)) == Autopilot(status)
+
+
+@given(st.one_of(st.none(), NUMBERS), st.integers(1, 200))
+def test_what_may_be_missing_may_be_missing(lead_rad: float | None, members: int) -> None:
+    assert back(Place(members, lead_rad, None)) == Place(members, lead_rad, None)
+
+
+def test_an_older_reader_reads_what_it_knows_of_a_newer_record() -> None:
+    class Place(msgspec.Struct, frozen=True):
+        members: int
+        lead_rad: float | None
+        lag_rad: float | None
+        gap_rad: float
+
+    newer = Codec(Place)
+    decoded = Decoder(newer.name, newer.schema).decode(newer.encode(Place(3, 1.0, 2.0, 0.5), 1))
+    from gcs.flightlog.records import Place as Known
+
+    assert msgspec.convert(decoded, Known) == Known(3, 1.0, 2.0)
+
+
+def test_a_record_of_before_a_field_with_a_default_is_read_with_that() -> None:
+    """Setpoints have had velocities only since there is feed-forward; what has no default is never dispensable."""
+    before = msgspec.defstruct(
+        "Setpoint", [("position_m", tuple[float, float, float]), ("yaw_rad", float)], frozen=True
+    )
+    kept = [(each.encode_name, each.type) for each in msgspec.structs.fields(Decision)]
+    older = msgspec.defstruct(
+        "Decision", [(name, before | None if name == "setpoint" else kind) for name, kind in kept], frozen=True
+    )
+    values = dict.fromkeys(name for name, _ in kept) | {"time_s": 1.0, "tactic": "hold", "mixing": 0.0, "alert": ""}
+    values |= dict.fromkeys(("notes", "sent", "peers", "answers"), ()) | {"messages_dropped": 0}
+    codec = Codec(older)
+    decoder = Decoder(codec.name, codec.schema)
+    decoder.require(Decision)
+    decoded = decoder.decode(codec.encode(older(**values | {"setpoint": before((1.0, 2.0, 3.0), 0.5)}), 1))
+    assert msgspec.convert(decoded, Decision).setpoint == Setpoint((1.0, 2.0, 3.0), 0.5, ())
+    bare = Codec(msgspec.defstruct("Decision", [(name, kind) for name, kind in kept if name != "tactic"], frozen=True))
+    with pytest.raises(ValueError, match="Decision has no tactic"):
+        Decoder(bare.name, bare.schema).require(Decision)
+
+
+def test_a_log_is_read_by_others_as_well(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    record_simulation(engaging(), path, duration_s=12.0)
+    ours = {vehicle: list(read_log(path).of_kind(vehicle, Decision)) for vehicle in (1, 2, 3)}
+    theirs: dict[int, list[Any]] = {1: [], 2: [], 3: []}
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            if channel.topic.endswith("/decision"):
+                theirs[int(channel.topic.split("/")[2])].append((message, decoded))
+    for vehicle, decisions in ours.items():
+        assert len(theirs[vehicle]) == len(decisions) == 121
+        for (message, decoded), decision in zip(theirs[vehicle], decisions, strict=True):
+            assert math.isclose(message.log_time * 1e-9, decision.time_s, abs_tol=1e-9)
+            assert decoded.tactic == decision.tactic
+            assert decision.own is not None
+            assert tuple(decoded.own.mean) == decision.own.mean
+            assert [(each.topic, each.payload) for each in decoded.sent] == [
+                (each.topic, each.payload) for each in decision.sent
+            ]
+            assert decoded.HasField("place") == (decision.place is not None)

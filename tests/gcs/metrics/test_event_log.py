@@ -1,0 +1,108 @@
+"""What happened to a team: told once, by whoever knows it best, and on the mission's clock."""
+
+from collections.abc import Iterable
+
+import pytest
+
+from agents.outputs import CoreStatus, Note
+from agents.tactics import Tactic
+from agents.team.messages import CommandAnswer, MemberState
+from gcs.metrics.event_log import EventLog, event_line
+from gcs.metrics.record import FlightEvent, in_order
+
+START_S = 1_700_000_000.0
+
+
+def status(
+    vehicle_id: int,
+    notes: Iterable[Note] = (),
+    peers: Iterable[MemberState] = (),
+    answers: Iterable[CommandAnswer] = (),
+) -> CoreStatus:
+    return CoreStatus(
+        vehicle_id=vehicle_id,
+        time_s=START_S,
+        tactic=Tactic.FORMATION,
+        mixing=0.0,
+        own_estimate=None,
+        target_estimate=None,
+        polar=None,
+        place=None,
+        approach=None,
+        qp=None,
+        peers=tuple(peers),
+        messages_dropped=0,
+        alert="",
+        guarded=None,
+        notes=tuple(notes),
+        answers=tuple(answers),
+    )
+
+
+def peer(sender: int, time_s: float, tactic: str, alert: str = "") -> MemberState:
+    here = (0.0, 0.0)
+    return MemberState(sender, START_S + time_s, tactic, here, here, here, here, 8.0, 0.1, alert)
+
+
+def test_the_vehicles_of_this_process_speak_for_themselves() -> None:
+    event_log = EventLog()
+    note = Note(START_S + 1.0, "command", "hold by keys: holds")
+    event_log.note(status(1, [note]))
+    event_log.note(status(2))
+    for tactic in ("formation", "hold"):  # what the one hears of the other is known already
+        event_log.note(status(2, (), [peer(1, 1.0, tactic)], [CommandAnswer(1, START_S, 7, "holds")]))
+    assert event_log.news() == [FlightEvent(START_S + 1.0, 1, "command", "hold by keys: holds")]
+    assert event_log.news() == []
+
+
+def test_those_elsewhere_are_known_by_what_they_show_and_answer() -> None:
+    event_log = EventLog()
+    answer = CommandAnswer(3, START_S + 1.5, 7, "holds")
+    for heard in (
+        peer(3, 1.0, "formation"),
+        peer(3, 2.0, "hold", "battery low"),
+        peer(3, 1.5, "formation"),  # late
+        peer(3, 3.0, "hold"),
+    ):
+        event_log.note(status(1, (), [heard], [answer]))
+    assert [(e.time_s - START_S, e.vehicle, e.kind, e.text) for e in event_log.news()] == [
+        (1.5, 3, "command", "answers: holds"),
+        (2.0, 3, "tactic", "formation -> hold"),
+        (2.0, 3, "failsafe", "alert: battery low"),
+        (3.0, 3, "failsafe", "no alert any more: battery low"),
+    ]
+
+
+def test_an_alert_that_is_there_when_a_vehicle_is_first_heard_is_told() -> None:
+    event_log = EventLog()
+    event_log.note(status(1, (), [peer(3, 1.0, "hold", "battery low")]))
+    assert [event.text for event in event_log.news()] == ["alert: battery low"]
+
+
+def test_events_are_in_order_by_the_missions_clock() -> None:
+    events = [
+        FlightEvent(START_S + 2.00049, 1, "tactic", "b"),
+        FlightEvent(START_S + 1.0, 2, "tactic", "a"),
+        FlightEvent(START_S + 2.0, 1, "tactic", "c"),
+        FlightEvent(START_S - 3.0, 1, "tactic", "on the way up"),
+        FlightEvent(START_S + 1.0, 1, "tactic", "d"),
+    ]
+    assert [(e.time_s, e.text) for e in in_order(events, START_S)] == [
+        (-3.0, "on the way up"),
+        (1.0, "d"),
+        (1.0, "a"),
+        (2.0, "b"),
+        (2.0, "c"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("start_s", "line"),
+    [
+        (START_S, "12.3 s: vehicle 2: lands"),
+        (None, "before the start: vehicle 2: lands"),
+        (START_S + 20.0, "before the start: vehicle 2: lands"),
+    ],
+)
+def test_an_event_in_one_line(start_s: float | None, line: str) -> None:
+    assert event_line(FlightEvent(START_S + 12.34, 2, "command", "lands"), start_s) == line

@@ -1,0 +1,238 @@
+"""The journal: the record made of notes is the flight that was noted, and says so where it does not know."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agents.outputs import CoreStatus
+from agents.tactics import Tactic
+from agents.team.messages import MemberState
+from estimation.state import OwnEstimate, Vector
+from gcs.metrics.journal import Journal
+from gcs.metrics.record import FlightRecord, VehicleTrack
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from sitl.server.server import TruthTrack
+
+START_S = 1_700_000_000.0  # a mission starts somewhere on the Unix clock
+Motion = Callable[[float], tuple[float, float, float, float]]
+
+
+@pytest.fixture
+def mission() -> Mission:
+    """Case 1, with a system id of its own for vehicle 1."""
+    case1 = load_mission("case1")
+    first, *others = case1.vehicles
+    first = replace(first, section=first.section.model_copy(update={"system_id": 101}))
+    return replace(case1, vehicles=(first, *others))
+
+
+def straight(time_s: float) -> tuple[float, float, float, float]:
+    """A flight that straight lines between samples give back exactly."""
+    return 3.0 + 0.2 * time_s, 4.0 - 0.1 * time_s, 0.2, -0.1
+
+
+def parallel(time_s: float) -> tuple[float, float, float, float]:
+    return 0.2 * time_s, -5.0, 0.2, 0.0
+
+
+def status(
+    vehicle_id: int,
+    time_s: float,
+    motion: Motion | None = straight,
+    *,
+    tactic: Tactic = Tactic.FORMATION,
+    peers: Iterable[MemberState] = (),
+) -> CoreStatus:
+    return CoreStatus(
+        vehicle_id=vehicle_id,
+        time_s=START_S + time_s,
+        tactic=tactic,
+        mixing=0.0,
+        own_estimate=None
+        if motion is None
+        else OwnEstimate(START_S + time_s, np.array([*motion(time_s), 0.0, 0.0]), np.eye(6)),
+        target_estimate=None,
+        polar=None,
+        place=None,
+        approach=None,
+        qp=None,
+        peers=tuple(peers),
+        messages_dropped=0,
+        alert="",
+        notes=(),
+        guarded=None,
+    )
+
+
+def peer(vehicle_id: int, time_s: float, motion: Motion = parallel, tactic: str = "formation") -> MemberState:
+    x, y, x_rate, y_rate = motion(time_s)
+    return MemberState(vehicle_id, START_S + time_s, tactic, (x, y), (x_rate, y_rate), (x, y), (x_rate, y_rate))
+
+
+def record(journal: Journal, duration_s: float = 10.0, truth: tuple[TruthTrack, ...] = ()) -> FlightRecord:
+    return journal.record(
+        START_S, duration_s, ticks=100, missed=3, wall_time_s=1.5, source="sitl" if truth else "flight", truth=truth
+    )
+
+
+def track(flight: FlightRecord, vehicle_id: int) -> VehicleTrack:
+    return next(track for track in flight.vehicles if track.vehicle_id == vehicle_id)
+
+
+def motions(time_s: Vector, motion: Motion) -> Vector:
+    return np.array([motion(at_s) for at_s in time_s.tolist()])
+
+
+def assert_flies(flown: VehicleTrack, time_s: Vector, motion: Motion) -> None:
+    expected = motions(time_s, motion)
+    # The Unix clock leaves a grain of 0.2 us.
+    np.testing.assert_allclose(flown.position_m, expected[:, :2], atol=1e-6)
+    np.testing.assert_allclose(flown.velocity_m_s, expected[:, 2:], atol=1e-6)
+
+
+def noted(mission: Mission, times_s: Iterable[float], tactic: Callable[[float], Tactic] | None = None) -> Journal:
+    journal = Journal(mission)
+    for time_s in times_s:
+        journal.note(status(1, time_s, tactic=Tactic.FORMATION if tactic is None else tactic(time_s)), 80.0)
+    return journal
+
+
+def test_the_grid_runs_from_the_start_at_the_missions_rate(mission: Mission) -> None:
+    flight = record(noted(mission, np.arange(0.0, 10.05, 0.1)))
+    np.testing.assert_allclose(flight.time_s, np.arange(101) / 10.0)
+    assert (flight.mission, flight.seed, flight.source, flight.reference) == ("case1", 0, "flight", "estimate")
+    assert flight.wall_time_s == 1.5
+
+
+def test_the_loop_is_told_as_it_was_counted(mission: Mission) -> None:
+    journal = Journal(mission)
+    for tick, cost_us in enumerate((70.0, 90.0, 800.0)):
+        journal.note(status(1 + tick % 2, tick / 10.0), cost_us)
+    loop = record(journal).loop
+    assert (loop.rate_hz, loop.ticks, loop.missed) == (10.0, 100, 3)
+    np.testing.assert_array_equal(loop.tick_us, (70.0, 90.0, 800.0))
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.07, 0.25, 0.9])
+def test_a_straight_flight_is_given_back_whatever_the_rate_it_was_noted_at(mission: Mission, period_s: float) -> None:
+    flight = record(noted(mission, np.arange(-1.0, 11.0, period_s)))
+    assert_flies(track(flight, 1), flight.time_s, straight)
+    assert set(track(flight, 1).tactic) == {"formation"}
+
+
+def test_a_tactic_holds_from_its_note_to_the_next(mission: Mission) -> None:
+    flight = record(
+        noted(mission, np.arange(0.0, 11.0, 0.5), lambda t: Tactic.ENCIRCLE if t >= 4.0 else Tactic.FORMATION)
+    )
+    tactic = track(flight, 1).tactic
+    assert set(tactic[flight.time_s < 3.99]) == {"formation"}
+    assert set(tactic[flight.time_s > 4.01]) == {"encircle"}
+
+
+def test_a_gap_is_unknown_and_its_edges_are_not(mission: Mission) -> None:
+    before, after = np.arange(0.0, 3.05, 0.1), np.arange(8.0, 10.05, 0.1)
+    flight = record(noted(mission, [*before, *after]))
+    flown, time_s = track(flight, 1), flight.time_s
+    gap = (time_s > 4.01) & (time_s < 6.99)
+    assert np.isnan(flown.position_m[gap]).all()
+    assert np.isnan(flown.velocity_m_s[gap]).all()
+    assert set(flown.tactic[gap]) == {"unknown"}
+    heard = (time_s < 3.01) | (time_s > 7.99)
+    assert set(flown.tactic[heard]) == {"formation"}
+    assert np.isfinite(flown.position_m[heard]).all()
+
+
+def test_motion_and_tactic_are_unknown_together(mission: Mission) -> None:
+    flight = record(noted(mission, [*np.arange(2.0, 3.0, 0.1), *np.arange(7.0, 8.0, 0.1)]))
+    flown = track(flight, 1)
+    np.testing.assert_array_equal(np.isnan(flown.position_m).any(axis=1), flown.tactic == "unknown")
+
+
+def test_before_the_first_and_after_the_last_note_all_is_unknown(mission: Mission) -> None:
+    flight = record(noted(mission, np.arange(4.0, 6.05, 0.1)))
+    flown = track(flight, 1)
+    outside = (flight.time_s < 2.99) | (flight.time_s > 7.01)
+    assert np.isnan(flown.position_m[outside]).all()
+    assert set(flown.tactic[outside]) == {"unknown"}
+    inside = (flight.time_s > 3.99) & (flight.time_s < 6.01)
+    np.testing.assert_allclose(flown.position_m[inside], motions(flight.time_s[inside], straight)[:, :2], atol=1e-6)
+
+
+def test_peers_elsewhere_are_tracked_by_what_they_tell(mission: Mission) -> None:
+    journal = Journal(mission)
+    for time_s in np.arange(0.0, 10.05, 0.1).tolist():
+        # Heard a tick later than it was sent, and twice: the second time it is no news.
+        told = peer(3, time_s - 0.1, tactic="formation" if time_s < 5.0 else "encircle")
+        journal.note(status(1, time_s, peers=[told]), 80.0)
+        journal.note(status(2, time_s, peers=[told]), 80.0)
+    flight = record(journal, duration_s=9.9)
+    assert [flown.vehicle_id for flown in flight.vehicles] == [1, 2, 3]
+    assert_flies(track(flight, 3), flight.time_s, parallel)
+    assert set(track(flight, 3).tactic[flight.time_s < 4.85]) == {"formation"}
+    assert set(track(flight, 3).tactic[flight.time_s > 5.0]) == {"encircle"}
+
+
+def test_older_news_of_a_peer_do_not_turn_time_back(mission: Mission) -> None:
+    journal = Journal(mission)
+    for time_s in np.arange(0.0, 10.05, 0.1).tolist():
+        journal.note(status(1, time_s, peers=[peer(3, time_s)]), 80.0)
+        journal.note(status(2, time_s, peers=[peer(3, time_s - 0.5, lambda _: (99.0, 99.0, 9.0, 9.0))]), 80.0)
+    flight = record(journal)
+    assert_flies(track(flight, 3), flight.time_s, parallel)
+
+
+def test_a_vehicle_never_heard_of_has_no_track(mission: Mission) -> None:
+    flight = record(noted(mission, np.arange(0.0, 10.0, 0.1)))
+    assert [flown.vehicle_id for flown in flight.vehicles] == [1]
+
+
+def test_a_vehicle_without_an_estimate_is_not_noted_but_is_the_latest(mission: Mission) -> None:
+    journal = Journal(mission)
+    blind = status(2, 0.0, None)
+    journal.note(blind, 80.0)
+    assert journal.latest == {2: blind}
+    assert record(journal).vehicles == ()
+
+
+def test_the_latest_status_of_each_vehicle_is_at_hand(mission: Mission) -> None:
+    journal = noted(mission, [0.0, 0.1, 0.2])
+    assert journal.latest[1].time_s == pytest.approx(START_S + 0.2)
+
+
+def test_the_target_is_where_the_mission_says(mission: Mission) -> None:
+    moving = replace(mission, target=mission.target.model_copy(update={"velocity_m_s": (0.1, -0.2)}))
+    flight = record(noted(moving, np.arange(0.0, 10.0, 0.1)))
+    np.testing.assert_allclose(flight.target_position_m, np.array([35.0, -2.0]) + np.outer(flight.time_s, (0.1, -0.2)))
+    np.testing.assert_allclose(flight.target_velocity_m_s, np.tile((0.1, -0.2), (101, 1)))
+
+
+# The truth, where a simulator tells it
+
+
+def truth_of(system_id: int, motion: Motion, period_s: float = 0.1) -> TruthTrack:
+    time_s = np.arange(-2.0, 12.0, period_s)
+    flown = motions(time_s, motion)
+    height, still = np.full((time_s.size, 1), 8.0), np.zeros((time_s.size, 1))
+    return TruthTrack(system_id, START_S + time_s, np.hstack([flown[:, :2], height]), np.hstack([flown[:, 2:], still]))
+
+
+def test_truth_replaces_the_estimates_and_is_found_by_the_system_id(mission: Mission) -> None:
+    journal = Journal(mission)
+    for time_s in np.arange(0.0, 10.05, 0.1).tolist():
+        for vehicle_id in (1, 2):  # both estimate the same nonsense
+            journal.note(status(vehicle_id, time_s, lambda _: (77.0, 77.0, 7.0, 7.0)), 80.0)
+    flight = record(journal, truth=(truth_of(2, parallel), truth_of(101, straight)))
+    assert (flight.source, flight.reference) == ("sitl", "truth")
+    assert_flies(track(flight, 1), flight.time_s, straight)
+    assert_flies(track(flight, 2), flight.time_s, parallel)
+    assert set(track(flight, 1).tactic) == {"formation"}
+
+
+def test_truth_knows_no_gap_where_the_notes_do(mission: Mission) -> None:
+    journal = noted(mission, [*np.arange(0.0, 3.0, 0.1), *np.arange(8.0, 10.05, 0.1)])
+    flight = record(journal, truth=(truth_of(101, straight, period_s=0.04),))
+    assert_flies(track(flight, 1), flight.time_s, straight)
+    assert "unknown" in track(flight, 1).tactic

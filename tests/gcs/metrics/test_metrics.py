@@ -1,0 +1,566 @@
+"""Metrics against flights whose errors are known in closed form."""
+
+import json
+import time
+from collections import Counter
+from dataclasses import astuple, replace
+from math import pi, radians, sqrt, tau
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimation.state import Vector
+from gcs.metrics.metrics import engagement_times_s, evaluate, ring_motion
+from gcs.metrics.record import (
+    FlightRecord,
+    GuardTally,
+    LoopStatistics,
+    VehicleTrack,
+)
+from gcs.metrics.result import (
+    FlightResult,
+    FlockingResult,
+    FormationReference,
+    ReynoldsResult,
+    RingReference,
+    VerdictTolerances,
+)
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+RING = RingReference(radius_m=10.0, angular_rate_rad_s=0.05)
+SLOTS = {1: (0.0, 5.0), 2: (0.0, 0.0), 3: (0.0, -5.0)}
+FORMATION = FormationReference(speed_m_s=0.2, slots_m=SLOTS)
+TOLERANCES = VerdictTolerances(0.2, 0.002, 2.0, 0.05, 0.25, 3.0)
+TIME_S = np.arange(6001) / 10.0
+TARGET_M = np.array([35.0, -5.0]) + TIME_S[:, None] * np.array([0.1, -0.03])
+TARGET_M_S = np.tile([0.1, -0.03], (TIME_S.size, 1))
+
+KEYS = [
+    "mission",
+    "seed",
+    "source",
+    "reference",
+    "duration_s",
+    "window_s",
+    "vehicles",
+    "ring",
+    "reynolds",
+    "closest_approach_m",
+    "guard_interventions",
+    "guard_causes",
+    "loop",
+    "verdicts",
+    "wall_time_s",
+    "realtime_factor",
+    "events",
+]
+VEHICLE_KEYS = [
+    "id",
+    "engaged_at_s",
+    "tactic",
+    "radius_error_rms_m",
+    "radius_error_max_m",
+    "angular_rate_mean_rad_s",
+    "angular_rate_error_rms_rad_s",
+    "formation_speed_error_rms_m_s",
+    "formation_spacing_error_rms_m",
+]
+
+
+def orbit(
+    vehicle_id: int,
+    phase_rad: float | Vector,
+    radius_m: float | Vector = 10.0,
+    rate_rad_s: float = 0.05,
+    engaged_s: float = 0.0,
+) -> VehicleTrack:
+    """A circle about the moving target; radius and phase may vary with time (their rates are left out)."""
+    angle = phase_rad + rate_rad_s * TIME_S
+    outward = np.column_stack((np.cos(angle), np.sin(angle)))
+    forward = np.column_stack((-np.sin(angle), np.cos(angle)))
+    radius = np.broadcast_to(radius_m, TIME_S.shape)[:, None]
+    tactic = np.where(engaged_s - 1e-9 <= TIME_S, "encircle", "formation")
+    return VehicleTrack(vehicle_id, TARGET_M + radius * outward, TARGET_M_S + radius * rate_rad_s * forward, tactic)
+
+
+def line(vehicle_id: int, error_m: float | Vector = 0.0, speed_error_m_s: float | Vector = 0.0) -> VehicleTrack:
+    """Flight in formation, `error_m` off the slot in y and `speed_error_m_s` off the speed in x."""
+    x, y = SLOTS[vehicle_id]
+    position = np.column_stack((x + 0.2 * TIME_S, np.broadcast_to(y + error_m, TIME_S.shape)))
+    velocity = np.column_stack((np.broadcast_to(0.2 + speed_error_m_s, TIME_S.shape), np.zeros(TIME_S.size)))
+    return VehicleTrack(vehicle_id, position, velocity, np.full(TIME_S.size, "formation"))
+
+
+def record(*vehicles: VehicleTrack, tick_us: Vector | None = None) -> FlightRecord:
+    loop = LoopStatistics(10.0, 18000, 3, np.empty(0) if tick_us is None else tick_us)
+    return FlightRecord(
+        "case2", 7, "simulation", "truth", TIME_S, TARGET_M, TARGET_M_S, vehicles, loop, wall_time_s=6.0
+    )
+
+
+def judged(*vehicles: VehicleTrack, ring: RingReference = RING) -> FlightResult:
+    return evaluate(record(*vehicles), ring, FORMATION, TOLERANCES)
+
+
+def silenced(track: VehicleTrack, start_s: float, end_s: float) -> VehicleTrack:
+    """The same track, not heard from `start_s` up to but not at `end_s`."""
+    silent = (start_s - 1e-9 <= TIME_S) & (end_s - 1e-9 > TIME_S)
+    return replace(
+        track,
+        position_m=np.where(silent[:, None], np.nan, track.position_m),
+        velocity_m_s=np.where(silent[:, None], np.nan, track.velocity_m_s),
+        tactic=np.where(silent, "unknown", track.tactic),
+    )
+
+
+def ring_of_three(**kwargs: float) -> list[VehicleTrack]:
+    return [orbit(index + 1, index * tau / 3, **kwargs) for index in range(3)]
+
+
+# --- the ring ---
+
+
+def test_a_perfect_ring_has_no_errors() -> None:
+    result = judged(*ring_of_three())
+    assert result.window_s == (0.0, 600.0)
+    assert result.ring.settling_time_s == 0.0
+    assert result.ring.spacing_error_rms_deg == pytest.approx(0.0, abs=1e-9)
+    assert result.ring.spacing_error_max_deg == pytest.approx(0.0, abs=1e-9)
+    for vehicle in result.vehicles:
+        assert vehicle.radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
+        assert vehicle.angular_rate_mean_rad_s == pytest.approx(0.05, abs=1e-12)
+        assert vehicle.angular_rate_error_rms_rad_s == pytest.approx(0.0, abs=1e-12)
+    assert result.verdicts.named() == {
+        "C1": True,
+        "C2": True,
+        "C3": True,
+        "formation": None,
+        "separation": True,
+    }
+    assert result.all_hold
+
+
+def test_radius_errors_are_the_closed_form_of_an_offset_and_a_ripple() -> None:
+    ripple_m = 0.3 * np.sin(tau * TIME_S / 20.0)  # thirty whole periods: rms 0.3 / sqrt 2
+    constant, rippled = judged(orbit(1, 0.0, radius_m=10.25)), judged(orbit(1, 0.0, radius_m=10.0 + ripple_m))
+    assert constant.vehicles[0].radius_error_rms_m == pytest.approx(0.25)
+    assert constant.vehicles[0].radius_error_max_m == pytest.approx(0.25)
+    assert rippled.vehicles[0].radius_error_rms_m == pytest.approx(0.3 / sqrt(2.0), rel=1e-3)
+    assert rippled.vehicles[0].radius_error_max_m == pytest.approx(0.3, rel=1e-3)
+    assert constant.verdicts.c1 is False
+    assert judged(orbit(1, 0.0, radius_m=10.2 - 1e-6)).verdicts.c1 is True
+
+
+@pytest.mark.parametrize(("rate", "holds"), [(0.053, False), (0.047, False), (0.0515, True), (-0.05, False)])
+def test_the_mean_rate_counts_whole_turns_and_direction(rate: float, holds: bool) -> None:
+    result = judged(orbit(1, 3.0, rate_rad_s=rate))  # wraps past pi within seconds, four turns or more in all
+    assert result.vehicles[0].angular_rate_mean_rad_s == pytest.approx(rate, rel=1e-9)
+    assert result.vehicles[0].angular_rate_error_rms_rad_s == pytest.approx(abs(rate - 0.05), rel=1e-9)
+    assert result.verdicts.c2 is holds
+
+
+def test_mean_rate_is_of_bearings_and_rate_error_of_velocities() -> None:
+    track = orbit(1, 0.0)
+    hasty = replace(track, velocity_m_s=TARGET_M_S + 1.2 * (track.velocity_m_s - TARGET_M_S))
+    vehicle = judged(hasty).vehicles[0]
+    assert vehicle.angular_rate_mean_rad_s == pytest.approx(0.05, rel=1e-9)
+    assert vehicle.angular_rate_error_rms_rad_s == pytest.approx(0.01, rel=1e-9)
+
+
+def test_spacing_errors_are_the_closed_form_of_displaced_bearings() -> None:
+    """One of three displaced by d: spacings +d, -d, 0."""
+    result = judged(orbit(1, radians(3.0)), orbit(2, tau / 3), orbit(3, -tau / 3))
+    assert result.ring.spacing_error_rms_deg == pytest.approx(3.0 * sqrt(2.0 / 3.0))
+    assert result.ring.spacing_error_max_deg == pytest.approx(3.0)
+    assert result.verdicts.c3 is False
+
+
+def test_spacing_follows_the_order_of_bearings_not_of_ids() -> None:
+    assert judged(orbit(1, 0.0), orbit(2, -tau / 3), orbit(3, tau / 3)).ring.spacing_error_max_deg == pytest.approx(
+        0.0, abs=1e-9
+    )
+
+
+def test_lead_angles_wrap_around() -> None:
+    motion = ring_motion(record(orbit(1, radians(170.0)), orbit(2, radians(-170.0)), orbit(3, 0.0)))
+    assert np.degrees(motion.lead_rad[:, 0]) == pytest.approx([20.0, 170.0, 170.0])
+    assert np.degrees(motion.lead_rad).sum(axis=0) == pytest.approx(np.full(TIME_S.size, 360.0))
+
+
+def test_desired_spacing_is_that_of_the_vehicles_on_the_ring_at_the_time() -> None:
+    """Two half a turn apart, then a third between them: 180 degrees were right before, 120 are after."""
+    third = orbit(3, pi / 2, engaged_s=300.0)
+    motion = ring_motion(record(orbit(1, 0.0), orbit(2, pi), third))
+    assert np.degrees(motion.desired_spacing_rad[[0, 2999, 3000]]) == pytest.approx([180.0, 180.0, 120.0])
+    result = judged(orbit(1, 0.0), orbit(2, pi), third)
+    # It never settles: the window is the last quarter, with spacings of 90, 90 and 180 degrees.
+    assert result.ring.settling_time_s is None
+    assert result.window_s == (450.0, 600.0)
+    assert result.ring.spacing_error_rms_deg == pytest.approx(sqrt((30.0**2 + 30.0**2 + 60.0**2) / 3.0))
+
+
+# --- settling ---
+
+
+def test_settling_runs_from_the_last_engagement_to_the_last_stray_radius() -> None:
+    radius_m = np.where(TIME_S < 250.0 - 1e-9, 10.51, 10.49)
+    tracks = [orbit(1, 0.0), orbit(2, tau / 3, engaged_s=200.0, radius_m=radius_m), orbit(3, -tau / 3)]
+    result = judged(*tracks)
+    assert [vehicle.engaged_at_s for vehicle in result.vehicles] == [0.0, 200.0, 0.0]
+    assert result.ring.settling_time_s == pytest.approx(50.0)
+    assert result.window_s == (250.0, 600.0)
+    assert result.vehicles[1].radius_error_max_m == pytest.approx(0.49)
+
+
+@pytest.mark.parametrize(("degrees", "settles_s"), [(4.9, 200.0), (5.1, 320.0)])
+def test_settling_waits_for_spacings_within_five_degrees(degrees: float, settles_s: float) -> None:
+    phase_rad = np.where(TIME_S < 320.0 - 1e-9, radians(degrees), 0.0)
+    result = judged(orbit(1, phase_rad), orbit(2, tau / 3), orbit(3, -tau / 3, engaged_s=200.0))
+    assert result.ring.settling_time_s == pytest.approx(settles_s - 200.0)
+
+
+def test_a_ring_that_was_right_all_along_settles_when_the_last_vehicle_engages() -> None:
+    result = judged(orbit(1, 0.0), orbit(2, pi, engaged_s=200.0))
+    assert result.ring.settling_time_s == 0.0
+    assert result.window_s == (200.0, 600.0)
+
+
+def test_a_stray_in_the_last_sample_means_not_settled() -> None:
+    radius_m = np.where(TIME_S > 599.95, 11.0, 10.0)
+    result = judged(orbit(1, 0.0, radius_m=radius_m))
+    assert result.ring.settling_time_s is None
+    assert result.window_s == (450.0, 600.0)
+
+
+def test_a_ring_that_disbands_unsettled_did_not_settle() -> None:
+    track = orbit(1, 0.0, radius_m=np.where(TIME_S > 500.0, 17.0, 12.0))
+    landing = replace(track, tactic=np.where(TIME_S > 500.0, "land", track.tactic))
+    result = judged(landing)
+    assert result.ring.settling_time_s is None
+    assert result.vehicles[0].tactic == "land"
+    assert result.vehicles[0].radius_error_rms_m == pytest.approx(2.0)  # its last 50 s on the ring, not the landing
+
+
+def test_engagement_is_the_first_tick_in_encirclement() -> None:
+    assert engagement_times_s(record(orbit(1, 0.0, engaged_s=126.8), line(2))) == (126.8, None)
+
+
+# --- one vehicle, nobody, nothing ---
+
+
+def test_a_vehicle_alone_settles_but_has_no_spacing() -> None:
+    result = judged(orbit(1, 0.0, radius_m=np.where(TIME_S < 4.0 - 1e-9, 12.0, 10.0)))
+    assert result.ring.settling_time_s == pytest.approx(4.0)
+    assert result.ring.spacing_error_rms_deg is None
+    assert result.closest_approach_m is None
+    assert (result.verdicts.c1, result.verdicts.c3, result.verdicts.separation) == (True, None, None)
+    assert result.all_hold
+
+
+def test_vehicles_that_stay_in_formation_are_no_part_of_the_ring() -> None:
+    result = judged(orbit(1, 0.0, engaged_s=126.8), line(2), line(3))
+    assert result.ring.settling_time_s == 0.0
+    assert result.ring.spacing_error_rms_deg is None
+    assert result.vehicles[1].radius_error_rms_m is None
+    assert result.vehicles[1].angular_rate_mean_rad_s is None
+    assert (result.verdicts.c1, result.verdicts.c2, result.verdicts.c3) == (True, True, None)
+
+
+def test_where_nobody_engages_the_ring_metrics_are_null() -> None:
+    result = judged(line(1), line(2))
+    plain = result.to_dict()
+    assert plain["window_s"] is None
+    assert plain["ring"] == dict.fromkeys(("settling_time_s", "spacing_error_rms_deg", "spacing_error_max_deg"))
+    assert (result.verdicts.c1, result.verdicts.c2, result.verdicts.c3) == (None, None, None)
+    assert result.verdicts.formation is True
+    assert result.vehicles[0].radius_error_rms_m is None
+
+
+def test_an_empty_record_has_a_result() -> None:
+    empty = np.empty((0, 2))
+    track = VehicleTrack(1, empty, empty, np.empty(0, dtype=np.str_))
+    nothing = replace(
+        record(track), time_s=np.empty(0), target_position_m=empty, target_velocity_m_s=empty, wall_time_s=0.0
+    )
+    result = evaluate(nothing, RING, FORMATION, TOLERANCES)
+    assert (result.duration_s, result.realtime_factor, result.vehicles[0].tactic) == (0.0, None, "unknown")
+    assert evaluate(replace(nothing, vehicles=()), RING, FORMATION, TOLERANCES).vehicles == ()
+
+
+# --- formation ---
+
+
+def test_formation_errors_are_the_closed_form_of_sinusoids() -> None:
+    """Errors a sin and b cos against each other: spacing error rms sqrt((a² + b²) / 2)."""
+    wave = tau * TIME_S / 19.0  # 30 whole periods in the 570 s that are judged
+    result = judged(line(1, 0.12 * np.sin(wave)), line(2, 0.16 * np.cos(wave), 0.04 * np.sin(wave)), line(3, 0.0))
+    first, second, third = result.vehicles
+    assert first.formation_spacing_error_rms_m is None
+    assert second.formation_spacing_error_rms_m == pytest.approx(0.2 / sqrt(2.0), rel=1e-3)
+    assert third.formation_spacing_error_rms_m == pytest.approx(0.16 / sqrt(2.0), rel=1e-3)
+    assert first.formation_speed_error_rms_m_s == pytest.approx(0.0, abs=1e-12)
+    assert second.formation_speed_error_rms_m_s == pytest.approx(0.04 / sqrt(2.0), rel=1e-3)
+    assert result.verdicts.formation is True
+    assert result.closest_approach_m == pytest.approx(5.0 - 0.2, rel=1e-3)
+
+
+def test_speed_across_the_line_of_travel_is_an_error_too() -> None:
+    track = line(1)
+    drifting = replace(track, velocity_m_s=track.velocity_m_s + np.array([0.03, 0.04]))
+    assert judged(drifting).vehicles[0].formation_speed_error_rms_m_s == pytest.approx(0.05)
+
+
+def test_formation_is_judged_from_30_s_to_the_first_engagement() -> None:
+    bad = np.where((TIME_S < 30.0 - 1e-9) | (TIME_S >= 100.0 - 1e-9), 9.0, 0.0)
+    leaving = orbit(3, 0.0, engaged_s=100.0)
+    result = judged(line(1, bad, bad), line(2), leaving)
+    assert result.vehicles[0].formation_speed_error_rms_m_s == pytest.approx(0.0, abs=1e-12)
+    assert result.vehicles[1].formation_spacing_error_rms_m == pytest.approx(0.0, abs=1e-12)
+
+
+def test_without_time_in_formation_before_the_first_engagement_there_is_no_verdict() -> None:
+    result = judged(line(1), orbit(2, 0.0, engaged_s=20.0))
+    assert result.vehicles[0].formation_speed_error_rms_m_s is None
+    assert result.verdicts.formation is None
+
+
+def test_a_follower_is_judged_against_the_nearest_one_ahead_still_in_formation() -> None:
+    away = replace(line(2, 3.0), tactic=np.full(TIME_S.size, "hold"))
+    result = judged(line(1, 0.1), away, line(3, -0.1))
+    assert result.vehicles[1].formation_spacing_error_rms_m is None
+    assert result.vehicles[2].formation_spacing_error_rms_m == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("error_m", "speed_m_s", "holds"), [(0.3, 0.0, False), (0.0, 0.06, False), (0.2, 0.04, True)])
+def test_the_formation_verdict_needs_speed_and_spacing(error_m: float, speed_m_s: float, holds: bool) -> None:
+    assert judged(line(1), line(2, error_m, speed_m_s)).verdicts.formation is holds
+
+
+# --- separation ---
+
+
+@pytest.mark.parametrize(("closest_m", "holds"), [(2.9, False), (3.0, True), (3.1, True)])
+def test_closest_approach_is_the_smallest_over_pairs_and_time(closest_m: float, holds: bool) -> None:
+    passing = line(3)
+    passing.position_m[1234] = line(2).position_m[1234] - (0.0, closest_m)
+    result = judged(line(1), line(2), passing)
+    assert result.closest_approach_m == pytest.approx(closest_m)
+    assert result.verdicts.separation is holds
+    assert result.all_hold is holds
+
+
+def test_closest_approach_counts_the_moments_in_which_both_were_heard() -> None:
+    assert judged(line(1), silenced(line(2), 100.0, 200.0)).closest_approach_m == pytest.approx(5.0)
+    assert judged(line(1), silenced(line(2), 0.0, 601.0)).closest_approach_m is None
+
+
+# --- Reynolds' rules ---
+
+
+def test_reynolds_rules_in_formation_and_on_the_ring_are_what_the_geometry_says() -> None:
+    """Side by side at y = 5, 0 and -5 for 300 s, then a ring about a target that stands still at the line's centre.
+
+    In line the nearest is 5 m away; the outer two are 5 m off the centroid, the middle one 0. On the ring each chord
+    is 2 R sin 60°, the speeds of R w = 0.5 m/s cancel out, and everybody is R off the centroid.
+    """
+    engaged_s = 300.0
+    flying = engaged_s - 1e-9 <= TIME_S
+    rest_m = np.zeros_like(TARGET_M)
+    tracks = []
+    for abreast, around in zip(map(line, SLOTS), ring_of_three(engaged_s=engaged_s), strict=True):
+        orbit_m, orbit_m_s = around.position_m - TARGET_M, around.velocity_m_s - TARGET_M_S
+        position_m = np.where(flying[:, None], orbit_m, abreast.position_m)
+        velocity_m_s = np.where(flying[:, None], orbit_m_s, abreast.velocity_m_s)
+        tracks.append(replace(around, position_m=position_m, velocity_m_s=velocity_m_s))
+    flown = replace(record(*tracks), target_position_m=rest_m, target_velocity_m_s=rest_m)
+    told = evaluate(flown, RING, FORMATION, TOLERANCES).reynolds
+    chord_m, speed_m_s = 10.0 * sqrt(3.0), 0.5
+    assert astuple(told.formation) == pytest.approx((5.0, 5.0, 0.0, 1.0, 10.0 / 3.0, 5.0), abs=1e-9)
+    assert astuple(told.ring) == pytest.approx((chord_m, chord_m, speed_m_s, 0.0, 10.0, 10.0), abs=1e-9)
+    # 3000 of the 6001 samples are in line, from the start on; the others are on the ring.
+    line_share, ring_share = 3000 / 6001, 3001 / 6001
+    whole = (
+        5.0,
+        5.0 * line_share + chord_m * ring_share,
+        speed_m_s * sqrt(ring_share),
+        line_share,
+        10.0 / 3.0 * line_share + 10.0 * ring_share,
+        10.0,
+    )
+    assert astuple(told.flight) == pytest.approx(whole)
+
+
+def test_reynolds_rules_are_null_for_one_alone_and_for_stretches_that_were_not_flown() -> None:
+    assert judged(orbit(1, 0.0)).reynolds == ReynoldsResult()
+    never_engaged, at_once = judged(line(1), line(2)).reynolds, judged(*ring_of_three()).reynolds
+    assert never_engaged.ring == FlockingResult()
+    assert never_engaged.formation.separation_mean_m == pytest.approx(5.0)
+    assert at_once.formation == FlockingResult()
+    assert at_once.ring == at_once.flight
+
+
+# --- vehicles not heard ---
+
+
+def test_rows_in_which_a_vehicle_was_not_heard_are_ignored() -> None:
+    """A gap of 100 s, most of a turn: no spacing of two vehicles is judged there, and no turn is lost."""
+    tracks = ring_of_three()
+    result = judged(tracks[0], silenced(tracks[1], 200.0, 300.0), tracks[2])
+    assert result.ring.settling_time_s == 0.0
+    assert result.ring.spacing_error_max_deg == pytest.approx(0.0, abs=1e-9)
+    assert result.closest_approach_m == pytest.approx(10.0 * sqrt(3.0))
+    assert result.vehicles[1].angular_rate_mean_rad_s == pytest.approx(0.05, rel=1e-9)
+    assert result.vehicles[1].radius_error_max_m == pytest.approx(0.0, abs=1e-9)
+    assert result.all_hold
+
+
+def test_settling_needs_samples_in_which_everybody_was_heard() -> None:
+    tracks = ring_of_three()
+    result = judged(tracks[0], tracks[1], silenced(orbit(3, 2 * tau / 3, engaged_s=100.0), 100.1, 140.0))
+    assert result.ring.settling_time_s == 0.0
+    late = judged(tracks[0], silenced(tracks[1], 90.0, 140.0), orbit(3, 2 * tau / 3, engaged_s=100.0))
+    assert late.ring.settling_time_s == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize(("silent_from_s", "settled"), [(596.0, True), (560.0, False)])
+def test_a_vehicle_silent_to_the_end_has_left_the_ring_unless_the_record_just_ended(
+    silent_from_s: float, settled: bool
+) -> None:
+    """Once it has left, two vehicles 120 degrees apart are no ring."""
+    tracks = ring_of_three()
+    result = judged(tracks[0], tracks[1], silenced(tracks[2], silent_from_s, 601.0))
+    assert (result.ring.settling_time_s is not None) is settled
+    assert result.vehicles[2].tactic == "encircle"
+
+
+def test_a_target_not_known_for_a_while_leaves_no_nan() -> None:
+    flown = record(*ring_of_three())
+    target_m = flown.target_position_m.copy()
+    target_m[100:200] = np.nan
+    result = evaluate(replace(flown, target_position_m=target_m), RING, FORMATION, TOLERANCES)
+    assert "NaN" not in result.to_json()
+    assert result.all_hold
+
+
+def test_a_vehicle_on_top_of_the_target_leaves_no_nan() -> None:
+    result = judged(orbit(1, 0.0, radius_m=np.where(TIME_S == 300.0, 0.0, 10.0)), orbit(2, pi))
+    assert result.vehicles[0].radius_error_max_m is not None
+    assert "NaN" not in result.to_json()
+
+
+def test_a_vehicle_never_heard_has_nulls() -> None:
+    vehicle = judged(silenced(line(1), 0.0, 601.0), line(2)).vehicles[0]
+    assert (vehicle.tactic, vehicle.engaged_at_s, vehicle.formation_speed_error_rms_m_s) == (
+        "unknown",
+        None,
+        None,
+    )
+
+
+# --- the whole ---
+
+
+def rigid(track: VehicleTrack, rotation: Vector, shift_m: Vector) -> VehicleTrack:
+    return replace(
+        track,
+        position_m=track.position_m @ rotation.T + shift_m,
+        velocity_m_s=track.velocity_m_s @ rotation.T,
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-pi, pi), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-0.3, 0.3))
+def test_no_rigid_motion_of_the_world_changes_the_ring_metrics(
+    turn_rad: float, x_m: float, y_m: float, skew_rad: float
+) -> None:
+    wobble_m = 10.0 + 2.0 * np.exp(-TIME_S / 30.0) * np.cos(0.4 * TIME_S)
+    flown = record(orbit(1, skew_rad * np.exp(-TIME_S / 50.0)), orbit(2, 2.0, radius_m=wobble_m), orbit(3, -2.0))
+    rotation = np.array([[np.cos(turn_rad), -np.sin(turn_rad)], [np.sin(turn_rad), np.cos(turn_rad)]])
+    shift_m = np.array([x_m, y_m])
+    moved = replace(
+        flown,
+        target_position_m=flown.target_position_m @ rotation.T + shift_m,
+        target_velocity_m_s=flown.target_velocity_m_s @ rotation.T,
+        vehicles=tuple(rigid(track, rotation, shift_m) for track in flown.vehicles),
+    )
+    before, after = (evaluate(world, RING, FORMATION, TOLERANCES) for world in (flown, moved))
+    assert after.window_s == before.window_s
+    assert after.ring.settling_time_s == before.ring.settling_time_s
+    assert after.ring.spacing_error_rms_deg == pytest.approx(before.ring.spacing_error_rms_deg, abs=1e-7)
+    assert after.closest_approach_m == pytest.approx(before.closest_approach_m, abs=1e-7)
+    for here, there in zip(before.vehicles, after.vehicles, strict=True):
+        assert there.radius_error_rms_m == pytest.approx(here.radius_error_rms_m, abs=1e-7)
+        assert there.angular_rate_mean_rad_s == pytest.approx(here.angular_rate_mean_rad_s, abs=1e-9)
+        assert there.angular_rate_error_rms_rad_s == pytest.approx(here.angular_rate_error_rms_rad_s, abs=1e-9)
+
+
+def test_json_has_the_documented_keys_in_their_order() -> None:
+    tally = GuardTally(14, Counter({"separation": 13, "speed": 2}))
+    flown = replace(record(*ring_of_three(), tick_us=np.arange(101.0)), guard=tally)
+    result = evaluate(flown, RING, FORMATION, TOLERANCES)
+    told = json.loads(result.to_json())
+    assert list(told) == KEYS
+    assert list(told["vehicles"][0]) == VEHICLE_KEYS
+    assert list(told["reynolds"]) == ["formation", "ring", "flight"]
+    assert list(told["reynolds"]["ring"]) == [
+        "separation_min_m",
+        "separation_mean_m",
+        "alignment_error_rms_m_s",
+        "alignment_order_mean",
+        "cohesion_mean_m",
+        "cohesion_max_m",
+    ]
+    assert list(told["ring"]) == ["settling_time_s", "spacing_error_rms_deg", "spacing_error_max_deg"]
+    assert told["loop"] == {
+        "rate_hz": 10.0,
+        "ticks": 18000,
+        "missed": 3,
+        "tick_p50_us": 50.0,
+        "tick_p99_us": 99.0,
+    }
+    assert list(told["verdicts"]) == ["C1", "C2", "C3", "formation", "separation"]
+    assert (told["duration_s"], told["window_s"], told["guard_interventions"]) == (600.0, [0.0, 600.0], 14)
+    assert told["realtime_factor"] == pytest.approx(100.0)
+
+
+def test_an_untimed_result_is_the_same_however_long_the_computer_took() -> None:
+    quick, slow = record(*ring_of_three(), tick_us=np.arange(9.0)), record(*ring_of_three(), tick_us=np.arange(7.0))
+    slow = replace(slow, wall_time_s=60.0)
+    told = [evaluate(flown, RING, FORMATION, TOLERANCES).untimed().to_json() for flown in (quick, slow)]
+    assert told[0] == told[1]
+    assert list(json.loads(told[0])) == KEYS
+    assert json.loads(told[0])["wall_time_s"] is None
+
+
+def test_a_loop_that_was_not_timed_has_no_percentiles() -> None:
+    loop = judged(line(1)).loop
+    assert (loop.tick_p50_us, loop.tick_p99_us) == (None, None)
+
+
+@pytest.mark.parametrize(
+    "faulty",
+    [
+        lambda: RingReference(0.0, 0.05),
+        lambda: RingReference(10.0, float("nan")),
+        lambda: FormationReference(float("inf"), {}),
+        lambda: FormationReference(0.2, {1: (0.0, float("nan"))}),
+        lambda: replace(TOLERANCES, separation_m=-1.0),
+    ],
+)
+def test_faulty_references_are_refused(faulty: object) -> None:
+    assert callable(faulty)
+    with pytest.raises(ValueError, match=r"must|not finite"):
+        faulty()
+
+
+def test_a_ten_minute_flight_is_evaluated_in_well_under_a_tenth_of_a_second() -> None:
+    flown = record(*ring_of_three())
+    taken_s = []
+    for _ in range(5):
+        start_s = time.perf_counter()
+        evaluate(flown, RING, FORMATION, TOLERANCES)
+        taken_s.append(time.perf_counter() - start_s)
+    assert min(taken_s) < 0.05

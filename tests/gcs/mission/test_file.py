@@ -1,0 +1,761 @@
+"""Mission files: what is right is read as written, and what is wrong is told, all of it, with its place in the file."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from math import inf, isfinite, nan, pi
+from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from agents.settings.sections import DecisionSettings
+from estimation.frames import Geodetic
+from estimation.plant.model import PlantAxis
+from gcs.mission.file import (
+    MissionError,
+    bundled_missions,
+    load_mission,
+    parse_mission,
+)
+from gcs.mission.mission import Mission, VehicleSection
+from tests.support.mission_text import (
+    CASE2,
+    Content,
+    Place,
+    content,
+    drop,
+    faults,
+    parsed,
+    places,
+    put,
+    shown,
+    text_of,
+)
+from tests.support.paths import MISSIONS
+
+BUNDLED = [
+    "ardupilot-trio",
+    "case1",
+    "case2",
+    "case2-field",
+    "case3-turns",
+    "crossing",
+    "mixed-team",
+    "px4-trio",
+    "shaped-trio",
+]
+VEHICLES = ("vehicles[0]", "vehicles[1]", "vehicles[2]")
+
+
+# Every key of every section, found in the models
+
+
+def keys(model: type[BaseModel], path: Place = ()) -> Iterator[tuple[Place, object]]:
+    """Yield every key below a section with its type; a pair gives one for each of its two numbers."""
+    for name, field in model.model_fields.items():
+        yield from _keys((*path, name), field.annotation)
+
+
+def _keys(path: Place, annotation: Any) -> Iterator[tuple[Place, object]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield from keys(annotation, path)
+    elif get_origin(annotation) is tuple and Ellipsis in get_args(annotation):
+        yield path, tuple
+    elif get_origin(annotation) is tuple:
+        for index, part in enumerate(get_args(annotation)):
+            yield from _keys((*path, index), part)
+    elif type(None) in get_args(annotation):
+        yield from _keys(path, next(part for part in get_args(annotation) if part is not type(None)))
+    else:
+        yield path, get_args(annotation)[0] if hasattr(annotation, "__metadata__") else annotation
+
+
+SECTIONS: dict[str, type[BaseModel]] = {
+    name: kind
+    for name, kind in get_type_hints(Mission).items()
+    if name not in ("vehicles", "text", "plant_texts", "excites")
+} | {"decision": DecisionSettings}
+KEYS = [
+    *(key for name, model in SECTIONS.items() for key in keys(model, (name,))),
+    *keys(VehicleSection, ("vehicles", 1)),
+]
+NUMBERS = [path for path, kind in KEYS if kind is float]
+WHOLE_NUMBERS = [path for path, kind in KEYS if kind is int]
+TABLES = sorted({path[:at] for path, _ in KEYS for at in range(1, len(path)) if isinstance(path[at], str)}, key=str)
+
+
+def test_every_key_is_found() -> None:
+    assert len(NUMBERS) > 60
+    known = {
+        ("mission", "duration_s"),
+        ("frame", "x_bearing_deg"),
+        ("target", "start_m", 0),
+        ("target", "sensor", "noise_m"),
+        ("simulation", "wind_m_s2", 1),
+        ("decision", "threat_max"),
+        ("own_filter", "gate_sigma"),
+        ("vehicles", 1, "start_m", 1),
+        ("vehicles", 1, "true_scale", "a0"),
+        ("vehicles", 1, "decision", "distance_max_m"),
+    }
+    assert known <= set(NUMBERS)
+    assert {("mission", "seed"), ("formation", "leader"), ("vehicles", 1, "system_id")} <= set(WHOLE_NUMBERS)
+    assert {("vehicles", 1), ("target",), ("target", "sensor"), ("vehicles", 1, "true_scale")} <= set(TABLES)
+
+
+def test_the_writer_of_these_tests_is_true() -> None:
+    assert tomllib.loads(text_of(content())) == content()
+
+
+# What is right
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_bundled_missions_load(name: str) -> None:
+    mission = load_mission(name)
+    assert bundled_missions() == BUNDLED
+    assert mission.mission.name == name
+    assert mission.ids == tuple(range(1, len(mission.vehicles) + 1))
+    assert mission.formation.leader in mission.ids
+
+
+def test_case2_is_the_papers() -> None:
+    mission = load_mission("case2")
+    assert mission.encirclement.radius_m == 10.0
+    assert mission.encirclement.angular_rate_rad_s == 0.05
+    assert (mission.formation.spacing_m, mission.formation.speed_m_s) == (5.0, 0.2)
+    assert (mission.target.start_m, mission.target.velocity_m_s) == ((35.0, -5.0), (0.1, 0.0))
+    assert [vehicle.section.start_m for vehicle in mission.vehicles] == [(0.0, 4.0), (0.0, 0.0), (0.0, -4.0)]
+    assert all(vehicle.plant == vehicle.true_plant for vehicle in mission.vehicles)
+
+
+def test_case2_field_is_as_far_from_ideal_as_promised() -> None:
+    mission = load_mission("case2-field")
+    assert (mission.simulation.position_noise_m, mission.simulation.velocity_noise_m_s) == (0.1, 0.05)
+    sensor = mission.target.sensor
+    assert (sensor.rate_hz, sensor.noise_m, sensor.range_m) == (5.0, 0.5, 15.0)
+    assert (mission.network.delay_s, mission.network.loss) == (0.05, 0.1)
+    scales = {(v.section.true_scale.a0, v.section.true_scale.a1) for v in mission.vehicles}
+    assert len(scales) == 3
+    assert all(abs(scale - 1.0) == pytest.approx(0.15) for pair in scales for scale in pair)
+    for vehicle in mission.vehicles:
+        assert vehicle.true_plant.delay_s == 0.15
+        assert vehicle.true_plant.x.a0_per_s2 == pytest.approx(
+            vehicle.plant.x.a0_per_s2 * vehicle.section.true_scale.a0
+        )
+        assert vehicle.true_plant.y.a1_per_s == pytest.approx(vehicle.plant.y.a1_per_s * vehicle.section.true_scale.a1)
+
+
+def test_a_file_is_loaded_by_its_path_and_its_plants_from_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "plants").mkdir()
+    (tmp_path / "plants" / "mine.toml").write_text(
+        "delay_s = 0.1\nx = { a0_per_s2 = 1.5, a1_per_s = 1.9 }\ny = { a0_per_s2 = 1.9, a1_per_s = 2.4 }\n"
+    )
+    mission = put(content(), ("vehicles", 1, "plant"), "plants/mine.toml")
+    mission = put(mission, ("vehicles", 1, "true_scale"), {"a0": 0.5, "a1": 2.0})
+    path = tmp_path / "my.toml"
+    path.write_text(text_of(mission))
+    vehicle = load_mission(str(path)).vehicle(2)
+    assert (vehicle.plant.x, vehicle.plant.y) == (PlantAxis(1.5, 1.9), PlantAxis(1.9, 2.4))
+    assert (vehicle.true_plant.x, vehicle.true_plant.y) == (PlantAxis(0.75, 3.8), PlantAxis(0.95, 4.8))
+    assert (vehicle.plant.delay_s, vehicle.true_plant.delay_s) == (0.1, 0.1)
+
+
+def test_a_vehicle_overrides_single_thresholds_of_the_decision() -> None:
+    mission = put(content(), ("decision",), {"importance_min": 0.3, "threat_max": 0.4, "distance_max_m": 20.0})
+    mission = put(mission, ("vehicles", 1, "decision"), {"threat_max": 0.9})
+    mission = put(mission, ("vehicles", 2, "decision"), {"importance_min": 0.1, "distance_max_m": 5.0})
+    decisions = [vehicle.decision for vehicle in parsed(mission).vehicles]
+    assert [(d.importance_min, d.threat_max, d.distance_max_m) for d in decisions] == [
+        (0.3, 0.4, 20.0),
+        (0.3, 0.9, 20.0),
+        (0.1, 0.4, 5.0),
+    ]
+
+
+def test_thresholds_named_nowhere_have_their_defaults() -> None:
+    mission = put(drop(content(), ("decision",)), ("vehicles", 0, "decision"), {"threat_max": 0.9})
+    first, second, _ = parsed(mission).vehicles
+    default = DecisionSettings()
+    assert second.decision == default
+    assert first.decision == default.model_copy(update={"threat_max": 0.9})
+
+
+def test_a_system_id_is_the_vehicles_id_unless_told_otherwise() -> None:
+    mission = parsed(put(content(), ("vehicles", 1, "system_id"), 102))
+    assert [(vehicle.id, vehicle.system_id) for vehicle in mission.vehicles] == [(1, 1), (2, 102), (3, 3)]
+
+
+def test_whole_numbers_pass_for_lengths_and_speeds() -> None:
+    mission = put(put(content(), ("encirclement", "radius_m"), 12), ("target", "start_m"), [35, -5])
+    assert parsed(mission).encirclement.radius_m == 12.0
+    assert parsed(mission).target.start_m == (35.0, -5.0)
+
+
+def test_an_agent_is_told_what_the_mission_says() -> None:
+    mission = parsed(put(content(), ("formation", "leader"), 3))
+    config = mission.agent_config(mission.vehicle(1))
+    assert (config.vehicle_id, config.slots, config.line_start_m) == (1, (1, 2, 3), (0.0, -4.0))
+    assert (config.rate_hz, config.altitude_m, config.communication_radius_m) == (10.0, 8.0, 200.0)
+    assert config.plant == mission.vehicle(1).plant
+    assert config.safety.separation_m == 3.0
+    assert config.failsafe == mission.failsafe
+    assert mission.mission_frame().origin == Geodetic(47.397742, 8.545594, 488.0)
+    assert mission.mission_frame().x_bearing_rad == pytest.approx(pi / 2.0)
+
+
+def test_layers_and_the_order_of_landing_reach_the_agents() -> None:
+    mission = put(content(), ("choreography",), {"layer_m": 3.0, "landing": "return", "landing_order": [3]})
+    mission = put(mission, ("vehicles", 1, "altitude_m"), 10.0)
+    loaded = parsed(mission)
+    configs = [loaded.agent_config(vehicle) for vehicle in loaded.vehicles]
+    assert {config.landing_order for config in configs} == {(3, 1, 2)}
+    assert [config.take_off_altitude_m for config in configs] == [10.0, 13.0, 16.0]
+    assert [config.return_altitude_m for config in configs] == [16.0, 19.0, 13.0]
+    assert [config.home_m for config in configs] == [(0.0, 4.0), (0.0, 0.0), (0.0, -4.0)]
+
+
+def test_without_layers_vehicles_take_off_to_where_they_fly() -> None:
+    loaded = parsed(put(content(), ("vehicles", 1, "altitude_m"), 10.0))
+    configs = [loaded.agent_config(vehicle) for vehicle in loaded.vehicles]
+    assert [config.take_off_altitude_m for config in configs] == [8.0, 10.0, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("choreography", "place", "told"),
+    [
+        ({"landing": "return"}, "choreography.layer_m", "layers of at least 1.0 m"),
+        ({"landing": "home"}, "choreography.landing", "'in_place' or 'return'"),
+        ({"landing_order": [1, 7]}, "choreography.landing_order[1]", "no vehicle has the id 7 (ids: 1, 2, 3)"),
+        ({"landing_order": [2, 1, 2]}, "choreography.landing_order[2]", "vehicle 2 is in the order already"),
+        ({"landing_order": [0]}, "choreography.landing_order[0]", "greater than or equal to 1"),
+        ({"landing_order": 2}, "choreography.landing_order", "a list of vehicles' ids"),
+    ],
+)
+def test_a_way_home_that_cannot_be_is_refused(choreography: dict[str, object], place: str, told: str) -> None:
+    (fault,) = faults(put(content(), ("choreography",), choreography))
+    assert fault.startswith(f"{place}: ")
+    assert told in fault
+
+
+def test_a_vehicle_that_is_not_there_is_a_key_error() -> None:
+    with pytest.raises(KeyError):
+        load_mission("case1").vehicle(4)
+
+
+@pytest.mark.parametrize(
+    "urls",
+    [
+        ("serial:///dev/ttyUSB0:57600", "serial:///dev/ttyUSB1:57600"),
+        ("tcpout://10.0.0.1:5760", "tcpout://10.0.0.2:5760"),
+        ("udpout://10.0.0.1:14550", "udpout://10.0.0.2:14550"),
+    ],
+    ids=["serial", "tcp", "udp"],
+)
+def test_two_devices_or_two_hosts_are_no_clash(urls: tuple[str, str]) -> None:
+    mission = put(put(content(), ("vehicles", 0, "url"), urls[0]), ("vehicles", 1, "url"), urls[1])
+    assert tuple(vehicle.section.url for vehicle in parsed(mission).vehicles)[:2] == urls
+
+
+# What is wrong: one key at a time
+
+
+@pytest.mark.parametrize("path", NUMBERS, ids=shown)
+@pytest.mark.parametrize("value", [nan, inf, -inf], ids=repr)
+def test_nan_and_infinity_are_refused_wherever_they_stand(path: Place, value: float) -> None:
+    assert places(put(content(), path, value)) == [shown(path)]
+
+
+@pytest.mark.parametrize("path", NUMBERS, ids=shown)
+def test_a_number_with_its_unit_is_refused_wherever_it_stands(path: Place) -> None:
+    mission = put(content(), path, "10 m")
+    assert places(mission) == [shown(path)]
+    assert "'10 m'" in faults(mission)[0]
+
+
+@pytest.mark.parametrize("path", WHOLE_NUMBERS, ids=shown)
+@pytest.mark.parametrize("value", [1.5, "1", True, -1], ids=repr)
+def test_what_is_counted_is_a_whole_number(path: Place, value: object) -> None:
+    assert places(put(content(), path, value)) == [shown(path)]
+
+
+@pytest.mark.parametrize("path", TABLES, ids=shown)
+def test_an_unknown_key_is_refused_in_every_table(path: Place) -> None:
+    (fault,) = faults(put(content(), (*path, "colour"), "red"))
+    assert fault.startswith(f"{shown(path)}.colour: unknown key; known keys: ")
+    known = set(fault.rpartition("known keys: ")[2].split(", "))
+    assert known == {str(key[len(path)]) for key, _ in KEYS if key[: len(path)] == path}
+
+
+@pytest.mark.parametrize("path", TABLES, ids=shown)
+def test_a_value_in_place_of_a_table_is_refused(path: Place) -> None:
+    mission = put(content(), path, 5)
+    assert shown(path) in places(mission)
+    assert any(fault.startswith(f"{shown(path)}: ") and "table" in fault for fault in faults(mission))
+
+
+@pytest.mark.parametrize("path", [path for path in NUMBERS if isinstance(path[-1], int) and path[-1] == 0], ids=shown)
+@pytest.mark.parametrize("value", [[1.0], [1.0, 2.0, 3.0], 1.0, "1, 2", []], ids=repr)
+def test_a_place_has_two_coordinates(path: Place, value: object) -> None:
+    place = shown(path[:-1])
+    found = places(put(content(), path[:-1], value))
+    assert found
+    assert all(re.fullmatch(re.escape(place) + r"(\[\d\])?", fault) for fault in found)
+
+
+# What is wrong: the table of the issue
+
+
+def changed(*changes: tuple[Place, object]) -> Content:
+    mission = content()
+    for path, value in changes:
+        mission = put(mission, path, value)
+    return mission
+
+
+RADIUS, RATE = ("encirclement", "radius_m"), ("encirclement", "angular_rate_rad_s")
+BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
+    "an unknown section": (
+        changed((("formaton",), {"spacing_m": 5.0})),
+        [("formaton", "did you mean 'formation'")],
+    ),
+    "a misspelt key": (
+        changed((("encirclement", "radius_mm"), 10.0)),
+        [("encirclement.radius_mm", "did you mean 'radius_m'")],
+    ),
+    "a misspelt key of a table in a table": (
+        changed((("target", "sensor", "rang_m"), 10.0)),
+        [("target.sensor.rang_m", "did you mean 'range_m'")],
+    ),
+    "a misspelt threshold of a vehicle": (
+        changed((("vehicles", 1, "decision"), {"importance_mn": 0.5})),
+        [("vehicles[1].decision.importance_mn", "did you mean 'importance_min'")],
+    ),
+    "degrees in place of radians": (changed((RATE, 2.9)), [("encirclement.angular_rate_rad_s", "2.9")]),
+    "few degrees in place of radians": (changed((RATE, 1.0)), [("encirclement.angular_rate_rad_s", "10.10 m/s")]),
+    "a key in degrees in place of radians": (
+        drop(changed((("encirclement", "angular_rate_deg_s"), 2.9)), RATE),
+        [("encirclement.angular_rate_rad_s", "missing"), ("encirclement.angular_rate_deg_s", "angular_rate_rad_s")],
+    ),
+    "a bearing in radians times 360": (changed((("frame", "x_bearing_deg"), 5156.6)), [("frame.x_bearing_deg", "360")]),
+    "latitude and longitude swapped": (
+        changed((("frame", "latitude_deg"), 147.0), (("frame", "longitude_deg"), 47.0)),
+        [("frame.latitude_deg", "147.0")],
+    ),
+    "a yes in place of a number": (changed((RADIUS, True)), [("encirclement.radius_m", "True")]),
+    "an id twice": (
+        changed((("vehicles", 1, "id"), 3)),
+        [("vehicles[2].id", "vehicles[1]"), ("formation.leader", "2")],
+    ),
+    "a system id twice": (changed((("vehicles", 0, "system_id"), 3)), [("vehicles[2].system_id", "vehicles[0]")]),
+    "a port twice": (
+        changed((("vehicles", 1, "url"), "udpin://127.0.0.1:14540")),
+        [("vehicles[1].url", "vehicles[0]")],
+    ),
+    "a port twice, once on all interfaces": (
+        changed((("vehicles", 1, "url"), "udpin://0.0.0.0:14540")),
+        [("vehicles[1].url", "vehicles[0]")],
+    ),
+    "a serial device twice": (
+        changed(
+            (("vehicles", 0, "url"), "serial:///dev/ttyUSB0:57600"),
+            (("vehicles", 1, "url"), "serial:///dev/ttyUSB0:57600"),
+        ),
+        [("vehicles[1].url", "vehicles[0]")],
+    ),
+    "a Zenoh endpoint twice": (
+        changed((("vehicles", 2, "endpoint"), "tcp/127.0.0.1:7461")),
+        [("vehicles[2].endpoint", "vehicles[0]")],
+    ),
+    "a url that MAVSDK does not know": (
+        changed((("vehicles", 0, "url"), "udp://:14540"), (("vehicles", 1, "url"), "udpin://127.0.0.1:70000")),
+        [("vehicles[0].url", "udpin://127.0.0.1:14540"), ("vehicles[1].url", "70000")],
+    ),
+    "an endpoint that Zenoh does not know": (
+        changed((("vehicles", 0, "endpoint"), "127.0.0.1:7461"), (("vehicles", 1, "endpoint"), "tcp/127.0.0.1:70000")),
+        [("vehicles[0].endpoint", "tcp/127.0.0.1:7461"), ("vehicles[1].endpoint", "70000")],
+    ),
+    "a plant that is not there": (
+        changed((("vehicles", 2, "plant"), "stubb")),
+        [("vehicles[2].plant", "bundled plants: ardupilot, px4, stub, stub-delayed")],
+    ),
+    "velocities told of that a plant does not take": (
+        changed((("link",), {"feedforward": True}), (("vehicles", 0, "plant"), "stub-feedforward")),
+        [
+            ("vehicles[1].plant", "'stub' takes no velocities, and link.feedforward = true"),
+            ("vehicles[2].plant", "'stub' takes no velocities, and link.feedforward = true"),
+        ],
+    ),
+    "no velocities told of, and a plant that takes them": (
+        changed((("link",), {"feedforward": False}), (("vehicles", 1, "plant"), "stub-feedforward")),
+        [("vehicles[1].plant", "(feedforward = 1), and link.feedforward = false: name one identified without")],
+    ),
+    "a ring too tight for the separation": (changed((RADIUS, 1.7)), [("encirclement.radius_m", "2.94 m apart")]),
+    "a ring within its own smallest radius": (
+        changed((("encirclement", "radius_min_m"), 12.0)),
+        [("encirclement.radius_min_m", "radius_m")],
+    ),
+    "a ring beyond its own largest radius": (
+        changed((("encirclement", "radius_far_m"), 9.0)),
+        [("encirclement.radius_far_m", "radius_m")],
+    ),
+    "a line too tight for the separation": (
+        changed((("formation", "spacing_m"), 2.9)),
+        [("formation.spacing_m", "3.0 m")],
+    ),
+    "a formation faster than it may fly": (
+        changed((("formation", "speed_m_s"), 2.5)),
+        [("formation.speed_m_s", "speed_max_m_s")],
+    ),
+    "starts too near each other": (
+        changed((("vehicles", 2, "start_m"), [0.0, -2.5])),
+        [("vehicles[2].start_m", "2.50 m from vehicles[1]")],
+    ),
+    "a target that nobody can keep up with": (
+        changed((("target", "velocity_m_s"), [2.0, 2.0])),
+        [("encirclement.angular_rate_rad_s", "3.33 m/s")],
+    ),
+    "a target with two ways to move": (
+        changed(
+            (("target", "velocity_m_s"), [0.1, 0.0]), (("target", "legs"), [{"to_m": [0.0, 0.0], "speed_m_s": 1.0}])
+        ),
+        [("target", "leave one of them out")],
+    ),
+    "a leg that is none": (
+        changed((("target", "legs"), [{"to_m": [0.0, 0.0], "speed": 1.0}])),
+        [("target.legs[0].speed_m_s", "missing"), ("target.legs[0].speed", "did you mean 'speed_m_s'")],
+    ),
+    "a leg too fast to keep up with": (
+        changed(
+            (("target", "velocity_m_s"), [0.0, 0.0]), (("target", "legs"), [{"to_m": [0.0, 0.0], "speed_m_s": 4.0}])
+        ),
+        [("encirclement.angular_rate_rad_s", "4.50 m/s")],
+    ),
+    "a target's vehicle that is not named": (
+        changed((("target", "source"), "mavlink"), (("target", "url"), "udpin://127.0.0.1:14550")),
+        [("target", "a url and a system_id")],
+    ),
+    "a vehicle named for a target that is none": (
+        changed((("target", "url"), "udpin://127.0.0.1:14550"), (("target", "system_id"), 9)),
+        [("target", "a url and a system_id")],
+    ),
+    "a sensor of a vehicle's own that is none": (
+        changed((("vehicles", 1, "sensor"), {"noise_m": -1.0, "blind": [[1.0, 2.0]]})),
+        [("vehicles[1].sensor.noise_m", "-1.0"), ("vehicles[1].sensor.blind", "did you mean 'blind_s'")],
+    ),
+    "a battery that is critical before it is low": (
+        changed((("failsafe",), {"battery_low": 0.2, "battery_critical": 0.25})),
+        [("failsafe.battery_critical", "0.25 must be less than battery_low = 0.2")],
+    ),
+    "all peers missed sooner than one": (
+        changed((("failsafe",), {"peer_silent_s": 5.0})),
+        [("failsafe.peers_silent_s", "peer_silent_s = 5.0 s")],
+    ),
+    "a leader that is not there": (changed((("formation", "leader"), 7)), [("formation.leader", "1, 2, 3")]),
+    "a wrong threshold of the mission": (changed((("decision", "threat_max"), 6.0)), [("decision.threat_max", "6.0")]),
+    "a wrong threshold of a vehicle": (
+        changed((("vehicles", 1, "decision"), {"threat_max": 6.0})),
+        [("vehicles[1].decision.threat_max", "6.0")],
+    ),
+    "no vehicles": (changed((("vehicles",), [])), [("vehicles", "[[vehicles]]")]),
+    "one vehicle, not a list of them": (changed((("vehicles",), {"id": 1})), [("vehicles", "[[vehicles]]")]),
+    "nothing at all": (
+        {},
+        [(name, "missing") for name in ("mission", "frame", "formation", "encirclement", "target")]
+        + [("vehicles", "")],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_refused_with_its_place_and_reason(name: str) -> None:
+    mission, expected = BAD[name]
+    found = faults(mission)
+    assert sorted(fault.partition(": ")[0] for fault in found) == sorted(place for place, _ in expected)
+    for place, reason in expected:
+        assert any(fault.startswith(f"{place}: ") and reason in fault for fault in found), (place, reason, found)
+
+
+def test_all_faults_are_told_at_once() -> None:
+    mission = drop(
+        changed(
+            (("colour",), "red"),
+            (("mission", "rate_hz"), "10 Hz"),
+            (("frame", "latitude_deg"), nan),
+            (("formation", "leader"), 9),
+            (("encirclement", "radius_mm"), 1.0),
+            (("decision", "importance_min"), 2.0),
+            (("safety", "separation_m"), 4.5),
+            (("own_filter", "gate_sigma"), inf),
+            (("target_filter", "gate_sigma"), 0.5),
+            (("target", "sensor", "noise_m"), -1.0),
+            (("network", "loss"), 1.0),
+            (("simulation", "wind_m_s2"), [0.0, nan]),
+            (("verdicts", "radius_error_rms_m"), 0.0),
+            (("vehicles", 0, "url"), "udpin://127.0.0.1:14541"),
+            (("vehicles", 2, "plant"), "nowhere"),
+        ),
+        ("mission", "duration_s"),
+    )
+    assert places(mission) == sorted(
+        [
+            "colour",
+            "mission.rate_hz",
+            "mission.duration_s",
+            "frame.latitude_deg",
+            "encirclement.radius_mm",
+            "decision.importance_min",
+            "own_filter.gate_sigma",
+            "target_filter.gate_sigma",
+            "target.sensor.noise_m",
+            "network.loss",
+            "simulation.wind_m_s2[1]",
+            "verdicts.radius_error_rms_m",
+            "vehicles[1].start_m",
+            "vehicles[1].url",
+            "vehicles[2].plant",
+        ]
+    )
+
+
+def test_a_mission_is_refused_once_for_each_fault() -> None:
+    found = faults(changed((("encirclement", "radius_m"), nan), (("vehicles", 0, "id"), "1")))
+    assert len(found) == len(set(found)) == 2
+
+
+LOCAL = changed((("frame",), {"local": True, "x_bearing_deg": 90.0}), (("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5]))
+
+
+def test_a_local_frame_lies_nowhere_on_earth() -> None:
+    mission = parsed(LOCAL)
+    frame = mission.mission_frame()
+    assert (frame.is_local, frame.origin) == (True, None)
+    assert frame.x_bearing_rad == pytest.approx(pi / 2.0)
+    origins = [vehicle.origin_m for vehicle in mission.vehicles]
+    assert origins == [(0.0, 4.0, 0.0), (1.0, -2.0, 0.5), (0.0, -4.0, 0.0)]
+
+
+def test_a_frame_is_on_earth_or_local_and_every_fault_is_named() -> None:
+    both = put(put(content(), ("frame", "local"), True), ("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5])
+    assert places(both) == ["frame.altitude_m", "frame.latitude_deg", "frame.longitude_deg"]
+    assert all("leave one of them out" in fault for fault in faults(both))
+    neither = put(put(content(), ("frame",), {"altitude_m": 5.0}), ("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5])
+    assert places(neither) == ["frame.latitude_deg", "frame.longitude_deg", "vehicles[1].origin_m"]
+    assert sum("indoors, without GPS, write local = true" in fault for fault in faults(neither)) == 2
+
+
+def test_setpoints_are_not_asked_for_faster_than_the_loop_makes_them() -> None:
+    (fault,) = faults(put(content(), ("link",), {"setpoint_rate_hz": 12.5}))
+    assert fault.startswith("link.setpoint_rate_hz: 12.5 Hz is more than mission.rate_hz = 10.0 Hz")
+    assert parsed(put(content(), ("link",), {"setpoint_rate_hz": 10.0})).link.setpoint_rate_hz == 10.0
+
+
+def test_a_serial_url_names_its_baud_rate() -> None:
+    assert places(put(content(), ("vehicles", 0, "url"), "serial:///dev/ttyUSB0")) == ["vehicles[0].url"]
+
+
+# Plant files
+
+
+GOOD_PLANT = {"delay_s": 0.1, "x": {"a0_per_s2": 0.8, "a1_per_s": 0.9}, "y": {"a0_per_s2": 0.8, "a1_per_s": 0.9}}
+BAD_PLANTS: dict[str, tuple[Content | str, list[str]]] = {
+    "unstable": (put(GOOD_PLANT, ("x", "a1_per_s"), -0.1), ["x"]),
+    "undamped": (put(GOOD_PLANT, ("y", "a1_per_s"), 0.0), ["y"]),
+    "unstable twice": (put(put(GOOD_PLANT, ("x", "a0_per_s2"), -1.0), ("y", "a1_per_s"), -1.0), ["x", "y"]),
+    "NaN": (put(GOOD_PLANT, ("y", "a0_per_s2"), nan), ["y.a0_per_s2"]),
+    "infinite": (put(GOOD_PLANT, ("delay_s",), inf), ["delay_s"]),
+    "delay in milliseconds": (put(GOOD_PLANT, ("delay_s",), 150.0), ["delay_s"]),
+    "an axis short": (drop(GOOD_PLANT, ("y",)), ["y"]),
+    "an unknown key": (put(GOOD_PLANT, ("x", "a2"), 1.0), ["x.a2"]),
+    "too stiff for any number": (put(GOOD_PLANT, ("x", "a0_per_s2"), 1e308), ["x.a0_per_s2"]),
+    "no TOML": ("a0 =", [""]),
+}
+
+
+@pytest.mark.parametrize("name", BAD_PLANTS)
+def test_a_bad_plant_is_refused_with_its_place_in_both_files(name: str, tmp_path: Path) -> None:
+    plant, expected = BAD_PLANTS[name]
+    (tmp_path / "mine.toml").write_text(plant if isinstance(plant, str) else text_of(plant))
+    mission = changed((("vehicles", 1, "plant"), "mine.toml"), (("vehicles", 1, "true_scale"), {"a0": 10.0}))
+    found = faults(mission, tmp_path)
+    assert len(found) == len(expected)
+    for fault, place in zip(sorted(found), sorted(expected), strict=True):
+        assert fault.startswith("vehicles[1].plant: ")
+        assert re.search(rf"mine\.toml'?:? {re.escape(place)}", fault), fault
+
+
+def test_a_plant_is_told_for_every_vehicle_that_asks_for_it(tmp_path: Path) -> None:
+    mission = changed(*((("vehicles", index, "plant"), "nowhere.toml") for index in range(3)))
+    assert places(mission, tmp_path) == [f"{vehicle}.plant" for vehicle in VEHICLES]
+
+
+@pytest.mark.parametrize("name", ["", ".", "a\0b", "a" * 5000, "../../..", "~"])
+def test_a_plant_name_that_is_no_file_is_a_fault(name: str, tmp_path: Path) -> None:
+    assert places(changed((("vehicles", 0, "plant"), name)), tmp_path) == ["vehicles[0].plant"]
+
+
+# Files that are no missions
+
+
+@pytest.mark.parametrize("name", ["nowhere", "nowhere.toml", "", "case3"])
+def test_a_mission_that_is_not_there_names_those_that_are(name: str) -> None:
+    with pytest.raises(MissionError, match="bundled missions: " + ", ".join(BUNDLED)):
+        load_mission(name)
+
+
+def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
+    (tmp_path / "windows.toml").write_bytes(CASE2.replace("\n", "\r\n").encode("utf-8-sig"))
+    assert load_mission(str(tmp_path / "windows.toml")) == load_mission("case2")
+
+
+def test_a_folder_or_a_picture_is_no_mission(tmp_path: Path) -> None:
+    picture = tmp_path / "picture.png"
+    picture.write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
+    for path in (tmp_path, picture):
+        with pytest.raises(MissionError) as caught:
+            load_mission(str(path))
+        assert len(caught.value.faults) == 1
+        assert str(path) in caught.value.faults[0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[mission",
+        "a = 1\na = 2",
+        "a = " + "[" * 5000 + "]" * 5000,
+        "a = " + "1" * 5000,
+        "\0",
+        "[mission]\nname = 2020-99-99",
+    ],
+    ids=["unclosed", "twice", "nested", "long number", "zero byte", "no date"],
+)
+def test_what_is_no_toml_is_one_fault(text: str) -> None:
+    assert places(text) == ["not TOML"]
+
+
+@pytest.mark.parametrize("value", ["0x" + "f" * 5000, "1979-05-27T07:32:00Z", "1" * 400, '"""a\nb"""'])
+def test_odd_values_are_shown_on_one_short_line(value: str) -> None:
+    (fault,) = faults(CASE2.replace("radius_m = 10.0", f"radius_m = {value}"))
+    assert fault.startswith("encirclement.radius_m: ")
+    assert len(fault) < 160
+
+
+@pytest.mark.parametrize("key", ['"a\\nb"', '"a.b"', '""', '"[x]"'])
+def test_odd_keys_are_one_fault_on_one_line(key: str) -> None:
+    with pytest.raises(MissionError) as caught:
+        parse_mission(CASE2.replace("radius_m = 10.0", f"radius_m = 10.0\n{key} = 1"), MISSIONS)
+    (fault,) = caught.value.faults
+    assert fault.startswith("encirclement.")
+    assert len(fault.splitlines()) == 1
+
+
+# Whatever the file holds, it gives a sound mission or a MissionError with every fault on a line
+
+
+def refused_or_sound(text: str) -> Mission | None:
+    try:
+        mission = parse_mission(text, MISSIONS)
+    except MissionError as error:
+        told(error.faults)
+        return None
+    sound(mission)
+    return mission
+
+
+def told(faults_: tuple[str, ...]) -> None:
+    assert faults_
+    assert all(fault and len(fault.splitlines()) == 1 for fault in faults_)
+
+
+def sound(mission: Mission) -> None:
+    assert len(set(mission.ids)) == len(mission.ids) > 0
+    assert len({vehicle.system_id for vehicle in mission.vehicles}) == len(mission.vehicles)
+    assert mission.formation.leader in mission.ids
+    for name in SECTIONS.keys() - {"decision"}:
+        assert all(map(isfinite, numbers(getattr(mission, name).model_dump())))
+    for vehicle in mission.vehicles:
+        assert all(map(isfinite, numbers(vehicle.section.model_dump())))
+        assert mission.agent_config(vehicle).vehicle_id == vehicle.id
+
+
+def numbers(value: object) -> Iterator[float]:
+    if isinstance(value, dict):
+        value = tuple(value.values())
+    if isinstance(value, tuple):
+        for part in value:
+            yield from numbers(part)
+    if isinstance(value, float):
+        yield value
+
+
+VALUES = st.recursive(
+    st.one_of(
+        st.booleans(),
+        st.integers(),
+        st.floats(),
+        st.sampled_from([0, -1, 1, 10**30, 1e308, 5e-324, nan, inf, "", "stub", "udpin://127.0.0.1:14540", "10 m"]),
+        st.text(max_size=12),
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4),
+        st.dictionaries(
+            st.one_of(st.text(max_size=8), st.sampled_from(["id", "x", "sensor", "a0"])), inner, max_size=3
+        ),
+    ),
+    max_leaves=6,
+)
+MUTABLE = (
+    [path for path, _ in KEYS] + TABLES + [("vehicles",), ("vehicles", 0), ("colour",), ("target", "sensor", "colour")]
+)
+
+
+@st.composite
+def mutated(draw: st.DrawFn) -> str:
+    mission = content()
+    for path in draw(st.lists(st.sampled_from(MUTABLE), min_size=1, max_size=4)):
+        try:
+            mission = put(mission, path, draw(VALUES))
+        except (TypeError, AttributeError, IndexError, KeyError):
+            continue  # an earlier mutation has put something else where this path leads
+    return text_of(mission)
+
+
+@settings(max_examples=200)
+@given(mutated())
+@example(text_of(changed((("vehicles", 0, "plant"), "a\0b"))))
+@example(text_of(changed((("vehicles", 0), 5))))
+def test_no_value_anywhere_raises_anything_else(text: str) -> None:
+    refused_or_sound(text)
+
+
+@settings(max_examples=200)
+@given(st.integers(0, len(CASE2)), st.integers(0, 40), st.text(max_size=20))
+@example(0, 0, "\ufeff")
+@example(0, 0, "\r")
+@example(0, len(CASE2), "")
+def test_no_damage_to_the_text_raises_anything_else(at: int, length: int, inserted: str) -> None:
+    refused_or_sound(CASE2[:at] + inserted + CASE2[at + length :])
+
+
+@given(st.lists(st.sampled_from(CASE2.splitlines(keepends=True)), max_size=60))
+def test_no_shuffle_of_lines_raises_anything_else(lines: list[str]) -> None:
+    refused_or_sound("".join(lines))
+
+
+def test_the_fuzz_itself_sees_sound_missions() -> None:
+    # Were everything refused, the invariant above would hold of nothing.
+    assert refused_or_sound(CASE2) is not None
+    assert refused_or_sound(text_of(changed((RADIUS, 11.0)))) is not None
+
+
+def test_missions_are_frozen() -> None:
+    mission = load_mission("case1")
+    with pytest.raises(ValueError, match="frozen"):
+        setattr(mission.encirclement, "radius_m", 3.0)  # noqa: B010  # mypy would refuse it, too
+    assert replace(mission, vehicles=mission.vehicles[:1]).ids == (1,)

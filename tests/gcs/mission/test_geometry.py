@@ -1,0 +1,239 @@
+"""Missions that do not fit into their own limits: each is refused, with the geometry in the message."""
+
+from math import cos, pi, sin
+
+import pytest
+
+from tests.support.mission_text import (
+    Content,
+    content,
+    faults,
+    parsed,
+    put,
+)
+
+Changes = dict[tuple[str | int, ...], object]
+
+# case2: starts at x = 0, y = 4, 0 and -4; the target goes from (35, -5) to (95, -5) within a ring of 10 m.
+BOX: list[list[float]] = [[-5.0, -20.0], [110.0, -20.0], [110.0, 10.0], [-5.0, 10.0]]
+
+
+def changed(changes: Changes) -> Content:
+    mission = content()
+    for path, value in changes.items():
+        mission = put(mission, path, value)
+    return mission
+
+
+def fenced(*corners: tuple[float, float], **more: object) -> Changes:
+    fence: Changes = {("safety", "fence_m"): [list(corner) for corner in corners]}
+    return fence | {("safety", key): value for key, value in more.items()}
+
+
+def box(left: float = -5.0, right: float = 110.0, low: float = -20.0, high: float = 10.0) -> Changes:
+    return fenced((left, low), (right, low), (right, high), (left, high))
+
+
+@pytest.mark.parametrize("corners", [BOX, BOX[::-1]])
+def test_a_fence_about_everything_is_accepted_in_either_sense(corners: list[list[float]]) -> None:
+    mission = parsed(changed({("safety", "fence_m"): corners}))
+    assert mission.safety.fence_m == tuple((x, y) for x, y in corners)
+
+
+def test_a_concave_fence_may_go_around_what_is_not_needed() -> None:
+    parsed(
+        changed(
+            fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (12.0, 10.0), (10.0, -10.0), (8.0, 10.0), (-5.0, 10.0))
+        )
+    )
+
+
+def test_as_near_as_the_ring_needs_is_near_enough() -> None:
+    parsed(changed(box(right=105.0, low=-15.0, high=5.0)))
+    assert len(faults(changed(box(right=104.9)))) == 1
+
+
+FENCES: dict[str, tuple[Changes, list[str]]] = {
+    "two corners": (
+        fenced((0.0, 0.0), (10.0, 0.0)),
+        ["safety.fence_m: a fence needs at least 3 corners (given: 2)"],
+    ),
+    "equal corners": (
+        fenced((-5.0, -20.0), (110.0, -20.0), (110.0, -20.0), (110.0, 10.0), (-5.0, 10.0)),
+        ["safety.fence_m: corners 1 and 2 are the same, (110, -20)"],
+    ),
+    "the last corner is the first": (
+        fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (-5.0, 10.0), (-5.0, -20.0)),
+        ["safety.fence_m: corners 4 and 0 are the same, (-5, -20)"],
+    ),
+    "crossed edges": (
+        fenced((-5.0, -20.0), (110.0, 10.0), (110.0, -20.0), (-5.0, 10.0)),
+        ["safety.fence_m: the edges from corner 0 and from corner 2 meet: order the corners"],
+    ),
+    "one start outside": (
+        box(high=3.75),
+        [
+            "vehicles[0].start_m: (0, 4) is 0.25 m outside of safety.fence_m",
+            "safety.fence_m: the ring of 10.0 m around it is 1.25 m outside, with the target at (35, -5) after 0 s",
+        ],
+    ),
+    "all starts outside": (
+        box(left=2.5),
+        [f"vehicles[{i}].start_m: (0, {y}) is 2.50 m outside of safety.fence_m" for i, y in enumerate((4, 0, -4))],
+    ),
+    "the target's path": (
+        box(right=34.0),
+        ["safety.fence_m: the target's path is 1.00 m outside, with the target at (35, -5) after 0 s"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FENCES)
+def test_a_fence_that_does_not_fit_is_refused(name: str) -> None:
+    changes, expected = FENCES[name]
+    assert faults(changed(changes)) == expected
+
+
+def test_the_ring_is_followed_until_it_first_leaves_the_fence() -> None:
+    """At 0.1 m/s the ring's edge, at x = 45 at first, meets x = 60 after 150 s."""
+    (fault,) = faults(changed(box(right=60.0)))
+    words = fault.removeprefix("safety.fence_m: the ring of 10.0 m around it is ").replace(",", " ").split()
+    outside_m, after_s = float(words[0]), float(words[-2])
+    assert 150.0 <= after_s <= 150.0 + 600.0 / 199.0 + 0.5
+    assert outside_m == pytest.approx(0.1 * after_s - 15.0, abs=0.06)
+
+
+def test_a_ring_that_reaches_over_a_dent_is_refused() -> None:
+    dent = fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (66.0, 10.0), (65.0, -1.0), (64.0, 10.0), (-5.0, 10.0))
+    (fault,) = faults(changed(dent))
+    # The target comes within 10 m of the dent's tip, 4 m beside its path, where it is sqrt(100 - 16) m before it.
+    assert fault.startswith("safety.fence_m: the ring of 10.0 m around it is 0.")
+    after_s = float(fault.split()[-2])
+    assert 0.1 * after_s == pytest.approx(30.0 - 84.0**0.5, abs=0.35)
+
+
+SLOTS: dict[str, tuple[Changes, list[str]]] = {
+    "too near": (
+        {("vehicles", i, "slot_m"): [0.0, y] for i, y in enumerate((0.0, 2.5, 8.0))},
+        ["vehicles[1].slot_m: 2.50 m from vehicles[0]'s, less than safety.separation_m = 3.0 m"],
+    ),
+    "the same": (
+        {("vehicles", i, "slot_m"): [6.0 * cos(turn), 6.0 * sin(turn)] for i, turn in enumerate((0.0, pi, 2.0 * pi))},
+        ["vehicles[2].slot_m: 0.00 m from vehicles[0]'s, less than safety.separation_m = 3.0 m"],
+    ),
+    "missing": (
+        {("vehicles", 0, "slot_m"): [0.0, 0.0], ("vehicles", 2, "slot_m"): [9.0, 0.0]},
+        ["vehicles[1].slot_m: this key is missing; vehicles[0] has one: all have one, or none"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SLOTS)
+def test_places_in_the_formation_that_do_not_do_are_refused(name: str) -> None:
+    changes, expected = SLOTS[name]
+    assert faults(changed(changes)) == expected
+
+
+def test_shapes_that_the_mission_has_no_room_or_no_slots_for_are_refused() -> None:
+    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
+    near, shape = ("formation", "spacing_m"), ("formation", "shape")
+    assert faults(changed({shape: "free"})) == [
+        "formation.shape: a free formation needs every vehicle's slot_m, and none has one"
+    ]
+    too_near = "formation.spacing_m: 1.0 m is less than safety.separation_m = 3.0 m"
+    assert faults(changed({near: 1.0, shape: "column"})) == [too_near]
+    assert faults(changed(slots | {near: 1.0, shape: "wedge"})) == [too_near]
+    (unknown,) = faults(changed({shape: "diamond"}))
+    assert unknown.startswith("formation.shape: it must be 'line', 'column', 'wedge' or 'free'")
+    assert parsed(changed(slots | {shape: "wedge"})).agent_config(parsed(changed(slots)).vehicles[0]).shape == "wedge"
+
+
+def test_who_keeps_station_on_a_neighbour_can_hear_it() -> None:
+    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 40.0 * i] for i in range(3)}
+    far = slots | {("network", "range_m"): 30.0}
+    told = "m from vehicles[{}]'s, its neighbour in line order, and out of network.range_m = 30 m"
+    one, other = faults(changed(far))
+    assert one.startswith("vehicles[1].slot_m: 40 " + told.format(0))
+    assert other.startswith("vehicles[2].slot_m: 40 " + told.format(1))
+    parsed(changed(far | {("formation", "station"): "line"}))
+
+
+def test_with_places_of_their_own_vehicles_need_no_spacing() -> None:
+    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
+    parsed(changed(slots | {("formation", "spacing_m"): 1.0}))
+
+
+LIMITS: dict[str, tuple[Changes, list[str]]] = {
+    "starts nearer than the separation": (
+        {("vehicles", 1, "start_m"): [0.0, 1.5]},
+        ["vehicles[1].start_m: 2.50 m from vehicles[0], less than safety.separation_m = 3.0 m"],
+    ),
+    "no room between keep-out and ring": (
+        {("safety", "keep_out_m"): 10.0},
+        [
+            "safety.keep_out_m: 10.0 m about the target leaves no room for the ring of encirclement.radius_m = 10.0 m",
+        ],
+    ),
+    "slower than the ring": (
+        {("safety", "speed_max_m_s"): 0.4},
+        ["safety.speed_max_m_s: 0.4 m/s is less than the 0.50 m/s of the ring"],
+    ),
+    "slower than ring and formation": (
+        {("safety", "speed_max_m_s"): 0.1},
+        [
+            "safety.speed_max_m_s: 0.1 m/s is less than the 0.50 m/s of the ring",
+            "safety.speed_max_m_s: 0.1 m/s is less than the 0.20 m/s of the formation",
+        ],
+    ),
+    "too little acceleration for the ring": (
+        {("safety", "acceleration_max_m_s2"): 0.02},
+        ["safety.acceleration_max_m_s2: 0.02 m/s² is less than v²/R = 0.03 m/s² of the ring"],
+    ),
+    "setpoints slower than vehicles": (
+        {("safety", "speed_max_m_s"): 4.0, ("safety", "setpoint_speed_max_m_s"): 3.9},
+        ["safety.setpoint_speed_max_m_s: at 3.9 m/s setpoints cannot keep up with vehicles at speed_max_m_s = 4.0 m/s"],
+    ),
+    "an altitude band upside down": (
+        {("safety", "altitude_min_m"): 8.0, ("safety", "altitude_max_m"): 8.0},
+        ["safety.altitude_min_m: 8.0 m is not below altitude_max_m = 8.0 m"],
+    ),
+    "below the band": (
+        {("safety", "altitude_min_m"): 8.0, ("vehicles", 1, "altitude_m"): 7.5},
+        ["vehicles[1].altitude_m: 7.5 m is below safety.altitude_min_m = 8.0 m"],
+    ),
+    "above the band": (
+        {("safety", "altitude_max_m"): 8.0, ("vehicles", 2, "altitude_m"): 8.5},
+        ["vehicles[2].altitude_m: 8.5 m is above safety.altitude_max_m = 8.0 m"],
+    ),
+    "layers above the band": (
+        {("safety", "altitude_max_m"): 13.0, ("choreography", "layer_m"): 2.0},
+        ["safety.altitude_max_m: 13.0 m is below the highest layer, 14 m, of choreography.layer_m = 2.0 m"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_limits_that_contradict_are_refused(name: str) -> None:
+    changes, expected = LIMITS[name]
+    assert faults(changed(changes)) == expected
+
+
+def test_limits_that_just_do_are_accepted() -> None:
+    parsed(
+        changed(
+            {
+                ("safety", "speed_max_m_s"): 0.5,
+                ("safety", "setpoint_speed_max_m_s"): 0.5,
+                ("safety", "acceleration_max_m_s2"): 0.026,
+                ("safety", "keep_out_m"): 9.9,
+                ("safety", "altitude_min_m"): 8.0,
+                ("safety", "altitude_max_m"): 14.0,
+                ("choreography", "layer_m"): 2.0,
+            }
+        )
+    )
+
+
+def test_every_fault_is_told_at_once() -> None:
+    wrong = box(high=3.75) | {("safety", "keep_out_m"): 10.0, ("safety", "altitude_max_m"): 5.0}
+    assert len(faults(changed(wrong))) == 1 + 3 + 2

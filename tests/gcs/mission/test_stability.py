@@ -1,0 +1,107 @@
+"""Eigenvalues against what the same loops do in time, on the planner itself and the exact plant."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agents.control.encirclement import EncirclementPlanner
+from agents.control.ring import ring_place
+from agents.settings.config import AgentConfig
+from estimation.plant.model import exact_step
+from estimation.polar import Polar, motion_from_polar, polar_from_motion
+from estimation.state import Vector
+from gcs.mission.stability import Loop, loops
+from tests.support.mission_text import (
+    CASE2,
+    content,
+    faults,
+    put,
+)
+
+STILL = np.zeros(4)
+
+
+def named(config: AgentConfig, name: str) -> Loop:
+    return next(loop for loop in loops(config) if loop.name == name)
+
+
+def radius_errors(config: AgentConfig, ticks: int) -> Vector:
+    """Return a lone vehicle's radius errors, from 1 cm on: its state and the middle of each hold are known exactly."""
+    period_s = 1.0 / config.rate_hz
+    whole, half = exact_step(config.plant, period_s), exact_step(config.plant, period_s / 2.0)
+    planner, settings = EncirclementPlanner(config), config.encirclement
+    motion = motion_from_polar(Polar(settings.radius_m + 0.01, 0.0, 0.0, 0.0), STILL)
+    setpoint, errors = motion[:2], []
+    for _ in range(ticks):
+        middle = half.advance(motion, setpoint, np.zeros(2))
+        middle = middle + half.input_gain @ (middle[2:] * period_s)
+        place = ring_place(polar_from_motion(middle, STILL).bearing_rad, ())
+        setpoint = planner.plan(middle, STILL, np.zeros(2), place).setpoint_m
+        motion = whole.advance(motion, setpoint, np.zeros(2))
+        errors.append(polar_from_motion(motion, STILL).radius_m - settings.radius_m)
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0])
+def test_the_radius_settles_as_fast_as_its_eigenvalue_says(
+    make_config: Callable[..., AgentConfig], rate_hz: float
+) -> None:
+    config = make_config(rate_hz=rate_hz, encirclement={"angular_rate_rad_s": 0.0})
+    modulus = named(config, "keeping the radius along x").modulus
+    errors = np.abs(radius_errors(config, round(20.0 * rate_hz)))
+    # It swings: compare envelopes, ten seconds apart.
+    early, late = (errors[round(begin_s * rate_hz) : round((begin_s + 5.0) * rate_hz)].max() for begin_s in (2.5, 12.5))
+    assert np.log(late / early) / (10.0 * rate_hz) == pytest.approx(np.log(modulus), rel=0.1)
+
+
+def test_a_radius_that_is_said_to_be_unstable_grows(make_config: Callable[..., AgentConfig]) -> None:
+    config = make_config(
+        rate_hz=2.0,
+        encirclement={"angular_rate_rad_s": 0.0, "radius_weight": 1e6, "radial_increment_weight": 1e-6},
+    )
+    assert named(config, "keeping the radius along x").margin < -1.0
+    # What is unstable near the ring is caught by the bounds far from it: it swings on.
+    assert np.abs(radius_errors(config, 40)[20:]).max() > 0.02
+    calm = make_config(rate_hz=2.0, encirclement={"angular_rate_rad_s": 0.0})
+    assert np.abs(radius_errors(calm, 40)[20:]).max() < 1e-4
+
+
+def test_without_the_lmpcs_own_spacing_the_ring_decays_as_the_spacing_law_says(
+    make_config: Callable[..., AgentConfig],
+) -> None:
+    # A rate that is followed at once: then (22) alone rules, and the slowest mode of three decays at the gain itself.
+    config = make_config(
+        rate_hz=50.0,
+        encirclement={"lag_weight": 0.0, "lead_weight": 0.0, "rate_weight": 1e6, "spacing_gain_per_s": 0.2},
+    )
+    mode = named(config, "mode 1 of the spacing along x")
+    assert -np.log(mode.modulus) * 50.0 == pytest.approx(0.2, rel=0.1)
+
+
+def test_a_ring_that_is_spaced_by_nobody_is_neutral_and_one_vehicle_has_no_spacing(
+    make_config: Callable[..., AgentConfig],
+) -> None:
+    config = make_config(encirclement={"lag_weight": 0.0, "lead_weight": 0.0, "spacing_gain_per_s": 0.0})
+    assert named(config, "mode 1 of the spacing along y").margin == pytest.approx(0.0, abs=1e-9)
+    alone = replace(config, slots=(2,))
+    assert [loop.name for loop in loops(alone) if "mode" in loop.name] == [
+        "mode 0 of the spacing along x",
+        "mode 0 of the spacing along y",
+    ]
+    assert all(loop.margin > 0.01 for loop in loops(alone))
+
+
+def test_gains_that_make_a_loop_unstable_are_refused_with_the_margin() -> None:
+    slow = put(content(CASE2), ("mission", "rate_hz"), 2.0)
+    stiff = put(put(slow, ("encirclement", "radius_weight"), 1e6), ("encirclement", "radial_increment_weight"), 1e-6)
+    (fault,) = faults(stiff)
+    assert fault.startswith("encirclement: keeping the radius along x is unstable with the plant of vehicles[0]: ")
+    assert "has modulus 2.233, a margin of -1.233 to 1" in fault
+    hard = put(put(slow, ("formation", "position_weight"), 1e6), ("formation", "increment_weight"), 1e-6)
+    (fault,) = faults(hard)
+    assert fault.startswith("formation: keeping its place along x is unstable")
+    lopsided = put(put(slow, ("encirclement", "lag_weight"), 1e4), ("encirclement", "lead_weight"), 0.0)
+    (fault,) = faults(lopsided)
+    assert fault.startswith("encirclement: mode 1 of the spacing along x is unstable")

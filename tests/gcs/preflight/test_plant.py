@@ -1,0 +1,151 @@
+"""What the preflight says of a plant file that tells where it is from, and of a flight for identification."""
+
+from dataclasses import replace
+from datetime import date, timedelta
+from typing import Any
+
+import pytest
+
+from agents.control.excitation import preview
+from estimation.plant.provenance import COVARIANCE_OF, Identification
+from gcs.mission.file import excitation_mission, load_mission
+from gcs.mission.mission import Mission
+from gcs.preflight.fence import route
+from gcs.preflight.findings import AutopilotKind, Finding, Grade
+from gcs.preflight.mission import extent_m
+from gcs.preflight.preflight import preflight
+from tests.gcs.preflight.test_preflight import well
+
+CASE2 = load_mission("case2")
+TODAY = date(2026, 11, 21)
+
+
+def identified(**changes: Any) -> Identification:
+    content: dict[str, Any] = {
+        "method": "output error 1",
+        "date": date(2026, 11, 1),
+        "vehicle": 2,
+        "autopilot": "PX4",
+        "firmware": "v1.17.0",
+        "logs": [{"name": "flight.ulg", "sha256": "0a" * 32}],
+        "setpoints": "held",
+        "duration_s": 200.0,
+        "fit_x_percent": 85.0,
+        "fit_y_percent": 80.0,
+        "verdict": "good",
+        "covariance": [[0.0] * len(COVARIANCE_OF)] * len(COVARIANCE_OF),
+    }
+    return Identification.model_validate(content | changes)
+
+
+def flown_with(plant: Identification | None, mission: Mission = CASE2) -> Mission:
+    return replace(mission, vehicles=tuple(replace(each, identified=plant) for each in mission.vehicles))
+
+
+def found(mission: Mission, today: date | None = TODAY, **facts: Any) -> list[Finding]:
+    about = [well(2, **({"firmware": "1.17.0-alpha+0f1e2d3c"} | facts))]
+    return [each for each in preflight(mission, about, today) if each.check == "plant"]
+
+
+def test_a_good_plant_of_this_firmware_is_well() -> None:
+    (finding,) = found(flown_with(identified()))
+    assert finding.grade is Grade.PASS
+    assert finding.found == "its plant file 'stub', identified on 2026-11-01 on its firmware, is good"
+
+
+def test_a_file_that_does_not_say_where_it_is_from_is_not_judged() -> None:
+    assert found(flown_with(None)) == []
+
+
+@pytest.mark.parametrize(
+    ("plant", "facts", "doubt"),
+    [
+        ({"date": TODAY - timedelta(days=181)}, {}, "it is 181 days old"),
+        ({"autopilot": "ArduPilot"}, {}, "it is of ArduPilot, and the vehicle flies PX4"),
+        ({}, {"autopilot": AutopilotKind.ARDUPILOT}, "it is of PX4, and the vehicle flies ArduPilot"),
+        ({}, {"firmware": "1.16.2"}, "it is of firmware v1.17.0, and the vehicle's is 1.16.2"),
+        ({"firmware": "abc"}, {}, "it is of firmware abc, and the vehicle's is 1.17.0-alpha+0f1e2d3c"),
+        (
+            {"verdict": "do not fly this", "reasons": ["too little excitation"]},
+            {},
+            "its own verdict is 'do not fly this', too little excitation",
+        ),
+    ],
+)
+def test_each_doubt_is_a_warning_with_its_reason(plant: dict[str, Any], facts: dict[str, Any], doubt: str) -> None:
+    (finding,) = found(flown_with(identified(**plant)), **facts)
+    assert finding.grade is Grade.WARNING
+    assert finding.found.endswith(f": {doubt}")
+    assert "cordon excite" in finding.next_step
+
+
+@pytest.mark.parametrize(
+    ("plant", "facts"),
+    [
+        ({"date": TODAY - timedelta(days=180)}, {}),
+        ({"autopilot": "px4"}, {}),
+        ({"firmware": "1.17.3"}, {}),
+        ({"firmware": ""}, {}),
+        ({}, {"firmware": ""}),
+        ({"verdict": "usable"}, {}),
+    ],
+)
+def test_what_is_near_enough_or_not_known_is_no_doubt(plant: dict[str, Any], facts: dict[str, Any]) -> None:
+    (finding,) = found(flown_with(identified(**plant)), **facts)
+    assert finding.grade is Grade.PASS
+
+
+def test_without_a_date_no_file_is_old() -> None:
+    (finding,) = found(flown_with(identified(date=date(2000, 1, 1))), None)
+    assert finding.grade is Grade.PASS
+
+
+def test_all_doubts_are_told_at_once() -> None:
+    (finding,) = found(flown_with(identified(date=date(2020, 1, 1), firmware="1.13")))
+    assert "days old; it is of firmware 1.13" in finding.found
+
+
+@pytest.mark.parametrize(
+    ("size", "gain", "doubt"),
+    [
+        (5, 0.0, ""),
+        (6, 0.9, ""),
+        (6, 0.0, "it is of setpoints with velocities beside them, and with its feedforward = 0 none are sent"),
+        (5, 0.9, "it is of setpoints alone, and with its feedforward = 0.9 velocities are sent beside them"),
+    ],
+)
+def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(size: int, gain: float, doubt: str) -> None:
+    mission = flown_with(identified(covariance=[[0.0] * size] * size))
+    changed = [replace(each, plant=replace(each.plant, feedforward=gain)) for each in mission.vehicles]
+    (finding,) = found(replace(mission, vehicles=tuple(changed)))
+    assert finding.grade is (Grade.WARNING if doubt else Grade.PASS)
+    assert finding.found.endswith(f": {doubt}" if doubt else "is good")
+
+
+EXCITED = excitation_mission(CASE2, 2)
+
+
+def test_what_is_flown_to_identify_does_not_rest_on_the_plant_file() -> None:
+    assert found(flown_with(identified(date=date(2000, 1, 1)), EXCITED)) == []
+
+
+def test_a_flight_for_identification_is_judged_by_its_own_box_and_speed() -> None:
+    findings = preflight(EXCITED, [well(2)])
+    assert [each for each in findings if each.grade is not Grade.PASS] == []
+    told = {each.check: each.found for each in findings}
+    foreseen = preview(EXCITED.agent_config(EXCITED.vehicles[0]))
+    assert f"the mission takes {foreseen.speed_m_s:.2f} m/s; " in told["speed limit"]
+    assert f"the mission takes {foreseen.acceleration_m_s2:.2f} m/s²; " in told["acceleration limit"]
+    assert not {"target speed", "ring acceleration", "formation speed"} & set(told)
+    assert extent_m(EXCITED, EXCITED.vehicles[0]) == pytest.approx((17.0**2 + 5.0**2) ** 0.5)
+    assert max(x for x, _ in route(EXCITED, EXCITED.vehicles[0])) == 17.0
+
+
+def test_its_speed_is_held_against_the_autopilots_limit() -> None:
+    slow = {"MPC_XY_VEL_MAX": 1.2}
+    (finding,) = (
+        each
+        for each in preflight(EXCITED, [well(2, parameters=well(2).parameters | slow)])  # type: ignore[operator]  # dicts
+        if each.check == "speed limit"
+    )
+    assert finding.grade is Grade.REFUSE

@@ -1,0 +1,534 @@
+"""The preflight's checks, from facts built by hand: each finding at its threshold, and the words of the grave ones."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from io import StringIO
+from math import pi, sin
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from agents.ports import FlightMode, VehicleStatus
+from gcs.errors import Exit
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from gcs.preflight.findings import (
+    AutopilotKind,
+    EstimatorReport,
+    FenceArea,
+    Finding,
+    GpsFix,
+    Grade,
+    VehicleFacts,
+)
+from gcs.preflight.findings_view import exit_code, findings_json, findings_view
+from gcs.preflight.mission import extent_m
+from gcs.preflight.parameters import parameters_wanted
+from gcs.preflight.preflight import preflight, worst
+
+CASE2 = load_mission("case2")
+PX4 = {
+    "COM_OBL_RC_ACT": 4.0,
+    "COM_OF_LOSS_T": 1.0,
+    "NAV_DLL_ACT": 0.0,
+    "GF_ACTION": 2.0,
+    "GF_MAX_HOR_DIST": 0.0,
+    "GF_MAX_VER_DIST": 0.0,
+    "MPC_XY_VEL_MAX": 12.0,
+    "MPC_ACC_HOR": 3.0,
+}
+ARDUCOPTER = {
+    "FS_THR_ENABLE": 3.0,
+    "FS_GCS_ENABLE": 5.0,
+    "GUID_TIMEOUT": 3.0,
+    "FENCE_ENABLE": 0.0,
+    "FENCE_ACTION": 1.0,
+    "FENCE_TYPE": 7.0,
+    "FENCE_RADIUS": 300.0,
+    "FENCE_ALT_MAX": 100.0,
+    "WPNAV_SPEED": 1000.0,
+    "WPNAV_ACCEL": 250.0,
+    "SYSID_MYGCS": 245.0,
+}
+RATIOS = {"horizontal position": 0.1, "height": 0.05, "velocity": 0.02, "compass": 0.3}
+SURE = EstimatorReport(RATIOS, relative=True, absolute=True)
+HEALTH = ("gyrometer calibration", "local position", "global position", "home position", "arming checks")
+
+
+def well(vehicle_id: int, **changes: Any) -> VehicleFacts:
+    """A vehicle of case 2 with which all is well."""
+    x, y = CASE2.vehicle(vehicle_id).section.start_m
+    facts = VehicleFacts(
+        vehicle_id=vehicle_id,
+        autopilot=AutopilotKind.PX4,
+        multicopter=True,
+        status=VehicleStatus(True, False, False, FlightMode.HOLD, 0.9, True, True),
+        health=dict.fromkeys(HEALTH, True),
+        origin_m=(x, y, 0.0),
+        position_m=(x, y, 0.0),
+        gps=GpsFix(3, 14),
+        estimator=SURE,
+        clock_ratio=1.0,
+        telemetry_rate_hz=20.0,
+        parameters=PX4,
+    )
+    return replace(facts, **changes)
+
+
+def team(**changes: Any) -> tuple[Finding, ...]:
+    """What is found when vehicle 2 differs from what is well."""
+    return preflight(CASE2, (well(1), well(2, **changes), well(3)))
+
+
+def grave(findings: tuple[Finding, ...]) -> list[tuple[str, str, str]]:
+    return [(each.grade.value, each.subject, each.check) for each in findings if each.grade is not Grade.PASS]
+
+
+def changed(**sections: dict[str, Any]) -> Mission:
+    """Case 2 with single settings of its sections changed, past what the loader would let through."""
+    return replace(CASE2, **{n: getattr(CASE2, n).model_copy(update=u) for n, u in sections.items()})
+
+
+def graded(mission: Mission, check: str) -> Finding:
+    (found,) = (each for each in preflight(mission, ()) if each.check == check)
+    return found
+
+
+def test_a_healthy_team_has_no_grave_finding() -> None:
+    findings = team()
+    assert grave(findings) == []
+    assert worst(findings) is Grade.PASS
+    assert all(each.found and not each.next_step for each in findings)
+    assert exit_code(findings) is Exit.HOLDS
+
+
+def test_an_estimator_is_graded_by_its_test_ratios() -> None:
+    (passed,) = (each for each in team() if (each.subject, each.check) == ("vehicle 2", "estimator"))
+    assert passed.found == "its estimator's sensors agree: highest test ratio 0.30, of 1 at most (compass)"
+    shaky = replace(SURE, ratios=RATIOS | {"compass": 0.5, "velocity": 0.51, "height": 1.0})
+    findings = team(estimator=shaky)
+    assert grave(findings) == [("warning", "vehicle 2", "estimator")] * 2
+    assert [each.found for each in findings[:2]] == [
+        "its estimator hardly believes what it is told about its height: test ratio 1.00, of 1 at most",
+        "its estimator hardly believes what it is told about its velocity: test ratio 0.51, of 1 at most",
+    ]
+    findings = team(estimator=replace(SURE, ratios=RATIOS | {"compass": 1.01}))
+    assert grave(findings) == [("refuse", "vehicle 2", "estimator")]
+    assert "rejects what it is told about its compass: test ratio 1.01" in findings[0].found
+    assert "calibrate its compass" in findings[0].next_step
+
+
+@pytest.mark.parametrize(
+    ("change", "grades"),
+    [
+        ({"absolute": False}, ["refuse"]),
+        ({"wrong": ("its accelerometer reads wrong",)}, ["refuse"]),
+        ({"wrong": ("it knows no attitude", "it knows no height")}, ["refuse", "refuse"]),
+        ({"glitch": True}, ["warning"]),
+        ({"ratios": {}}, ["warning"]),
+        ({"relative": False}, []),
+    ],
+)
+def test_an_estimator_that_does_not_know_what_it_should(change: dict[str, Any], grades: list[str]) -> None:
+    findings = team(estimator=replace(SURE, **change))
+    assert grave(findings) == [(grade, "vehicle 2", "estimator") for grade in grades]
+
+
+def test_an_estimator_in_a_local_frame_needs_no_place_on_earth() -> None:
+    indoors = replace(CASE2, frame=CASE2.frame.model_copy(update={"local": True}))
+
+    def found(**change: Any) -> list[str]:
+        facts = well(1, estimator=replace(SURE, absolute=False, **change))
+        return [each.grade.value for each in preflight(indoors, (facts,)) if each.check == "estimator"]
+
+    assert found() == ["pass"]
+    assert found(relative=False) == ["refuse", "pass"]
+
+
+def test_an_estimator_that_is_not_heard_is_a_warning_that_names_the_message() -> None:
+    findings = team(estimator=None)
+    assert grave(findings) == [("warning", "vehicle 2", "estimator")]
+    assert "(ESTIMATOR_STATUS) could not be read" in findings[0].found
+    copter = team(estimator=None, autopilot=AutopilotKind.ARDUPILOT, parameters=ARDUCOPTER)
+    assert any("(EKF_STATUS_REPORT) could not be read" in each.found for each in copter)
+
+
+def test_a_vehicle_without_a_place_is_not_told_so_by_its_estimator_again() -> None:
+    lost = replace(SURE, relative=False, absolute=False)
+    findings = team(estimator=lost, origin_m=None, position_m=None)
+    assert grave(findings) == [("refuse", "vehicle 2", "origin")]
+
+
+def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
+    health = {**dict.fromkeys(HEALTH, True), "local position": False, "global position": False}
+    findings = team(
+        health=health,
+        says="“Preflight Fail: no GPS”",
+        origin_m=None,
+        position_m=None,
+        lost=("did not know where it is within 5 s (local position, global position)", "wait for GPS, or check it"),
+        gps=GpsFix(0, 0),
+        telemetry_rate_hz=None,
+    )
+    told = [(each.found, each.next_step) for each in findings if each.grade is Grade.REFUSE]
+    assert told == [
+        (
+            "GPS: no fix, 0 satellites",
+            "give it a free view of the sky and wait a few minutes; then check its receiver and cable",
+        ),
+        (
+            "it does not know where it is (local position, global position: not well); "
+            "it says “Preflight Fail: no GPS”",
+            "see to its GPS first; with a good fix, restart the autopilot, and look at its messages",
+        ),
+    ]
+    assert {each.subject for each in findings if each.grade is Grade.REFUSE} == {"vehicle 2"}
+    assert exit_code(findings) is Exit.REFUSED
+
+
+def test_arming_checks_that_fail_with_something_else_are_not_told_twice() -> None:
+    health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False, "arming checks": False}
+    told = [each.found for each in team(health=health) if each.grade is Grade.REFUSE]
+    assert told == ["gyrometer calibration: not well"]
+
+
+def test_in_a_local_frame_nobody_asks_for_a_place_on_earth() -> None:
+    local = changed(frame={"local": True, "latitude_deg": None, "longitude_deg": None, "altitude_m": None})
+    far = {"origin_m": (2000.0, 0.0, 0.0), "gps": None}
+    assert grave(preflight(local, [well(i, **far) for i in local.ids])) == []
+    health = {"local position": False, "arming checks": False}
+    (lost,) = (each for each in preflight(local, [well(1, origin_m=None, health=health)]) if each.check == "origin")
+    assert "external position" in lost.next_step
+
+
+def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
+    findings = team(unreachable=("udpin://127.0.0.1:14541 carries system id 1, not 2", "correct the vehicle's id"))
+    assert grave(findings) == [("refuse", "vehicle 2", "link")]
+    assert findings[0].found == "udpin://127.0.0.1:14541 carries system id 1, not 2"
+    assert [each.check for each in findings if each.subject == "vehicle 2"] == ["link", "setpoint lead"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"autopilot": AutopilotKind.OTHER}, [("refuse", "autopilot")]),
+        ({"multicopter": False}, [("refuse", "airframe")]),
+        ({"health": {}}, [("refuse", "health")]),
+        ({"position_m": None, "origin_m": None}, [("refuse", "origin")]),
+        ({"origin_m": (900.0, 500.0, 0.0)}, [("warning", "origin")]),
+        ({"gps": GpsFix(3, 7)}, [("warning", "gps")]),
+        ({"gps": GpsFix(2, 9)}, [("warning", "gps")]),
+        ({"gps": None}, []),
+        ({"telemetry_rate_hz": 15.9}, [("warning", "telemetry")]),
+        ({"telemetry_rate_hz": 16.0}, []),
+        ({"telemetry_rate_hz": 7.9}, [("refuse", "telemetry")]),
+        ({"clock_ratio": None}, [("warning", "clock")]),
+        ({"clock_ratio": 1.05}, [("warning", "clock")]),
+    ],
+)
+def test_what_is_not_well_with_one_vehicle(changes: dict[str, Any], expected: list[tuple[str, str]]) -> None:
+    assert [(grade, check) for grade, _, check in grave(team(**changes))] == expected
+
+
+@pytest.mark.parametrize(
+    ("status", "expected"),
+    [
+        ({"armed": True}, [("refuse", "armed")]),
+        ({"in_air": True}, [("refuse", "armed")]),
+        ({"mode": FlightMode.READY}, []),
+        ({"mode": FlightMode.OTHER}, [("warning", "mode")]),
+        ({"battery": None}, [("warning", "battery")]),
+        ({"battery": 0.5}, []),
+        ({"battery": 0.49}, [("warning", "battery")]),
+        ({"battery": 0.25}, [("warning", "battery")]),
+        ({"battery": 0.24}, [("refuse", "battery")]),
+    ],
+)
+def test_what_is_not_well_with_its_status(status: dict[str, Any], expected: list[tuple[str, str]]) -> None:
+    findings = team(status=replace(well(2).status, **status))
+    assert [(grade, check) for grade, _, check in grave(findings)] == expected
+
+
+@pytest.mark.parametrize(
+    ("off_m", "expected"),
+    [
+        (1.9, []),
+        (2.1, [("warning", "mission", "origin agreement"), ("warning", "vehicle 2", "start")]),
+        (10.1, [("refuse", "mission", "origin agreement"), ("refuse", "vehicle 2", "start")]),
+    ],
+)
+def test_a_vehicle_beside_its_start(off_m: float, expected: list[tuple[str, str, str]]) -> None:
+    assert grave(team(position_m=(-off_m, 0.0, 0.0))) == expected
+
+
+@pytest.mark.parametrize(("mode", "grade"), [(FlightMode.HOLD, "refuse"), (FlightMode.LAND, "warning")])
+def test_arming_checks_depend_on_the_mode(mode: FlightMode, grade: str) -> None:
+    health = {**dict.fromkeys(HEALTH, True), "arming checks": False}
+    findings = team(health=health, status=replace(well(2).status, mode=mode))
+    assert (grade, "vehicle 2", "health") in grave(findings)
+
+
+def test_a_shift_common_to_all_is_no_disagreement_but_each_is_off() -> None:
+    shifted = [well(i, position_m=(5.0, CASE2.vehicle(i).section.start_m[1], 0.0)) for i in CASE2.ids]
+    assert grave(preflight(CASE2, shifted)) == [("warning", f"vehicle {i}", "start") for i in CASE2.ids]
+
+
+def test_vehicles_too_near_to_each_other_on_the_ground_are_refused() -> None:
+    near = CASE2.safety.separation_m - 0.1
+    x, y = CASE2.vehicle(1).section.start_m
+    findings = team(position_m=(x, y - near, 0.0))
+    assert ("refuse", "mission", "separation on the ground") in grave(findings)
+    assert f"vehicles 1 and 2 are nearest to each other, {near:.1f} m" in "".join(each.found for each in findings)
+
+
+@pytest.mark.parametrize(
+    ("ground_m", "expected"), [(1.9, []), (-2.1, ["warning"]), (6.9, ["warning"]), (7.1, ["refuse"])]
+)
+def test_the_height_of_the_ground(ground_m: float, expected: list[str]) -> None:
+    findings = team(position_m=(*CASE2.vehicle(2).section.start_m, ground_m))
+    assert [grade for grade, _, check in grave(findings) if check == "height"] == expected
+
+
+def test_clocks_of_different_speed_are_refused() -> None:
+    assert grave(team(clock_ratio=4.0)) == [("refuse", "mission", "clocks")]
+    assert grave(preflight(CASE2, [well(i, clock_ratio=4.0) for i in CASE2.ids])) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "grade"),
+    [
+        ("COM_OBL_RC_ACT", 0.0, "warning"),
+        ("COM_OBL_RC_ACT", 3.0, "warning"),
+        ("COM_OBL_RC_ACT", 5.0, None),
+        ("COM_OBL_RC_ACT", 7.0, "refuse"),
+        ("COM_OF_LOSS_T", 0.2, "warning"),
+        ("COM_OF_LOSS_T", 2.0, None),
+        ("COM_OF_LOSS_T", 2.1, "warning"),
+        ("COM_OF_LOSS_T", 5.1, "refuse"),
+        ("NAV_DLL_ACT", 2.0, "warning"),
+        ("NAV_DLL_ACT", 3.0, None),
+        ("NAV_DLL_ACT", 5.0, "refuse"),
+        ("GF_MAX_HOR_DIST", 50.0, "warning"),
+        ("GF_MAX_HOR_DIST", 200.0, None),
+        ("GF_MAX_VER_DIST", 7.0, "warning"),
+        ("GF_MAX_VER_DIST", 8.0, None),
+        ("MPC_XY_VEL_MAX", 0.59, "refuse"),
+        ("MPC_XY_VEL_MAX", 0.61, "warning"),
+        ("MPC_XY_VEL_MAX", 1.0, None),
+        ("MPC_ACC_HOR", 0.02, "refuse"),
+        ("MPC_ACC_HOR", 0.026, "warning"),
+    ],
+)
+def test_px4_parameters(name: str, value: float, grade: str | None) -> None:
+    findings = team(parameters={**PX4, name: value})
+    assert [each[0] for each in grave(findings)] == ([] if grade is None else [grade])
+    assert any(name in each.found for each in findings)
+
+
+@pytest.mark.parametrize(
+    ("changes", "grades"),
+    [
+        ({}, []),
+        ({"FS_THR_ENABLE": 0.0}, ["warning"]),
+        ({"FS_GCS_ENABLE": 0.0}, ["warning"]),
+        ({"FS_GCS_ENABLE": 1.0}, ["warning"]),
+        ({"GUID_TIMEOUT": 6.0}, ["warning"]),
+        ({"FENCE_ENABLE": 1.0}, []),
+        ({"FENCE_ENABLE": 1.0, "FENCE_RADIUS": 50.0}, ["warning"]),
+        ({"FENCE_ENABLE": 1.0, "FENCE_RADIUS": 50.0, "FENCE_TYPE": 5.0}, []),
+        ({"FENCE_ENABLE": 1.0, "FENCE_ALT_MAX": 7.0}, ["warning"]),
+        ({"FENCE_ENABLE": 1.0, "FENCE_ALT_MAX": 7.0, "FENCE_ACTION": 0.0}, []),
+        ({"WPNAV_SPEED": 59.0}, ["refuse"]),
+        ({"WPNAV_SPEED": None, "WP_SPD": 0.59}, ["refuse"]),
+        ({"WPNAV_SPEED": None, "WP_SPD": 10.0}, []),
+        ({"WPNAV_ACCEL": 2.0}, ["refuse"]),
+    ],
+)
+def test_arducopter_parameters(changes: dict[str, float | None], grades: list[str]) -> None:
+    findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
+    assert [each[0] for each in grave(findings)] == grades
+
+
+@pytest.mark.parametrize("kind", [AutopilotKind.PX4, AutopilotKind.ARDUPILOT])
+def test_a_parameter_that_cannot_be_read_is_a_warning_with_its_name(kind: AutopilotKind) -> None:
+    findings = team(autopilot=kind, parameters={})
+    told = " ".join(each.found for each in findings if each.grade is Grade.WARNING)
+    assert worst(findings) is Grade.WARNING
+    assert [name for names in parameters_wanted(kind) for name in names if name not in told] == []
+
+
+def test_a_fence_that_terminates_is_refused_only_where_it_is_in_force() -> None:
+    assert grave(team(parameters={**PX4, "GF_ACTION": 4.0})) == []
+    limits = {"GF_ACTION": 4.0, "GF_MAX_HOR_DIST": 500.0}
+    assert grave(team(parameters={**PX4, **limits})) == [("refuse", "vehicle 2", "fence")]
+    assert grave(team(parameters={**PX4, **limits, "GF_ACTION": 1.0, "GF_MAX_HOR_DIST": 1.0})) == []
+
+
+def test_the_extent_reaches_around_the_target_at_its_end_or_to_the_end_of_the_line() -> None:
+    # The target goes from (35, -5) to (95, -5) in 600 s; vehicle 2 starts at (0, 0).
+    assert extent_m(CASE2, CASE2.vehicle(2)) == pytest.approx(120.0)
+    still = changed(target={"velocity_m_s": (0.0, 0.0)}, formation={"speed_m_s": 0.01})
+    assert extent_m(still, still.vehicle(2)) == pytest.approx((35.0**2 + 5.0**2) ** 0.5 + 10.0)
+
+
+def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
+    chord = 2.0 * 10.0 * sin(pi / 3.0)
+    roomy = changed(safety={"separation_m": 12.0}, own_filter={"position_noise_m": 0.1})
+    tight = changed(safety={"separation_m": 17.0}, own_filter={"position_noise_m": 0.1})
+    worse = changed(safety={"separation_m": 17.0}, own_filter={"position_noise_m": 0.2})
+    assert [graded(each, "ring spacing").grade for each in (roomy, tight, worse)] == [
+        Grade.PASS,
+        Grade.WARNING,
+        Grade.REFUSE,
+    ]
+    found = graded(worse, "ring spacing")
+    assert found.subject == "mission"
+    assert found.found == (
+        f"3 vehicles on a ring of 10 m are {chord:.2f} m apart; they need 17 m of separation "
+        "and 0.57 m for the error of their positions"
+    )
+    assert found.next_step == "widen encirclement.radius_m to 12.1 m, fly fewer vehicles, or lower safety.separation_m"
+
+
+@pytest.mark.parametrize(
+    ("sections", "check", "grade"),
+    [
+        ({"target": {"velocity_m_s": (2.6, 0.0)}}, "target speed", Grade.REFUSE),
+        ({"target": {"velocity_m_s": (0.0, -2.4)}}, "target speed", Grade.WARNING),
+        ({"encirclement": {"angular_rate_rad_s": -0.46}}, "ring acceleration", Grade.REFUSE),
+        ({"encirclement": {"angular_rate_rad_s": 0.41}}, "ring acceleration", Grade.WARNING),
+        ({"formation": {"speed_m_s": 2.1}}, "formation speed", Grade.REFUSE),
+        ({"formation": {"speed_m_s": 1.7}}, "formation speed", Grade.WARNING),
+        ({"formation": {"spacing_m": 1.0}}, "line spacing", Grade.REFUSE),
+    ],
+)
+def test_missions_beyond_their_own_limits(sections: dict[str, Any], check: str, grade: Grade) -> None:
+    assert graded(changed(**sections), check).grade is grade
+
+
+def test_a_lead_that_is_held_too_short_is_refused_for_the_plant() -> None:
+    # 0.6 m/s with a1/a0 = 0.87/0.8, and 0.025 m/s² inwards: 0.653 m.
+    assert "0.65 m ahead" in "".join(each.found for each in preflight(CASE2, ()))
+    short = preflight(changed(safety={"setpoint_lead_max_m": 0.6}), ())
+    assert [each for each in grave(short) if each[2] == "setpoint lead"] == [
+        ("refuse", f"vehicle {i}", "setpoint lead") for i in CASE2.ids
+    ]
+
+
+def test_the_gravest_come_first_and_all_is_told_to_people_and_to_scripts() -> None:
+    findings = team(multicopter=False, status=replace(well(2).status, battery=0.3))
+    assert [each.grade for each in findings[:3]] == [Grade.REFUSE, Grade.WARNING, Grade.PASS]
+    told = json.loads(findings_json("case2", findings))
+    assert (told["mission"], told["grade"], len(told["findings"])) == ("case2", "refuse", len(findings))
+    assert told["findings"][1] == {
+        "grade": "warning",
+        "subject": "vehicle 2",
+        "check": "battery",
+        "found": "its battery is at 30%",
+        "why": "its failsafe would take it out of the team in mid-flight",
+        "next_step": "charge or change the battery",
+    }
+
+
+def test_people_read_reason_and_next_step_only_of_what_is_not_well(rendered: Callable[[object], str]) -> None:
+    text = rendered(findings_view("case2", team(multicopter=False)))
+    assert text.count("why: ") == text.count("next: ") == 1
+    lines = text.splitlines()
+    assert lines[0].split()[:3] == ["refuse", "vehicle", "2"]
+    assert lines[-1].startswith("case2: not fit to fly (1 refuse, 0 warning, ")
+    assert sum("it is a multicopter" in line for line in lines) == 1, "what is the same is told once"
+    assert any("vehicles 1, 3" in line and "it is a multicopter" in line for line in lines)
+
+
+@pytest.fixture
+def rendered() -> Callable[[object], str]:
+    def render(renderable: object) -> str:
+        console = Console(width=120, file=StringIO())
+        with console.capture() as captured:
+            console.print(renderable)
+        return captured.get().strip()
+
+    return render
+
+
+def test_a_finding_to_act_on_says_why_and_what_next() -> None:
+    with pytest.raises(ValueError, match="without a reason"):
+        Finding(Grade.WARNING, "mission", "battery", "it is low")
+
+
+def test_facts_hold_finite_numbers() -> None:
+    with pytest.raises(ValueError, match="vehicle 2"):
+        well(2, position_m=(0.0, float("nan"), 0.0))
+    with pytest.raises(ValueError, match="vehicle 2"):
+        well(2, parameters={"COM_OF_LOSS_T": float("inf")})
+
+
+# The ground station that a failsafe watches, and the fence's areas
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"SYSID_MYGCS": 255.0}, ["SYSID_MYGCS = 255: its ground station failsafe watches system 255"]),
+        ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 255.0}, ["MAV_GCS_SYSID = 255"]),
+        ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 245.0}, []),
+        ({"SYSID_MYGCS": 255.0, "FS_GCS_ENABLE": 0.0}, []),
+    ],
+)
+def test_an_arducopter_whose_failsafe_watches_another_station(
+    changes: dict[str, float | None], expected: list[str]
+) -> None:
+    findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
+    told = [each for each in findings if each.check == "ground station id" and each.grade is Grade.WARNING]
+    assert len(told) == len(expected)
+    for finding, words in zip(told, expected, strict=True):
+        assert finding.found.startswith(words)
+        assert finding.next_step.endswith(" = 245")
+
+
+def square(half_m: float, *, stay_in: bool, about: tuple[float, float] = (50.0, 0.0)) -> FenceArea:
+    x, y = about
+    corners = ((x - half_m, y - half_m), (x + half_m, y - half_m), (x + half_m, y + half_m), (x - half_m, y + half_m))
+    return FenceArea(corners, stay_in)
+
+
+WIDE = square(90.0, stay_in=True)
+
+
+@pytest.mark.parametrize(
+    ("areas", "expected"),
+    [
+        ((WIDE,), ["pass"]),
+        ((square(50.5, stay_in=True),), ["warning"]),
+        ((square(50.5, stay_in=True), WIDE), ["pass"]),
+        ((WIDE, square(3.0, stay_in=False)), ["warning"]),
+        ((WIDE, square(3.0, stay_in=False, about=(50.0, 60.0))), ["pass"]),
+        ((), []),
+        (None, ["warning"]),
+    ],
+)
+def test_the_areas_of_the_fence(areas: tuple[FenceArea, ...] | None, expected: list[str]) -> None:
+    findings = team(fence_areas=areas)
+    assert [each.grade.value for each in findings if each.check == "fence areas"] == expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "acts"),
+    [
+        (AutopilotKind.PX4, {**PX4, "GF_ACTION": 1.0}, False),
+        (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0}, True),
+        (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0}, False),
+    ],
+)
+def test_areas_of_a_fence_that_does_not_act_are_none(
+    kind: AutopilotKind, parameters: dict[str, float], acts: bool
+) -> None:
+    findings = team(autopilot=kind, parameters=parameters, fence_areas=(square(5.0, stay_in=True),))
+    assert bool([each for each in findings if each.check == "fence areas"]) is acts
+
+
+def test_an_area_is_a_polygon_of_finite_corners() -> None:
+    with pytest.raises(ValueError, match="three corners"):
+        FenceArea(((0.0, 0.0), (1.0, 0.0)), True)

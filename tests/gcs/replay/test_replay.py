@@ -1,0 +1,426 @@
+"""Replays of recorded flights: identical, or different at exactly the tick and in the field that was changed."""
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from math import inf, nextafter
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import pytest
+
+from agents.control.plan import Plan
+from agents.control.planner import Planner
+from agents.ports import FlightMode, VehicleStatus
+from agents.situation.situation import Situation
+from agents.tactics import Event, Tactic
+from agents.tape import (
+    Autopilot,
+    Bus,
+    Command,
+    CoreInput,
+    Killed,
+    LateTicks,
+    Message,
+    Patience,
+    Presence,
+    Start,
+    Tick,
+    Told,
+)
+from agents.team.messages import (
+    CommandAnswer,
+    Muster,
+    NeighbourAngle,
+    OperatorCommand,
+    TargetPackage,
+    encode,
+)
+from estimation.state import Sighting, Telemetry
+from gcs.cli.app import main
+from gcs.flightlog.reader import FlightLog, LogRecord, read_log
+from gcs.flightlog.records import (
+    Decision,
+    Run,
+    Sent,
+    Version,
+)
+from gcs.mission.file import load_mission
+from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, close
+from gcs.replay.cores import VehicleReplay, replay
+from gcs.replay.words import input_words, mission_time
+from tests.support.flight_logs import (
+    engaging,
+    record_simulation,
+    reencoded,
+    rewrite,
+)
+
+pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
+
+SECONDS, TICKS = 12.0, 121
+Ran = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def case2(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
+    path = tmp_path_factory.mktemp("logs") / "case2.mcap"
+    record_simulation(engaging("case2"), path, seed=1, duration_s=SECONDS)
+    return read_log(path)
+
+
+@pytest.fixture
+def copy(case2: FlightLog) -> FlightLog:
+    """The same log, of which records may be changed in place."""
+    return FlightLog(case2.path, list(case2.run_records), {i: list(each) for i, each in case2.vehicles.items()})
+
+
+@pytest.fixture
+def cordon(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ran:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["cordon", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return int(ended.value.code or 0), *capsys.readouterr()
+
+    return run
+
+
+def nth(records: Sequence[LogRecord], kind: type, count: int) -> int:
+    """Return the place of the n-th record of a kind, counted from 1."""
+    return [place for place, record in enumerate(records) if record.kind is kind][count - 1]
+
+
+def ticks_before(records: Sequence[LogRecord], place: int) -> int:
+    return sum(record.kind is Tick for record in records[:place])
+
+
+def change_decision(log: FlightLog, vehicle_id: int, tick: int, **fields: Any) -> None:
+    records = log.vehicles[vehicle_id]
+    place = nth(records, Decision, tick)
+    records[place] = reencoded(records[place], msgspec.structs.replace(records[place].read(Decision), **fields))
+
+
+def other_osqp(log: FlightLog) -> None:
+    (record,) = log.run_records[:1]
+    run = record.read(Run)
+    versions = tuple(Version(each.name, "0.1") if each.name == "osqp" else each for each in run.versions)
+    log.run_records[0] = reencoded(record, msgspec.structs.replace(run, versions=versions))
+
+
+def of(log: FlightLog, vehicle_id: int) -> VehicleReplay:
+    return next(vehicle for vehicle in replay(log).vehicles if vehicle.vehicle_id == vehicle_id)
+
+
+# Identical
+
+
+@pytest.mark.parametrize("name", ["case1", "case2", "case2-field"])
+def test_a_recorded_flight_is_replayed_bit_for_bit(name: str, tmp_path: Path, cordon: Ran) -> None:
+    mission = load_mission(name) if name == "case1" else engaging(name)
+    record = record_simulation(mission, tmp_path / "log.mcap", seed=1, duration_s=SECONDS)
+    engaged = {name: "encircle" in vehicle.tactic for name, vehicle in enumerate(record.vehicles)}
+    assert any(engaged.values()) == (name != "case1")
+    code, out, err = cordon("replay", str(tmp_path / "log.mcap"), "--json")
+    result = json.loads(out)
+    assert (code, result["same"], result["tolerance"]) == (0, True, None)
+    counts = [(each["id"], each["ticks"], each["compared"], each["identical"]) for each in result["vehicles"]]
+    assert counts == [(vehicle_id, TICKS, TICKS, TICKS) for vehicle_id in (1, 2, 3)]
+    assert "bit for bit" in err
+
+
+def test_every_tick_of_every_vehicle_is_shown_to_whoever_counts(case2: FlightLog) -> None:
+    seen: list[None] = []
+    replay(case2, lambda: seen.append(None))
+    assert len(seen) == 3 * TICKS
+
+
+# Different
+
+
+def test_one_changed_telemetry_is_found_at_the_next_tick(case2: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+    place = nth(case2.vehicles[2], Telemetry, 117)
+    before = case2.vehicles[2][place].read(Telemetry)
+    x, y, z = before.position_m
+    after = msgspec.structs.replace(before, position_m=(x + 1e-9, y, z))
+    path = tmp_path / "changed.mcap"
+    rewrite(case2, path, 2, lambda record: after if record is case2.vehicles[2][place] else record.read(record.kind))
+    code, out, err = cordon("replay", str(path), "--json")
+    result = json.loads(out)
+    one, two, three = result["vehicles"]
+    assert (code, result["same"]) == (1, False)
+    assert (one["difference"], three["difference"]) == (None, None)
+    tick = ticks_before(case2.vehicles[2], place) + 1
+    found = two["difference"]
+    assert (found["tick"], found["time_s"]) == (tick, pytest.approx((tick - 1) / 10.0))
+    (belief,) = (field for field in found["fields"] if field["field"] == "own.mean[0]")
+    assert 0.0 < belief["replayed"] - belief["recorded"] < 1e-9, "a filter believes a part of what it measures"
+    assert f"telemetry of {before.time_s:.3f} s: at ({x:.3f}, {y:.3f}, {z:.3f}) m" in " ".join(found["inputs"])
+    assert f"vehicle 2: first difference: tick {tick}, {(tick - 1) / 10:.3f} s" in err
+    assert "setpoint.position_m[0]" in err
+
+
+def test_one_changed_bit_of_a_decision_is_found_there_and_nowhere_else(copy: FlightLog) -> None:
+    decision = copy.vehicles[3][nth(copy.vehicles[3], Decision, 110)].read(Decision)
+    assert decision.setpoint is not None
+    x, y, z = decision.setpoint.position_m
+    changed = msgspec.structs.replace(decision.setpoint, position_m=(x, nextafter(y, inf), z))
+    change_decision(copy, 3, 110, setpoint=changed)
+    vehicle = of(copy, 3)
+    assert vehicle.difference is not None
+    assert vehicle.difference.moment.tick == 110
+    assert [each.field for each in vehicle.difference.fields] == ["setpoint.position_m[1]"]
+    assert vehicle.difference.fields[0].recorded == nextafter(y, inf)
+    assert vehicle.difference.fields[0].replayed == y
+    assert (vehicle.compared, vehicle.identical) == (TICKS, TICKS - 1)
+    assert isinstance(vehicle.difference.moment.inputs[-1], Tick)
+    assert len([each for each in vehicle.difference.moment.inputs if isinstance(each, Tick)]) == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "found"),
+    [
+        ({"tactic": "hold"}, "tactic"),
+        ({"alert": "bus lost"}, "alert"),
+        ({"own": None}, "own"),
+        ({"peers": (1,)}, "peers"),
+        ({"mixing": -0.0}, "mixing"),
+        ({"messages_dropped": 7}, "messages_dropped"),
+        ({"guard": None}, "guard"),
+    ],
+)
+def test_every_kind_of_field_is_compared(fields: dict[str, Any], found: str, copy: FlightLog) -> None:
+    change_decision(copy, 2, 1, **fields)
+    vehicle = of(copy, 2)
+    assert vehicle.difference is not None
+    assert (vehicle.difference.moment.tick, vehicle.difference.fields[0].field) == (1, found)
+
+
+def test_a_changed_message_is_told_by_what_it_says(copy: FlightLog) -> None:
+    decision = copy.vehicles[2][nth(copy.vehicles[2], Decision, 100)].read(Decision)
+    assert b"encircle" in decision.sent[0].payload
+    garbled = Sent(decision.sent[0].topic, decision.sent[0].payload.replace(b"encircle", b"encirclE"))
+    change_decision(copy, 2, 100, sent=(garbled, *decision.sent[1:]))
+    difference = of(copy, 2).difference
+    assert difference is not None
+    assert [each.field for each in difference.fields] == ["sent[0].message.tactic"]
+
+
+# Other versions
+
+
+def test_other_versions_are_compared_within_the_tolerance(copy: FlightLog) -> None:
+    place = nth(copy.vehicles[2], Decision, 80)
+    decision = copy.vehicles[2][place].read(Decision)
+    assert decision.setpoint is not None
+    x, y, z = decision.setpoint.position_m
+    other_osqp(copy)
+    for off_m, same in ((0.9 * TOLERANCE, True), (1.1 * TOLERANCE, False)):
+        change_decision(copy, 2, 80, setpoint=msgspec.structs.replace(decision.setpoint, position_m=(x + off_m, y, z)))
+        result = replay(copy)
+        assert result.same is same
+        (told,) = result.other_versions
+        assert told.startswith("osqp 0.1 then, ")
+
+
+def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+    run = msgspec.structs.replace(case2.run, versions=(*case2.run.versions[:-1], Version("machine", "abacus")))
+    path = tmp_path / "elsewhere.mcap"
+    rewrite(case2, path, 0, lambda record: run if record.kind is Run else record.read(record.kind))
+    code, out, err = cordon("replay", str(path), "--json")
+    assert (code, json.loads(out)["tolerance"]) == (0, TOLERANCE)
+    assert "machine abacus then" in " ".join(err.split())
+    assert f"within {TOLERANCE:g}" in err
+
+
+@pytest.mark.parametrize(
+    ("field", "one", "other", "same"),
+    [
+        ("own.mean[0]", 1.0, 1.0 + 0.9 * TOLERANCE, True),
+        ("own.covariance[0]", 1.0, 1.0 + 2.0 * COVARIANCE_TOLERANCE, False),
+        ("notes[0].because", "moved by 0.53 m", "moved by 0.54 m", True),
+        ("notes[0].because", "moved by 0.53 m", "moved by 0.55 m", False),
+        ("notes[0].text", "vehicle 1", "vehicle 2", False),
+        ("notes[0].text", "hold", "land", False),
+        ("messages_dropped", 3, 4, False),
+        ("own", None, 1.0, False),
+    ],
+)
+def test_what_is_close(field: str, one: object, other: object, same: bool) -> None:
+    assert close(field, one, other) is same
+
+
+# Logs that are not whole
+
+
+def test_from_a_gap_on_nothing_is_compared(copy: FlightLog) -> None:
+    records = copy.vehicles[2]
+    place = nth(records, Telemetry, 60)
+    number, tick = records[place].plain()["number"], ticks_before(records, place)
+    del records[place]
+    result = replay(copy)
+    one, two, three = result.vehicles
+    assert (two.ticks, two.compared, two.identical) == (TICKS, tick, tick)
+    assert two.gap == f"record {number} is missing: from tick {tick + 1} on it cannot be compared"
+    assert (two.difference, one.gap, three.gap) == (None, "", "")
+    assert one.compared == three.compared == TICKS
+
+
+def test_several_missing_records_are_told_together(copy: FlightLog) -> None:
+    del copy.vehicles[2][4:7]
+    assert of(copy, 2).gap.startswith("records 5 to 7 are missing")
+
+
+def test_a_damaged_record_is_a_gap(copy: FlightLog) -> None:
+    place = nth(copy.vehicles[2], Telemetry, 60)
+    copy.vehicles[2][place] = copy.vehicles[2][place]._replace(payload=b"\xff\xff\xff")
+    vehicle = of(copy, 2)
+    assert "telemetry) cannot be read" in vehicle.gap
+    assert vehicle.compared == ticks_before(copy.vehicles[2], place)
+
+
+def test_a_log_that_ends_within_a_tick_is_replayed_to_there(copy: FlightLog) -> None:
+    del copy.vehicles[2][nth(copy.vehicles[2], Tick, 100) + 1 :]
+    vehicle = of(copy, 2)
+    assert (vehicle.ticks, vehicle.compared, vehicle.identical) == (100, 99, 99)
+    assert (vehicle.gap, vehicle.difference, vehicle.failure) == ("", None, None)
+
+
+# Cores that fail
+
+
+def failing_from(monkeypatch: pytest.MonkeyPatch, at_s: float) -> None:
+    plan = Planner.plan
+
+    def failing(planner: Planner, tactic: Tactic, situation: Situation, height_m: float) -> Plan:
+        if situation.now_s >= at_s:
+            raise ZeroDivisionError("no such plan")
+        return plan(planner, tactic, situation, height_m)
+
+    monkeypatch.setattr(Planner, "wish", failing)
+
+
+def test_a_failure_that_was_recorded_is_reported_with_its_inputs(
+    copy: FlightLog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del copy.vehicles[2][nth(copy.vehicles[2], Tick, 101) + 1 :]
+    failing_from(monkeypatch, 10.0)
+    vehicle = of(copy, 2)
+    assert vehicle.failure is not None
+    assert vehicle.failure.error == "ZeroDivisionError: no such plan"
+    assert vehicle.failure.recorded
+    assert (vehicle.failure.moment.tick, vehicle.failure.moment.time_s) == (101, 10.0)
+    assert (vehicle.compared, vehicle.identical, vehicle.difference) == (100, 100, None)
+
+
+def test_a_failure_that_was_not_recorded_is_a_difference(
+    case2: FlightLog, monkeypatch: pytest.MonkeyPatch, cordon: Ran
+) -> None:
+    failing_from(monkeypatch, 10.0)
+    code, out, err = cordon("replay", str(case2.path), "--json")
+    vehicle = json.loads(out)["vehicles"][0]
+    assert code == 1
+    assert (vehicle["failure"]["tick"], vehicle["failure"]["recorded"], vehicle["identical"]) == (101, False, 100)
+    assert vehicle["difference"]["fields"][0] == {"field": "", "recorded": "a decision", "replayed": "no decision"}
+    assert "its core fails" in err
+    assert "ZeroDivisionError: no such plan" in err
+
+
+def test_a_tick_without_a_decision_in_mid_flight_is_a_difference(copy: FlightLog) -> None:
+    """A core that failed when it was recorded, and does not fail any more."""
+    records = copy.vehicles[2]
+    del records[nth(records, Decision, 100)]
+    for place, record in enumerate(records):
+        records[place] = reencoded(record, record.read(record.kind), number=place + 1)
+    vehicle = of(copy, 2)
+    assert vehicle.difference is not None
+    assert vehicle.difference.moment.tick == 100
+    assert vehicle.difference.fields[0].recorded == "no decision"
+    assert (vehicle.compared, vehicle.identical) == (TICKS, TICKS - 1), "what comes after it is as it was"
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--explain", "9"), "--explain: the log has no records of a vehicle 9 (it has 1, 2, 3)"),
+        (("--set", "own_filter.gate_sigm=3"), "gate_sigm: unknown key; did you mean 'gate_sigma'?"),
+        (("--set", "own_filtr.gate_sigma=3"), "own_filtr: unknown key; did you mean 'own_filter'?"),
+        (("--set", "safety.guard=false"), "safety: unknown key; known keys: own_filter, target_filter"),
+        (("--set", "own_filter.gate_sigma=nothing"), "own_filter.gate_sigma: 'nothing' is no value"),
+        (("--set", "own_filter.gate_sigma=3\nx=1"), "own_filter.gate_sigma: "),
+        (("--set", "target_filter.gate_sigma=-3"), "gate_sigma: it must be greater than 1 (given: -3)"),
+        (("--set", "own_filter.gate_sigma"), "it must be KEY=VALUE"),
+    ],
+)
+def test_what_cannot_be_done_is_told(arguments: tuple[str, ...], told: str, case2: FlightLog, cordon: Ran) -> None:
+    code, out, err = cordon("replay", str(case2.path), *arguments)
+    assert (code, out) == (2, "")
+    assert told in err
+
+
+def test_all_faults_are_told_at_once(case2: FlightLog, cordon: Ran) -> None:
+    faults = ("own_filter.gate=3", "target_filter.gate_sigma=0", "nonsense")
+    code, _, err = cordon("replay", str(case2.path), *(word for fault in faults for word in ("--set", fault)))
+    assert (code, len(err.splitlines())) == (2, 3)
+
+
+def test_a_log_without_a_vehicle_is_bad_input(copy: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+    copy.vehicles.clear()
+    rewrite(copy, tmp_path / "empty.mcap", 0, lambda record: record.read(record.kind))
+    code, _, err = cordon("replay", str(tmp_path / "empty.mcap"))
+    assert code == 2
+    assert "no vehicle's control loop was recorded" in err
+
+
+def test_a_mission_that_is_refused_now_is_bad_input(case2: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+    run = msgspec.structs.replace(case2.run, mission_text=case2.run.mission_text.replace("radius_m", "radios_m"))
+    path = tmp_path / "refused.mcap"
+    rewrite(case2, path, 0, lambda record: run if record.kind is Run else record.read(record.kind))
+    code, _, err = cordon("replay", str(path))
+    assert code == 2
+    assert "its mission: encirclement.radios_m: unknown key; did you mean 'radius_m'?" in err
+
+
+def test_a_file_that_is_not_there_is_bad_input(tmp_path: Path, cordon: Ran) -> None:
+    code, _, err = cordon("replay", str(tmp_path / "none.mcap"))
+    assert (code, "No such file" in err) == (2, True)
+
+
+# Words
+
+STATUS = VehicleStatus(connected=True, armed=True, mode=FlightMode.OFFBOARD, battery=0.5)
+ITEMS: dict[CoreInput, str] = {
+    Patience(10.0): "what comes over links may take 10 times as long",
+    Start(100.0): "the mission starts at 0.000 s",
+    Told(Event.END): "end",
+    Autopilot(STATUS): "autopilot: connected, armed, on the ground, mode offboard, battery 50%",
+    LateTicks(3): "3 ticks were skipped",
+    Bus(alive=False): "the bus does not work",
+    Telemetry(101.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.5)): "of 1.000 s: at (1.000, 2.000, 3.000) m",
+    Sighting(101.0, 2, (1.0, 2.0), (0.25, 0.0, 0.04), 0.8, 0.2): "at (1.000, 2.000) m, to 0.50 m, importance 0.800",
+    Sighting(101.0, 2, (1.0, 2.0), (0.2, 0.0, 0.2), 0.8, 0.2, 7.5, 0.4): "altitude 7.500 m, to 0.40 m, importance",
+    Message(101.0, b"\xff"): "heard at 1.000 s: 1 bytes that are no message",
+    Message(101.0, encode(NeighbourAngle(3, 100.5, 1.0, 0.05, 10.0))): "vehicle 3 of 0.500 s: on the ring at 1.000 rad",
+    Message(101.0, encode(TargetPackage(3, 100.5, (1.0, 2.0), (1.0, 0.0, 1.0), 0.8, 0.2, ()))): "3 of 0.500 s: sighted",
+    Message(101.0, encode(Muster(3, 100.5, None))): "it is there",
+    Message(101.0, encode(CommandAnswer(3, 100.5, 7, "holds"))): "answers command 7: holds",
+    Message(101.0, encode(OperatorCommand(100.5, "hold", None, "ground", 7))): "ground tells all vehicles: hold",
+    Command(101.0, OperatorCommand(100.5, "land", 2, "ground", 7)): "ground tells vehicle 2: land (command 7)",
+    Command(101.0, OperatorCommand(100.5, "formation", None, "ground", 7, "wedge")): "all vehicles: formation wedge",
+    Killed(101.0, "it flies on"): "motors: it flies on",
+    Presence(3, present=False): "vehicle 3 has gone",
+    Tick(101.0): "tick at 1.000 s",
+}
+
+
+@pytest.mark.parametrize(("item", "words"), ITEMS.items(), ids=lambda each: type(each).__name__)
+def test_every_input_has_words(item: CoreInput, words: str) -> None:
+    assert words in input_words(item, lambda time_s: mission_time(time_s, 100.0))
+
+
+def test_no_kind_of_input_was_forgotten() -> None:
+    assert {type(item) for item in ITEMS} == set(get_args(CoreInput))

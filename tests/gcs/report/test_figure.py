@@ -1,0 +1,177 @@
+"""The figure of a flight: its formats, what is drawn in it, and flights in which there is little to draw."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from math import tau
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import colors, rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from gcs.metrics.metrics import evaluate
+from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
+from gcs.metrics.result import (
+    FlightResult,
+    FormationReference,
+    RingReference,
+    VerdictTolerances,
+)
+from gcs.report import figure as figure_module
+from gcs.report.figure import COLOURS, save_figure
+
+RING = RingReference(10.0, 0.05)
+TIME_S = np.arange(601) / 1.0
+TARGET_M = np.column_stack((35.0 + 0.1 * TIME_S, np.full(TIME_S.size, -5.0)))
+TARGET_M_S = np.tile([0.1, 0.0], (TIME_S.size, 1))
+
+
+def flight(count: int, engaging: int) -> tuple[FlightRecord, FlightResult, FormationReference]:
+    """`count` vehicles in line; from 200 s on the first `engaging` of them jump onto a perfect ring."""
+    slots = {index + 1: (0.0, 5.0 * ((count - 1) / 2 - index)) for index in range(count)}
+    tracks = []
+    for index, (vehicle_id, (x, y)) in enumerate(slots.items()):
+        angle = index * tau / max(engaging, 1) + 0.05 * TIME_S
+        around = np.column_stack((np.cos(angle), np.sin(angle)))
+        forward = np.column_stack((-np.sin(angle), np.cos(angle)))
+        line_m = np.column_stack((x + 0.2 * TIME_S, np.full(TIME_S.size, y)))
+        encircling = (index < engaging) & (TIME_S >= 200.0)
+        position = np.where(encircling[:, None], TARGET_M + 10.0 * around, line_m)
+        velocity = np.where(encircling[:, None], TARGET_M_S + 0.5 * forward, [0.2, 0.0])
+        tracks.append(VehicleTrack(vehicle_id, position, velocity, np.where(encircling, "encircle", "formation")))
+    loop = LoopStatistics(10.0, 0, 0)
+    flown = FlightRecord("case2", 0, "simulation", "truth", TIME_S, TARGET_M, TARGET_M_S, tuple(tracks), loop, 6.0)
+    formation = FormationReference(0.2, slots)
+    tolerances = VerdictTolerances(0.2, 0.002, 2.0, 0.05, 0.25, 3.0)
+    return flown, evaluate(flown, RING, formation, tolerances), formation
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Figure]:
+    """Collect the figures that save_figure writes."""
+    figures: list[Figure] = []
+    save = Figure.savefig
+
+    def keep(self: Figure, *args: object, **kwargs: object) -> None:
+        figures.append(self)
+        save(self, *args, **kwargs)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return figures
+
+
+def panel(figure: Figure, title: str) -> Axes:
+    (axes,) = [axes for axes in figure.axes if title in axes.get_title(loc="left")]
+    return axes
+
+
+@pytest.mark.parametrize(
+    ("name", "magic"), [("a.png", b"\x89PNG"), ("b.svg", b"<?xml"), ("c.pdf", b"%PDF"), ("d.PNG", b"\x89PNG")]
+)
+def test_the_suffix_chooses_the_format_and_the_file_repeats_byte_for_byte(
+    tmp_path: Path, name: str, magic: bytes
+) -> None:
+    flown, result, formation = flight(3, 3)
+    paths = [tmp_path / name, tmp_path / f"again-{name}"]
+    for path in paths:
+        save_figure(flown, result, RING, path, formation)
+    assert paths[0].read_bytes().startswith(magic)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert b"Date" not in paths[0].read_bytes()
+
+
+def test_another_suffix_is_refused_with_the_list(tmp_path: Path) -> None:
+    flown, result, _ = flight(1, 0)
+    with pytest.raises(ValueError, match=r"'flight\.gif'.*\.png, \.svg, \.pdf"):
+        save_figure(flown, result, RING, tmp_path / "flight.gif")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unwritable_path_is_an_os_error(tmp_path: Path) -> None:
+    flown, result, _ = flight(1, 0)
+    with pytest.raises(FileNotFoundError):
+        save_figure(flown, result, RING, tmp_path / "missing" / "flight.png")
+
+
+def test_the_panels_draw_what_was_flown(tmp_path: Path, drawn: list[Figure]) -> None:
+    flown, result, formation = flight(3, 3)
+    save_figure(flown, result, RING, tmp_path / "flight.svg", formation)
+    paths = panel(drawn[0], "paths")
+    assert paths.get_aspect() == 1.0
+    by_colour = {str(line.get_color()): line for line in paths.lines if len(np.atleast_1d(line.get_xdata())) > 1}
+    for colour, track in zip(COLOURS, flown.vehicles, strict=False):
+        assert np.array_equal(np.column_stack(by_colour[colour].get_data()), track.position_m)
+    (ring,) = [patch for patch in paths.patches if isinstance(patch, Circle)]
+    assert np.append(ring.get_center(), ring.get_radius()) == pytest.approx([95.0, -5.0, 10.0])
+    for title, wanted in (("Speed", 0.2), ("Radius", 10.0), ("Angular velocity", 0.05), ("separation", 120.0)):
+        lines = [np.asarray(line.get_ydata(), dtype=float) for line in panel(drawn[0], title).lines]
+        assert len(lines) >= 4
+        assert all(np.nanmax(np.abs(values - wanted)) < 1e-9 for values in lines)
+
+
+def test_every_axis_states_its_unit(tmp_path: Path, drawn: list[Figure]) -> None:
+    flown, result, formation = flight(3, 3)
+    save_figure(flown, result, RING, tmp_path / "flight.png", formation)
+    labels = [label for axes in drawn[0].axes for label in (axes.get_xlabel(), axes.get_ylabel())]
+    assert len(labels) == 10
+    assert all(label.endswith("]") for label in labels)
+
+
+@pytest.mark.parametrize(
+    ("engaging", "said"), [(0, ["nobody engaged"] * 3), (1, ["one vehicle on the ring: nothing to separate"])]
+)
+def test_panels_without_data_say_why(tmp_path: Path, drawn: list[Figure], engaging: int, said: list[str]) -> None:
+    flown, result, _ = flight(3, engaging)
+    save_figure(flown, result, RING, tmp_path / "flight.png")
+    assert [text.get_text() for axes in drawn[0].axes[1:] for text in axes.texts] == said
+
+
+def test_sixteen_vehicles_are_told_apart(tmp_path: Path, drawn: list[Figure]) -> None:
+    flown, result, formation = flight(16, 16)
+    save_figure(flown, result, RING, tmp_path / "flight.png", formation)
+    lines = [line for line in panel(drawn[0], "Radius").lines if str(line.get_label()).startswith("_child")]
+    looks = {(str(line.get_color()), str(line.get_linestyle()), str(line._dash_pattern)) for line in lines}  # type: ignore[attr-defined]
+    assert len(looks) >= 16
+    assert {text.get_text() for text in panel(drawn[0], "paths").texts} == {str(i) for i in range(1, 17)}
+
+
+def test_vehicles_and_targets_not_heard_are_drawn_around(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    flown, _, formation = flight(3, 3)
+    silent = np.full_like(TARGET_M, np.nan)
+    unheard = replace(flown.vehicles[0], position_m=silent, velocity_m_s=silent, tactic=np.full(TIME_S.size, "unknown"))
+    mute = replace(flown, vehicles=(unheard, *flown.vehicles[1:]))
+    tolerances = VerdictTolerances(0.2, 0.002, 2.0, 0.05, 0.25, 3.0)
+    save_figure(mute, evaluate(mute, RING, formation, tolerances), RING, tmp_path / "mute.png")
+    blind = replace(flown, target_position_m=silent, target_velocity_m_s=silent)
+    save_figure(blind, evaluate(blind, RING, formation, tolerances), RING, tmp_path / "blind.png")
+    assert not recwarn.list
+
+
+def test_the_first_three_colours_stay_apart_for_colour_blind_eyes() -> None:
+    """Machado et al. 2009, severity 1, on linear RGB: deuteranopia and protanopia."""
+    linear = np.array([[((c + 0.055) / 1.055) ** 2.4 for c in colors.to_rgb(colour)] for colour in COLOURS[:3]])
+    deuteranopia = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
+    protanopia = np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]])
+    for vision in (deuteranopia, protanopia):
+        seen = linear @ vision.T
+        for first, second in ((0, 1), (0, 2), (1, 2)):
+            assert np.linalg.norm(seen[first] - seen[second]) > 0.15
+
+
+def test_importing_the_module_does_not_import_matplotlib() -> None:
+    code = "import sys, gcs.report.figure; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_style_is_not_left_behind(tmp_path: Path) -> None:
+    flown, result, _ = flight(1, 0)
+    with rc_context({"axes.grid": False}):
+        save_figure(flown, result, RING, tmp_path / "flight.png")
+        from matplotlib import rcParams
+
+        assert rcParams["axes.grid"] is False
+    assert figure_module.STYLE["axes.grid"] is True

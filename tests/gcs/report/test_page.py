@@ -1,0 +1,328 @@
+"""The page of a flight: complete, self-contained, safe to open, small, and silent about what is not known."""
+
+import re
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from gcs.metrics.metrics import evaluate
+from gcs.metrics.result import Verdicts
+from gcs.report.charts.chart import chart
+from gcs.report.charts.inside import draw_yaws
+from gcs.report.charts.metrics import running_rms
+from gcs.report.charts.panels import say, title
+from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
+from gcs.report.page import report_html, write_report
+from gcs.report.sections import flight_of
+from gcs.report.tables import loop_table
+from gcs.report.words import headline, summary, verdicts
+from tests.support.report_evidence import (
+    OWN_SIGMA_M,
+    TARGET_SIGMA_M,
+    TOLERANCES,
+    flown,
+)
+
+NASTY = "<script>alert('&')</script> $x_1$"
+VOID = {"meta", "br", "link", "img", "input", "hr"}
+SECTIONS = [
+    "verdicts",
+    "paper",
+    "errors",
+    "events",
+    "estimates",
+    "loop",
+    "links",
+    "reynolds",
+    "lyapunov",
+    "power",
+    "metrics",
+]
+
+
+class Page(HTMLParser):
+    """What a page consists of; fails on a tag that is closed in the wrong place."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.html = html
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self._open: list[str] = []
+        self.feed(html)
+        self.close()
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(" ".join(data.split()))
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+    @property
+    def text(self) -> str:
+        return " ".join(filter(None, self.texts))
+
+
+@pytest.fixture(scope="module")
+def ten_minutes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
+    """The report of ten minutes of three vehicles at 20 Hz, and the processor time it took.
+
+    Its name is a nasty one, and two of its verdicts do not hold.
+    """
+    path = tmp_path_factory.mktemp("report") / "flight.html"
+    evidence, _, asked = flown(3, mission=NASTY)
+    strict = replace(asked, tolerances=replace(TOLERANCES, separation_m=100.0, radius_error_rms_m=0.001))
+    began_s = time.process_time()
+    result = evaluate(evidence.record, strict.ring, strict.formation, strict.tolerances)
+    write_report(evidence, result, strict, path)
+    return path, time.process_time() - began_s
+
+
+@pytest.fixture(scope="module")
+def page(ten_minutes: tuple[Path, float]) -> Page:
+    return Page(ten_minutes[0].read_text(encoding="utf-8"))
+
+
+def longest_line(html: str) -> int:
+    """How many points the longest line of all charts has."""
+    paths: list[str] = re.findall(r' d="([^"]*)"', html)
+    return max(path.count("L") + 1 for path in paths)
+
+
+def test_ten_minutes_of_three_vehicles_are_small_and_soon_written(ten_minutes: tuple[Path, float]) -> None:
+    path, took_s = ten_minutes
+    assert path.stat().st_size < 3_000_000
+    assert took_s < 10.0
+    assert longest_line(path.read_text(encoding="utf-8")) <= 1200
+
+
+def test_ten_minutes_of_sixteen_are_small_too() -> None:
+    html = report_html(*flown(16))
+    assert len(html.encode()) < 6_000_000
+    assert longest_line(html) <= 600
+
+
+def test_the_parts_come_in_order_and_every_link_finds_its_part(page: Page) -> None:
+    assert [each["id"] for each in page.all("section")] == SECTIONS
+    assert [each["href"] for each in page.all("a")] == [f"#{name}" for name in SECTIONS[1:]]
+
+
+def test_nothing_is_fetched_and_nothing_runs(page: Page) -> None:
+    assert "http" not in page.html
+    assert not page.all("script")
+    assert "url(" not in re.sub(r"url\(#\w+\)", "", page.html)
+    for tag, attributes in page.tags:
+        assert tag not in ("link", "img", "iframe", "object", "embed")
+        for name, value in attributes.items():
+            assert not name.startswith("on")
+            assert name not in ("src", "srcset")
+            assert "href" not in name or (value or "").startswith("#")
+
+
+def test_what_users_name_is_text_and_no_markup(page: Page) -> None:
+    assert page.text.count(NASTY) >= 3  # title, heading, summary
+    assert "<b>/tmp/a&b.mcap</b>" in page.text
+    assert "battery <b>low</b>" in page.text
+    assert not page.all("b")
+
+
+def test_ids_are_unique_and_every_reference_inside_a_chart_has_its_aim(page: Page) -> None:
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r"url\(#(\w+)\)", page.html)) <= set(ids)
+    assert {(each["xlink:href"] or "").removeprefix("#") for each in page.all("use")} <= set(ids)
+
+
+def test_charts_and_tables_can_be_read_out(page: Page) -> None:
+    drawn = [each for each in page.all("svg") if each.get("role") == "img"]
+    assert len(drawn) == 26
+    assert all(len(each["aria-label"] or "") > 20 for each in drawn)
+    assert len(page.all("figure")) == len(drawn)
+    assert all(each.get("scope") in ("col", "row") for each in page.all("th"))
+    assert len(page.all("caption")) == len(page.all("table")) >= 8
+    assert page.all("html") == [{"lang": "en"}]
+    assert next(tag for tag, _ in page.tags if re.fullmatch(r"h\d", tag)) == "h1"
+
+
+def test_the_vehicles_keep_the_papers_colours_in_every_key(page: Page) -> None:
+    strokes = [each["stroke"] for each in page.all("path") if each.get("stroke-width") == "3"]
+    assert strokes[:3] == ["#0077BB", "#CC3311", "#009E73"]
+    assert strokes == strokes[:3] * (len(strokes) // 3)
+
+
+def test_the_verdicts_say_sign_word_and_evidence_beside_the_tolerance() -> None:
+    _, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    worst_m = max(v.radius_error_rms_m or 0.0 for v in result.vehicles)
+    told = {each.name: each for each in verdicts(result, asked)}
+    assert list(told) == ["C1", "C2", "C3", "formation", "separation"]
+    assert (told["C1"].sign, told["C1"].word) == ("✓", "holds")
+    assert told["C1"].evidence == ((f"{worst_m:.3f} m rms", "at most 0.2 m"),)
+    assert told["C2"].evidence[0][1] == "at most 0.002 rad/s"
+    assert told["C3"].evidence[0][1] == "at most 2°"
+    assert len(told["formation"].evidence) == 2
+    assert told["separation"].evidence == ((f"{result.closest_approach_m:.3f} m", "at least 3 m"),)
+
+
+def test_a_verdict_that_fails_is_told_on_top_and_in_the_summary(page: Page) -> None:
+    assert page.text.count("Two of five verdicts do not hold") == 2
+    assert page.text.count("✗ does not hold") == 2
+    assert page.text.count("✓ holds") == 3
+    assert page.html.index("✗") < page.html.index("<figure>")
+
+
+@pytest.mark.parametrize(
+    ("held", "words"),
+    [
+        ((True, True, True, True, True), "All verdicts hold"),
+        ((True, None, None, True, True), "All three verdicts that apply hold"),
+        ((False, None, None, True, True), "One of three verdicts does not hold"),
+        ((None, None, None, None, None), "No verdict applies"),
+    ],
+)
+def test_the_headline_counts_only_what_applies(held: tuple[bool | None, ...], words: str) -> None:
+    _, result, _ = flown(2, duration_s=60.0, rate_hz=5.0)
+    assert headline(replace(result, verdicts=Verdicts(*held))) == words
+
+
+def test_the_summary_tells_the_flight_in_words() -> None:
+    _, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    told = summary(result, asked).replace("\u00a0", " ")
+    assert told.startswith("Three vehicles flew case2 for 120 s with simulated autopilots.")
+    assert "joined by vehicle 1 after 45.0 s, vehicle 2 after 50.0 s and vehicle 3 after 55.0 s." in told
+    assert "The guard changed 12 setpoints." in told
+    assert "Failsafes spoke once" in told
+
+
+def test_of_beliefs_as_good_as_they_say_nearly_all_lie_within_three_sigmas(page: Page) -> None:
+    """Gaussian errors of a known spread: 99.7 % within three of it, and their rms over two axes sqrt(2) of it."""
+    for sigma_m in (TARGET_SIGMA_M, OWN_SIGMA_M):
+        found = re.findall(rf"(\d\.\d+) \d\.\d+ {3.0 * sigma_m:.3f} (\d+\.\d)%", page.text)
+        assert len(found) == 3
+        for rms_m, share in found:
+            assert float(rms_m) == pytest.approx(sigma_m * 2.0**0.5, rel=0.03)
+            assert float(share) == pytest.approx(99.73, abs=0.2)
+
+
+def test_without_a_truth_no_error_of_their_own_is_claimed() -> None:
+    evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    believed = replace(evidence, record=replace(evidence.record, reference="estimate"))
+    page = Page(report_html(believed, replace(result, reference="estimate"), asked))
+    assert "Nobody knew where the vehicles truly were" in page.text
+    assert "Own position: error" not in page.text
+    assert "belief less the record's target" in page.text
+
+
+def test_what_was_not_kept_is_said_in_a_line_instead_of_drawn() -> None:
+    evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0, engaging=False)
+    page = Page(report_html(FlightEvidence(evidence.record, ()), result, asked))
+    for words in (
+        "nobody engaged",
+        "not measured in this flight",
+        "No vehicle's belief of the target was kept.",
+        "The timing of the control loops was not kept.",
+        "What was heard, and when, was not kept.",
+        "There were never two vehicles on the ring",
+        "Neither heights nor batteries were kept.",
+    ):
+        assert words in page.text
+    titles = page.text
+    assert "Radius about the target (figure 3, 5), Angular velocity (figure 3, 5)" in titles
+    assert len(page.all("figure")) == 10
+
+
+def test_noses_that_turn_are_drawn_and_no_line_crosses_the_chart_where_a_yaw_wraps() -> None:
+    evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    assert "Yaw of the setpoints" not in Page(report_html(evidence, result, asked)).text
+    first, *others = evidence.vehicles
+    turning_rad = (0.1 * first.loop.time_s + np.pi) % (2.0 * np.pi) - np.pi
+    loop = replace(first.loop, yaw_rad=turning_rad)
+    turned = replace(evidence, vehicles=(replace(first, loop=loop), *others))
+    assert "Yaw of the setpoints" in Page(report_html(turned, result, asked)).text
+    axes = Figure().subplots()
+    draw_yaws(axes, flight_of(turned, result, asked).sheet, turned)
+    drawn_deg = axes.lines[0].get_ydata()
+    assert np.nanmax(np.abs(np.diff(np.asarray(drawn_deg)))) < 180.0
+    assert np.nanmax(drawn_deg) > 170.0
+
+
+def test_evidence_of_some_vehicles_in_any_order_finds_its_vehicle() -> None:
+    evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    partly = replace(evidence, vehicles=(evidence.vehicles[2], VehicleEvidence(1)))
+    rows = loop_table(flight_of(partly, result, asked).evidence).rows
+    assert [row[:3] for row in rows] == [("1", "–", "–"), ("2", "–", "–"), ("3", "601", "1")]
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_flight_of_hardly_anything_has_a_page(count: int) -> None:
+    evidence, _, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    few = replace(evidence.record, vehicles=evidence.record.vehicles[:count])
+    judged = evaluate(few, asked.ring, asked.formation, asked.tolerances)
+    page = Page(report_html(FlightEvidence(few, evidence.vehicles[:count]), judged, asked))
+    assert ("holds no motion" if count == 0 else "A vehicle alone is no flock.") in page.text
+
+
+def test_vehicles_never_heard_do_not_break_the_page(recwarn: pytest.WarningsRecorder) -> None:
+    evidence, _, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    first, *others = evidence.record.vehicles
+    silent = np.full_like(first.position_m, np.nan)
+    mute = replace(first, position_m=silent, velocity_m_s=silent, tactic=np.full(first.tactic.shape, "unknown"))
+    record = replace(evidence.record, vehicles=(mute, *others))
+    result = evaluate(record, asked.ring, asked.formation, asked.tolerances)
+    page = Page(report_html(replace(evidence, record=record), result, asked))
+    assert "nan" not in page.text.lower().split()
+    assert not [each for each in recwarn.list if each.category is RuntimeWarning]
+
+
+def test_a_running_rms_is_that_of_the_samples_behind() -> None:
+    values = np.random.default_rng(0).normal(size=(2, 300))
+    values[0, 40:60] = np.nan
+    found = running_rms(values, 25)
+    for row, sample in ((0, 0), (0, 39), (0, 70), (1, 10), (1, 299)):
+        behind = values[row, max(0, sample - 24) : sample + 1]
+        assert found[row, sample] == pytest.approx(np.sqrt(np.nanmean(behind**2)))
+    assert np.isnan(found[0, 40:60]).all()
+
+
+def test_a_chart_rounds_coordinates_but_no_labels() -> None:
+    def draw(axes: object) -> None:
+        title(axes, "Heading <i>", "found & kept")  # type: ignore[arg-type]
+        axes.plot([0.0, 1.0], [0.12345, 0.98765])  # type: ignore[attr-defined]
+        axes.text(0.5, 0.5, "0.123456")  # type: ignore[attr-defined]
+
+    drawn = chart("rounded", draw, 'alt "text"')
+    assert (drawn.title, drawn.finding) == ("Heading <i>", "found & kept")
+    assert "0.123456" in drawn.svg
+    assert 'aria-label="alt &quot;text&quot;"' in drawn.svg
+    numbers = re.findall(r"\d+\.(\d+)", " ".join(re.findall(r' d="([^"]*)"', drawn.svg)))
+    assert max(map(len, numbers)) == 2
+
+
+def test_the_same_chart_is_the_same_bytes_and_another_shares_no_names_with_it() -> None:
+    def draw(axes: object) -> None:
+        axes.plot([0.0, 1.0], [0.0, 1.0], "o")  # type: ignore[attr-defined]
+
+    first, again, other = (chart(name, draw, "alt").svg for name in ("one", "one", "two"))
+    assert first == again
+    assert not set(re.findall(r'id="(\w+)"', first)) & set(re.findall(r'id="(\w+)"', other))
+
+
+def test_an_empty_panel_is_no_chart_but_a_reason() -> None:
+    drawn = chart("empty", lambda axes: say(axes, "nobody came"), "alt")
+    assert drawn.missing == "nobody came"

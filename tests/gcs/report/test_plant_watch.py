@@ -1,0 +1,128 @@
+"""Whether a plant still explains a flight: against flights whose plant is known, integrated in small steps."""
+
+from dataclasses import replace
+from math import hypot
+
+import numpy as np
+import pytest
+
+from estimation.plant.model import Plant, PlantAxis
+from estimation.plant.watch import others, watch
+from estimation.state import Vector
+from gcs.metrics.record import FlightRecord, LoopStatistics
+from gcs.mission.file import load_mission
+from gcs.report.evidence.flight import FlightEvidence, Loop, VehicleEvidence
+from gcs.report.evidence.plants import plant_facts
+
+FILE = Plant(PlantAxis(1.7, 1.8), PlantAxis(1.7, 1.8), delay_s=0.2)
+WIND = np.array([0.3, -0.2])
+FINE_S = 0.005
+
+
+def flown(
+    a0: float, a1: float, delay_s: float, *, noise_m: float = 0.05, seconds: float = 150.0, step_m: float = 1.5
+) -> tuple[Vector, Vector]:
+    """Random steps at 20 Hz, and what a vehicle in the wind says of its place 20 times a second."""
+    random = np.random.default_rng(11)
+    time_s = np.arange(0.0, seconds, 0.05)
+    levels = step_m * random.uniform(-1.0, 1.0, (int(seconds / 3.0) + 1, 2))
+    setpoints = levels[(time_s / 3.0).astype(int)]
+    place, speed, places = np.zeros(2), np.zeros(2), []
+    for tick in range(len(time_s)):
+        places.append(place)
+        for k in range(round(0.05 / FINE_S)):
+            acting = (time_s[tick] + k * FINE_S - delay_s) / 0.05
+            wanted = setpoints[int(acting + 1e-9)] if acting >= 0.0 else np.zeros(2)
+            speed = speed + FINE_S * (a0 * (wanted - place) - a1 * speed + WIND)
+            place = place + FINE_S * speed
+    noisy = np.array(places) + noise_m * random.normal(size=(len(places), 2))
+    return np.column_stack([time_s, setpoints]), np.column_stack([time_s + 0.013, noisy])
+
+
+def test_the_plant_that_flew_explains_its_flight() -> None:
+    watched = watch(FILE, *flown(1.7, 1.8, 0.2))
+    assert watched is not None
+    # What lies between two samples, 13 ms after one of them, has less noise than either.
+    left_m = 0.05 * hypot(0.013 / 0.05, 1.0 - 0.013 / 0.05)
+    assert watched.unexplained_m == pytest.approx(left_m, rel=0.05), "only the noise is left"
+    assert watched.best_m > 0.95 * watched.unexplained_m
+
+
+@pytest.mark.parametrize(("a0", "a1", "delay_s"), [(1.0, 1.8, 0.2), (2.8, 1.8, 0.2), (1.7, 1.1, 0.2), (1.7, 1.8, 0.4)])
+def test_another_plant_is_noticed_and_named(a0: float, a1: float, delay_s: float) -> None:
+    watched = watch(FILE, *flown(a0, a1, delay_s))
+    assert watched is not None
+    assert watched.best_m < 0.7 * watched.unexplained_m
+    assert watched.best.x.a0_per_s2 == pytest.approx(a0, rel=0.15)
+    assert watched.best.x.a1_per_s == pytest.approx(a1, rel=0.15)
+    assert watched.best.delay_s == pytest.approx(delay_s, abs=0.05)
+
+
+@pytest.mark.parametrize(("gain", "told"), [(1.0, "it explains the flight"), (0.0, "velocities without effect): ")])
+def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> None:
+    """A circle of 4 m at 0.2 rad/s: where a plant with feed-forward is, and one that leaves the velocities aside."""
+    fed, time_s = Plant(FILE.x, FILE.y, 0.2, 1.0), np.arange(0.0, 120.0, 0.05)
+    turn = 0.2 * time_s
+    setpoints = 4.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    velocities = 0.8 * np.column_stack([-np.sin(turn), np.cos(turn)])
+    axis, s = FILE.x, 0.2j
+    answer = (axis.a0_per_s2 + gain * axis.a1_per_s * s) / (s**2 + axis.a1_per_s * s + axis.a0_per_s2)
+    flown = 4.0 * answer * np.exp(1j * (turn - 0.2 * 0.2))
+    noise = 0.05 * np.random.default_rng(5).normal(size=(time_s.size, 2))
+    samples = np.column_stack([time_s, np.column_stack([flown.real, flown.imag]) + noise])
+    mission = load_mission("px4-trio")
+    mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=fed), *mission.vehicles[1:]))
+    flat = np.zeros((time_s.size, 1))
+    loop = Loop(time_s=time_s, setpoint_m=np.hstack([setpoints, flat]), velocity_m_s=np.hstack([velocities, flat]))
+    empty = np.empty((0, 2))
+    record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
+    facts = plant_facts(mission, FlightEvidence(record, (VehicleEvidence(1, loop=loop, samples=samples),)))
+    assert told in facts["plant of vehicle 1"]
+
+
+@pytest.mark.parametrize(("seconds", "step_m"), [(150.0, 0.0), (150.0, 0.2), (40.0, 1.5)])
+def test_a_flight_that_asks_little_tells_nothing(seconds: float, step_m: float) -> None:
+    assert watch(FILE, *flown(1.0, 1.0, 0.2, seconds=seconds, step_m=step_m)) is None
+
+
+def test_nothing_recorded_tells_nothing() -> None:
+    assert watch(FILE, np.empty((0, 3)), np.empty((0, 3))) is None
+
+
+def test_where_the_vehicle_was_silent_nothing_is_compared() -> None:
+    setpoints, samples = flown(1.7, 1.8, 0.2)
+    silent = (samples[:, 0] > 42.0) & (samples[:, 0] < 48.0)
+    whole, cut = watch(FILE, setpoints, samples), watch(FILE, setpoints, samples[~silent])
+    assert whole is not None
+    assert cut is not None
+    assert cut.windows < whole.windows
+    assert cut.unexplained_m == pytest.approx(whole.unexplained_m, rel=0.1)
+
+
+def test_setpoints_that_were_not_sent_do_no_harm() -> None:
+    setpoints, samples = flown(1.7, 1.8, 0.2)
+    unsent = np.column_stack([setpoints[-1, 0] + np.arange(1.0, 20.0), np.full((19, 2), np.nan)])
+    assert watch(FILE, np.vstack([setpoints, unsent]), samples) == watch(FILE, setpoints, samples)
+
+
+def test_all_that_is_tried_is_another_plant() -> None:
+    assert FILE not in others(FILE)
+    assert len(set(others(FILE))) == len(others(FILE)) == 124
+
+
+@pytest.mark.parametrize(
+    ("stiffer", "expected"),
+    [(1.0, "it explains the flight"), (0.55, "identify it again (cordon excite)")],
+)
+def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -> None:
+    mission = load_mission("px4-trio")
+    plant = mission.vehicles[0].plant
+    setpoints, samples = flown(stiffer * plant.x.a0_per_s2, plant.x.a1_per_s, plant.delay_s)
+    sent = np.column_stack([setpoints[:, 1:], np.full(len(setpoints), 8.0)])
+    seen = VehicleEvidence(1, loop=Loop(time_s=setpoints[:, 0], setpoint_m=sent), samples=samples)
+    empty = np.empty((0, 2))
+    record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
+    told = plant_facts(mission, FlightEvidence(record, (seen, VehicleEvidence(2))))
+    assert list(told) == ["plant of vehicle 1"]
+    assert told["plant of vehicle 1"].startswith("'px4' leaves 0.")
+    assert told["plant of vehicle 1"].endswith(expected)

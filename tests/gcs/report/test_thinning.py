@@ -1,0 +1,62 @@
+"""Thinned lines against what must not get lost of them: ends, peaks and gaps."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.report.charts.thinning import thinned, thinned_path
+
+POINTS = st.integers(8, 200)
+VALUES = st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=1, max_size=900).map(np.array)
+
+
+@settings(max_examples=150, deadline=None)
+@given(VALUES, POINTS)
+def test_a_thinned_line_keeps_its_ends_and_extremes(values: np.ndarray, points: int) -> None:
+    time_s = np.arange(values.size) / 20.0
+    kept_s, kept = thinned(time_s, values, points)
+    assert kept.size <= max(points, 8)
+    assert (np.diff(kept_s) > 0.0).all()
+    samples = np.rint(kept_s * 20.0).astype(int)
+    assert np.array_equal(values[samples], kept, equal_nan=True)
+    assert samples[0] == 0
+    assert samples[-1] == values.size - 1
+    if np.isfinite(values).any():
+        assert np.nanmax(kept) == np.nanmax(values)
+        assert np.nanmin(kept) == np.nanmin(values)
+
+
+def test_a_short_line_stays_as_it_is() -> None:
+    time_s, values = np.arange(100.0), np.sin(np.arange(100.0))
+    assert np.array_equal(thinned(time_s, values, 100)[1], values)
+
+
+@pytest.mark.parametrize("width", [1, 7, 500])
+def test_a_gap_stays_a_gap(width: int) -> None:
+    """Between the last point before the gap and the first after it there is a NaN, however many are left out."""
+    values = np.ones(12000)
+    values[6000 : 6000 + width] = np.nan
+    kept_s, kept = thinned(np.arange(12000.0), values, 300)
+    inside = (kept_s >= 6000) & (kept_s < 6000 + width)
+    assert np.isnan(kept[inside]).any()
+    assert np.isfinite(kept[~inside]).all()
+
+
+def test_a_single_spike_in_every_stretch_survives() -> None:
+    values = np.zeros(12000)
+    values[5::40] = 1.0
+    assert (thinned(np.arange(12000.0), values, 1200)[1] == 1.0).sum() == 300
+
+
+def test_a_thinned_path_keeps_its_outermost_points() -> None:
+    angle = np.linspace(0.0, 40.0, 20000)
+    path_m = np.column_stack(((10.0 + angle) * np.cos(angle), (10.0 + angle) * np.sin(angle)))
+    path_m[777] = (300.0, -1.0)
+    path_m[778] = (1.0, -400.0)
+    kept_m = thinned_path(path_m, 1200)
+    assert len(kept_m) <= 1200
+    assert np.array_equal(kept_m.max(axis=0), path_m.max(axis=0))
+    assert np.array_equal(kept_m.min(axis=0), path_m.min(axis=0))
+    assert np.array_equal(kept_m[[0, -1]], path_m[[0, -1]])
+    assert np.array_equal(thinned_path(kept_m, 1200), kept_m)

@@ -1,0 +1,448 @@
+"""Damaged, foreign and lying logs: a clear fault that names the file, or the rest of the log and a note. Never more."""
+
+import struct
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.errors import Exit, InputError
+from gcs.flightlog.log_error import LogError
+from gcs.vehicle_logs.foreign import read_vehicle_logs
+from gcs.vehicle_logs.vehicle_log import VehicleLog
+from tests.support.paths import DATA
+from tests.support.telemetry_log import flight
+
+ULOG, BIN = (DATA / "px4-quad.ulg").read_bytes(), (DATA / "arducopter.bin").read_bytes()
+SETPOINT, LOCAL = "trajectory_setpoint", "vehicle_local_position"
+ULOG_HEADER_BYTES = 16
+READ_MAX_S = 5.0
+
+
+@pytest.fixture(scope="module")
+def tlog() -> bytes:
+    return bytes(flight((3,), seconds=5.0).log)
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[[bytes], VehicleLog]:
+    def write_and_read(log: bytes) -> VehicleLog:
+        file = tmp_path / "flight.log"
+        file.write_bytes(log)
+        return read_vehicle_logs(file)[0]
+
+    return write_and_read
+
+
+def ulog_records(log: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Where each record begins, its kind and its body."""
+    at = ULOG_HEADER_BYTES
+    while at < len(log):
+        size, kind = struct.unpack_from("<HB", log, at)
+        yield at, kind, log[at + 3 : at + 3 + size]
+        at += 3 + size
+
+
+def topic_records(topic: str) -> list[int]:
+    """Where the data records of a topic begin."""
+    added = [body for _, kind, body in ulog_records(ULOG) if kind == ord("A") and body[3:] == topic.encode()]
+    number = added[0][1:3]
+    return [at for at, kind, body in ulog_records(ULOG) if kind == ord("D") and body[:2] == number]
+
+
+def scaled(topic: str, offset: int, kind: str, factor: float) -> bytes:
+    """The log of PX4 with some neighbouring fields of a topic multiplied; offsets are into its message."""
+    log = bytearray(ULOG)
+    for at in topic_records(topic):
+        values = struct.unpack_from(kind, log, at + 5 + offset)
+        struct.pack_into(kind, log, at + 5 + offset, *(value * factor for value in values))
+    return bytes(log)
+
+
+def bin_records(log: bytes) -> Iterator[tuple[int, str]]:
+    """Where each record of ArduPilot's log begins, and what it is called."""
+    formats, at = {0x80: ("FMT", 89)}, 0
+    while at < len(log):
+        name, length = formats[log[at + 2]]
+        if name == "FMT":
+            formats[log[at + 3]] = (log[at + 5 : at + 9].rstrip(b"\0").decode(), log[at + 4])
+        yield at, name
+        at += length
+
+
+def faults(read: Callable[[bytes], VehicleLog], log: bytes) -> str:
+    with pytest.raises(LogError) as refused:
+        read(log)
+    assert all("flight.log" in fault for fault in refused.value.faults)
+    return str(refused.value)
+
+
+# What is no log
+
+
+def test_bad_input_ends_in_exit_code_two() -> None:
+    assert issubclass(LogError, InputError), f"that is {Exit.BAD_INPUT!r} to the command line"
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (b"", "is empty"),
+        (b"\x00" * 5000, "none of the logs that can be read: PX4"),
+        (b"time_s,x\n0,1\n", "none of the logs"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20, "none of the logs"),
+        (b"ULog\x01\x12\x35", "cannot be read as a PX4 log"),
+        (b"ULog\x01\x12\x35\x01" + bytes(8), "holds none of the topics trajectory_setpoint"),
+        (b"\xa3\x95\x80" + bytes(40), "holds none of the messages XKF1"),
+        (struct.pack(">Q", 1_763_700_000_000_000) + b"\xfd" + bytes(400), "no autopilot's HEARTBEAT"),
+    ],
+)
+def test_what_is_no_log_is_refused(read: Callable[[bytes], VehicleLog], content: bytes, fault: str) -> None:
+    assert fault in faults(read, content)
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="No such file"):
+        read_vehicle_logs(tmp_path / "nowhere.ulg")
+    with pytest.raises(LogError, match="is not a file"):
+        read_vehicle_logs(tmp_path)
+
+
+def test_a_hundred_gigabytes_are_not_read(tmp_path: Path) -> None:
+    huge = tmp_path / "huge.ulg"
+    huge.write_bytes(ULOG)
+    with huge.open("r+b") as file:
+        file.truncate(100_000_000_000)  # sparse: it takes no room
+    begin_s = time.process_time()
+    with pytest.raises(LogError, match=r"is 100.0 GB; logs are read up to 1.1 GB"):
+        read_vehicle_logs(huge)
+    assert time.process_time() - begin_s < 1.0
+
+
+# Formats that claim too much
+
+
+def record(kind: str, body: bytes) -> bytes:
+    return struct.pack("<HB", len(body), ord(kind)) + body
+
+
+@pytest.mark.parametrize(
+    "formats",
+    [
+        [b"vehicle_status:uint64_t timestamp;vehicle_status[60000] me;"],
+        [b"vehicle_status:uint64_t timestamp;a[60000] x;", b"a:b[60000] x;", b"b:uint8_t x;"],
+        [b"vehicle_status:uint64_t timestamp;a[60000] x;", b"a:b[60000] x;", b"b:"],
+        [b"vehicle_status:uint64_t timestamp;" + b"".join(b"uint8_t[65535] a%d;" % i for i in range(3000))],
+    ],
+)
+def test_formats_cannot_claim_gigabytes(read: Callable[[bytes], VehicleLog], formats: list[bytes]) -> None:
+    added = b"".join(record("A", struct.pack("<BH", 0, number) + b"vehicle_status") for number in range(50))
+    begin_s = time.process_time()
+    told = faults(read, ULOG[:ULOG_HEADER_BYTES] + b"".join(record("F", body) for body in formats) + added)
+    assert "claim more fields than a log of PX4 can have" in told
+    assert time.process_time() - begin_s < READ_MAX_S
+
+
+@pytest.mark.parametrize(("offset", "value"), [(4, 0), (4, 2), (4, 255), (9, ord("!")), (9, ord("Z"))])
+def test_a_format_of_ardupilot_that_makes_no_sense_costs_its_own_records_only(
+    read: Callable[[bytes], VehicleLog], offset: int, value: int
+) -> None:
+    """A length of 0, of less than a header, of too much; a letter that is none; one that changes the length."""
+    log = bytearray(BIN)
+    at = next(at for at, name in bin_records(BIN) if name == "FMT" and BIN[at + 5 : at + 9] == b"GUIP")
+    log[at + offset] = value
+    vehicle = read(bytes(log))
+    assert "GUIP" in vehicle.missing
+    assert vehicle.position is not None
+    assert vehicle.position.time_s.size > 200
+    assert any("GUIP" in note for note in vehicle.notes)
+
+
+def test_pyulog_does_not_search_beyond_the_end_for_ever(read: Callable[[bytes], VehicleLog]) -> None:
+    """Found by fuzzing: an unknown record that claims more than is left sends it back by what was not there."""
+    told = record("I", b"\x0bchar[2] key" + b"ab")
+    log = ULOG[:ULOG_HEADER_BYTES] + told * 2000 + struct.pack("<HB", 15_000, 1) + bytes(range(1, 200))
+    begin_s = time.process_time()
+    assert "holds none of the topics" in faults(read, log)
+    assert time.process_time() - begin_s < READ_MAX_S
+
+
+# Logs that end early
+
+
+def test_a_log_of_px4_is_read_as_far_as_it_goes(read: Callable[[bytes], VehicleLog]) -> None:
+    cut = len(ULOG) * 2 // 3
+    whole = [at for at, _, body in ulog_records(ULOG) if at + 3 + len(body) <= cut]
+    last = max(at for at in topic_records(LOCAL) if at in whole)
+    log = read(ULOG[:cut])
+    begins = next(at for at, _, body in ulog_records(ULOG) if at + 3 + len(body) > cut)
+    assert f"ends in the middle of a record at byte {begins}" in log.notes
+    assert log.position is not None
+    stamp_us = struct.unpack_from("<Q", ULOG, last + 5)[0]
+    assert log.position.time_s[-1] == pytest.approx((stamp_us - 192_000) / 1e6)
+
+
+def test_a_log_of_ardupilot_is_read_as_far_as_it_goes(read: Callable[[bytes], VehicleLog]) -> None:
+    begins = [at for at, name in bin_records(BIN) if name == "XKF1"]
+    log = read(BIN[: begins[300] + 20])
+    assert log.position is not None
+    assert log.position.time_s.size == 150, "of two cores"
+    assert f"ends in the middle of a record at byte {begins[300]}" in log.notes
+
+
+def test_a_telemetry_log_is_read_as_far_as_it_goes(read: Callable[[bytes], VehicleLog], tlog: bytes) -> None:
+    assert not read(tlog).notes
+    log = read(tlog[:-3])
+    assert any(note.startswith("ends in the middle of a record at byte") for note in log.notes)
+    assert log.position is not None
+
+
+@pytest.mark.parametrize("log", [ULOG, BIN], ids=["ulg", "bin"])
+def test_a_whole_log_has_nothing_to_be_told(read: Callable[[bytes], VehicleLog], log: bytes) -> None:
+    assert not [note for note in read(log).notes if "damaged" in note or "ends in" in note or "cannot" in note]
+
+
+def test_damage_in_the_middle_costs_what_it_hit(read: Callable[[bytes], VehicleLog], tlog: bytes) -> None:
+    """A hundred bytes of nonsense between two records: what follows is read, and the damage told."""
+    nonsense = bytes(np.random.default_rng(1).integers(0, 256, 100, dtype=np.uint8))
+    at = [at for at, name in bin_records(BIN) if name == "XKF1"][300]
+    log = read(BIN[:at] + nonsense + BIN[at:])
+    assert "damaged: 100 bytes were passed over" in log.notes
+    assert log.position is not None
+    assert log.position.time_s.size > 300
+    whole = read(tlog)
+    middle = tlog.index(b"\xfd", len(tlog) // 2) + 3
+    log = read(tlog[:middle] + nonsense + tlog[middle:])
+    assert any(note.startswith("damaged: ") for note in log.notes)
+    assert log.position is not None
+    assert whole.position is not None
+    assert log.position.time_s.size >= whole.position.time_s.size - 2
+
+
+ZEROS, PACKETS, HEADS = bytes(2_000_000), b"\xfd" * 2_000_000, b"\xa3\x95" * 1_000_000
+
+
+@pytest.mark.parametrize("tail", [ZEROS, PACKETS, HEADS], ids=["zeros", "packets", "heads"])
+@pytest.mark.parametrize("kind", ["ulg", "bin", "tlog"])
+def test_what_is_no_record_is_passed_over_soon(
+    kind: str, tail: bytes, tlog: bytes, read: Callable[[bytes], VehicleLog]
+) -> None:
+    """Two megabytes behind a log, as of a file that was made larger than its log."""
+    log = {"ulg": ULOG, "bin": BIN, "tlog": tlog}[kind]
+    begin_s = time.process_time()
+    whole, padded = read(log).position, read(log + tail).position
+    assert whole is not None
+    assert padded is not None
+    assert padded.values.tolist() == whole.values.tolist()
+    assert time.process_time() - begin_s < READ_MAX_S
+
+
+# Time and units
+
+
+def test_time_going_backwards_in_a_log_of_px4_is_refused_with_topic_and_time(
+    read: Callable[[bytes], VehicleLog],
+) -> None:
+    first, second = topic_records(LOCAL)[100:102]
+    log = bytearray(ULOG)
+    stamps = [log[at + 5 : at + 13] for at in (first, second)]
+    log[first + 5 : first + 13], log[second + 5 : second + 13] = stamps[1], stamps[0]
+    later_s = (struct.unpack("<Q", stamps[1])[0] - 192_000) / 1e6
+    assert f"vehicle_local_position: time goes backwards at {later_s:.6f} s" in faults(read, bytes(log))
+
+
+def test_time_going_backwards_in_a_log_of_ardupilot_is_refused_with_topic_and_time(
+    read: Callable[[bytes], VehicleLog],
+) -> None:
+    log = bytearray(BIN)
+    at = [at for at, name in bin_records(BIN) if name == "GUIP"][50]
+    log[at + 3 : at + 11] = struct.pack("<Q", 41_500_000)
+    assert "GUIP: time goes backwards at 13.8" in faults(read, bytes(log))
+
+
+def test_a_stamp_that_is_no_time_is_refused(read: Callable[[bytes], VehicleLog]) -> None:
+    log = bytearray(ULOG)
+    at = topic_records(LOCAL)[-1] + 5
+    log[at : at + 8] = b"\xff" * 8
+    assert "vehicle_local_position: sample 561 is stamped 4.6" in faults(read, bytes(log))
+
+
+X, VELOCITY, PLACE = (40, "<3f"), (64, "<3f"), (24, "<2d")
+
+
+@pytest.mark.parametrize(
+    ("log", "fault"),
+    [
+        (scaled(LOCAL, *X, 1000.0), "vehicle_local_position: the position moves about 1000 times"),
+        (scaled(LOCAL, *X, 1e-5), "vehicle_local_position: the position moves about 1e-05 times"),
+        (scaled(LOCAL, *VELOCITY, 1000.0), "m/s at"),
+        (scaled(LOCAL, *VELOCITY, 100.0), "moves about 0.01 times"),
+        (scaled(LOCAL, *PLACE, 1e7), "s since boot: its origin, Geodetic("),
+        (scaled(SETPOINT, 8, "<3f", 1000.0), "trajectory_setpoint: the setpoints move about 1000 times"),
+        (scaled(SETPOINT, 8, "<3f", 1e7), "is beyond any plausible setpoint (100000 m)"),
+    ],
+    ids=["mm", "degrees", "mm/s", "cm/s", "degrees * 1e7", "setpoint mm", "setpoint 1e7"],
+)
+def test_other_units_are_refused_with_topic_and_time(
+    read: Callable[[bytes], VehicleLog], log: bytes, fault: str
+) -> None:
+    told = faults(read, log)
+    assert fault in told
+    assert " s" in told.partition(" at ")[2]
+
+
+def guided(multiplier: bytes, change: Callable[[float, float, float], tuple[float, float, float]]) -> bytes:
+    """ArduPilot's log with another unit told of its setpoints, and other setpoints."""
+    log = bytearray(BIN)
+    kind = next(BIN[at + 3] for at, name in bin_records(BIN) if name == "FMT" and BIN[at + 5 : at + 9] == b"GUIP")
+    for at, name in bin_records(BIN):
+        if name == "FMTU" and BIN[at + 11] == kind:
+            log[at + 28 : at + 44] = log[at + 28 : at + 44].replace(b"B", multiplier)
+        if name == "GUIP":
+            struct.pack_into("<3f", log, at + 12, *change(*struct.unpack_from("<3f", log, at + 12)))
+    return bytes(log)
+
+
+def test_setpoints_are_in_the_unit_that_the_log_tells(read: Callable[[bytes], VehicleLog]) -> None:
+    """Older firmware logs centimetres and up, newer metres and down."""
+    as_is, newer = read(BIN).setpoint, read(guided(b"0", lambda x, y, z: (x / 100.0, y / 100.0, -z / 100.0))).setpoint
+    assert as_is is not None
+    assert newer is not None
+    assert newer.values == pytest.approx(as_is.values, abs=1e-6)
+
+
+def test_velocities_beside_setpoints_are_north_west_and_up(read: Callable[[bytes], VehicleLog]) -> None:
+    """PX4 has them for every setpoint; ArduPilot feeds those of one submode forward, and logs them with its units."""
+    ulog, copter = bytearray(ULOG), bytearray(BIN)
+    for at in topic_records(SETPOINT):
+        struct.pack_into("<3f", ulog, at + 5 + 20, 0.3, -0.4, 0.1)
+    for at, name in bin_records(BIN):
+        if name == "GUIP":
+            copter[at + 11] = 3
+            struct.pack_into("<3f", copter, at + 25, 30.0, -40.0, -10.0)
+    for log in (read(bytes(ulog)), read(bytes(copter))):
+        assert log.setpoint is not None
+        assert log.setpoint_velocity is not None
+        assert (log.setpoint_velocity.time_s == log.setpoint.time_s).all()
+        assert log.setpoint_velocity.values == pytest.approx(np.tile((0.3, 0.4, -0.1), (log.setpoint.time_s.size, 1)))
+    assert read(BIN).setpoint_velocity is None, "to a position alone none belongs"
+
+
+def test_a_unit_that_is_told_wrongly_is_refused(read: Callable[[bytes], VehicleLog]) -> None:
+    assert "GUIP: the setpoints move about 100 times" in faults(read, guided(b"0", lambda x, y, z: (x, y, z)))
+
+
+def test_the_estimators_core_that_flies_is_read(read: Callable[[bytes], VehicleLog]) -> None:
+    """The second core's position is moved 50 m north: nobody sees that, unless the parameters say that it flies."""
+    log = bytearray(BIN)
+    for at, name in bin_records(BIN):
+        if name == "XKF1" and log[at + 11] == 1:
+            struct.pack_into("<f", log, at + 34, struct.unpack_from("<f", log, at + 34)[0] + 50.0)
+    as_is, moved = read(BIN).position, read(bytes(log)).position
+    assert as_is is not None
+    assert moved is not None
+    assert moved.values.tolist() == as_is.values.tolist()
+    chosen = next(at for at, name in bin_records(BIN) if name == "PARM" and b"EK3_PRIMARY" in BIN[at : at + 27])
+    struct.pack_into("<f", log, chosen + 27, 1.0)
+    second = read(bytes(log)).position
+    assert second is not None
+    assert second.values[:, 0].min() > 45.0
+
+
+def test_missing_topics_are_named(read: Callable[[bytes], VehicleLog]) -> None:
+    dropped = set(topic_records(SETPOINT))
+    kept = b"".join(
+        struct.pack("<HB", len(body), kind) + body for at, kind, body in ulog_records(ULOG) if at not in dropped
+    )
+    log = read(ULOG[:ULOG_HEADER_BYTES] + kept)
+    assert log.missing == ("trajectory_setpoint",)
+    with pytest.raises(LogError, match=r"vehicle 1: the log has no setpoint; looked for trajectory_setpoint"):
+        log.require("position", "setpoint")
+
+
+# Fuzz
+
+places = st.integers(0, 2**20)
+changes = st.lists(
+    st.one_of(
+        st.tuples(st.just("flip"), places, st.integers(0, 7).map(lambda bit: bytes([1 << bit]))),
+        st.tuples(st.just("insert"), places, st.binary(min_size=1, max_size=12)),
+        st.tuples(st.just("remove"), places, st.binary(min_size=1, max_size=12)),
+        st.tuples(st.just("overwrite"), places, st.sampled_from([b"\xff" * 8, b"\x00" * 8, b"\xa3\x95\x80", b"\xfd"])),
+        st.tuples(st.just("cut"), places, st.just(b"")),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+def changed(log: bytes, how: list[tuple[str, int, bytes]]) -> bytes:
+    for kind, place, what in how:
+        at = place % (len(log) + 1)
+        if kind == "flip":
+            log = log[:at] + bytes(byte ^ what[0] for byte in log[at : at + 1]) + log[at + 1 :]
+        elif kind == "insert":
+            log = log[:at] + what + log[at:]
+        elif kind == "remove":
+            log = log[:at] + log[at + len(what) :]
+        elif kind == "overwrite":
+            log = log[:at] + what + log[at + len(what) :]
+        else:
+            log = log[:at]
+    return log
+
+
+def check(file: Path, log: bytes) -> None:
+    """Whatever the bytes: logs that keep their promises, or a fault that names the file; and soon."""
+    file.write_bytes(log)
+    begin_s = time.process_time()
+    vehicles: tuple[VehicleLog, ...] = ()
+    told: tuple[str, ...] = ()
+    try:
+        vehicles = read_vehicle_logs(file)
+    except LogError as error:
+        told = error.faults
+    assert time.process_time() - begin_s < READ_MAX_S
+    assert vehicles or (told and all(file.name in fault for fault in told))
+    for vehicle in vehicles:
+        assert vehicle.duration_s >= 0.0
+        for name, series in vehicle.series().items():
+            assert (np.diff(series.time_s) > 0.0).all()
+            assert np.isfinite(series.values).all() or name in ("setpoint", "battery")
+            assert series.time_s[0] >= 0.0
+
+
+@pytest.mark.parametrize("kind", ["ulg", "bin", "tlog"])
+def test_whatever_the_bytes_are_it_ends_in_a_log_or_a_clear_fault(
+    kind: str, tlog: bytes, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing else is raised, and nothing printed, be it by the libraries' C code."""
+    log = {"ulg": ULOG[:60_000], "bin": BIN[:60_000], "tlog": tlog[:40_000]}[kind]
+
+    @settings(max_examples=80)
+    @given(changes)
+    def fuzz(how: list[tuple[str, int, bytes]]) -> None:
+        check(tmp_path / "fuzzed.log", changed(log, how))
+
+    fuzz()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", ["ulg", "bin"])
+def test_damaged_definitions_end_in_a_log_or_a_clear_fault(
+    kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The first bytes tell how to read all others: damage there is the worst."""
+    log = {"ulg": ULOG[:30_000], "bin": BIN[:30_000]}[kind]
+
+    @settings(max_examples=80)
+    @given(st.lists(st.tuples(st.just("flip"), st.integers(8, 5000), st.sampled_from([b"\x01", b"\x10", b"\x80"]))))
+    def fuzz(how: list[tuple[str, int, bytes]]) -> None:
+        check(tmp_path / "fuzzed.log", changed(log, how))
+
+    fuzz()
+    assert capfd.readouterr() == ("", "")

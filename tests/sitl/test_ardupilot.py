@@ -1,0 +1,495 @@
+"""The stub in its ArduCopter manners: shaped motion, GUIDED, silence until asked, and flown by MAVSDK."""
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from math import hypot, radians
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant.model import Plant, PlantAxis, exact_step
+from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.arducopter import ArduCopter
+from sitl.autopilot.guidance import PositionTarget
+from sitl.autopilot.modes import NavMode
+from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
+from sitl.autopilot.px4 import Verdict
+from sitl.mavlink.dialects import ARDUCOPTER, AutopilotKind
+from sitl.mavlink.protocol import Drop, MavlinkVehicle
+from sitl.server.process import StubProcess
+from sitl.server.server import StubConfig
+from sitl.vehicle.shaping import ShapedStep, ShapeLimits
+from tests.support.wire import free_port
+
+PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
+LIMITS = ShapeLimits(speed_m_s=5.0, acceleration_m_s2=2.5, jerk_m_s3=5.0)
+CALM = np.zeros(2)
+SET_MODE, TAKE_OFF, LAND, ARM, INTERVAL, REQUEST = 176, 22, 21, 400, 511, 512
+STABILIZE, AUTO, GUIDED, LOITER, RTL, LANDING, BRAKE = 0, 3, 4, 5, 6, 9, 17
+ACCEPTED, FAILED = 0, 4
+
+
+# Shaped motion
+
+
+def flown(setpoints: np.ndarray, wind: np.ndarray = CALM) -> tuple[np.ndarray, np.ndarray]:
+    """Return the states (T + 1, 4) and the accelerations (T, 2) of a vehicle at rest that follows setpoints (T, 2)."""
+    step = ShapedStep(PLANT, STEP_S, LIMITS)
+    state, acceleration = np.zeros(4), np.zeros(2)
+    states, accelerations = [state], []
+    for setpoint in setpoints:
+        before = state
+        state = step.advance(before, acceleration, setpoint, wind)
+        acceleration = (state[2:] - before[2:]) / STEP_S
+        states.append(state)
+        accelerations.append(acceleration)
+    return np.array(states), np.array(accelerations)
+
+
+places = st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0))
+
+
+@given(st.lists(st.tuples(places, st.integers(5, 150)), min_size=1, max_size=6))
+def test_no_motion_exceeds_speed_acceleration_or_jerk(legs: list[tuple[tuple[float, float], int]]) -> None:
+    setpoints = np.concatenate([np.tile(place, (steps, 1)) for place, steps in legs])
+    states, accelerations = flown(setpoints)
+    jerks = np.diff(accelerations, axis=0, prepend=np.zeros((1, 2))) / STEP_S
+    assert np.linalg.norm(states[:, 2:], axis=1).max() <= LIMITS.speed_m_s
+    assert np.linalg.norm(accelerations, axis=1).max() <= LIMITS.acceleration_m_s2 + 1e-9
+    assert np.linalg.norm(jerks, axis=1).max() <= LIMITS.jerk_m_s3 + 1e-6
+
+
+def test_a_small_motion_is_the_linear_plants_own() -> None:
+    # A circle of 10 m at 0.15 rad/s, entered at leisure: 1.5 m/s, 0.23 m/s2.
+    angle = 0.15 * STEP_S * np.arange(5000)
+    grown = 10.0 * np.clip(np.arange(5000) * STEP_S / 40.0, 0.0, 1.0)[:, None]
+    setpoints = grown * np.column_stack([np.cos(angle), np.sin(angle)])
+    wind = np.array([0.05, -0.02])
+    linear, expected = exact_step(PLANT, STEP_S), [np.zeros(4)]
+    for setpoint in setpoints:
+        expected.append(linear.advance(expected[-1], setpoint, wind))
+    np.testing.assert_allclose(flown(setpoints, wind)[0], expected, atol=1e-9)
+
+
+def test_a_long_way_takes_the_time_that_the_limits_ask_for() -> None:
+    states, accelerations = flown(np.tile((200.0, 0.0), (3000, 1)))
+    speed = states[:, 2]
+    # Jerk first: 0.5 s until 2.5 m/s2, x = j t^3 / 6.
+    assert states[25, 0] == pytest.approx(5.0 * 0.5**3 / 6.0, rel=0.1)
+    assert accelerations[:, 0].max() == pytest.approx(2.5)
+    assert speed.max() == pytest.approx(4.9, abs=0.05)
+    # At no more than 5 m/s, 200 m take longer than 40 s; the linear plant would be there in 8 s.
+    assert np.argmax(states[:, 0] > 199.0) * STEP_S > 40.0
+    assert states[-1] == pytest.approx((200.0, 0.0, 0.0, 0.0), abs=0.05)
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])
+def test_limits_are_positive(wrong: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="it must be positive"):
+        ShapeLimits(*wrong)
+
+
+# The autopilot
+
+
+def ready(plant: Plant = PLANT, **parameters: float) -> ArduCopter:
+    copter = ArduCopter(plant, parameters=Parameters(ARDUCOPTER_TABLE, **parameters))
+    wait(copter, 3.0)
+    return copter
+
+
+def wait(copter: ArduCopter, seconds: float) -> None:
+    copter.step(copter.time_s + seconds)
+
+
+def mode_of(copter: ArduCopter) -> NavMode:
+    """Return the mode now; as a function, so that the type checker forgets what it knew before."""
+    return copter.mode
+
+
+def is_armed(copter: ArduCopter) -> bool:
+    return copter.armed
+
+
+def guided(height_m: float = 8.0, plant: Plant = PLANT, **parameters: float) -> ArduCopter:
+    """Take off and hover in GUIDED."""
+    copter = ready(plant, **parameters)
+    assert copter.select(NavMode.OFFBOARD) is Verdict.ACCEPTED
+    assert copter.arm() is Verdict.ACCEPTED
+    assert copter.take_off(height_m) is Verdict.ACCEPTED
+    wait(copter, 25.0)
+    assert copter.airframe.position_m == pytest.approx((0.0, 0.0, height_m), abs=0.05)
+    return copter
+
+
+def texts(copter: ArduCopter) -> list[str]:
+    return [text for _, text in copter.take_texts()]
+
+
+def test_it_boots_in_stabilize_and_arms_once_it_knows_where_it_is() -> None:
+    copter = ArduCopter(PLANT)
+    assert mode_of(copter) is NavMode.STABILIZED
+    assert copter.arm() is Verdict.REJECTED
+    assert texts(copter) == ["PreArm: Need Position Estimate"]
+    wait(copter, 3.0)
+    assert copter.armable
+    assert copter.arm() is Verdict.ACCEPTED
+    assert texts(copter) == ["Arming motors"]
+
+
+def test_take_off_is_for_vehicles_armed_in_guided_on_the_ground() -> None:
+    copter = ready()
+    copter.select(NavMode.OFFBOARD)
+    assert copter.take_off(5.0) is Verdict.REJECTED
+    copter.select(NavMode.POSITION)
+    copter.arm()
+    assert copter.take_off(5.0) is Verdict.REJECTED
+    copter.select(NavMode.OFFBOARD)
+    assert copter.take_off(None) is Verdict.REJECTED
+    assert copter.take_off(5.0) is Verdict.ACCEPTED
+    wait(copter, 20.0)
+    assert mode_of(copter) is NavMode.OFFBOARD
+    assert copter.airframe.position_m[2] == pytest.approx(5.0, abs=0.05)
+    assert copter.take_off(9.0) is Verdict.REJECTED
+
+
+def test_a_position_is_held_for_ever_and_its_silence_is_no_failsafe() -> None:
+    copter = guided()
+    copter.receive_setpoint(copter.time_s, PositionTarget((6.0, -3.0, 9.0)))
+    wait(copter, 120.0)
+    assert mode_of(copter) is NavMode.OFFBOARD
+    assert not copter.failsafe
+    assert copter.airframe.position_m == pytest.approx((6.0, -3.0, 9.0), abs=0.01)
+
+
+@pytest.mark.parametrize(("gain", "moved_s"), [(1.0, 3.0), (0.0, 0.0)])
+def test_a_position_with_a_velocity_moves_on_with_it_for_three_seconds(gain: float, moved_s: float) -> None:
+    """As ModeGuided::posvelaccel_control_run has it; a stub whose plant takes no velocities leaves them aside."""
+    copter = guided(plant=replace(PLANT, feedforward=gain))
+    copter.receive_setpoint(copter.time_s, PositionTarget((2.0, 0.0, 8.0), None, (0.5, -0.4, 0.0)))
+    wait(copter, 30.0)
+    assert copter.airframe.position_m[:2] == pytest.approx((2.0 + 0.5 * moved_s, -0.4 * moved_s), abs=0.03)
+
+
+@pytest.mark.parametrize("mode", [NavMode.HOLD, NavMode.STABILIZED])
+def test_a_setpoint_outside_guided_or_on_the_ground_is_passed_over(mode: NavMode) -> None:
+    copter = guided() if mode is NavMode.HOLD else ready()
+    copter.select(mode)
+    copter.receive_setpoint(copter.time_s, PositionTarget((20.0, 0.0, 8.0)))
+    copter.select(NavMode.OFFBOARD)
+    copter.arm()
+    wait(copter, 5.0)
+    assert copter.airframe.position_m[:2] == pytest.approx((0.0, 0.0), abs=0.01)
+    if mode is NavMode.STABILIZED:
+        copter.receive_setpoint(copter.time_s, PositionTarget((0.0, 0.0, 8.0)))
+        wait(copter, 5.0)
+        assert copter.airframe.on_ground
+
+
+def test_guided_entered_anew_stays_where_it_is() -> None:
+    copter = guided()
+    copter.receive_setpoint(copter.time_s, PositionTarget((20.0, 0.0, 8.0)))
+    wait(copter, 3.0)
+    copter.select(NavMode.HOLD)
+    wait(copter, 10.0)
+    x = copter.airframe.position_m[0]
+    assert 0.5 < x < 15.0
+    copter.select(NavMode.OFFBOARD)
+    wait(copter, 20.0)
+    assert copter.airframe.position_m[0] == pytest.approx(x, abs=0.05)
+
+
+@pytest.mark.parametrize("mode", [NavMode.LAND, NavMode.RETURN])
+def test_landed_as_told_it_disarms_at_once_stays_in_the_mode_and_cannot_be_armed_in_it(mode: NavMode) -> None:
+    copter = guided()
+    assert copter.select(mode) is Verdict.ACCEPTED
+    while not copter.landed:
+        wait(copter, STEP_S)
+    wait(copter, STEP_S)
+    assert not is_armed(copter)
+    assert mode_of(copter) is mode
+    assert copter.armable
+    assert copter.arm() is Verdict.REJECTED
+    assert texts(copter)[-2:] == ["Disarming motors", "Arm: mode not armable"]
+
+
+def test_armed_anew_it_does_not_follow_the_last_flights_setpoint() -> None:
+    copter = guided()
+    copter.receive_setpoint(copter.time_s, PositionTarget((6.0, 0.0, 8.0)))
+    wait(copter, 1.0)
+    assert copter.disarm(force=True) is Verdict.ACCEPTED
+    wait(copter, 10.0)
+    assert copter.landed
+    assert copter.arm() is Verdict.ACCEPTED
+    wait(copter, 8.0)
+    assert copter.airframe.on_ground
+    assert copter.take_off(4.0) is Verdict.ACCEPTED
+    wait(copter, 20.0)
+    assert copter.airframe.position_m[2] == pytest.approx(4.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("delay_s", "stays_s"), [(10, 9.9), (3, 2.9), (0, 60.0)])
+def test_idle_on_the_ground_it_disarms_after_the_delay(delay_s: int, stays_s: float) -> None:
+    copter = ready(DISARM_DELAY=delay_s)
+    copter.arm()
+    wait(copter, stays_s)
+    assert is_armed(copter)
+    wait(copter, 0.2)
+    assert is_armed(copter) is (delay_s == 0)
+
+
+def test_the_motion_is_as_fast_as_its_parameters_say() -> None:
+    copter = guided(WPNAV_SPEED=200.0)
+    copter.receive_setpoint(copter.time_s, PositionTarget((60.0, 0.0, 8.0)))
+    speeds = []
+    for _ in range(400):
+        wait(copter, STEP_S)
+        speeds.append(hypot(*copter.airframe.velocity_m_s[:2]))
+    assert 1.9 < max(speeds) <= 2.0
+
+
+# The bytes
+
+
+class Client:
+    """A ground station that knows nothing of the stub but its bytes."""
+
+    def __init__(self) -> None:
+        self.copter = ArduCopter(PLANT, (0.0, 0.0, 1.5))
+        self.vehicle = MavlinkVehicle(self.copter, ARDUCOPTER, system_id=3, frame=FRAME, origin_m=(0.0, 0.0, 0.0))
+        self._writer = dialect.MAVLink(None, 245, 190)
+        self._reader = dialect.MAVLink(None)
+
+    def run(self, seconds: float) -> list[Any]:
+        messages: list[Any] = []
+        for _ in range(round(seconds / STEP_S)):
+            wait(self.copter, STEP_S)
+            messages += self._read(self.vehicle.emit(self.copter.time_s))
+        return messages
+
+    def send(self, message: Any) -> list[Any]:
+        return self._read(self.vehicle.receive(bytes(message.pack(self._writer)), self.copter.time_s))
+
+    def command(self, command: int, *params: float) -> list[Any]:
+        return self.send(dialect.MAVLink_command_long_message(3, 1, command, 0, *(*params, *[0.0] * 7)[:7]))
+
+    def results(self, command: int, *params: float) -> list[int]:
+        return [each.result for each in self.command(command, *params) if each.get_type() == "COMMAND_ACK"]
+
+    def heartbeat(self) -> Any:
+        return next(each for each in reversed(self.run(1.1)) if each.get_type() == "HEARTBEAT")
+
+    def _read(self, packets: list[bytes]) -> list[Any]:
+        return [message for packet in packets for message in self._reader.parse_buffer(packet) or []]
+
+
+@pytest.fixture
+def client() -> Client:
+    return Client()
+
+
+def counted(messages: list[Any]) -> Counter[str]:
+    return Counter(message.get_type() for message in messages)
+
+
+def test_it_streams_nothing_but_heartbeats_until_asked(client: Client) -> None:
+    assert counted(client.run(10.5)) == {"HEARTBEAT": 11}
+    assert client.results(INTERVAL, 32, 50_000) == [ACCEPTED]
+    assert counted(client.run(10.0)) == {"HEARTBEAT": 10, "LOCAL_POSITION_NED": pytest.approx(200, abs=1)}
+    assert client.results(INTERVAL, 32, 0) == [ACCEPTED]
+    assert counted(client.run(5.0)) == {"HEARTBEAT": 5}
+
+
+def test_streams_are_asked_for_in_groups_too(client: Client) -> None:
+    client.run(3.0)
+    assert client.send(dialect.MAVLink_request_data_stream_message(3, 1, 6, 10, 1)) == []
+    some = pytest.approx(20, abs=1)
+    assert counted(client.run(2.0)) == {"HEARTBEAT": 2, "LOCAL_POSITION_NED": some, "GLOBAL_POSITION_INT": some}
+    client.send(dialect.MAVLink_request_data_stream_message(3, 1, 0, 10, 0))
+    assert counted(client.run(2.0)) == {"HEARTBEAT": 2}
+    client.send(dialect.MAVLink_request_data_stream_message(3, 1, 99, 10, 1))
+    assert client.vehicle.dropped[Drop.NOT_UNDERSTOOD] == 1
+
+
+def test_the_heartbeat_says_what_it_is(client: Client) -> None:
+    said = client.heartbeat()
+    assert (said.autopilot, said.type, said.custom_mode) == (3, 2, STABILIZE)
+
+
+@pytest.mark.parametrize("mode", [STABILIZE, GUIDED, LOITER, RTL, LANDING, BRAKE])
+def test_a_mode_is_acknowledged_once_and_true(client: Client, mode: int) -> None:
+    client.run(3.0)
+    assert client.results(SET_MODE, 1, mode) == [ACCEPTED]
+    assert client.heartbeat().custom_mode == mode
+
+
+def test_a_mode_that_cannot_be_is_refused_in_one_word(client: Client) -> None:
+    assert client.results(SET_MODE, 1, AUTO) == [FAILED]
+    assert client.results(SET_MODE, 0, LOITER) == [FAILED]
+    assert client.results(SET_MODE, 1, GUIDED) == [ACCEPTED]
+    assert client.results(ARM, 1) == [FAILED]
+    assert client.heartbeat().custom_mode == GUIDED
+
+
+def test_take_off_counts_from_home(client: Client) -> None:
+    client.run(3.0)
+    client.command(SET_MODE, 1, GUIDED)
+    assert client.results(ARM, 1) == [ACCEPTED]
+    assert client.results(TAKE_OFF, 0, 0, 0, 0, 0, 0, float("nan")) == [FAILED]
+    assert client.results(TAKE_OFF, 0, 0, 0, 0, 0, 0, 4.0) == [ACCEPTED]
+    client.run(20.0)
+    assert client.copter.airframe.position_m[2] == pytest.approx(5.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "sent", "kept"),
+    [("GUID_TIMEOUT", 9, 5.5, 5.5), ("FS_GCS_ENABLE", 6, 2.0, 2), ("FS_GCS_ENABLE", 2, 1.0, 1)],
+)
+def test_parameters_travel_as_numbers(client: Client, name: str, kind: int, sent: float, kept: float) -> None:
+    (answer,) = client.send(dialect.MAVLink_param_set_message(3, 1, name.encode(), sent, kind))
+    assert (answer.param_value, client.copter.parameters[name]) == (sent, kept)
+    assert type(client.copter.parameters[name]) is type(ARDUCOPTER_TABLE.defaults[name])
+
+
+@pytest.mark.parametrize("sent", [float("nan"), float("inf"), 3e9])
+def test_a_parameter_that_is_no_number_is_not_taken(client: Client, sent: float) -> None:
+    (answer,) = client.send(dialect.MAVLink_param_set_message(3, 1, b"FS_GCS_ENABLE", sent, 6))
+    assert answer.param_value == 0.0
+    assert client.vehicle.dropped[Drop.PARAMETER] == 1
+
+
+def test_version_home_and_origin_are_told_on_request(client: Client) -> None:
+    client.run(3.0)
+    for message, name in ((148, "AUTOPILOT_VERSION"), (242, "HOME_POSITION"), (49, "GPS_GLOBAL_ORIGIN")):
+        assert [each.get_type() for each in client.command(REQUEST, message)] == ["COMMAND_ACK", name]
+    version = client.command(REQUEST, 148)[1]
+    assert version.flight_sw_version >> 24 == 4
+    assert not version.capabilities & dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+
+
+def test_the_estimators_report_is_ekf_status(client: Client) -> None:
+    assert "EKF_STATUS_REPORT" not in counted(client.run(3.0))
+    acknowledged, report = client.command(REQUEST, 193)
+    assert (acknowledged.result, report.get_type()) == (ACCEPTED, "EKF_STATUS_REPORT")
+    assert (report.flags, report.pos_horiz_variance, report.compass_variance) == (831, 0.0, 0.0)
+    assert [each.get_type() for each in client.command(REQUEST, 230)] == ["COMMAND_ACK"]
+
+
+# Flown by MAVSDK
+
+SPEED = 10.0
+
+
+def wait_until(condition: Callable[[], bool], what: str, limit_s: float = 8.0) -> None:
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, f"not within {limit_s} s: {what}"
+        time.sleep(0.01)
+
+
+def copter_on(port: int) -> StubConfig:
+    return StubConfig(1, port, PLANT, FRAME, autopilot=AutopilotKind.ARDUPILOT)
+
+
+@pytest.fixture(scope="module")
+def system() -> Iterator[Any]:
+    from mavsdk.mavsdk import ComponentType, Configuration, Mavsdk
+
+    port = free_port()
+    stubs = StubProcess([copter_on(port)], SPEED)
+    stubs.start()
+    station = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+    station.add_any_connection(f"udpin://127.0.0.1:{port}")
+    wait_until(lambda: station.system_count() == 1, "found")
+    yield station.get_systems()[0]
+    station.destroy()
+    stubs.stop()
+
+
+@pytest.mark.wire
+def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(system: Any) -> None:
+    from mavsdk.plugins.action import Action, ActionError
+    from mavsdk.plugins.offboard import Offboard, PositionNedYaw
+    from mavsdk.plugins.param import Param
+    from mavsdk.plugins.telemetry import Telemetry, TelemetryError
+
+    telemetry, action, offboard, param = Telemetry(system), Action(system), Offboard(system), Param(system)
+    assert not telemetry.health().is_armable, "nothing is streamed unasked"
+    for rate in ("position_velocity_ned", "health", "in_air", "home", "gps_info", "position", "attitude_euler"):
+        with suppress(TelemetryError):  # ArduPilot alone is also asked for its filter's report
+            getattr(telemetry, f"set_rate_{rate}")(20.0)
+    wait_until(telemetry.health_all_ok, "health")
+    assert param.get_param_int("FS_GCS_ENABLE") == 0
+    param.set_param_int("FS_GCS_ENABLE", 1)
+    assert param.get_param_int("FS_GCS_ENABLE") == 1
+    param.set_param_float("GUID_TIMEOUT", 2.5)
+    assert param.get_param_float("GUID_TIMEOUT") == 2.5
+
+    def mode() -> str:
+        return str(telemetry.flight_mode().name)
+
+    def place() -> tuple[float, float, float]:
+        position = telemetry.position_velocity_ned().position
+        return position.north_m, position.east_m, position.down_m
+
+    for flight in (1, 2):
+        action.set_takeoff_altitude(6.0)
+        with suppress(ActionError):  # it has chosen GUIDED all the same: LAND and RTL cannot be armed in
+            action.takeoff()
+        wait_until(lambda: mode() == "OFFBOARD", "GUIDED")
+        action.arm()
+        action.takeoff()
+        wait_until(lambda: abs(place()[2] + 6.0) < 0.2, "hovering")
+        goal = (4.0 * flight, 1.0, -6.5)
+        offboard.set_position_ned(PositionNedYaw(*goal, 0.0))
+        offboard.start()
+        wait_until(lambda: mode() == "OFFBOARD", "GUIDED is offboard")
+        wait_until(lambda goal=goal: place() == pytest.approx(goal, abs=0.1), "there")  # type: ignore[misc]
+        offboard.stop()
+        wait_until(lambda: mode() == "HOLD", "hold after offboard")
+        if flight == 1:
+            action.land()
+            wait_until(lambda: mode() == "LAND", "LAND")
+        else:
+            action.return_to_launch()
+            wait_until(lambda: mode() == "RETURN_TO_LAUNCH", "RTL")
+        wait_until(lambda: not telemetry.armed(), "landed and disarmed")
+
+
+@pytest.mark.wire
+async def test_the_vehicle_link_flies_it_from_disarmed_to_disarmed_twice() -> None:
+    from agents.ports import FlightMode, Setpoint
+    from estimation.state import Telemetry
+    from gcs.link.hub import MavsdkHub
+    from gcs.link.mavsdk_link import MavsdkLink
+
+    port = free_port()
+    process, hub, heard = StubProcess([copter_on(port)], SPEED), MavsdkHub(), list[Telemetry]()
+    process.start()
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{port}", 1, FRAME, time.monotonic, SPEED)
+    await link.connect(heard.append)
+    for altitude_m in (6.0, 5.0):
+        await link.take_off(altitude_m)
+        assert abs(heard[-1].position_m[2] - altitude_m) < 0.5
+        goal_m = (2.0, -1.0, altitude_m)
+        link.send(Setpoint(goal_m))
+        await link.start_offboard()
+        assert link.status.mode is FlightMode.OFFBOARD
+        await asyncio.sleep(1.0)
+        assert heard[-1].position_m == pytest.approx(goal_m, abs=0.1)
+        await link.stop_offboard()
+        await link.land()
+        assert not link.status.armed
+    await link.close()
+    await hub.close()
+    assert process.stop().tracks[0].position_m[-1] == pytest.approx((2.0, -1.0, 0.0), abs=0.1)

@@ -1,0 +1,134 @@
+"""Faults of one stub vehicle: what it tells and where it flies with a silent motion, or an estimate that is off."""
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+
+from agents.team.messages import MemberState, OperatorCommand, encode
+from estimation.state import Sighting
+from gcs.drill.injected_faults import (
+    Ailments,
+    FailingBus,
+    FailingSensor,
+    Patient,
+)
+from sitl.faults import VehicleFaults
+from tests.sitl.test_protocol import Client, fly, follow
+
+MOTION = {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"}
+
+
+@pytest.fixture
+def faults() -> VehicleFaults:
+    return VehicleFaults()
+
+
+@pytest.fixture
+def client(faults: VehicleFaults) -> Client:
+    made = Client(faults=faults)
+    made.run(3.0)
+    return made
+
+
+def test_a_vehicle_whose_motion_is_silent_tells_everything_else(client: Client, faults: VehicleFaults) -> None:
+    before = Counter(message.get_type() for message in client.run(2.0))
+    faults.motion_silent = True
+    after = Counter(message.get_type() for message in client.run(2.0))
+    assert before.keys() - after.keys() == MOTION
+    assert {kind: count for kind, count in before.items() if kind not in MOTION} == after
+    faults.motion_silent = False
+    assert {message.get_type() for message in client.run(0.5)} >= MOTION
+
+
+def test_an_estimate_that_is_off_is_told_and_flown_by(client: Client, faults: VehicleFaults) -> None:
+    fly(client)
+    follow(client, 2.0, 1.0, -5.0, 20.0)
+    x, y, _ = client.autopilot.airframe.position_m
+    told = [m for m in client.run(0.2) if m.get_type() == "LOCAL_POSITION_NED"][-1]
+    faults.estimate_offset_m = (10.0, -4.0, 0.0)
+    jumped = [m for m in client.run(0.2) if m.get_type() == "LOCAL_POSITION_NED"][-1]
+    assert (jumped.x - told.x) ** 2 + (jumped.y - told.y) ** 2 == pytest.approx(116.0, rel=0.01)
+    follow(client, 2.0, 1.0, -5.0, 20.0)
+    settled = [m for m in client.run(0.2) if m.get_type() == "LOCAL_POSITION_NED"][-1]
+    assert (settled.x, settled.y) == pytest.approx((2.0, 1.0), abs=0.05), "it believes to be where it was told to be"
+    assert client.autopilot.airframe.position_m[:2] == pytest.approx((x - 10.0, y + 4.0), abs=0.05)
+
+
+# The flying process
+
+
+class Bus:
+    """A peer bus of which one end is seen: what is put in is delivered."""
+
+    alive = True
+
+    def __init__(self) -> None:
+        self.deliver: Callable[[bytes], None] = lambda _payload: None
+
+    async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
+        self.deliver = on_message
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        pass
+
+    async def close(self) -> None:
+        pass
+
+
+def member(sender: int) -> bytes:
+    return encode(MemberState(sender, 1.0, "formation", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+
+
+COMMAND = encode(OperatorCommand(1.0, "hold", None, "somebody", 7))
+
+
+async def test_a_bus_loses_the_share_it_is_told_to() -> None:
+    patient, bus = Patient(), Bus()
+    heard: list[bytes] = []
+    await FailingBus(bus, patient, seed=3).open(heard.append, lambda *_: None)
+    for _ in range(1000):
+        bus.deliver(member(1))
+    assert len(heard) == 1000
+    patient.now = Ailments(loss=0.5)
+    for _ in range(1000):
+        bus.deliver(member(1))
+    assert 1450 < len(heard) < 1550
+
+
+async def test_who_is_unheard_is_and_operators_are_not() -> None:
+    patient, bus = Patient(), Bus()
+    heard: list[bytes] = []
+    await FailingBus(bus, patient, seed=3).open(heard.append, lambda *_: None)
+    patient.now = Ailments(unheard=(1, 2))
+    for payload in (member(1), member(2), member(3), COMMAND, b"noise"):
+        bus.deliver(payload)
+    assert heard == [member(3), COMMAND, b"noise"]
+
+
+async def test_what_is_late_comes_later() -> None:
+    patient, bus = Patient(), Bus()
+    heard: list[bytes] = []
+    await FailingBus(bus, patient, seed=3).open(heard.append, lambda *_: None)
+    patient.now = Ailments(delay_s=0.01)
+    bus.deliver(member(1))
+    assert heard == []
+    arrived = asyncio.Event()
+    asyncio.get_running_loop().call_later(0.02, arrived.set)
+    await arrived.wait()
+    assert heard == [member(1)]
+
+
+def test_a_blind_sensor_sees_nothing() -> None:
+    sighting = Sighting(1.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 0.5, 0.5)
+
+    class Eye:
+        def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting:
+            return sighting
+
+    patient = Patient()
+    sensor = FailingSensor(Eye(), patient)
+    assert sensor.sight(1.0, (0.0, 0.0)) is sighting
+    patient.now = Ailments(blind=True)
+    assert sensor.sight(1.0, (0.0, 0.0)) is None

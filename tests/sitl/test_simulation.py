@@ -1,0 +1,305 @@
+"""The in-process simulation: its plants against the matrix exponential, its network against what was asked of it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from estimation.plant.model import Plant, PlantAxis
+from estimation.state import Sighting, Telemetry, Vector
+from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
+from sitl.simulation.simulation import (
+    NetworkModel,
+    SimulatedFlight,
+    SimulatedVehicle,
+    TelemetryNoise,
+    simulate,
+)
+
+PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))
+WIND = (0.1, -0.2)
+RATE_HZ = 10.0
+
+
+@dataclass
+class Wanted:
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, ...] = ()
+
+
+@dataclass
+class Packet:
+    payload: bytes
+
+
+@dataclass
+class Asked:
+    setpoint: Wanted | None
+    messages: list[Packet] = field(default_factory=list)
+
+
+class Recorder:
+    """A core that asks for what it is told to, and writes down all it hears."""
+
+    def __init__(
+        self,
+        course: Callable[[float], tuple[float, float] | None],
+        packets: int = 0,
+        velocity: Callable[[float], tuple[float, ...]] = lambda _: (),
+    ) -> None:
+        self.course = course
+        self.velocity = velocity
+        self.packets = packets
+        self.telemetry: list[Telemetry] = []
+        self.sightings: list[Sighting] = []
+        self.heard: list[tuple[float, bytes]] = []
+        self.presence: list[tuple[int, bool]] = []
+        self.sent = 0
+
+    def on_telemetry(self, telemetry: Telemetry) -> None:
+        self.telemetry.append(telemetry)
+
+    def on_sighting(self, sighting: Sighting) -> None:
+        self.sightings.append(sighting)
+
+    def on_message(self, payload: bytes, now_s: float) -> None:
+        self.heard.append((now_s, payload))
+
+    def on_presence(self, vehicle_id: int, present: bool) -> None:
+        self.presence.append((vehicle_id, present))
+
+    def tick(self, now_s: float) -> Asked:
+        place = self.course(now_s)
+        messages = [Packet(f"{self.sent + number}".encode()) for number in range(self.packets)]
+        self.sent += self.packets
+        return Asked(None if place is None else Wanted((*place, 8.0), self.velocity(now_s)), messages)
+
+
+class Sensor:
+    """Sees the target where the vehicle truly is, at whole seconds."""
+
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
+        return Sighting(now_s, 1, position_m, (1.0, 0.0, 1.0), 0.5, 0.5) if now_s % 1.0 == 0.0 else None
+
+
+def vehicle(
+    core: Recorder,
+    plant: Plant = PLANT,
+    start_m: tuple[float, float] = (1.0, -2.0),
+    noise: TelemetryNoise | None = None,
+    wind: tuple[float, float] = (0.0, 0.0),
+    seed: int = 0,
+) -> SimulatedVehicle[Asked]:
+    return SimulatedVehicle(core, plant, start_m, 8.0, Sensor(), noise or TelemetryNoise(), wind, (seed, 2, 1))
+
+
+def fly(
+    vehicles: list[SimulatedVehicle[Asked]], duration_s: float, network: NetworkModel | None = None, seed: int = 0
+) -> SimulatedFlight:
+    return simulate(
+        vehicles,
+        network or NetworkModel(range_m=100.0),
+        rate_hz=RATE_HZ,
+        duration_s=duration_s,
+        seed=seed,
+        observe=lambda *_: None,
+        progress=lambda _: None,
+    )
+
+
+def still(_: float) -> None:
+    return None
+
+
+def weave(now_s: float) -> tuple[float, float]:
+    return 2.0 * np.sin(0.7 * now_s), 0.5 * now_s
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.035, 0.1, 0.25, 0.985])
+def test_the_true_motion_is_exact_with_every_setpoint_acting_one_delay_later(delay_s: float) -> None:
+    flow = np.zeros((6, 6))
+    flow[:2, 2:4] = np.eye(2)
+    flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
+    flow[2:4, 4:] = np.eye(2)
+    grid_s = 0.005
+    response = expm(flow * grid_s)
+    truth: list[Vector] = []
+    motion = np.array([1.0, -2.0, 0.0, 0.0])
+    for step in range(1001):
+        if step % 20 == 0:
+            truth.append(motion)
+        tick = (step - round(delay_s / grid_s)) // 20
+        setpoint = np.array(weave(tick / RATE_HZ)) if tick >= 0 else np.array([1.0, -2.0])
+        motion = (response @ np.concatenate([motion, PLANT.a0_per_s2 * setpoint + WIND]))[:4]
+
+    flight = fly([vehicle(Recorder(weave), Plant(PLANT.x, PLANT.y, delay_s), wind=WIND)], 5.0)
+
+    assert flight.time_s == pytest.approx(np.arange(51) / RATE_HZ)
+    assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
+    assert flight.tick_us.shape == (51, 1)
+
+
+def gust(now_s: float) -> tuple[float, ...]:
+    return 1.3 * np.cos(0.9 * now_s), -0.4, 0.0
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.7, 1.0])
+def test_a_velocity_beside_the_setpoint_pushes_as_the_equation_says(gain: float) -> None:
+    """x'' = a0 (X_d - x) + a1 (g V_d - x'), by the matrix exponential over each tick."""
+    flow = np.zeros((6, 6))
+    flow[:2, 2:4] = np.eye(2)
+    flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
+    flow[2:4, 4:] = np.eye(2)
+    response = expm(flow / RATE_HZ)
+    truth, motion = [], np.array([1.0, -2.0, 0.0, 0.0])
+    for tick in range(51):
+        truth.append(motion)
+        setpoint, velocity = np.array(weave(tick / RATE_HZ)), np.array(gust(tick / RATE_HZ)[:2])
+        push = PLANT.a0_per_s2 * setpoint + gain * PLANT.a1_per_s * velocity
+        motion = (response @ np.concatenate([motion, push]))[:4]
+
+    flight = fly([vehicle(Recorder(weave, velocity=gust), Plant(PLANT.x, PLANT.y, 0.0, gain))], 5.0)
+
+    assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
+
+
+def test_a_vehicle_without_setpoints_hovers_where_it_started() -> None:
+    flight = fly([vehicle(Recorder(still))], 3.0)
+    assert flight.motion[:, 0] == pytest.approx(np.tile([1.0, -2.0, 0.0, 0.0], (31, 1)))
+
+
+def test_instruments_say_the_truth_plus_the_noise_stated() -> None:
+    core, exact = Recorder(weave), Recorder(weave)
+    flight = fly([vehicle(core, noise=TelemetryNoise(0.3, 0.05)), vehicle(exact)], 200.0)
+    told = np.array([[*one.position_m[:2], *one.velocity_m_s[:2]] for one in exact.telemetry])
+    assert told == pytest.approx(flight.motion[:, 1])
+    noisy = np.array([[*one.position_m[:2], *one.velocity_m_s[:2]] for one in core.telemetry]) - flight.motion[:, 0]
+    assert noisy.std(axis=0) == pytest.approx([0.3, 0.3, 0.05, 0.05], rel=4.0 / (2 * 2001) ** 0.5)
+    assert noisy.mean(axis=0) == pytest.approx(0.0, abs=4.0 * 0.3 / 2001**0.5)
+    assert {one.position_m[2] for one in core.telemetry} == {8.0}
+    # A sensor travels with the true vehicle, not with what it believes.
+    assert [one.position_m for one in core.sightings] == [tuple(place) for place in flight.motion[::10, 0, :2].tolist()]
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.14, 0.25, 0.3])
+def test_a_message_arrives_at_the_first_tick_after_its_delay(delay_s: float) -> None:
+    listener = Recorder(still)
+    fly([vehicle(Recorder(still, packets=2)), vehicle(listener)], 3.0, NetworkModel(100.0, delay_s))
+    late = max(int(np.ceil(round(delay_s * RATE_HZ, 6))), 1)
+    expected = [(tick + late, f"{2 * tick + number}".encode()) for tick in range(31 - late) for number in range(2)]
+    assert [(round(time_s * RATE_HZ), payload) for time_s, payload in listener.heard] == expected
+
+
+def test_each_copy_is_lost_on_its_own_in_the_share_stated() -> None:
+    first, second, speaker = Recorder(still), Recorder(still), Recorder(still, packets=3)
+    fly([vehicle(first), vehicle(speaker), vehicle(second)], 100.0, NetworkModel(100.0, loss=0.3))
+    heard = [{payload for _, payload in listener.heard} for listener in (first, second)]
+    sent = speaker.sent - 3  # those of the last tick never arrive
+    spread = (0.3 * 0.7 / sent) ** 0.5
+    for one in heard:
+        assert len(one) / sent == pytest.approx(0.7, abs=4.0 * spread)
+    assert len(heard[0] & heard[1]) / sent == pytest.approx(0.49, abs=4.0 * spread)
+    assert speaker.heard == []
+
+
+def test_the_radio_reaches_as_far_as_it_does_and_never_oneself() -> None:
+    places = [(0.0, 0.0), (6.0, 8.0), (-6.0, -8.01)]
+    cores = [Recorder(still, packets=1) for _ in places]
+    fly([vehicle(core, start_m=place) for core, place in zip(cores, places, strict=True)], 1.0, NetworkModel(10.0))
+    assert [len(core.heard) for core in cores] == [10, 10, 0]
+
+
+def test_the_same_seed_gives_the_same_flight_and_another_one_does_not() -> None:
+    def flight(seed: int) -> tuple[list[Telemetry], list[tuple[float, bytes]]]:
+        core = Recorder(weave)
+        vehicles = [vehicle(core, noise=TelemetryNoise(0.1, 0.1), seed=seed), vehicle(Recorder(still, packets=1))]
+        fly(vehicles, 5.0, NetworkModel(100.0, loss=0.5), seed)
+        return core.telemetry, core.heard
+
+    assert flight(1) == flight(1)
+    assert flight(1)[0] != flight(2)[0]
+    assert flight(1)[1] != flight(2)[1]
+
+
+def test_every_decision_and_every_tick_is_seen() -> None:
+    seen: list[tuple[int, int, Asked]] = []
+    times_s: list[float] = []
+    simulate(
+        [vehicle(Recorder(weave)), vehicle(Recorder(still))],
+        NetworkModel(100.0),
+        rate_hz=RATE_HZ,
+        duration_s=0.2,
+        seed=0,
+        observe=lambda tick, index, asked: seen.append((tick, index, asked)),
+        progress=times_s.append,
+    )
+    assert [(tick, index) for tick, index, _ in seen] == [(tick, index) for tick in range(3) for index in range(2)]
+    assert [asked.setpoint is None for _, _, asked in seen] == [False, True] * 3
+    assert times_s == pytest.approx([0.0, 0.1, 0.2])
+
+
+# Agents that come and go
+
+
+def team(absences: Sequence[Absence]) -> tuple[SimulatedFlight, Recorder, list[Recorder]]:
+    """Fly two: the second, of id 2, is absent at times; return its cores, too, one for every time it is there."""
+    other, cores = Recorder(still, packets=1), [Recorder(weave, packets=1)]
+
+    def new_core() -> Recorder:
+        cores.append(Recorder(still))
+        return cores[-1]
+
+    absent = SimulatedVehicle(
+        cores[0],
+        PLANT,
+        (1.0, -2.0),
+        8.0,
+        Sensor(),
+        TelemetryNoise(),
+        (0.0, 0.0),
+        (0, 2, 1),
+        absences=absences,
+        new_core=new_core,
+    )
+    return fly([vehicle(other), absent], 40.0), other, cores
+
+
+def test_an_agent_that_dies_is_silent_deaf_and_its_vehicle_hovers_where_it_was() -> None:
+    flight, other, (core,) = team([Absence(2, 10.0)])
+    assert other.presence == [(2, False)]
+    assert [each.time_s for each in core.telemetry][-1] == pytest.approx(9.9)
+    assert max(now_s for now_s, _ in core.heard) == pytest.approx(9.9)
+    assert max(now_s for now_s, _ in other.heard) <= 10.0
+    there = flight.motion[100, 1, :2]
+    assert flight.motion[-1, 1] == pytest.approx([*there, 0.0, 0.0], abs=1e-3)
+    aloft_s = flight.time_s[flight.aloft[:, 1]]
+    assert aloft_s.max() == pytest.approx(10.0 + LANDED_AFTER_S, abs=0.11)
+    assert flight.aloft[:, 0].all()
+
+
+def test_one_that_comes_back_has_a_new_core_at_rest_in_its_new_place() -> None:
+    flight, other, (first, second) = team([Absence(2, 10.0, 30.0, (7.0, 8.0))])
+    assert other.presence == [(2, False), (2, True)]
+    assert len(first.telemetry) == 100
+    assert second.telemetry[0].time_s == pytest.approx(30.0)
+    assert second.telemetry[0].position_m[:2] == (7.0, 8.0)
+    assert flight.motion[300, 1].tolist() == [7.0, 8.0, 0.0, 0.0]
+    assert flight.aloft[300:, 1].all()
+
+
+def test_one_that_comes_late_was_not_in_the_air_before() -> None:
+    flight, other, (core,) = team([Absence(2, 0.0, 20.0, (7.0, 8.0))])
+    assert other.presence == [(2, False), (2, True)]
+    assert core.telemetry[0].time_s == pytest.approx(20.0)
+    assert not flight.aloft[:200, 1].any()
+    assert flight.aloft[200:, 1].all()
+
+
+def test_times_that_end_before_they_begin_are_refused() -> None:
+    with pytest.raises(ValueError, match="vehicle 2 is to be away"):
+        Absence(2, 5.0, 4.0)
+    with pytest.raises(ValueError, match="vehicle 2"):
+        Absence(2, -1.0)
+    assert absence_at([Absence(2, 1.0, 2.0), Absence(2, 5.0)], 2.0) is None

@@ -1,0 +1,141 @@
+"""The simulated target and the sensors that see it."""
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+from estimation.state import Sighting
+from gcs.mission.file import load_mission
+from gcs.mission.simulation import target_sensor
+from sitl.world import (
+    Leg,
+    SensorModel,
+    SimulatedSensor,
+    TargetMotion,
+)
+
+TARGET = TargetMotion((35.0, -5.0), (0.1, -0.2))
+IDEAL = SensorModel(range_m=15.0, rate_hz=5.0, noise_m=0.0, importance=0.8, threat=0.2)
+NOISY = SensorModel(range_m=inf, rate_hz=10.0, noise_m=0.3, importance=0.8, threat=0.2)
+
+
+def look(sensor: SimulatedSensor, seconds: float, rate_hz: float = 10.0) -> list[Sighting]:
+    """What a sensor beside the target's start sees, asked at every tick of a loop."""
+    ticks = range(round(seconds * rate_hz))
+    seen = [sensor.sight(tick / rate_hz, (35.0, -5.0)) for tick in ticks]
+    return [one for one in seen if one is not None]
+
+
+@pytest.mark.parametrize(("time_s", "place"), [(-3.0, (35.0, -5.0)), (0.0, (35.0, -5.0)), (10.0, (36.0, -7.0))])
+def test_the_target_sets_out_when_the_mission_does(time_s: float, place: tuple[float, float]) -> None:
+    assert TARGET.position_m(time_s) == pytest.approx(place)
+
+
+def test_an_ideal_sensor_sees_the_truth_and_knows_that_it_is_not_quite() -> None:
+    sensor = SimulatedSensor(2, IDEAL, TARGET, start_s=100.0, seed=0)
+    assert sensor.sight(110.0, (30.0, 0.0)) == Sighting(110.0, 2, (36.0, -7.0), (1e-4, 0.0, 1e-4), 0.8, 0.2)
+
+
+@pytest.mark.parametrize(("distance", "seen"), [(14.99, True), (15.01, False)])
+def test_a_sensor_sees_as_far_as_it_does(distance: float, seen: bool) -> None:
+    sensor = SimulatedSensor(1, IDEAL, TARGET, 0.0, seed=0)
+    x, y = np.array([35.0, -5.0]) + distance * np.array([0.6, -0.8])
+    assert (sensor.sight(0.0, (x, y)) is not None) is seen
+
+
+@pytest.mark.parametrize(("rate_hz", "period_s"), [(5.0, 0.2), (10.0, 0.1), (2.0, 0.5), (50.0, 0.1)])
+def test_a_sensor_looks_at_its_rate_however_often_it_is_asked(rate_hz: float, period_s: float) -> None:
+    model = SensorModel(inf, rate_hz, 0.0, 0.8, 0.2)
+    times_s = [one.time_s for one in look(SimulatedSensor(1, model, TARGET, 0.0, seed=0), 100.0)]
+    assert np.diff(times_s) == pytest.approx(period_s)
+
+
+def test_noise_is_white_of_the_size_stated_and_the_covariance_says_so() -> None:
+    seen = look(SimulatedSensor(1, NOISY, TargetMotion((35.0, -5.0), (0.0, 0.0)), 0.0, seed=3), 400.0)
+    errors = np.array([one.position_m for one in seen]) - [35.0, -5.0]
+    assert len(errors) == 4000
+    assert errors.mean(axis=0) == pytest.approx(0.0, abs=4.0 * 0.3 / 4000**0.5)
+    assert np.cov(errors.T) == pytest.approx(np.eye(2) * 0.09, abs=0.09 * 4.0 * (2.0 / 4000) ** 0.5)
+    assert np.corrcoef(errors[1:, 0], errors[:-1, 0])[0, 1] == pytest.approx(0.0, abs=4.0 / 4000**0.5)
+    assert {one.covariance_m2 for one in seen} == {(0.09, 0.0, 0.09)}
+
+
+def test_seeds_and_sensors_have_noise_of_their_own_and_the_same_one_again() -> None:
+    flights = [
+        look(SimulatedSensor(sensor, NOISY, TARGET, 0.0, seed), 2.0)
+        for sensor, seed in ((1, 7), (1, 7), (2, 7), (1, 8))
+    ]
+    assert flights[0] == flights[1]
+    assert flights[0][0].position_m not in {flights[2][0].position_m, flights[3][0].position_m}
+
+
+FIELD = TargetMotion(
+    (0.0, 0.0), legs=(Leg((10.0, 0.0), 2.0), Leg((10.0, 6.0), 1.0, 4.0), Leg((0.0, 0.0), 11.661903789690601)), rounds=2
+)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "place", "velocity"),
+    [
+        (-1.0, (0.0, 0.0), (2.0, 0.0)),
+        (2.5, (5.0, 0.0), (2.0, 0.0)),
+        (8.0, (10.0, 3.0), (0.0, 1.0)),
+        (13.0, (10.0, 6.0), (0.0, 0.0)),
+        (15.5, (5.0, 3.0), (-10.0, -6.0)),
+        (18.5, (5.0, 0.0), (2.0, 0.0)),
+        (1000.0, (0.0, 0.0), (0.0, 0.0)),
+    ],
+)
+def test_a_target_goes_along_its_legs_pauses_and_goes_around_again(
+    time_s: float, place: tuple[float, float], velocity: tuple[float, float]
+) -> None:
+    assert FIELD.position_m(time_s) == pytest.approx(place)
+    assert FIELD.velocity_at_m_s(time_s) == pytest.approx(velocity)
+
+
+def test_a_path_has_all_its_corners_however_few_points_are_asked_for() -> None:
+    path = FIELD.path_m(20.0, 2)
+    assert {place for _, place in path} >= {(10.0, 0.0), (10.0, 6.0)}
+    assert [time_s for time_s, _ in path] == sorted(time_s for time_s, _ in path)
+    assert TargetMotion((1.0, 2.0)).path_m(600.0, 200) == [(0.0, (1.0, 2.0))]
+
+
+def test_a_sensor_may_be_late_and_says_when_it_saw() -> None:
+    late = replace(IDEAL, delay_s=0.3, range_m=inf)
+    sensor = SimulatedSensor(1, late, TARGET, 0.0, seed=0)
+    told = [(tick / 10.0, one) for tick in range(20) if (one := sensor.sight(tick / 10.0, (35.0, -5.0)))]
+    assert [now_s - one.time_s for now_s, one in told] == pytest.approx([0.3] * len(told))
+    assert len(told) == 9
+    assert told[4][1].position_m == pytest.approx(TARGET.position_m(told[4][1].time_s))
+
+
+def test_a_sensor_may_be_blind_for_a_while() -> None:
+    blind = replace(IDEAL, blind_s=((2.0, 4.0), (6.0, 7.0)))
+    times_s = [one.time_s for one in look(SimulatedSensor(1, blind, TARGET, 0.0, seed=0), 10.0)]
+    assert not [time_s for time_s in times_s if 2.0 <= time_s < 4.0 or 6.0 <= time_s < 7.0]
+    assert len(times_s) == 50 - 15
+
+
+def test_outliers_are_as_many_and_as_far_off_as_told() -> None:
+    wild = replace(NOISY, outlier_share=0.05, outlier_m=30.0)
+    seen = look(SimulatedSensor(1, wild, TargetMotion((35.0, -5.0)), 0.0, seed=0), 400.0)
+    off = np.linalg.norm(np.array([one.position_m for one in seen]) - [35.0, -5.0], axis=1)
+    assert np.mean(off > 5.0) == pytest.approx(0.05, abs=4.0 * (0.05 * 0.95 / 4000) ** 0.5)
+    assert off[off > 5.0] == pytest.approx(30.0, abs=5.0 * 0.3)
+
+
+@pytest.mark.parametrize(("source", "seen"), [("simulated", 50), ("external", 0)])
+def test_a_target_that_others_see_is_seen_by_no_simulated_sensor(source: str, seen: int) -> None:
+    mission = load_mission("case3-turns")
+    other = replace(mission, target=mission.target.model_copy(update={"source": source}))
+    sensor = target_sensor(other, 2, 0.0, 0)
+    assert len([1 for tick in range(100) if sensor.sight(tick / 10.0, other.target.start_m)]) == seen
+
+
+def test_a_vehicle_may_have_a_sensor_of_its_own() -> None:
+    mission = load_mission("case3-turns")
+    assert [mission.sensor(i).noise_m for i in mission.ids] == [0.5, 0.5, 1.0]
+    assert [mission.sensor(i).delay_s for i in mission.ids] == [0.3, 0.0, 0.0]
+    assert mission.sensor(3).outlier_share == mission.sensor(1).outlier_share == 0.05

@@ -1,0 +1,143 @@
+"""The structure of the four packages in figures: `python -m tests.structure`.
+
+A circle is a set of siblings - files or folders of one folder - that import one another, directly or through others.
+"""
+
+import ast
+import sys
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("gcs", "agents", "sitl", "estimation")
+FILES_MAX = {"gcs": 6, "agents": 10}
+FILES_MAX_ELSEWHERE = 16
+FUNCTION_LINES_MAX = 40
+
+
+def sources() -> list[Path]:
+    """Return the Python files of the packages, relative to the project's folder."""
+    return sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def crowded_folders(files: list[Path]) -> list[str]:
+    """Return the folders with more Python files at their top level than they may have, each with both numbers."""
+    rows = []
+    for folder, count in files_per_folder(files).items():
+        most = FILES_MAX.get(folder, FILES_MAX_ELSEWHERE)
+        if count > most:
+            rows.append(f"{folder}: {count} files, at most {most}")
+    return rows
+
+
+def files_per_folder(files: list[Path]) -> dict[str, int]:
+    """Return how many Python files stand at the top level of each folder."""
+    folders = [path.parent.as_posix() for path in files]
+    return {folder: folders.count(folder) for folder in sorted(set(folders))}
+
+
+def long_functions(files: list[Path]) -> list[str]:
+    """Return the functions of more than `FUNCTION_LINES_MAX` lines, each with its place and length."""
+    rows = []
+    for path in files:
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                length = (node.end_lineno or node.lineno) - node.lineno + 1
+                if length > FUNCTION_LINES_MAX:
+                    rows.append(f"{path.as_posix()}:{node.lineno} {node.name}: {length} lines")
+    return rows
+
+
+def file_circles(files: list[Path]) -> list[str]:
+    """Return one circle of files that import one another, empty if there is none."""
+    return _circle(_imports(files))
+
+
+def folder_circles(files: list[Path]) -> list[str]:
+    """Return, for each folder whose files and folders import one another in a circle, one such circle."""
+    found: list[str] = []
+    imports = _imports(files)
+    for parent in sorted({module.rpartition(".")[0] for module in imports} | {""}):
+        siblings: dict[str, set[str]] = {}
+        for module, imported in imports.items():
+            own = _child(parent, module)
+            others = {_child(parent, each) for each in imported} - {own, ""}
+            if own:
+                siblings.setdefault(own, set()).update(others)
+        found += _circle(siblings)
+    return found
+
+
+def _imports(files: list[Path]) -> dict[str, set[str]]:
+    """Return the modules of the packages that each module imports, wherever in its file but for type checking alone."""
+    modules = {_module(path): path for path in files}
+    return {module: set(_imported(_tree(path), modules)) - {module} for module, path in modules.items()}
+
+
+def _imported(tree: ast.Module, modules: Mapping[str, Path]) -> Iterator[str]:
+    typing_only = {id(node) for block in ast.walk(tree) if _is_type_checking(block) for node in ast.walk(block)}
+    for node in ast.walk(tree):
+        if id(node) in typing_only:
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            for alias in node.names:
+                submodule = f"{node.module}.{alias.name}"
+                yield from (name for name in (submodule, node.module) if name in modules and name not in PACKAGES)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in modules)
+
+
+def _is_type_checking(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+
+
+def _module(path: Path) -> str:
+    parts = path.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _child(parent: str, module: str) -> str:
+    """Return the child of `parent` that is, or holds, a module; empty if none does."""
+    prefix = f"{parent}." if parent else ""
+    if not module.startswith(prefix):
+        return ""
+    return prefix + module.removeprefix(prefix).partition(".")[0]
+
+
+def _circle(graph: Mapping[str, set[str]]) -> list[str]:
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return [" -> ".join(reversed(error.args[1]))]
+    return []
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse((ROOT / path).read_text(encoding="utf-8"))
+
+
+def main() -> int:
+    """Print the figures, and return 1 if one of them is not as it has to be."""
+    files = sources()
+    for folder, count in files_per_folder(files).items():
+        print(f"{count:4d} files  {folder}")
+    for package in PACKAGES:
+        lines = [
+            len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in files if path.parts[0] == package
+        ]
+        print(f"{sum(lines):6d} lines  {package} ({len(lines)} files, the longest {max(lines)})")
+    faults = 0
+    for title, rows in (
+        ("folders with too many files", crowded_folders(files)),
+        ("circles of files", file_circles(files)),
+        ("circles of folders", folder_circles(files)),
+        (f"functions over {FUNCTION_LINES_MAX} lines", long_functions(files)),
+    ):
+        print(f"{title}: {len(rows)}", *rows, sep="\n  ")
+        faults += len(rows)
+    return int(faults > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

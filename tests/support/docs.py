@@ -1,0 +1,115 @@
+"""The parts of the documentation that are made from the code: `python -m tests.support.docs` writes them anew."""
+
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from agents.safety.failsafe import TABLE, Reaction, Row
+from agents.tactics import diagram
+from estimation.settings import Settings
+from gcs.mission.file import SECTIONS
+from gcs.mission.mission import (
+    LegSection,
+    SensorChange,
+    SensorSection,
+    TrueScale,
+    VehicleSection,
+)
+from tests.support.paths import DOCS
+
+_TABLES: dict[str, type[Settings]] = {
+    **{f"[{name}]": model for name, model in SECTIONS.items()},
+    "[target.sensor]": SensorSection,
+    "[[target.legs]]": LegSection,
+    "[[vehicles]]": VehicleSection,
+    "true_scale of a vehicle": TrueScale,
+    "sensor of a vehicle": SensorChange,
+}
+_LIMITS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
+
+
+def key_tables() -> str:
+    """Return every section of a mission file with its keys, defaults and ranges, as Markdown."""
+    return "\n\n".join(_table(title, model) for title, model in _TABLES.items())
+
+
+def tactic_diagram() -> str:
+    """Return the tactic machine as a Mermaid block."""
+    return f"```mermaid\n{diagram()}\n```"
+
+
+def failsafe_table() -> str:
+    """Return the failsafe table as Markdown, its grace times with their defaults."""
+    head = ["| condition | detected when | grace | reaction | on the way down | left |", "|---|---|---|---|---|---|"]
+    return "\n".join(head + [_failsafe(row) for row in TABLE])
+
+
+GENERATED = {
+    "missions.md": ("keys", key_tables),
+    "design.md": ("tactics", tactic_diagram),
+    "safety.md": ("failsafes", failsafe_table),
+}
+
+
+def renewed(name: str) -> str:
+    """Return a document's text with its generated part made anew."""
+    mark, generate = GENERATED[name]
+    begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
+    before, _, rest = (DOCS / name).read_text(encoding="utf-8").partition(begin)
+    _, _, after = rest.partition(end)
+    return f"{before}{begin}\n{generate()}\n{end}{after}"
+
+
+def _failsafe(row: Row) -> str:
+    cells = (
+        f"**{row.condition.value}**",
+        row.detected,
+        _grace(row),
+        "; then ".join(reaction.value for reaction in row.reactions),
+        _descending(row),
+        row.left,
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _grace(row: Row) -> str:
+    if not row.grace:
+        return "none"
+    section, key = row.grace.split(".")
+    wall = ", wall" if row.by_wall else ""
+    return f"{SECTIONS[section].model_fields[key].default:g} s{wall} (`{row.grace}`)"
+
+
+def _descending(row: Row) -> str:
+    if row.descending is not None:
+        return row.descending.value
+    at_once = row.reactions[0] in (Reaction.LAND, Reaction.STAND_DOWN)
+    return row.reactions[0].value if at_once else "goes on"
+
+
+def _table(title: str, model: type[Settings]) -> str:
+    purpose = " ".join((model.__doc__ or "").split()).replace("|", "\\|")
+    rows = [f"| `{name}` | {_default(field)} | {_range(field)} |" for name, field in model.model_fields.items()]
+    return "\n".join([f"### `{title}`", "", purpose, "", "| key | default | range |", "|---|---|---|", *rows])
+
+
+def _default(field: FieldInfo) -> str:
+    if field.default is PydanticUndefined:
+        return "required"
+    if isinstance(field.default, Settings):
+        return "see below"
+    return f"`{field.default!r}`" if field.default is not None else "none"
+
+
+def _range(field: FieldInfo) -> str:
+    limits = [
+        f"{sign} {getattr(limit, name):g}"
+        for limit in field.metadata
+        for name, sign in _LIMITS
+        if getattr(limit, name, None) is not None
+    ]
+    return ", ".join(limits)
+
+
+if __name__ == "__main__":
+    for document in GENERATED:
+        (DOCS / document).write_text(renewed(document), encoding="utf-8")

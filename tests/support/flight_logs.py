@@ -1,0 +1,93 @@
+"""What the tests of flight logs share: short simulated flights on record, and the same with something changed."""
+
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from foxglove import Context
+
+from gcs.flight.simulated import fly_simulated
+from gcs.flightlog.reader import FlightLog, LogRecord, read_log
+from gcs.flightlog.run import run_of
+from gcs.flightlog.schema import Codec
+from gcs.flightlog.simulation import SimulationRecording
+from gcs.flightlog.writer import LogWriter
+from gcs.metrics.record import FlightRecord
+from gcs.mission.mission import Mission
+from tests.support.mission_text import (
+    Place,
+    content,
+    parsed,
+    put,
+)
+from tests.support.paths import MISSIONS
+
+
+def engaging(name: str = "case2-field", *changes: tuple[Place, object]) -> Mission:
+    """Return a mission with its target near, and more of it changed: all engage within seconds.
+
+    In case2-field they do in noise and with lost messages.
+    """
+    mission = content((MISSIONS / f"{name}.toml").read_text(encoding="utf-8"))
+    for place, value in ((("target", "start_m"), [8.0, -5.0]), *changes):
+        mission = put(mission, place, value)
+    return parsed(mission)
+
+
+def record_simulation(
+    mission: Mission, path: Path, *, seed: int = 3, duration_s: float = 40.0, flush_s: float = inf
+) -> FlightRecord:
+    """Fly a mission in simulation, recorded at `path`; flushed now and then, it is in as many pieces as a flight's."""
+    return record_into(LogWriter(path, Context()), mission, seed=seed, duration_s=duration_s, flush_s=flush_s)
+
+
+def record_into(
+    writer: LogWriter, mission: Mission, *, seed: int = 3, duration_s: float = 40.0, flush_s: float = inf
+) -> FlightRecord:
+    """Fly a mission in simulation, recorded by a writer."""
+    run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=1.7e9, duration_s=duration_s)
+    recording = SimulationRecording(writer, run)
+    flushed_s = 0.0
+
+    def flush(time_s: float) -> None:
+        nonlocal flushed_s
+        if time_s - flushed_s >= flush_s:
+            flushed_s = time_s
+            writer.flush()
+
+    return fly_simulated(mission, seed, duration_s, flush, recording)
+
+
+@contextmanager
+def files_up_to(size_bytes: int) -> Iterator[None]:
+    """No file of this process may grow larger; Python ignores the signal, and the writing fails."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def reencoded(record: LogRecord, changed: Any, number: int | None = None) -> LogRecord:
+    """Return a record with other contents, and its old number unless another is given."""
+    number = record.plain()["number"] if number is None else number
+    return record._replace(payload=Codec(record.kind).encode(changed, number))
+
+
+def rewrite(log: FlightLog, path: Path, vehicle_id: int, change: Callable[[LogRecord], object]) -> FlightLog:
+    """Write a log anew and read that: what `change` returns takes the place of each of a vehicle's records.
+
+    With None nothing does; vehicle 0 is the run.
+    """
+    writer = LogWriter(path, Context())
+    for each_id, records in {0: log.run_records, **log.vehicles}.items():
+        for record in records:
+            changed = change(record) if each_id == vehicle_id else record.read(record.kind)
+            if changed is not None:
+                writer.write(each_id, record.plain()["number"], record.time_ns, changed)
+    writer.close()
+    return read_log(path)

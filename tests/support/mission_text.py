@@ -1,0 +1,107 @@
+"""Missions as dictionaries, for changing single values, back to text, and what is wrong with them."""
+
+import copy
+import json
+import re
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gcs.mission.file import MissionError, parse_mission
+from gcs.mission.mission import Mission
+from tests.support.paths import MISSIONS
+
+Content = dict[str, Any]
+Place = tuple[str | int, ...]
+
+CASE2 = (MISSIONS / "case2.toml").read_text(encoding="utf-8")
+
+
+def content(text: str = CASE2) -> Content:
+    return tomllib.loads(text)
+
+
+def toml(value: object) -> str:
+    """Write a value as TOML, tables in line."""
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case int() | float():
+            return repr(value)
+        case list():
+            return f"[{', '.join(map(toml, value))}]"
+        case dict():
+            return (
+                "{" + ", ".join(f"{json.dumps(key, ensure_ascii=False)} = {toml(v)}" for key, v in value.items()) + "}"
+            )
+        case _:
+            return json.dumps(value, ensure_ascii=False)
+
+
+def text_of(mission: Content) -> str:
+    return "\n".join(f"{json.dumps(key, ensure_ascii=False)} = {toml(value)}" for key, value in mission.items())
+
+
+def drawn_vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float], most_off: float) -> Content:
+    """Draw a vehicle on the stub's plant file, whose true numbers are each up to a share off the file's."""
+    a0, a1 = random.uniform(1.0 - most_off, 1.0 + most_off, 2).tolist()
+    return {
+        "id": slot + 1,
+        "url": f"udpin://127.0.0.1:{14540 + slot}",
+        "endpoint": f"tcp/127.0.0.1:{7461 + slot}",
+        "plant": "stub-delayed",
+        "true_scale": {"a0": a0, "a1": a1},
+        "start_m": list(start_m),
+    }
+
+
+def put(mission: Content, path: Place, value: object) -> Content:
+    """Return the mission with one value put in, and the tables and lists on the way to it."""
+    mission = copy.deepcopy(mission)
+    node: Any = mission
+    for key, following in pairwise(path):
+        if isinstance(key, str):
+            node = node.setdefault(key, [0.0, 0.0] if isinstance(following, int) else {})
+        else:
+            node = node[key]
+    node[path[-1]] = value
+    return mission
+
+
+def drop(mission: Content, path: Place) -> Content:
+    mission = copy.deepcopy(mission)
+    node: Any = mission
+    for key in path[:-1]:
+        node = node[key]
+    del node[path[-1]]
+    return mission
+
+
+def shown(path: Place) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
+
+
+def parsed(mission: Content, folder: Path = MISSIONS) -> Mission:
+    return parse_mission(text_of(mission), folder)
+
+
+def faults(mission: Content | str, folder: Path = MISSIONS) -> list[str]:
+    """Return the faults, each one line `path: what is wrong` in a user's words."""
+    text = mission if isinstance(mission, str) else text_of(mission)
+    with pytest.raises(MissionError) as caught:
+        parse_mission(text, folder)
+    assert caught.value.faults
+    for fault in caught.value.faults:
+        assert re.fullmatch(r"(not TOML|[\w.\[\]-]+): \S.*", fault), fault
+        assert not re.search(r"Section|Settings|dictionary|tuple|pydantic|Error", fault), (
+            f"a programmer's words: {fault}"
+        )
+    return list(caught.value.faults)
+
+
+def places(mission: Content | str, folder: Path = MISSIONS) -> list[str]:
+    return sorted(fault.partition(": ")[0] for fault in faults(mission, folder))

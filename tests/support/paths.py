@@ -1,0 +1,9 @@
+"""Where the parts of the project that tests read stand."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "tests" / "data"
+DOCS = ROOT / "docs"
+MISSIONS = ROOT / "gcs" / "mission" / "missions"
+PLANTS = ROOT / "estimation" / "plant" / "plants"

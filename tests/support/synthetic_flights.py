@@ -1,0 +1,130 @@
+"""Flights of a known plant, flown by another arithmetic than the one that identifies them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from estimation.identification.excerpts import Recording
+from estimation.state import Vector
+
+FINE_S = 0.002
+SENT_S = 0.04
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A plant as it truly is."""
+
+    a0: tuple[float, float]
+    a1: tuple[float, float]
+    delay_s: float
+    feedforward: float = 0.0
+
+
+def excitation_m(random: np.random.Generator, steps_s: float = 90.0, circle_s: float = 60.0) -> Vector:
+    """Return setpoints (n, 2) at SENT_S: random steps within 3 m, then a circle ever faster."""
+    columns = []
+    for _ in range(2):
+        column: list[float] = []
+        while len(column) < steps_s / SENT_S:
+            column += [random.uniform(-3.0, 3.0)] * round(random.uniform(1.5, 6.0) / SENT_S)
+        columns.append(column[: round(steps_s / SENT_S)])
+    time_s = np.arange(0.0, circle_s, SENT_S)
+    phase = 0.15 * time_s + 0.5 * 0.015 * time_s**2
+    circle = 3.0 * np.column_stack((np.cos(phase), np.sin(phase)))
+    return np.vstack((np.column_stack(columns), circle))
+
+
+def circle_velocity_m_s(setpoint_m: Vector, steps_s: float = 90.0) -> Vector:
+    """Return the velocities (n, 2) that go with such setpoints: those of the circle, and none beside steps."""
+    velocity = np.gradient(setpoint_m, SENT_S, axis=0)
+    velocity[: round(steps_s / SENT_S) + 1] = 0.0
+    return np.asarray(velocity)
+
+
+def coloured(random: np.random.Generator, count: int, step_s: float, deviation_m: float, memory_s: float) -> Vector:
+    """Return noise (count,) of a standard deviation that forgets itself within `memory_s`."""
+    keep = np.exp(-step_s / memory_s)
+    white = random.normal(size=count) * np.sqrt(1.0 - keep**2)
+    white[0] = random.normal()
+    return np.asarray(deviation_m * lfilter([1.0], [1.0, -keep], white))
+
+
+def flown(
+    truth: Truth, setpoint_m: Vector, lag_s: float = 0.0, velocity_m_s: Vector | None = None
+) -> tuple[Vector, Vector]:
+    """Return times and positions (T, 2) at FINE_S of the plant, with a lag if any, that gets setpoints every SENT_S."""
+    count = round(setpoint_m.shape[0] * SENT_S / FINE_S)
+    time_s = np.arange(count) * FINE_S
+    at = np.clip(np.floor((time_s - truth.delay_s) / SENT_S + 1e-9).astype(int), 0, setpoint_m.shape[0] - 1)
+    columns = []
+    for axis in range(2):
+        a0, a1 = truth.a0[axis], truth.a1[axis]
+        denominator = [lag_s, 1.0, a1, a0] if lag_s else [1.0, a1, a0]
+        above, below, _ = cont2discrete(([a0], denominator), FINE_S)[:3]
+        held = setpoint_m[at, axis]
+        columns.append(held[0] + lfilter(above.ravel(), below, held - held[0]))
+        if velocity_m_s is not None:
+            push = truth.feedforward * a1 / a0 * velocity_m_s[at, axis]
+            columns[-1] = columns[-1] + lfilter(above.ravel(), below, push)
+    return time_s, np.column_stack(columns)
+
+
+def recorded(
+    truth: Truth,
+    seed: int,
+    *,
+    noise_m: float = 0.05,
+    memory_s: float = 1.0,
+    setpoints_hz: float = 20.0,
+    positions_hz: float = 50.0,
+    setpoint_m: Vector | None = None,
+    sampled: bool = True,
+    lag_s: float = 0.0,
+    fed: bool = False,
+) -> Recording:
+    """Return what a log holds of an excitation flight: noisy positions, and setpoints sampled now and then.
+
+    If `fed`, their velocities go with them, whatever the vehicle makes of those.
+    """
+    random = np.random.default_rng(seed)
+    sent_m = excitation_m(random) if setpoint_m is None else setpoint_m
+    velocity_m_s = circle_velocity_m_s(sent_m) if fed else None
+    time_s, position_m = flown(truth, sent_m, lag_s, velocity_m_s)
+    every = round(1.0 / positions_hz / FINE_S)
+    time_s, position_m = time_s[::every], position_m[::every]
+    noise = [coloured(random, time_s.size, 1.0 / positions_hz, noise_m, memory_s) for _ in range(2)]
+    begin_s = random.uniform(0.0, 1.0 / setpoints_hz) if sampled else 0.0
+    sampled_s = np.arange(begin_s, time_s[-1], 1.0 / setpoints_hz)
+    held = np.floor(sampled_s / SENT_S + 1e-9).astype(int)
+    return Recording(
+        time_s,
+        position_m + np.column_stack(noise),
+        sampled_s,
+        sent_m[held],
+        [(0.0, float(time_s[-1]))],
+        sampled=sampled,
+        velocity_m_s=None if velocity_m_s is None else velocity_m_s[held],
+    )
+
+
+def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
+    """Return what a log holds of a flight in which the vehicle's speed was bounded along each axis."""
+    random = np.random.default_rng(seed)
+    sent_m = excitation_m(random)
+    step_s, late = 0.01, round(truth.delay_s / 0.01)
+    a0, a1 = np.array(truth.a0), np.array(truth.a1)
+    position, velocity, path = sent_m[0].copy(), np.zeros(2), []
+    for at in range(round(sent_m.shape[0] * SENT_S / step_s)):
+        path.append(position)
+        asked = sent_m[max(0, at - late) * sent_m.shape[0] // round(sent_m.shape[0] * SENT_S / step_s)]
+        wished = np.clip(a0 / a1 * (asked - position), -speed_max_m_s, speed_max_m_s)
+        velocity = velocity + a1 * (wished - velocity) * step_s
+        position = position + velocity * step_s
+    every = round(0.02 / step_s)
+    position_m = np.array(path)[::every]
+    noise = np.column_stack([coloured(random, position_m.shape[0], 0.02, 0.05, 1.0) for _ in range(2)])
+    time_s = np.arange(position_m.shape[0], dtype=np.float64) * 0.02
+    sent_s = np.arange(sent_m.shape[0], dtype=np.float64) * SENT_S
+    return Recording(time_s, position_m + noise, sent_s, sent_m, [(0.0, float(time_s[-1]))])

@@ -1,0 +1,90 @@
+"""What the tests that fly over sockets share: ports of their own, stubs that can be watched, and waiting."""
+
+import asyncio
+import os
+import random
+import socket
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from itertools import islice
+from typing import Any
+
+import pytest
+
+from sitl.autopilot.px4 import Autopilot
+from sitl.mavlink.protocol import MavlinkVehicle
+from sitl.server.process import unix_clock
+from sitl.server.server import StubConfig, serve
+
+LOOPBACK = "127.0.0.1"
+
+
+# Below the range from which systems take ports for connections that do not ask for one: nobody else happens on them.
+_PORTS = iter(random.Random(os.getpid()).sample(range(20_000, 32_000), 12_000))
+
+
+def free_ports(count: int) -> list[int]:
+    """Return ports that are free for UDP and for TCP; no port is returned twice."""
+    return list(islice(filter(_is_free, _PORTS), count))
+
+
+def free_port() -> int:
+    """Return one such port."""
+    return free_ports(1)[0]
+
+
+def _is_free(port: int) -> bool:
+    for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
+        with socket.socket(socket.AF_INET, kind) as attempt:
+            try:
+                attempt.bind((LOOPBACK, port))
+            except OSError:
+                return False
+    return True
+
+
+class StubWatch:
+    """The stub vehicles of this process by system id, and when each received setpoints; a restart makes a new one."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.vehicles: dict[int, Autopilot] = {}
+        self.received_s: defaultdict[int, list[float]] = defaultdict(list)
+        make, take = MavlinkVehicle.__init__, MavlinkVehicle._on_setpoint
+
+        def made(vehicle: MavlinkVehicle, autopilot: Autopilot, *arguments: Any, **named: Any) -> None:
+            self.vehicles[named["system_id"]] = autopilot
+            make(vehicle, autopilot, *arguments, **named)
+
+        def taken(vehicle: MavlinkVehicle, message: Any, time_s: float) -> Any:
+            self.received_s[vehicle._system_id].append(asyncio.get_running_loop().time())
+            return take(vehicle, message, time_s)
+
+        monkeypatch.setattr(MavlinkVehicle, "__init__", made)
+        monkeypatch.setattr(MavlinkVehicle, "_on_setpoint", taken)
+
+    def received_since(self, system_id: int, since_s: float) -> int:
+        """Return how many setpoints a vehicle has received since a time of the event loop."""
+        return sum(at_s > since_s for at_s in self.received_s[system_id])
+
+
+@asynccontextmanager
+async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[None]:
+    """Serve stub vehicles in this process."""
+    stop = asyncio.Event()
+    stubs = asyncio.create_task(serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop))
+    try:
+        yield
+    finally:
+        stop.set()
+        await stubs
+
+
+async def until(condition: Callable[[], bool], timeout_s: float = 20.0, waiting_for: str = "it") -> float:
+    """Wait for a condition and return when it came true, on the event loop's clock."""
+    loop = asyncio.get_running_loop()
+    end_s = loop.time() + timeout_s
+    while not condition():
+        assert loop.time() < end_s, f"{waiting_for} never came true"
+        await asyncio.sleep(0.005)
+    return loop.time()

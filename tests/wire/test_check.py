@@ -1,0 +1,192 @@
+"""`cordon check` against stub vehicles over UDP: what operators read when all is well, and when it is not."""
+
+import asyncio
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from mavsdk.plugins.geofence import Circle, FenceType, Geofence, GeofenceData, Point, Polygon
+from mavsdk.plugins.param import Param
+
+from gcs.cli.app import main
+from gcs.flight.stubs import stub_configs
+from gcs.link.hub import MavsdkHub
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from gcs.preflight.link_facts import gather_facts
+from sitl.mavlink.dialects import AutopilotKind
+from sitl.mavlink.reports import EstimatorNoise
+from sitl.server.process import StubProcess
+from sitl.server.server import StubConfig
+
+pytestmark = [
+    pytest.mark.wire,
+    pytest.mark.team,
+    pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens"),
+]
+
+SPEED = 5.0
+WELL = {"COM_OBL_RC_ACT": 4}
+Checked = Callable[..., tuple[int, list[dict[str, str]]]]
+
+
+@pytest.fixture
+def mission(mission_file: Callable[..., str]) -> Callable[..., tuple[str, Mission]]:
+    """Return a maker of missions: case 2 on free ports, with pieces of its text replaced."""
+
+    def make(*changes: tuple[str, str]) -> tuple[str, Mission]:
+        path = mission_file("case2", *changes)
+        return path, load_mission(path)
+
+    return make
+
+
+@pytest.fixture
+def checked(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Checked:
+    """Return a runner of `cordon check`: its exit code and findings; it runs in this process, which is faster."""
+
+    def run(path: str) -> tuple[int, list[dict[str, str]]]:
+        monkeypatch.setattr(sys, "argv", ["cordon", "check", path, "--json"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = json.loads(capsys.readouterr().out)
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, told["findings"]
+
+    return run
+
+
+@contextmanager
+def stubs(configs: Sequence[StubConfig]) -> Iterator[None]:
+    process = StubProcess(configs, SPEED)
+    process.start()
+    try:
+        yield
+    finally:
+        process.stop()
+
+
+def set_parameters(mission: Mission, vehicle_id: int, values: Mapping[str, int | float]) -> None:
+    """Do what the operator is told to do with a ground station: cordon itself writes no parameters."""
+
+    async def write() -> None:
+        hub, vehicle = MavsdkHub(), mission.vehicle(vehicle_id)
+        system = await hub.find(vehicle.section.url, vehicle.system_id, 5.0)
+        param: Any = Param(system)
+        for name, value in values.items():
+            put = param.set_param_int if isinstance(value, int) else param.set_param_float
+            await asyncio.to_thread(put, name, value)
+        param.destroy()
+        system.destroy()
+        await hub.release(vehicle.section.url, vehicle.system_id)
+        await hub.close()
+
+    asyncio.run(write())
+
+
+def test_every_vehicle_tells_the_version_of_its_firmware(mission: Callable[..., tuple[str, Mission]]) -> None:
+    _, two = mission()
+    configs = stub_configs(two)
+    with stubs([replace(configs[0], autopilot=AutopilotKind.ARDUPILOT), *configs[1:]]):
+        facts = asyncio.run(gather_facts(two))
+    assert [each.firmware for each in facts] == ["4.7.0-dev", "1.17.0", "1.17.0"]
+
+
+def upload_fence(mission: Mission, vehicle_id: int, half_m: float) -> None:
+    """Let a vehicle have a fence about the mission's origin, as a ground station would upload it."""
+    frame = mission.mission_frame()
+    square = ((-half_m, -half_m), (half_m, -half_m), (half_m, half_m), (-half_m, half_m))
+    places = [frame.geodetic_from_mission((x, y, 0.0)) for x, y in square]
+    corners = [Point(place.latitude_deg, place.longitude_deg) for place in places]
+    around = Circle(Point(places[0].latitude_deg, places[0].longitude_deg), 5000.0, FenceType.INCLUSION)
+
+    async def write() -> None:
+        hub, vehicle = MavsdkHub(), mission.vehicle(vehicle_id)
+        system = await hub.find(vehicle.section.url, vehicle.system_id, 5.0)
+        geofence: Any = Geofence(system)
+        circles = [around] if half_m > 1000.0 else []
+        fence = GeofenceData([Polygon(corners, FenceType.INCLUSION)], circles)
+        await asyncio.to_thread(geofence.upload_geofence, fence)
+        geofence.destroy()
+        system.destroy()
+        await hub.release(vehicle.section.url, vehicle.system_id)
+        await hub.close()
+
+    asyncio.run(write())
+
+
+def of(findings: list[dict[str, str]], grade: str) -> list[tuple[str, str, str]]:
+    return [(each["subject"], each["check"], each["found"]) for each in findings if each["grade"] == grade]
+
+
+def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any], checked: Checked) -> None:
+    path, team = mission()
+    with stubs(stub_configs(team)):
+        set_parameters(team, 1, WELL)
+        set_parameters(team, 2, {"COM_OBL_RC_ACT": 0, "COM_OF_LOSS_T": 6.0, "GF_MAX_HOR_DIST": 40.0})
+        set_parameters(team, 3, WELL)
+        upload_fence(team, 2, 20.0)
+        upload_fence(team, 3, 2000.0)
+        code, findings = checked(path)
+    assert code == 3
+    assert of(findings, "refuse") == [
+        ("vehicle 2", "COM_OF_LOSS_T", "COM_OF_LOSS_T = 6: 6 s without setpoints until its failsafe acts"),
+    ]
+    warned = {found for subject, _, found in of(findings, "warning") if subject == "vehicle 2"}
+    assert "COM_OBL_RC_ACT = 0: position mode when setpoints stop" in warned
+    assert "the mission takes it up to 120 m from home; its fence GF_MAX_HOR_DIST is at 40 m" in warned
+    assert "areas in its geofence: 1, and the mission leads out of them, to (45, -5) among others" in warned
+    # The others are well, but for what the stub does not know.
+    others = [each for each in findings if each["subject"] != "vehicle 2" and each["grade"] != "pass"]
+    assert {each["check"] for each in others} <= {"acceleration limit"}
+    areas = [each["found"] for each in findings if each["check"] == "fence areas" and each["subject"] == "vehicle 3"]
+    assert areas == ["areas in its geofence: 2; the mission stays where it may fly"]
+    told = {each["check"]: each["found"] for each in findings if each["subject"] == "vehicle 1"}
+    assert told["gps"] == "GPS: 3D fix, 14 satellites"
+    assert told["battery"] == "its battery is at 100%"
+    assert told["clock"] == "its clock runs 5 times as fast as the wall's: it is a simulator's"
+    assert told["health"] == "all of its 7 health items are well"
+    assert told["estimator"].startswith("its estimator's sensors agree: highest test ratio 0.0")
+    assert told["armed"] == "it is disarmed, on the ground"
+    assert float(told["telemetry"].split()[3]) == pytest.approx(20.0, rel=0.1)
+
+
+def test_estimators_whose_sensors_disagree(mission: Callable[..., Any], checked: Checked) -> None:
+    path, team = mission()
+    one, two, three = stub_configs(team)
+    shaken = EstimatorNoise(velocity_m_s=20.0)
+    copter = replace(two, noise=shaken, autopilot=AutopilotKind.ARDUPILOT)
+    with stubs([replace(one, noise=shaken), copter, three]):
+        code, findings = checked(path)
+    assert code == 3
+    refused = [each for each in findings if each["check"] == "estimator" and each["grade"] == "refuse"]
+    assert [each["subject"] for each in refused] == ["vehicle 1", "vehicle 2"]
+    assert all("its estimator rejects what it is told about its velocity" in each["found"] for each in refused)
+    assert [subject for subject, check, _ in of(findings, "pass") if check == "estimator"] == ["vehicle 3"]
+
+
+def test_vehicles_that_are_silent_misplaced_or_carry_anothers_id(mission: Callable[..., Any], checked: Checked) -> None:
+    path, team = mission()
+    misplaced, twin, _silent = stub_configs(team)
+    configs = [
+        replace(misplaced, start_position_m=(12.0, 3.0), battery_fraction=0.2),
+        replace(twin, vehicle_id=1),
+    ]
+    with stubs(configs):
+        code, findings = checked(path)
+    urls = [vehicle.section.url for vehicle in team.vehicles]
+    assert code == 3
+    assert of(findings, "refuse") == [
+        (
+            "vehicle 1",
+            "start",
+            "it stands 12.0 m from its start_m (0, 4): +12.0 m along x, -1.0 m along y",
+        ),
+        ("vehicle 1", "battery", "its battery is at 20%"),
+        ("vehicle 2", "link", f"{urls[1]} carries system id 1, not 2"),
+        ("vehicle 3", "link", f"no heartbeat on {urls[2]} within 5 s"),
+    ]

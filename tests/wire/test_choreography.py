@@ -1,0 +1,225 @@
+"""From the ground to the ground over UDP: looked at before arming, refused in the autopilot's words, and once again."""
+
+import asyncio
+import os
+import re
+import sys
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from io import StringIO
+from math import dist
+
+import pytest
+from rich.console import Console
+
+from agents.ports import VehicleRefusedError
+from agents.shell.clock import MissionClock
+from agents.shell.outcome import Ending
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import TOPICS, Muster, encode
+from gcs.console.live import LiveView
+from gcs.flight.flight import Flight, fly
+from gcs.flight.plan import FlightPlan
+from gcs.flight.stubs import stub_configs
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.findings import Finding, Grade
+from sitl.autopilot.modes import NavMode
+from sitl.autopilot.px4 import Autopilot
+from tests.support.paths import ROOT
+from tests.support.wire import served
+
+pytestmark = [pytest.mark.wire, pytest.mark.team]
+
+SPEED = 5.0
+RETURN = ("[safety]", '[choreography]\nlayer_m = 3.0\nlanding = "return"\nlanding_order = [3, 1, 2]\n\n[safety]')
+
+
+async def flown(mission: Mission, duration_s: float, findings: list[Finding]) -> Flight:
+    plan = FlightPlan(mission, duration_s, mission.vehicles, stubs=False, speed=SPEED)
+    return await fly(plan, LiveView(Console(file=StringIO())), findings.extend)
+
+
+class Watched:
+    """The stub vehicles by the order in which they were made, and what was asked of them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.vehicles: list[Autopilot] = []
+        self.asked: list[str] = []
+        self.disarmed: list[Autopilot] = []
+        self.still_up_m: list[list[float]] = []
+        make, arm, select, disarm = Autopilot.__init__, Autopilot.arm, Autopilot.select, Autopilot._disarm
+
+        def noted_make(autopilot: Autopilot, *arguments: object, **named: object) -> None:
+            self.vehicles.append(autopilot)
+            make(autopilot, *arguments, **named)  # type: ignore[arg-type]
+
+        def noted_arm(autopilot: Autopilot) -> object:
+            self.asked.append("arm")
+            return arm(autopilot)
+
+        def noted_select(autopilot: Autopilot, mode: NavMode) -> object:
+            self.asked.append(mode.name)
+            return select(autopilot, mode)
+
+        def noted_disarm(autopilot: Autopilot, reason: str) -> None:
+            self.disarmed.append(autopilot)
+            heights_m = (each.airframe.height_m for each in self.vehicles)
+            self.still_up_m.append([height_m for height_m in heights_m if height_m > 0.0])
+            disarm(autopilot, reason)
+
+        monkeypatch.setattr(Autopilot, "__init__", noted_make)
+        monkeypatch.setattr(Autopilot, "arm", noted_arm)
+        monkeypatch.setattr(Autopilot, "select", noted_select)
+        monkeypatch.setattr(Autopilot, "_disarm", noted_disarm)
+
+    def ids(self, vehicles: Sequence[Autopilot]) -> list[int]:
+        return [self.vehicles.index(each) + 1 for each in vehicles]
+
+
+async def test_a_second_mission_right_after_the_first(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = load_mission(mission_file("case2"))
+    watched, told = Watched(monkeypatch), list[Finding]()
+    async with served(stub_configs(mission), SPEED):
+        for _ in range(2):
+            flight = await flown(mission, 5.0, told)
+            assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
+            assert not any(vehicle.armed for vehicle in watched.vehicles)
+    assert watched.asked.count("arm") == 6
+    assert not [finding for finding in told if finding.grade is Grade.REFUSE]
+
+
+async def test_what_the_check_refuses_is_told_and_nothing_is_armed(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = load_mission(mission_file("case2"))
+    one, two, three = stub_configs(mission)
+    watched, told = Watched(monkeypatch), list[Finding]()
+    async with served([one, replace(two, battery_fraction=0.1), three], SPEED):
+        with pytest.raises(VehicleRefusedError, match="nothing was armed") as refused:
+            await flown(mission, 5.0, told)
+    grave = [(finding.subject, finding.found) for finding in told if finding.grade is Grade.REFUSE]
+    assert grave == [("vehicle 2", "its battery is at 10%")]
+    assert "cordon check" in refused.value.next_step
+    assert watched.asked == [], "looking changes nothing"
+
+
+async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = mission_file("case2")
+    words = "Arming denied: press the safety switch first"
+    monkeypatch.setattr(Autopilot, "_arming_fault", lambda _autopilot: words)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
+    async with served(stub_configs(load_mission(path)), SPEED):
+        command = ("-m", "gcs", "fly", path, "--json", "--speed", str(SPEED))
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, *command, env=environment, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
+        )
+        out, err = await asyncio.wait_for(process.communicate(), 60.0)
+    assert (process.returncode, out) == (3, b"")
+    refusals = [line for line in err.decode().splitlines() if " refused: " in line]
+    assert refusals
+    assert all("refused to arm" in line and f"“{words}”" in line for line in refusals)
+    assert "Traceback" not in err.decode()
+
+
+async def test_vehicles_too_near_to_land_together_land_one_by_one(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = load_mission(mission_file("case2", ("separation_m = 3.0", "separation_m = 3.6")))
+    watched, told = Watched(monkeypatch), list[Finding]()
+    async with served(stub_configs(mission), SPEED):
+        flight = await flown(mission, 5.0, told)
+    assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
+    assert watched.ids(watched.disarmed) == [1, 2, 3]
+    assert watched.still_up_m == [pytest.approx([8.0] * waiting, abs=0.5) for waiting in (2, 1, 0)]
+
+
+async def test_vehicles_return_on_layers_of_their_own_and_land_in_order(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = load_mission(mission_file("case2", RETURN))
+    watched, told = Watched(monkeypatch), list[Finding]()
+    highest: dict[int, float] = {}
+    async with served(stub_configs(mission), SPEED):
+        flight = asyncio.create_task(flown(mission, 10.0, told))
+        while not flight.done():
+            for number, vehicle in enumerate(watched.vehicles, start=1):
+                highest[number] = max(highest.get(number, 0.0), vehicle.airframe.position_m[2])
+            await asyncio.sleep(0.05)
+        outcomes = (await flight).outcomes
+    assert [outcome.ending for outcome in outcomes.values()] == [Ending.COMPLETED] * 3
+    assert watched.ids(watched.disarmed) == [3, 1, 2]
+    assert highest == pytest.approx({1: 14.0, 2: 17.0, 3: 14.0}, abs=0.5), "3 took off to its layer there"
+    for vehicle, place in zip(watched.vehicles, mission.vehicles, strict=True):
+        assert dist(vehicle.airframe.position_m[:2], place.section.start_m) < 1.0
+
+
+@pytest.mark.parametrize(("ahead_s", "refused"), [(0.7, True), (0.2, False)])
+async def test_a_peer_whose_computer_has_another_time(
+    ahead_s: float, refused: bool, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("agents.shell.start_agreement.MUSTER_TIMEOUT_S", 5.0)
+    mission = load_mission(mission_file("case2"))
+    one, _, three = mission.vehicles
+    watched, told = Watched(monkeypatch), list[Finding]()
+    plan = FlightPlan(mission, 5.0, (one,), stubs=False, speed=SPEED)
+    async with served(stub_configs(mission)[:1], SPEED), mustering(mission, three, ahead_s):
+        outcome = (await fly(plan, LiveView(Console(file=StringIO())), told.extend)).outcomes[1]
+    assert outcome.ending is Ending.REFUSED
+    assert outcome.flew is not refused
+    if refused:
+        assert "arm" not in watched.asked
+        assert re.fullmatch(r"this computer's clock is 0\.[67]\d s behind that of vehicle 3's", outcome.reason)
+        assert "chrony" in outcome.next_step
+    else:
+        (finding,) = (each for each in told if each.check == "clock offset")
+        assert finding.grade is Grade.WARNING
+        assert re.fullmatch(r"its computer's clock is 0\.[12]\d s behind that of vehicle 3's", finding.found)
+
+
+async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ahead_s = iter((0.0, 0.7))
+
+    def computers_clock(speed: float) -> MissionClock:
+        clock = MissionClock(speed)
+        clock._offset_s += next(ahead_s)
+        return clock
+
+    monkeypatch.setattr("gcs.flight.flight.MissionClock", computers_clock)
+    mission = load_mission(mission_file("case2"))
+    watched, two = Watched(monkeypatch), mission.vehicles[:2]
+    plans = [FlightPlan(mission, 5.0, (vehicle,), stubs=False, speed=SPEED) for vehicle in two]
+    async with served(stub_configs(mission)[:2], SPEED):
+        flights = await asyncio.gather(*(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans))
+    one, other = (outcome for flight in flights for outcome in flight.outcomes.values())
+    assert (one.ending, one.flew, other.ending, other.flew) == (Ending.REFUSED, False, Ending.REFUSED, False)
+    assert re.fullmatch(r"this computer's clock is 0\.[67]\d s behind that of vehicle 2's", one.reason)
+    assert re.fullmatch(r"this computer's clock is 0\.[67]\d s ahead of that of vehicle 1's", other.reason)
+    assert "arm" not in watched.asked
+
+
+@asynccontextmanager
+async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -> AsyncIterator[None]:
+    """Let one vehicle be up and ready on a computer whose clock is ahead, and never propose a start."""
+    others = [each.section.endpoint for each in mission.vehicles if each.id != vehicle.id]
+    bus, clock = ZenohBus(vehicle.id, mission.network.team, vehicle.section.endpoint, others), MissionClock(SPEED)
+    await bus.open(lambda _payload: None, lambda _vehicle, _present: None)
+
+    async def speak() -> None:
+        while True:
+            bus.publish(TOPICS[Muster].name, encode(Muster(vehicle.id, clock.now_s() + ahead_s * SPEED, None)))
+            await asyncio.sleep(0.05)
+
+    speaking = asyncio.create_task(speak())
+    try:
+        yield
+    finally:
+        speaking.cancel()
+        await bus.close()

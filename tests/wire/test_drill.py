@@ -1,0 +1,95 @@
+"""The drills on real sockets, and their controls: a team whose reactions are switched off fails each of them.
+
+Two reactions cannot be switched off, for they are no settings: standing down for a foreign mode, and the supervisor.
+Their controls judge what was recorded of a flight in which nothing happened; `tests/wire/test_supervisor.py` flies
+without a supervisor.
+"""
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gcs.drill.faults import DRILLS, Crew, Drill
+from gcs.drill.judge import faults, reacted_s
+from gcs.drill.mission import drill_mission
+from gcs.drill.run import DrillRow, DrillRun
+from gcs.drill.stubs import StubFlight
+from gcs.mission.file import parse_mission
+
+pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.alone]
+
+REACTIONS_OFF = (
+    ("safety", "telemetry_timeout_s", 30.0),
+    ("own_filter", "gate_timeout_s", 60.0),
+    ("target_filter", "stale_after_s", 600.0),
+    ("failsafe", "battery_s", 60.0),
+    ("failsafe", "peers_silent_s", 600.0),
+    ("failsafe", "peer_silent_s", 600.0),
+)
+CONTROLLED = (
+    "one vehicle not heard",
+    "nobody hears anybody",
+    "telemetry frozen",
+    "GPS jump",
+    "target lost",
+    "battery low",
+    "battery critical",
+    "killed agent",
+)
+CONTROL_SPEED = 4.0
+UNDISTURBED_S = 2.0
+
+
+class Silent:
+    def tell(self, doing: str) -> None:
+        pass
+
+    def add(self, row: DrillRow) -> None:
+        pass
+
+
+def without_failsafe(drill: Drill[StubFlight]) -> Drill[StubFlight]:
+    """Return the drill on vehicles that stay in offboard however long nobody speaks to them."""
+
+    def inject(flight: StubFlight, crew: Crew) -> None:
+        for stub in flight.stubs.values():
+            assert stub.autopilot.parameters.set("COM_OF_LOSS_T", 60.0)
+        drill.inject(flight, crew)
+
+    return replace(drill, inject=inject)
+
+
+async def test_every_drill_holds() -> None:
+    drills = [drill for drill in DRILLS if not drill.ends]  # of the others one is flown in `tests/gcs/cli/test_cli.py`
+    rows = await DrillRun("case2", StubFlight, drills, Silent()).run()
+    for row in rows:
+        print(f"MEASURED {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
+    assert [row.fault for row in rows] == [drill.fault for drill in drills]
+    assert [row for row in rows if row.holds is not True] == []
+
+
+async def test_control_with_the_reactions_switched_off_every_drill_fails() -> None:
+    drills = [without_failsafe(drill) for drill in DRILLS if drill.fault in CONTROLLED]
+    assert len(drills) == len(CONTROLLED)
+    run = DrillRun("case2", StubFlight, drills, Silent(), speed=CONTROL_SPEED, changes=REACTIONS_OFF)
+    for row in await run.run():
+        print(f"CONTROL {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
+        assert row.holds is False, row
+        assert row.measured_s is None, row
+        assert "did not react" in row.detail, row
+
+
+async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen() -> None:
+    text = drill_mission("case2")
+    crew = Crew(parse_mission(text, Path()))
+    async with StubFlight(text, CONTROL_SPEED) as flight:
+        await flight.aloft(crew.everybody, crew.tactic)
+        began_s = flight.now_s()
+        await asyncio.sleep(UNDISTURBED_S)
+        for drill in DRILLS:
+            expected = drill.expect(crew, CONTROL_SPEED)
+            found = faults(expected, flight.log, began_s, flight.now_s())
+            assert bool(found) is expected.is_reaction, drill.fault
+            assert (reacted_s(expected, flight.log, began_s) is None) is expected.is_reaction, drill.fault

@@ -1,0 +1,482 @@
+"""The vehicle link against stub vehicles over UDP and MAVSDK, at ten times real time."""
+
+import asyncio
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from math import dist, radians
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from mavsdk.plugins.action import ActionError, ActionResult
+
+from agents.ports import (
+    FlightMode,
+    Setpoint,
+    VehicleLink,
+    VehicleRefusedError,
+    VehicleStatus,
+)
+from agents.shell.ticker import Ticker
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant.model import Plant, PlantAxis
+from estimation.state import Telemetry
+from gcs.link import calls as link_calls
+from gcs.link.calls import VehicleCalls, find_origin
+from gcs.link.feed import VehicleFeed
+from gcs.link.hub import MavsdkHub
+from gcs.link.mavsdk_link import MavsdkLink
+from gcs.mission.mission import LinkSection
+from sitl.autopilot.guidance import PositionTarget
+from sitl.autopilot.px4 import Autopilot
+from sitl.mavlink.protocol import MavlinkVehicle
+from sitl.mavlink_constants import MessageId, Outgoing
+from sitl.server.process import StubProcess, unix_clock
+from sitl.server.server import StubConfig, serve
+from tests.support.wire import free_port
+
+pytestmark = pytest.mark.wire
+
+SPEED = 10.0
+PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
+BEARING_RAD = radians(35.0)
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=BEARING_RAD)
+QUANTUM_M = 0.012  # GPS_GLOBAL_ORIGIN counts in 1e-7 degrees
+
+
+PORTS = {name: free_port() for name in ("near", "twin")}
+
+
+def url(name: str) -> str:
+    return f"udpin://127.0.0.1:{PORTS[name]}"
+
+
+@pytest.fixture(scope="module")
+def stubs() -> Iterator[StubProcess]:
+    """Two vehicles with one system id."""
+    near = StubConfig(1, PORTS["near"], PLANT, FRAME)
+    twin = StubConfig(1, PORTS["twin"], PLANT, FRAME, (10.0, 0.0))
+    process = StubProcess([near, twin], SPEED)
+    process.start()
+    yield process
+    process.stop()
+
+
+def clock() -> Callable[[], float]:
+    start_s = time.monotonic()
+    return lambda: (time.monotonic() - start_s) * SPEED
+
+
+@asynccontextmanager
+async def linked(name: str, system_id: int, **settings: Any) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry]]]:
+    hub, telemetry = MavsdkHub(), list[Telemetry]()
+    link = MavsdkLink(hub, url(name), system_id, FRAME, clock(), SPEED, **settings)
+    try:
+        await link.connect(telemetry.append)
+        yield link, telemetry
+    finally:
+        await link.close()
+        await hub.close()
+
+
+async def hold_setpoint(link: VehicleLink, setpoint: Setpoint, mission_s: float) -> None:
+    end_s = time.monotonic() + mission_s / SPEED
+    while time.monotonic() < end_s:
+        link.send(setpoint)
+        await asyncio.sleep(0.02)
+
+
+async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
+    # Three origins: the mission's, 5 m lower and turned; the vehicle's home; and its estimator's, half a metre off.
+    mission = MissionFrame(FRAME.geodetic_from_mission((10.0, -20.0, -5.0)), x_bearing_rad=radians(-70.0))
+    start_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((40.0, -25.0, 0.0)))
+    config = StubConfig(2, free_port(), PLANT, FRAME, (40.0, -25.0), origin_offset_m=(0.45, -0.3, 0.25))
+    process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
+    process.start()
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 2, mission, clock(), SPEED)
+    await link.connect(telemetry.append)
+    await asyncio.sleep(0.3)
+    assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
+    for altitude_m in (9.0, 8.0):
+        await link.take_off(altitude_m)
+        assert (link.status.armed, link.status.in_air, link.status.mode) == (True, True, FlightMode.HOLD)
+        assert abs(telemetry[-1].position_m[2] - altitude_m) < 0.5
+        goal_m = (start_m[0] + 3.0, start_m[1] - 2.0, altitude_m)
+        link.send(Setpoint(goal_m))
+        await link.start_offboard()
+        assert mode_of(link) is FlightMode.OFFBOARD
+        await hold_setpoint(link, Setpoint(goal_m), 7.0)
+        assert dist(telemetry[-1].position_m, goal_m) < 0.05
+        await link.stop_offboard()
+        assert mode_of(link) is FlightMode.HOLD
+        await link.land()
+        assert not link.status.armed
+        await asyncio.sleep(0.1)
+    await link.close()
+    await hub.close()
+    truth = process.stop().tracks[0].position_m[-1].tolist()
+    truth_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((truth[0], truth[1], truth[2])))
+    assert dist(truth_m, (*goal_m[:2], 5.0)) < 0.05
+    assert dist(truth_m, telemetry[-1].position_m) < QUANTUM_M
+    assert (link.dropped, link.unsent) == (0, 0)
+
+
+def mode_of(link: VehicleLink) -> FlightMode:
+    return link.status.mode
+
+
+async def test_velocity_and_yaw_are_in_the_mission_frame(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, telemetry):
+        await link.take_off(3.0)
+        yaw_rad = radians(20.0)
+        setpoint = Setpoint((12.0, 0.0, 3.0), yaw_rad)
+        link.send(setpoint)
+        await link.start_offboard()
+        telemetry.clear()
+        await hold_setpoint(link, setpoint, 10.0)
+        fastest = max(telemetry, key=lambda sample: sample.velocity_m_s[0])
+        assert fastest.velocity_m_s[0] > 3.0
+        assert abs(fastest.velocity_m_s[1]) < 0.1
+        heading_deg = await heading_of(link)
+        assert heading_deg == pytest.approx(35.0 - 20.0, abs=1.0)
+        await link.land()  # stops offboard by itself
+        link.send(setpoint)
+        assert link._parts is not None
+        assert not link._parts.offboard.is_active()
+        assert link.status.mode is not FlightMode.OFFBOARD
+        assert not link.status.armed
+
+
+async def heading_of(link: MavsdkLink) -> float:
+    assert link._parts is not None
+    return float((await link._parts.calls.run(link._parts.feed.plugin.attitude_euler)).yaw_deg)
+
+
+async def test_telemetry_comes_at_the_rate_asked_for(stubs: StubProcess) -> None:
+    async with linked("near", 1, settings=LinkSection(telemetry_rate_hz=10.0)) as (_, telemetry):
+        await asyncio.sleep(0.3)
+        telemetry.clear()
+        await asyncio.sleep(1.2)
+        elapsed_s = telemetry[-1].time_s - telemetry[0].time_s
+        assert (len(telemetry) - 1) / elapsed_s == pytest.approx(10.0, rel=0.05)
+
+
+async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = Counter[MessageId]()
+    send = MavlinkVehicle._send
+
+    def note(vehicle: MavlinkVehicle, outgoing: Outgoing) -> None:
+        sent[outgoing[0]] += 1
+        send(vehicle, outgoing)
+
+    monkeypatch.setattr(MavlinkVehicle, "_send", note)
+    async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 5.0) as (url, now_s):
+        hub = MavsdkHub()
+        rates = LinkSection(telemetry_rate_hz=10.0, status_rate_hz=2.0, attitude_rate_hz=25.0)
+        link = MavsdkLink(hub, url, 1, FRAME, now_s, 5.0, settings=rates)
+        await link.connect(lambda sample: None)
+        sent.clear()
+        began_s = now_s()
+        await asyncio.sleep(2.0)
+        came_hz = {message: count / (now_s() - began_s) for message, count in sent.items()}
+        assert came_hz[MessageId.LOCAL_POSITION_NED] == pytest.approx(10.0, rel=0.1)
+        assert came_hz[MessageId.ATTITUDE] == pytest.approx(2.0, rel=0.15)
+        assert came_hz[MessageId.EXTENDED_SYS_STATE] == pytest.approx(2.0, rel=0.15)
+        for message in (MessageId.SYS_STATUS, MessageId.GPS_RAW_INT, MessageId.GLOBAL_POSITION_INT):
+            assert came_hz[message] <= 2.0 * 1.15, message
+        sent.clear()
+        assert await link.measure_speed(1.0) == 5.0
+        assert sent[MessageId.ATTITUDE] >= 0.8 * 25.0 * 5.0
+        sent.clear()
+        began_s = now_s()
+        await asyncio.sleep(1.0)
+        assert sent[MessageId.ATTITUDE] / (now_s() - began_s) == pytest.approx(2.0, abs=0.6)
+        await link.close()
+        await hub.close()
+
+
+@asynccontextmanager
+async def served_here(config: StubConfig, speed: float) -> AsyncIterator[tuple[str, Callable[[], float]]]:
+    """Serve a stub in this process, where it can be watched; yield its url and its clock."""
+    stop, now_s = asyncio.Event(), unix_clock(speed)
+    stub = asyncio.create_task(serve([config], speed=speed, now_s=now_s, stop=stop))
+    try:
+        yield f"udpin://127.0.0.1:{config.client_port}", now_s
+    finally:
+        stop.set()
+        await stub
+
+
+@pytest.mark.parametrize(("rate_hz", "expected_hz"), [(None, 20.0), (5.0, 5.0)])
+async def test_setpoints_are_handed_on_at_the_rate_asked_for(
+    rate_hz: float | None, expected_hz: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # MAVSDK repeats the last one besides: what counts is how often a new one comes.
+    received: list[float] = []
+    take = Autopilot.receive_setpoint
+
+    def note(autopilot: Autopilot, time_s: float, target: PositionTarget) -> None:
+        received.append(target.position_m[2])
+        take(autopilot, time_s, target)
+
+    monkeypatch.setattr(Autopilot, "receive_setpoint", note)
+    async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 2.0) as (url, now_s):
+        hub = MavsdkHub()
+        link = MavsdkLink(hub, url, 1, FRAME, now_s, 2.0, settings=LinkSection(setpoint_rate_hz=rate_hz))
+        await link.connect(lambda sample: None)
+        began_s = now_s()
+        async for tick in Ticker(0.05, now_s, speed=2.0):
+            link.send(Setpoint((0.0, 0.0, 0.001 * tick.index)))
+            if now_s() - began_s > 4.0:
+                break
+        await link.close()
+        await hub.close()
+    assert len({round(z, 4) for z in received}) / 4.0 == pytest.approx(expected_hz, rel=0.15)
+
+
+async def test_the_speed_of_a_simulation_is_measured(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, _):
+        assert await link.measure_speed() == SPEED
+
+
+@pytest.mark.parametrize(
+    ("rate", "ratio"), [(1.0, 1.0), (1.08, 1.0), (0.93, 1.0), (0.5, 0.5), (4.7, 5.0), (1.45, 1.45), (-3.0, None)]
+)
+def test_a_speed_near_a_whole_number_is_that_number(rate: float, ratio: float | None) -> None:
+    times = [(100.0 + 0.1 * step, 7.0 + 0.1 * step * rate) for step in range(10)]
+    assert link_calls.clock_ratio(times, 1.0) == (None if ratio is None else pytest.approx(ratio))
+    assert link_calls.clock_ratio(times[:4], 1.0) is None
+    assert link_calls.clock_ratio([], 1.0) is None
+
+
+async def test_what_is_out_of_order_is_refused(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, _):
+        with pytest.raises(VehicleRefusedError, match="no setpoint") as refusal:
+            await link.start_offboard()
+        assert refusal.value.next_step == "send setpoints first"
+        await link.take_off(3.0)
+        with pytest.raises(VehicleRefusedError, match="vehicle 1 is in the air already"):
+            await link.take_off(3.0)
+        await link.land()
+
+
+async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again(stubs: StubProcess) -> None:
+    async with linked("near", 1) as (link, telemetry):
+        await link.take_off(3.0)
+        link.send(Setpoint(telemetry[-1].position_m))
+        await link.start_offboard()
+    # With the link closed nobody repeats the setpoint: the failsafe lands it, in a mode that does not arm.
+    async with linked("near", 1) as (link, _):
+        await until(lambda: not link.status.armed)
+        assert link.status.mode not in (FlightMode.HOLD, FlightMode.READY)
+        await link.take_off(3.0)
+        await link.land()
+
+
+async def test_silence_is_refused() -> None:
+    port = free_port()
+    hub = MavsdkHub()
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{port}", 1, FRAME, clock(), heartbeat_timeout_s=1.0)
+    with pytest.raises(VehicleRefusedError) as refusal:
+        await link.connect(lambda sample: None)
+    assert refusal.value.reason == f"no heartbeat on udpin://127.0.0.1:{port} within 1 s"
+    assert "cordon sitl" in refusal.value.next_step
+    link.send(Setpoint((0.0, 0.0, 0.0)))
+    assert link.unsent == 1
+    assert link.status == VehicleStatus()
+    with pytest.raises(VehicleRefusedError, match="not connected"):
+        await link.land()
+    await link.close()
+    await hub.close()
+
+
+def test_mavsdk_writes_nothing_to_standard_output() -> None:
+    script = (
+        "import asyncio\n"
+        "from gcs.link.hub import MavsdkHub\n"
+        "async def main():\n"
+        "    hub = MavsdkHub()\n"
+        f"    await asyncio.gather(hub.find('udpin://127.0.0.1:{free_port()}', 1, 0.2), return_exceptions=True)\n"
+        "    await hub.close()\n"
+        "asyncio.run(main())\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert (ran.stdout, ran.stderr) == ("", "")
+
+
+async def test_the_wrong_vehicle_is_refused_with_both_ids(stubs: StubProcess) -> None:
+    with pytest.raises(VehicleRefusedError, match="carries system id 1, not 7"):
+        async with linked("near", 7):
+            pass
+
+
+async def test_a_taken_port_is_refused_and_left_alone() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        hub = MavsdkHub()
+        for _ in range(2):  # a refusal leaves nothing behind
+            with pytest.raises(VehicleRefusedError, match=f"udp port {port} .* is taken"):
+                await hub.find(f"udpin://127.0.0.1:{port}", 1, 1.0)
+        await hub.close()
+
+
+async def test_two_vehicles_with_one_system_id_are_refused(stubs: StubProcess) -> None:
+    hub = MavsdkHub()
+    try:
+        await hub.find(url("near"), 1, 5.0)
+        with pytest.raises(VehicleRefusedError, match="system id 1 is on") as refusal:
+            await hub.find(url("twin"), 1, 5.0)
+        assert "MAV_SYS_ID" in refusal.value.next_step
+        # The wrong id in the mission does not help the twin either.
+        with pytest.raises(VehicleRefusedError, match="carries system id 1, not 3"):
+            await hub.find(url("twin"), 3, 5.0)
+        await hub.release(url("near"), 1)
+        await hub.find(url("twin"), 1, 5.0)
+    finally:
+        await hub.close()
+
+
+@pytest.mark.parametrize("bad", ["carrier-pigeon://coop", "udpin://", "serial:///dev/null:57600"])
+async def test_urls_that_lead_nowhere_are_refused(bad: str) -> None:
+    hub = MavsdkHub()
+    with pytest.raises(VehicleRefusedError, match="cannot be opened"):
+        await hub.find(bad, 1, 1.0)
+    await hub.close()
+
+
+async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None:
+    config = StubConfig(1, free_port(), PLANT, FRAME)
+    first = StubProcess([config], 1.0)
+    first.start()
+    hub, telemetry = MavsdkHub(), list[Telemetry]()
+    rates = LinkSection(telemetry_rate_hz=10.0)
+    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, time.monotonic, settings=rates)
+    await link.connect(telemetry.append)
+    assert await link.measure_speed(0.6) == 1.0
+    first.stop()
+    link.send(Setpoint((0.0, 0.0, 5.0)))
+    with pytest.raises(VehicleRefusedError, match="refused to enter hold"):
+        await link.stop_offboard()
+    await until(lambda: not link.status.connected)
+    # It restarts elsewhere: with other rates, and another origin.
+    second = StubProcess([replace(config, start_position_m=(7.0, 3.0), origin_offset_m=(0.5, 0.0, 0.0))], 1.0)
+    second.start()
+    telemetry.clear()
+    await until(lambda: bool(telemetry) and dist(telemetry[-1].position_m, (7.0, 3.0, 0.0)) < QUANTUM_M)
+    assert link.status.connected
+    telemetry.clear()
+    await asyncio.sleep(1.0)
+    assert 8 <= len(telemetry) <= 12
+    await link.close()
+    await link.close()
+    await hub.close()
+    second.stop()
+
+
+async def until(condition: Callable[[], bool], timeout_s: float = 5.0) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "waited in vain"
+        await asyncio.sleep(0.02)
+
+
+class FakeFeed:
+    """A feed that nothing arrives on."""
+
+    def __init__(self, origin: Callable[[], object]) -> None:
+        self.status = VehicleStatus(connected=True)
+        self.plugin = SimpleNamespace(get_gps_global_origin=origin)
+
+    def failing(self) -> str:
+        return "global position, arming checks"
+
+    def said(self, since_s: float = 0.0) -> str:
+        return "“Preflight Fail: no GPS”"
+
+
+@pytest.fixture
+def calls_and_feed(monkeypatch: pytest.MonkeyPatch) -> tuple[VehicleCalls, FakeFeed]:
+    monkeypatch.setattr(link_calls, "WALL_WAIT_MIN_S", 0.05)
+    monkeypatch.setattr(link_calls, "TEXT_DELAY_S", 0.0)
+    feed = FakeFeed(lambda: SimpleNamespace(latitude_deg=float("nan"), longitude_deg=0.0, altitude_m=0.0))
+    return VehicleCalls(4, cast(VehicleFeed, feed), speed=10.0), feed
+
+
+async def test_a_vehicle_that_finds_itself_nowhere_is_refused(calls_and_feed: tuple[VehicleCalls, FakeFeed]) -> None:
+    calls, feed = calls_and_feed
+    with pytest.raises(VehicleRefusedError) as refusal:
+        await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
+    assert "within 0.1 s (global position, arming checks); it says “Preflight Fail: no GPS”" in refusal.value.reason
+    feed.plugin.get_gps_global_origin = lambda: Geodetic(-33.9, 151.2, 20.0)
+    with pytest.raises(VehicleRefusedError, match="km from the mission's origin") as refusal:
+        await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
+    assert "[frame]" in refusal.value.next_step
+    await calls.close()
+
+
+async def test_a_refused_command_says_why_in_the_autopilots_words(
+    calls_and_feed: tuple[VehicleCalls, FakeFeed],
+) -> None:
+    calls, feed = calls_and_feed
+    attempts = []
+
+    def arm() -> None:
+        attempts.append(1)
+        raise ActionError(ActionResult.COMMAND_DENIED, "arm()")
+
+    feed.status = VehicleStatus(connected=False)
+    with pytest.raises(VehicleRefusedError) as refusal:
+        await calls.command("arm", arm, attempts=3)
+    expected = "vehicle 4 refused to arm (COMMAND_DENIED); its link is lost; it says “Preflight Fail: no GPS”"
+    assert refusal.value.reason == expected
+    assert len(attempts) == 3
+    await calls.close()
+
+
+async def test_closing_waits_for_calls_in_flight(calls_and_feed: tuple[VehicleCalls, FakeFeed]) -> None:
+    calls, _ = calls_and_feed
+    done: list[bool] = []
+
+    def slow() -> None:
+        time.sleep(0.2)
+        done.append(True)
+
+    call = asyncio.create_task(calls.run(slow))
+    await asyncio.sleep(0.05)
+    await calls.close()
+    assert done == [True]
+    await call
+
+
+INDOORS = MissionFrame(None, x_bearing_rad=BEARING_RAD)
+
+
+async def test_a_vehicle_without_gps_flies_in_a_local_frame_from_where_it_was_told_to_begin() -> None:
+    config = StubConfig(3, free_port(), PLANT, INDOORS, (2.0, 1.0), origin_offset_m=(-1.5, 0.5, 0.0), gps=False)
+    process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
+    process.start()
+    url = f"udpin://127.0.0.1:{config.client_port}"
+    link = MavsdkLink(hub, url, 3, INDOORS, clock(), SPEED, origin_m=(0.5, 1.5, 0.0))
+    await link.connect(telemetry.append)
+    await until(lambda: bool(telemetry))
+    assert dist(telemetry[-1].position_m, (2.0, 1.0, 0.0)) < 1e-3
+    for goal_m in ((4.0, 3.0, 2.0), (1.0, 2.0, 1.5)):
+        await link.take_off(goal_m[2])
+        link.send(Setpoint(goal_m))
+        await link.start_offboard()
+        await hold_setpoint(link, Setpoint(goal_m), 7.0)
+        assert dist(telemetry[-1].position_m, goal_m) < 0.05
+        await link.stop_offboard()
+        await link.land()
+        assert not link.status.armed
+    await link.close()
+    await hub.close()
+    truth = process.stop().tracks[0].position_m[-1].tolist()
+    assert dist(truth, (*goal_m[:2], 0.0)) < 0.05

@@ -1,0 +1,347 @@
+"""Links that break in mid-ring and autopilots that restart there: what the vehicle, its agent and the others do."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from io import StringIO
+from itertools import pairwise
+from math import dist
+from typing import Self, cast
+
+import pytest
+from rich.console import Console
+
+from agents.ports import FlightMode, Setpoint, VehicleRefusedError
+from agents.shell.outcome import Ending
+from agents.shell.ticker import Ticker
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant.model import Plant, PlantAxis
+from estimation.state import Telemetry
+from gcs.console.live import LiveRow, LiveView
+from gcs.console.operator import Operator
+from gcs.flight.flight import Flight, fly
+from gcs.flight.plan import FlightPlan
+from gcs.flight.stubs import stub_configs
+from gcs.link.hub import MavsdkHub
+from gcs.link.mavsdk_link import MavsdkLink
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from gcs.preflight.findings import Finding, Grade
+from sitl.autopilot.guidance import PositionTarget
+from sitl.autopilot.modes import NavMode
+from sitl.autopilot.px4 import Autopilot
+from sitl.mavlink.dialects import AutopilotKind
+from sitl.server.process import unix_clock
+from sitl.server.server import StubConfig, serve
+from tests.support.wire import (
+    LOOPBACK,
+    StubWatch,
+    free_ports,
+    until,
+)
+
+pytestmark = [pytest.mark.wire, pytest.mark.team]
+
+SPEED = 5.0
+RATE_HZ = 20.0
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0))
+PLANT = Plant(PlantAxis(0.8, 0.87), PlantAxis(0.8, 0.87))
+NEAR = (
+    ("distance_max_m = 15.0", "distance_max_m = 40.0"),
+    ("range_m = 25.0", "range_m = 60.0"),
+    ("start_m = [20.0, 0.0]", "start_m = [12.0, 0.0]"),
+    ("radius_m = 10.0", "radius_m = 8.0"),
+    ("angular_rate_rad_s = 0.15", "angular_rate_rad_s = 0.1"),
+    ("altitude_m = 8.0", "altitude_m = 4.0"),
+)
+"""What makes the ring form soon."""
+HOLD_ON_LOSS = 5
+
+
+class Stub:
+    """One stub vehicle of this process, which can be killed and started again."""
+
+    def __init__(self, config: StubConfig, speed: float = SPEED) -> None:
+        self.config = config
+        self._speed = speed
+        self._stop = asyncio.Event()
+        self._task: asyncio.Task[object] | None = None
+
+    def start(self) -> None:
+        self._stop = asyncio.Event()
+        now_s = unix_clock(self._speed)
+        self._task = asyncio.create_task(serve([self.config], speed=self._speed, now_s=now_s, stop=self._stop))
+
+    async def kill(self) -> None:
+        self._stop.set()
+        if self._task is not None:
+            await self._task
+
+
+class Relay(asyncio.DatagramProtocol):
+    """Carries datagrams between a vehicle and its ground station, until it is cut."""
+
+    def __init__(self, there: tuple[str, int] | None = None) -> None:
+        self.cut = False
+        self.there = there
+        self.other = self
+        self._transport: asyncio.DatagramTransport | None = None
+
+    @classmethod
+    async def between(cls, vehicle_port: int, ground_port: int) -> Self:
+        """Listen for a vehicle on one port, and pass on to a ground station that listens on another."""
+        loop = asyncio.get_running_loop()
+        front, back = cls(), cls((LOOPBACK, ground_port))
+        front.other, back.other = back, front
+        await loop.create_datagram_endpoint(lambda: front, local_addr=(LOOPBACK, vehicle_port))
+        await loop.create_datagram_endpoint(lambda: back, local_addr=(LOOPBACK, 0))
+        return front
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        self.there = addr
+        if not (self.cut or self.other.cut):
+            self.other.send(data)
+
+    def send(self, data: bytes) -> None:
+        if self._transport is not None and self.there is not None:
+            self._transport.sendto(data, self.there)
+
+    def close(self) -> None:
+        for each in (self, self.other):
+            if each._transport is not None:
+                each._transport.close()
+
+
+class Team:
+    """A mission in flight: its stubs, what the live view shows of each vehicle, and the links."""
+
+    def __init__(self, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.mission = mission
+        self.watch = StubWatch(monkeypatch)
+        self.rows: dict[int, LiveRow] = {}
+        self.links: dict[int, MavsdkLink] = {}
+        self.configs = {config.vehicle_id: config for config in stub_configs(mission)}
+        self.stubs: dict[int, Stub] = {}
+        self._view = LiveView(Console(file=StringIO()))
+        monkeypatch.setattr(self._view, "update", lambda team, *_: self.rows.update({r.vehicle_id: r for r in team}))
+        make = MavsdkLink.__init__
+
+        def made(link: MavsdkLink, hub: object, url: str, system_id: int, *rest: object, **named: object) -> None:
+            self.links[system_id] = link
+            make(link, hub, url, system_id, *rest, **named)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(MavsdkLink, "__init__", made)
+
+    @asynccontextmanager
+    async def flying(self, duration_s: float) -> AsyncIterator["asyncio.Task[Flight]"]:
+        """Fly until all are in the ring, evenly spaced; then it is the test's turn."""
+        self.stubs = {i: Stub(config) for i, config in self.configs.items()}
+        for stub in self.stubs.values():
+            stub.start()
+        plan = FlightPlan(self.mission, duration_s, self.mission.vehicles, stubs=False, speed=SPEED)
+        flight = asyncio.create_task(fly(plan, self._view, self._tell))
+        try:
+            await until(lambda: flight.done() or self.spaced(120.0, 1, 2, 3), 40.0, "a ring of three")
+            assert not flight.done(), flight.result()
+            yield flight
+        finally:
+            flight.cancel()
+            await asyncio.gather(flight, return_exceptions=True)
+            for stub in self.stubs.values():
+                await stub.kill()
+
+    @staticmethod
+    def _tell(findings: Sequence[Finding]) -> None:
+        assert [each for each in findings if each.grade is Grade.REFUSE] == []
+
+    def tactics(self, *vehicle_ids: int) -> list[str]:
+        return [self.rows[i].tactic for i in vehicle_ids]
+
+    def spaced(self, degrees: float, *vehicle_ids: int) -> bool:
+        leads = [self.rows[i].spacing_lead_deg if i in self.rows else None for i in vehicle_ids]
+        return all(lead is not None and abs(lead - degrees) < 10.0 for lead in leads)
+
+    async def telemetry_rate_hz(self, vehicle_id: int) -> float:
+        """Count the vehicle's motion samples as they arrive, by its own clock."""
+        parts = self.links[vehicle_id]._parts
+        assert parts is not None
+        count = 0
+
+        def note(_motion: object, _data: object) -> None:
+            nonlocal count
+            count += 1
+
+        handle = parts.feed.plugin.subscribe_position_velocity_ned(note)
+        await asyncio.sleep(1.0)
+        parts.feed.plugin.unsubscribe_position_velocity_ned(handle)
+        return count / SPEED
+
+
+@pytest.fixture
+def team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) -> Team:
+    return Team(load_mission(mission_file("px4-trio", *NEAR)), monkeypatch)
+
+
+async def test_a_link_cut_for_five_seconds(team: Team) -> None:
+    (relayed,) = free_ports(1)
+    relay = await Relay.between(relayed, team.configs[3].client_port)
+    team.configs[3] = replace(team.configs[3], client_port=relayed)
+    loop = asyncio.get_running_loop()
+    async with team.flying(600.0):
+        vehicle = team.watch.vehicles[3]
+        vehicle.parameters.set("COM_OBL_RC_ACT", HOLD_ON_LOSS)
+        relay.cut = True
+        cut_s = loop.time()
+        # Its agent holds for want of telemetry; it knows no more than that. Its own failsafe flies the vehicle.
+        held_s = await until(lambda: team.tactics(3) == ["hold"], 3.0, "holding") - cut_s
+        assert held_s == pytest.approx(team.mission.safety.telemetry_timeout_s, abs=0.6)
+        assert vehicle.mode is NavMode.HOLD
+        await until(lambda: not team.links[3].status.connected, 4.0, "the loss")
+        await until(lambda: team.spaced(180.0, 1, 2), 10.0, "a ring of two")
+        await asyncio.sleep(cut_s + 5.0 - loop.time())
+        relay.cut, back_s = False, loop.time()
+        await until(lambda: team.tactics(3) == ["stood down"], 2.0, "standing down")
+        await until(lambda: team.links[3]._parts is not None and team.links[3]._parts.feed.origin_m is not None, 5.0)
+        await asyncio.sleep(0.5)
+        assert vehicle.mode is NavMode.HOLD, "it came back into offboard by itself"
+        assert team.watch.received_since(3, cut_s + 0.1) == 0, "setpoints after the cut"
+        assert await team.telemetry_rate_hz(3) == pytest.approx(RATE_HZ, rel=0.15)
+        print(f"held after {held_s:.2f} s, rates back {loop.time() - back_s - 1.0:.2f} s after the link")
+
+        answers = await Operator(team.mission).command("resume", (3,), 3)
+        assert answers[3] is not None
+        await until(lambda: vehicle.mode is NavMode.OFFBOARD and team.tactics(3) == ["encircle"], 5.0, "the return")
+        assert team.watch.received_since(3, back_s) > 0
+
+        # One that has disarmed rests in offboard, and has to be left alone all the same.
+        team.watch.vehicles[1].disarm(force=True)
+        stood_down_s = await until(lambda: team.tactics(1) == ["stood down"], 2.0, "standing down") + 0.1
+        assert team.links[1].status.mode is FlightMode.OFFBOARD
+        await asyncio.sleep(0.5)
+        assert team.watch.received_since(1, stood_down_s) == 0
+    relay.close()
+
+
+async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
+    loop = asyncio.get_running_loop()
+    duration_s = 100.0
+    async with team.flying(duration_s) as flight:
+        before = dict(team.watch.vehicles)
+        began_s = loop.time()
+        await asyncio.gather(team.stubs[1].kill(), team.stubs[3].kill())
+        await asyncio.sleep(1.0)
+        team.stubs[1].start()
+        # One that is back within a second never shows as a lost link.
+        await until(lambda: team.tactics(1) == ["stood down"], 2.0, "standing down")
+        stood_down_s = loop.time() + 0.1
+        assert team.links[1].status.connected
+        await asyncio.sleep(began_s + 6.0 - loop.time())
+        assert not team.links[3].status.connected
+        assert team.tactics(3) == ["hold"]
+        back_s = loop.time()
+        team.stubs[3].start()
+        await until(lambda: team.tactics(3) == ["stood down"], 3.0, "standing down")
+        assert await team.telemetry_rate_hz(1) == pytest.approx(RATE_HZ, rel=0.15)
+        await asyncio.sleep(1.0)
+        assert await team.telemetry_rate_hz(3) == pytest.approx(RATE_HZ, rel=0.15)
+        assert team.watch.received_since(1, stood_down_s) == 0
+        assert team.watch.received_since(3, back_s) == 0
+        assert team.watch.received_since(2, back_s) > 0
+        for i in (1, 3):
+            assert team.watch.vehicles[i] is not before[i]
+            assert not team.watch.vehicles[i].armed
+        assert team.tactics(2) == ["encircle"]
+
+        # To resume is refused, for there is nothing to return from: it stands on the ground.
+        await Operator(team.mission).command("resume", (1,), 1)
+        await until(lambda: team.tactics(1) == ["stood down"], 5.0, "standing down again")
+        outcomes = (await flight).outcomes
+    endings = [outcomes[i].ending for i in (1, 2, 3)]
+    assert endings == [Ending.PILOT_OVERRIDE, Ending.COMPLETED, Ending.PILOT_OVERRIDE], outcomes
+    assert "is disarmed" in outcomes[1].reason
+    assert outcomes[3].reason == "it disarmed, which cordon did not ask for: its autopilot restarted"
+    assert "log" in outcomes[3].next_step
+
+
+DEAD = 6
+TICK_S = 0.05
+
+
+async def arm(link: MavsdkLink) -> None:
+    parts = link._parts
+    assert parts is not None
+    await parts.calls.command("arm", parts.action.arm)
+
+
+async def test_dead_links_do_not_starve_a_living_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    ports = free_ports(DEAD + 1)
+    configs = [StubConfig(i, port, PLANT, FRAME, (4.0 * i, 0.0)) for i, port in enumerate(ports, start=1)]
+    stubs = [Stub(config, speed=1.0) for config in configs]
+    for stub in stubs:
+        stub.start()
+    fresh_s: dict[float, float] = {}
+    take = Autopilot.receive_setpoint
+
+    def note(autopilot: Autopilot, time_s: float, target: PositionTarget) -> None:
+        # MAVSDK repeats the last one by itself: what counts is when each new one comes.
+        fresh_s.setdefault(round(target.position_m[2], 4), time.monotonic())
+        take(autopilot, time_s, target)
+
+    monkeypatch.setattr(Autopilot, "receive_setpoint", note)
+    hub = MavsdkHub()
+    links = [
+        MavsdkLink(hub, f"udpin://{LOOPBACK}:{each.client_port}", each.vehicle_id, FRAME, time.monotonic)
+        for each in configs
+    ]
+    await asyncio.gather(*(link.connect(lambda sample: None) for link in links))
+    living, *dead = links
+    await asyncio.gather(*(stub.kill() for stub in stubs[1:]))
+    sent_s: dict[float, float] = {}
+    calls = asyncio.gather(*map(arm, dead), return_exceptions=True)
+    async for tick in Ticker(TICK_S, time.monotonic):
+        z = round(0.001 * (tick.index + 1), 4)
+        sent_s[z] = time.monotonic()
+        living.send(Setpoint((4.0, 0.0, z)))
+        if calls.done():
+            break
+    assert len(sent_s) * TICK_S > 1.0, "the dead ones took no time"
+    refusals = await calls
+    assert [type(refusal) for refusal in refusals] == [VehicleRefusedError] * DEAD
+    late_s = sorted(fresh_s[z] - at_s for z, at_s in sent_s.items() if z in fresh_s)
+    gaps_s = [after - before for before, after in pairwise(sorted(sent_s.values()))]
+    print(f"{len(late_s)} of {len(sent_s)} arrived, latest {late_s[-1] * 1e3:.0f} ms, longest gap {max(gaps_s):.3f} s")
+    assert len(late_s) >= len(sent_s) - 2
+    assert late_s[-1] < 0.1
+    assert max(gaps_s) < 3.0 * TICK_S
+    for link in links:
+        await link.close()
+    await hub.close()
+    await stubs[0].kill()
+
+
+async def test_an_autopilot_that_says_nothing_unasked_is_asked_again_after_a_restart() -> None:
+    (port,) = free_ports(1)
+    stub = Stub(StubConfig(1, port, PLANT, FRAME, autopilot=AutopilotKind.ARDUPILOT))
+    stub.start()
+    hub, samples = MavsdkHub(), list[Telemetry]()
+    link = MavsdkLink(hub, f"udpin://{LOOPBACK}:{port}", 1, FRAME, unix_clock(SPEED), SPEED)
+    await link.connect(samples.append)
+    await until(lambda: len(samples) > 20, 3.0, "telemetry")
+    await stub.kill()
+    samples.clear()
+    stub.config = replace(stub.config, start_position_m=(7.0, 3.0), origin_offset_m=(0.5, -0.3, 0.0))
+    stub.start()
+    await until(lambda: bool(samples), 12.0, "telemetry")
+    assert link.status.connected
+    assert dist(samples[0].position_m, (7.0, 3.0, 0.0)) < 0.02, "by the origin it had before"
+    samples.clear()
+    await asyncio.sleep(1.0)
+    assert len(samples) / SPEED == pytest.approx(RATE_HZ, rel=0.2)
+    await link.close()
+    await hub.close()
+    await stub.kill()

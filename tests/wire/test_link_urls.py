@@ -1,0 +1,250 @@
+"""Every kind of vehicle url, to a stub that answers there; and what is told of urls and vehicles that cannot work."""
+
+import asyncio
+import errno
+import os
+import pty
+import socket
+import tty
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import cast
+
+import pytest
+from rich.console import Console
+
+import sitl.server.server
+from agents.ports import VehicleRefusedError
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant.model import Plant, PlantAxis
+from gcs.console.live import LiveView
+from gcs.flight.flight import fly
+from gcs.flight.plan import FlightPlan
+from gcs.flight.stubs import stub_configs
+from gcs.link.hub import MavsdkHub
+from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.urls import require_usable
+from gcs.mission.file import load_mission
+from gcs.preflight.findings import Finding, Grade
+from sitl.autopilot.px4 import Autopilot
+from sitl.mavlink import reports
+from sitl.mavlink.dialects import PX4, AutopilotKind
+from sitl.server.process import unix_clock
+from sitl.server.server import StubConfig
+from tests.support.wire import (
+    LOOPBACK,
+    free_ports,
+    served,
+    until,
+)
+
+pytestmark = pytest.mark.wire
+
+SPEED = 5.0
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0))
+PLANT = Plant(PlantAxis(0.8, 0.87), PlantAxis(0.8, 0.87))
+
+
+class Wire(asyncio.DatagramProtocol):
+    """The stub's end of a stream: its datagrams go into the stream, and what the stream brings goes to the stub."""
+
+    def __init__(self, write: Callable[[bytes], object]) -> None:
+        self._write = write
+        self._stub: tuple[str, int] | None = None
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        self._stub = addr
+        self._write(data)
+
+    def feed(self, data: bytes) -> None:
+        if self._transport is not None and self._stub is not None:
+            self._transport.sendto(data, self._stub)
+
+
+@asynccontextmanager
+async def wired(port: int, write: Callable[[bytes], object]) -> AsyncIterator[Wire]:
+    wire = Wire(write)
+    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: wire, local_addr=(LOOPBACK, port))
+    try:
+        yield wire
+    finally:
+        transport.close()
+
+
+async def pump(wire: Wire, reader: asyncio.StreamReader) -> None:
+    while data := await reader.read(4096):
+        wire.feed(data)
+
+
+@asynccontextmanager
+async def over_udp_out(config: StubConfig, port: int) -> AsyncIterator[str]:
+    async with served([replace(config, port=port)], SPEED):
+        yield f"udpout://localhost:{port}"
+
+
+@asynccontextmanager
+async def over_tcp_out(config: StubConfig, port: int) -> AsyncIterator[str]:
+    """The vehicle is a TCP server, as ArduPilot's simulator is."""
+
+    async def serve_one(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ConnectionError, OSError):
+            async with wired(config.client_port, writer.write) as wire:
+                await pump(wire, reader)
+        writer.close()
+
+    async with served([config], SPEED), await asyncio.start_server(serve_one, LOOPBACK, port):
+        yield f"tcpout://{LOOPBACK}:{port}"
+
+
+@asynccontextmanager
+async def over_tcp_in(config: StubConfig, port: int) -> AsyncIterator[str]:
+    """The vehicle calls as a TCP client, and again whenever the connection ends."""
+
+    async def call() -> None:
+        while True:
+            with suppress(OSError):
+                reader, writer = await asyncio.open_connection(LOOPBACK, port)
+                async with wired(config.client_port, writer.write) as wire:
+                    await pump(wire, reader)
+                writer.close()
+            await asyncio.sleep(0.05)
+
+    calling = asyncio.create_task(call())
+    try:
+        async with served([config], SPEED):
+            yield f"tcpin://{LOOPBACK}:{port}"
+    finally:
+        calling.cancel()
+
+
+@asynccontextmanager
+async def over_serial(config: StubConfig, _port: int) -> AsyncIterator[str]:
+    """The vehicle is at the other end of a serial line."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    loop = asyncio.get_running_loop()
+
+    def write(data: bytes) -> None:
+        with suppress(BlockingIOError):
+            os.write(ours, data)
+
+    def read() -> None:
+        with suppress(BlockingIOError, OSError):
+            wire.feed(os.read(ours, 4096))
+
+    async with served([config], SPEED), wired(config.client_port, write) as wire:
+        loop.add_reader(ours, read)
+        try:
+            yield f"serial://{os.ttyname(theirs)}:57600"
+        finally:
+            loop.remove_reader(ours)
+            os.close(ours)
+            os.close(theirs)
+
+
+@pytest.mark.parametrize("carrier", [over_udp_out, over_tcp_out, over_tcp_in, over_serial])
+async def test_a_vehicle_is_reached_and_commanded_over_every_kind_of_url(
+    carrier: Callable[[StubConfig, int], AbstractAsyncContextManager[str]],
+) -> None:
+    client_port, port = free_ports(2)
+    samples: list[object] = []
+    async with AsyncExitStack() as stack:
+        url = await stack.enter_async_context(carrier(StubConfig(1, client_port, PLANT, FRAME), port))
+        hub = MavsdkHub()
+        stack.push_async_callback(hub.close)
+        link = MavsdkLink(hub, url, 1, FRAME, unix_clock(SPEED), SPEED)
+        stack.push_async_callback(link.close)
+        await link.connect(samples.append)
+        await until(lambda: len(samples) > 10, 3.0, "telemetry")
+        await link.take_off(2.0)
+        assert link.status.armed
+    assert link.unsent == 0
+
+
+def told_of(url: str) -> VehicleRefusedError:
+    with pytest.raises(VehicleRefusedError) as refusal:
+        require_usable(url)
+    return refusal.value
+
+
+def test_a_serial_device_that_is_not_there_is_named() -> None:
+    told = told_of("serial:///dev/ttyNOWHERE:57600")
+    assert told.reason.startswith("serial:///dev/ttyNOWHERE:57600: the serial device /dev/ttyNOWHERE does not exist; ")
+    assert told.next_step == "plug the autopilot or radio in, then write the name that appears under /dev"
+
+
+def test_a_file_is_no_serial_device(tmp_path: Path) -> None:
+    told = told_of(f"serial://{tmp_path}:57600")
+    assert told.reason == f"serial://{tmp_path}:57600: {tmp_path} is not a serial device"
+
+
+def test_a_device_of_somebody_else_tells_the_group_to_join(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    told = told_of("serial:///dev/null:57600")
+    assert told.reason == "serial:///dev/null:57600: this user may not open /dev/null"
+    assert "dialout" in told.next_step
+
+
+@pytest.mark.parametrize("scheme", ["udpout", "tcpout"])
+def test_a_host_that_is_not_known_is_named(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*_: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    told = told_of(f"{scheme}://drone.example:5760")
+    assert (
+        told.reason == f"{scheme}://drone.example:5760: the host drone.example is not known (Name or service not known)"
+    )
+    assert "in numbers" in told.next_step
+
+
+def test_a_tcp_server_that_is_not_there_is_told_at_once() -> None:
+    (port,) = free_ports(1)
+    told = told_of(f"tcpout://{LOOPBACK}:{port}")
+    assert told.reason == f"tcpout://{LOOPBACK}:{port}: tcp port {port} of {LOOPBACK} refuses connections"
+    assert told.next_step == "start the vehicle or the bridge that serves it, or check host and port"
+
+
+@pytest.mark.parametrize(("scheme", "kind"), [("udpin", socket.SOCK_DGRAM), ("tcpin", socket.SOCK_STREAM)])
+def test_a_port_that_is_taken_is_named(scheme: str, kind: socket.SocketKind) -> None:
+    with socket.socket(socket.AF_INET, kind) as other:
+        other.bind((LOOPBACK, 0))
+        if kind is socket.SOCK_STREAM:
+            other.listen()
+        port = other.getsockname()[1]
+        told = told_of(f"{scheme}://{LOOPBACK}:{port}")
+    assert told.reason == f"{scheme[:3]} port {port} of {scheme}://{LOOPBACK}:{port} is taken"
+
+
+def test_an_address_of_another_machine_or_a_name_cannot_be_listened_on() -> None:
+    assert os.strerror(errno.EADDRNOTAVAIL) in told_of("udpin://192.0.2.7:14540").reason
+    assert told_of("udpin://drone.example:14540").next_step.startswith("write 0.0.0.0")
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [("airframe", "it is not a multicopter"), ("autopilot", "its autopilot is an unknown autopilot")],
+)
+async def test_what_is_no_multicopter_of_a_known_autopilot_is_not_armed(
+    change: str, found: str, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if change == "airframe":
+        monkeypatch.setattr(reports, "QUADROTOR", 1)  # an aeroplane
+    else:
+        manners = {AutopilotKind.PX4: (Autopilot, replace(PX4, autopilot=0))}
+        monkeypatch.setattr(sitl.server.server, "_MANNERS", manners)
+    mission = load_mission(mission_file("px4-trio"))
+    told: list[Finding] = []
+    plan = FlightPlan(mission, 5.0, mission.vehicles[:1], stubs=False, speed=SPEED)
+    async with served([stub_configs(mission)[0]], SPEED):
+        with pytest.raises(VehicleRefusedError, match="nothing was armed"):
+            await fly(plan, LiveView(Console(file=StringIO())), told.extend)
+    assert ("vehicle 1", found) in [(each.subject, each.found) for each in told if each.grade is Grade.REFUSE]

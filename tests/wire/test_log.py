@@ -1,0 +1,151 @@
+"""Flights that are killed, or whose disk is full: what is left of their logs, and that it can be flown again."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import pytest
+
+from agents.core import VehicleCore
+from agents.outputs import TickOutput
+from agents.tape import Command, Tick, play
+from agents.team.messages import OperatorCommand, decode
+from gcs.flightlog.reader import FlightLog, LogRecord, read_log
+from gcs.flightlog.records import (
+    Cost,
+    Decision,
+    Said,
+    Truth,
+    Vehicle,
+    VehicleEnd,
+    decision_of,
+)
+from gcs.flightlog.run import mission_of
+from tests.support.paths import ROOT
+
+pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.processes]
+
+ValueT = TypeVar("ValueT")
+SPEED = 5.0
+ALOFT_TICKS = 300
+"""Of one vehicle, 30 s of the mission's clock: they have taken off."""
+FILE_MAX_BYTES = 200_000
+LOSS_MAX_S = 1.0
+LATE_IN_THE_PERIOD_S = 0.7
+"""After a flush: a kill just before the next one costs most."""
+
+
+def test_a_flight_killed_in_mid_air_leaves_all_but_its_last_second(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    log = tmp_path / "left.mcap"
+    command = [sys.executable, "-m", "gcs"]
+    flight = ["fly", mission_file("case2"), "--sitl", "--speed", f"{SPEED:g}", "--log", str(log)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb"}
+    with subprocess.Popen([*command, *flight], stderr=subprocess.PIPE, env=environment) as process:
+        try:
+            flying = wait_for(lambda: child_of(process.pid), 30.0, "the flying process")
+            wait_for(lambda: log.exists() and ticks(log) > ALOFT_TICKS, 60.0, "the team aloft")
+            written_bytes = log.stat().st_size
+            wait_for(lambda: log.stat().st_size > written_bytes, 5.0, "the next flush")
+            time.sleep(LATE_IN_THE_PERIOD_S)
+            os.kill(flying, signal.SIGKILL)
+            killed_s = time.time()
+            assert process.wait(timeout=20.0) == 4
+        finally:
+            process.kill()
+    before = log.read_bytes()
+    done = subprocess.run(
+        [*command, "log", "recover", str(log)], capture_output=True, text=True, timeout=60, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "not whole: it was never closed: it ends" in done.stderr
+    assert log.read_bytes() == before
+    recovered = read_log(tmp_path / "left-recovered.mcap")
+    assert recovered.faults == []
+    assert recovered.end is None, "nobody lived to say how it ended"
+    losses_s = [killed_s - records[-1].time_ns / 1e9 for records in recovered.vehicles.values()]
+    print(f"MEASURED lost at kill -9: {', '.join(f'{loss_s:.2f} s' for loss_s in losses_s)}")
+    assert len(losses_s) == 3
+    assert 0.0 < max(losses_s) <= LOSS_MAX_S
+    for vehicle_id in recovered.vehicles:
+        assert played_again(recovered, vehicle_id) > ALOFT_TICKS
+
+
+def test_a_disk_that_is_full_is_told_and_ends_nothing(mission_file: Callable[..., str], tmp_path: Path) -> None:
+    log = tmp_path / "short.mcap"
+    command = [sys.executable, "-m", "gcs", "fly", mission_file("case2"), "--sitl", "--speed", "10", "--duration", "20"]
+    done = subprocess.run(
+        [*command, "--log", str(log)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_MAX_BYTES, FILE_MAX_BYTES)),
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("the log is not whole: File too large; the flight goes on\n") == 1
+    assert done.stderr.count("the log is not whole: File too large\n") == 1
+    assert f"log: {log} (0.2 MB)" in done.stderr
+    assert log.stat().st_size == FILE_MAX_BYTES
+    assert all(len(records) > ALOFT_TICKS for records in read_log(log).vehicles.values())
+
+
+def wait_for(condition: Callable[[], ValueT], timeout_s: float, what: str) -> ValueT:
+    end_s = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < end_s, f"{what} never came"
+        time.sleep(0.02)
+    return value
+
+
+def child_of(pid: int) -> int:
+    """The process that a process has started, 0 if none."""
+    children = Path(f"/proc/{pid}/task/{pid}/children")
+    if not children.exists():
+        pytest.skip("this system does not tell whose child a process is")
+    return int((children.read_text().split() or ["0"])[0])
+
+
+def ticks(path: Path) -> int:
+    """How often the first vehicle has ticked, by a log in the making."""
+    if path.stat().st_size < 20_000:
+        return 0
+    return sum(each.kind is Tick for each in read_log(path).vehicles.get(1, ()))
+
+
+def played_again(log: FlightLog, vehicle_id: int) -> int:
+    """Play a vehicle's tape to a fresh core; every decision must be as it was. Return how many there were."""
+    mission = mission_of(log)
+    core = VehicleCore(mission.agent_config(mission.vehicle(vehicle_id)))
+    output: TickOutput | None = None
+    decisions = 0
+    for record in log.vehicles[vehicle_id]:
+        if record.kind is Decision:
+            assert output is not None
+            assert record.read(Decision) == as_read(output)
+            decisions += 1
+        elif record.kind not in (Cost, Truth, Vehicle, VehicleEnd):
+            output = play(core, item_of(record)) or output
+    return decisions
+
+
+def item_of(record: LogRecord) -> Any:
+    item = record.read(record.kind)
+    if not isinstance(item, Said):
+        return item
+    command = decode(item.payload)
+    assert isinstance(command, OperatorCommand)
+    return Command(item.now_s, command)
+
+
+def as_read(output: TickOutput) -> Decision:
+    return msgspec.convert(msgspec.to_builtins(decision_of(output), builtin_types=(bytes,)), Decision)

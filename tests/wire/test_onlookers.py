@@ -1,0 +1,140 @@
+"""Looking on while a team flies: what a viewer gets to see over the WebSocket, and that viewers disturb nobody."""
+
+import asyncio
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from asyncio.subprocess import PIPE, Process
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from math import dist
+from typing import Any
+
+import pytest
+from foxglove import Context
+from foxglove.channels import PointCloudChannel
+from foxglove.messages import PointCloud
+
+from gcs.viewer.onlookers import PARTING_S, Address, onlookers
+from tests.support.onlooker import Onlooker
+from tests.support.paths import ROOT
+from tests.support.wire import LOOPBACK, free_port
+
+pytestmark = [pytest.mark.wire, pytest.mark.team]
+
+VEHICLES = (1, 2, 3)
+MESSAGES = 400
+TOPICS = ("/scene", "/tf", "/points", *(f"/vehicle/{i}/{name}" for i in VEHICLES for name in ("decision", "pose")))
+
+
+@asynccontextmanager
+async def flown(mission: str, *arguments: str) -> AsyncIterator[Process]:
+    """Fly a team of stubs in a process of its own, ten times as fast as the wall."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
+    command = [sys.executable, "-m", "gcs", "fly", mission, "--sitl", "--speed", "10", *arguments]
+    process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            process.kill()
+
+
+async def looking_at(port: int) -> Onlooker:
+    """Connect as soon as somebody listens."""
+    for _ in range(400):
+        with suppress(OSError):
+            return await Onlooker.connected(port)
+        await asyncio.sleep(0.05)
+    raise AssertionError("nobody listened")
+
+
+async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_nobody(
+    mission_file: Callable[..., str],
+) -> None:
+    port = free_port()
+    live = ("--live", "--live-address", f"{LOOPBACK}:{port}", "--no-log", "--duration", "60", "--json")
+    async with asyncio.timeout(100), flown(mission_file("case2"), *live) as flight:
+        viewer, hanging, dying = [await looking_at(port) for _ in range(3)]
+        for each in (viewer, hanging, dying):
+            await each.know(*TOPICS)
+            each.subscribe(*TOPICS)
+        seen: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
+        for number in range(MESSAGES):
+            topic, time_ns, message = await viewer.message()
+            seen[topic].append((time_ns, message))
+            if number == MESSAGES // 2:
+                await dying.close()
+        out, err = await flight.communicate()
+    result = json.loads(out)
+    assert flight.returncode in {0, 1}, err.decode()  # on a busy machine a verdict may fail; it flew to the end
+    assert result["duration_s"] == pytest.approx(60.0, abs=1.0)
+    assert f"live: ws://{LOOPBACK}:{port} (open it in Foxglove or Lichtblick)" in err.decode()
+    assert "client" not in err.decode(), "the server's words about a viewer are among those about the flight"
+    assert viewer.info["capabilities"] == [], "viewers are told that they could do something"
+    assert all(seen.values()), {topic: len(messages) for topic, messages in seen.items()}
+    _agree(seen)
+
+
+def _agree(seen: dict[str, list[tuple[int, Any]]]) -> None:
+    """The vehicles are drawn where their own records say that they are."""
+    for vehicle_id in VEHICLES:
+        beliefs = [each for _, each in seen[f"/vehicle/{vehicle_id}/decision"] if each.HasField("own")]
+        for time_ns, scene in seen["/scene"]:
+            entities = {entity.id: entity for entity in scene.entities}
+            place = entities[f"vehicle {vehicle_id}"].arrows[0].pose.position
+            near = min(beliefs, key=lambda each: abs(each.time_s / 10.0 - time_ns / 1e9), default=None)
+            if near is not None and abs(near.time_s / 10.0 - time_ns / 1e9) < 0.02:
+                assert dist((place.x, place.y), near.own.mean[:2]) < 0.3
+
+
+HANGS = """
+import asyncio, sys, time
+from tests.onlooker import Onlooker
+
+async def hang():
+    viewer = await Onlooker.connected(int(sys.argv[1]))
+    await viewer.know("/points")
+    viewer.subscribe("/points")
+    await viewer.writer.drain()
+    print("looking", flush=True)
+    time.sleep(60.0)
+
+asyncio.run(hang())
+"""
+
+
+def test_whoever_writes_waits_for_no_viewer_that_hangs_and_neither_does_who_ends() -> None:
+    context, address = Context(), Address(LOOPBACK, free_port())
+    channel, message = PointCloudChannel("/points", context=context), PointCloud(data=bytes(20_000))
+    with subprocess.Popen([sys.executable, "-c", HANGS, str(address.port)], stdout=subprocess.PIPE, cwd=ROOT) as viewer:
+        try:
+            with onlookers(address, context):
+                assert viewer.stdout is not None
+                assert viewer.stdout.readline() == b"looking\n"
+                time.sleep(0.2)  # until the server knows of it as well
+                began_s = time.monotonic()
+                for k in range(5000):  # 100 MB: no socket's buffer takes that
+                    channel.log(message, log_time=k)
+                wrote_s = time.monotonic()
+            ended_s = time.monotonic()
+        finally:
+            viewer.kill()
+    assert wrote_s - began_s < 2.0
+    assert ended_s - wrote_s < PARTING_S + 1.0
+
+
+async def test_a_port_that_is_taken_is_a_refusal_before_anything_flies(mission_file: Callable[..., str]) -> None:
+    with socket.socket() as taken:
+        taken.bind((LOOPBACK, 0))
+        taken.listen()
+        address = f"{LOOPBACK}:{taken.getsockname()[1]}"
+        async with flown(mission_file("case2"), "--live", "--live-address", address, "--no-log") as flight:
+            out, err = await flight.communicate()
+    assert (flight.returncode, out) == (3, b"")
+    assert f"nobody can listen at {address}" in err.decode()
+    assert "next: end what listens there already, or name another place by --live-address" in err.decode()
+    assert "Traceback" not in err.decode()

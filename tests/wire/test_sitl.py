@@ -1,0 +1,414 @@
+"""The stub on real sockets: flown by MAVSDK as a PX4 would be, and its process kept on a lead."""
+
+import asyncio
+import multiprocessing
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import nan, radians
+from typing import Any
+
+import numpy as np
+import pytest
+from mavsdk.mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.action import Action, ActionError
+from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceData, Point, Polygon
+from mavsdk.plugins.info import Info
+from mavsdk.plugins.mission_raw import MissionRaw
+from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
+from mavsdk.plugins.param import Param, ParamError
+from mavsdk.plugins.telemetry import Telemetry
+from pymavlink.dialects.v20 import common as dialect
+from scipy.linalg import expm
+from scipy.optimize import minimize_scalar
+
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant.model import Plant, PlantAxis
+from estimation.state import Vector
+from sitl.mavlink.reports import EstimatorNoise
+from sitl.server.process import (
+    StubProcess,
+    StubReady,
+    run_in_process,
+    unix_clock,
+)
+from sitl.server.server import StubConfig, StubRecord, serve
+from tests.support.wire import free_port
+
+pytestmark = pytest.mark.wire
+
+SPEED = 10.0
+PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
+
+
+def config(vehicle_id: int = 1, **changes: Any) -> StubConfig:
+    fields: dict[str, Any] = {"vehicle_id": vehicle_id, "client_port": free_port(), "plant": PLANT, "frame": FRAME}
+    return StubConfig(**(fields | changes))
+
+
+def wait_until(condition: Callable[[], bool], what: str, limit_s: float = 6.0) -> None:
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, f"not within {limit_s} s: {what}"
+        time.sleep(0.01)
+
+
+@dataclass
+class Vehicle:
+    """The MAVSDK plugins of one vehicle."""
+
+    system: Any
+    telemetry: Any
+    action: Any
+    offboard: Any
+    param: Any
+
+    def mode(self) -> str:
+        return str(self.telemetry.flight_mode().name)
+
+    def ned(self) -> tuple[float, float, float]:
+        position = self.telemetry.position_velocity_ned().position
+        return position.north_m, position.east_m, position.down_m
+
+    def go(self, north: float, east: float, down: float) -> None:
+        self.offboard.set_position_ned(PositionNedYaw(north, east, down, 0.0))
+
+    def stop_positions(self) -> None:
+        """MAVSDK repeats the last setpoint for ever: a velocity, which the stub does not fly, ends the stream."""
+        self.offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+
+    def take_off(self, height_m: float) -> None:
+        self.launch(height_m)
+        self.await_hover(height_m)
+
+    def launch(self, height_m: float) -> None:
+        self.action.set_takeoff_altitude(height_m)
+        self.action.arm()
+        self.action.takeoff()
+
+    def await_hover(self, height_m: float) -> None:
+        wait_until(lambda: abs(self.ned()[2] + height_m) < 0.05, "hovering")
+        wait_until(lambda: self.mode() == "HOLD", "hold after take-off")
+
+
+class Station:
+    """One MAVSDK, connected to stubs."""
+
+    def __init__(self, configs: list[StubConfig]) -> None:
+        self.mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+        for each in configs:
+            assert self.mavsdk.add_any_connection(f"udpin://127.0.0.1:{each.client_port}").value == 0
+        wait_until(lambda: self.mavsdk.system_count() == len(configs), "every vehicle found")
+        systems = sorted(self.mavsdk.get_systems(), key=lambda system: system.get_system_id())
+        self.vehicles = [self._vehicle(system) for system in systems]
+        for vehicle in self.vehicles:
+            wait_until(lambda vehicle=vehicle: vehicle.telemetry.health_all_ok(), "health all ok")  # type: ignore[misc]
+
+    def _vehicle(self, system: Any) -> Vehicle:
+        return Vehicle(system, Telemetry(system), Action(system), Offboard(system), Param(system))
+
+    def close(self) -> None:
+        self.mavsdk.destroy()
+
+
+@pytest.fixture(scope="module")
+def team() -> Iterator[list[Vehicle]]:
+    configs = [
+        config(number, start_position_m=(4.0 * number, 1.0), origin_offset_m=(0.3, -0.2, 0.0)) for number in (1, 2, 3)
+    ]
+    stubs = StubProcess(configs, SPEED)
+    stubs.start()
+    station = Station(configs)
+    yield station.vehicles
+    station.close()
+    record = stubs.stop()
+    assert record.speed_reached > 0.9 * SPEED
+    assert [track.vehicle_id for track in record.tracks] == [1, 2, 3]
+    gaps_s = np.diff(record.tracks[0].time_s)
+    assert gaps_s.min() == pytest.approx(0.1, abs=1e-3)
+    assert np.sum(gaps_s - 0.1) == pytest.approx(record.slipped_s, abs=0.5)
+
+
+def test_every_vehicle_is_found_healthy_where_it_stands(team: list[Vehicle]) -> None:
+    assert [vehicle.system.get_system_id() for vehicle in team] == [1, 2, 3]
+    for number, vehicle in enumerate(team, 1):
+        assert vehicle.system.is_connected()
+        health = vehicle.telemetry.health()
+        assert health.is_armable
+        assert health.is_local_position_ok
+        assert health.is_global_position_ok
+        assert health.is_home_position_ok
+        truth = FRAME.geodetic_from_mission((4.0 * number, 1.0, 0.0))
+        home, place = vehicle.telemetry.home(), vehicle.telemetry.position()
+        for told in (home, place):
+            assert told.latitude_deg == pytest.approx(truth.latitude_deg, abs=1e-7)
+            assert told.longitude_deg == pytest.approx(truth.longitude_deg, abs=1e-7)
+            assert told.absolute_altitude_m == pytest.approx(488.0, abs=0.01)
+        origin = vehicle.telemetry.get_gps_global_origin()
+        at = FRAME.mission_from_geodetic(Geodetic(origin.latitude_deg, origin.longitude_deg, origin.altitude_m))
+        assert at == pytest.approx((4.0 * number + 0.3, 0.8, 0.0), abs=0.02)
+        expected = FRAME.ned_from_mission((-0.3, 0.2, 0.0))
+        assert vehicle.ned() == pytest.approx(expected, abs=1e-4)
+
+
+def test_battery_gps_and_version_are_told(team: list[Vehicle]) -> None:
+    battery = team[0].telemetry.battery()
+    assert 90.0 < battery.remaining_percent <= 100.0
+    assert 14.0 < battery.voltage_v < 17.0
+    assert team[0].telemetry.gps_info().fix_type.name == "FIX_3D"
+    info = Info(team[0].system)
+    version = info.get_version()
+    assert (version.flight_sw_major, version.flight_sw_minor) == (1, 17)
+    assert info.get_identification().legacy_uid != Info(team[1].system).get_identification().legacy_uid
+
+
+def test_parameters_are_read_and_set(team: list[Vehicle]) -> None:
+    param = team[0].param
+    assert param.get_param_float("COM_OF_LOSS_T") == 1.0
+    param.set_param_int("COM_OBL_RC_ACT", 4)
+    assert param.get_param_int("COM_OBL_RC_ACT") == 4
+    param.set_param_float("MPC_XY_CRUISE", 7.5)
+    assert param.get_param_float("MPC_XY_CRUISE") == 7.5
+    param.set_param_int("COM_OBL_RC_ACT", 0)
+    team[0].action.set_takeoff_altitude(3.5)
+    assert team[0].action.get_takeoff_altitude() == 3.5
+    with pytest.raises(ParamError):
+        param.get_param_float("COM_OBL_RC_ACT")
+
+
+def test_fences_and_missions_are_uploaded_and_cleared(team: list[Vehicle]) -> None:
+    geofence = Geofence(team[0].system)
+    corners = [Point(47.397 + 0.001 * n, 8.545 + 0.001 * (n % 2)) for n in range(4)]
+    geofence.upload_geofence(GeofenceData([Polygon(corners, FenceType.INCLUSION)], []))
+    missions = MissionRaw(team[0].system)
+    assert [item.x for item in missions.download_geofence()] == [round(c.latitude_deg * 1e7) for c in corners]
+    geofence.clear_geofence()
+    missions.clear_mission()
+    assert list(missions.download_geofence()) == []
+
+
+def test_time_and_rates_run_at_the_simulated_speed(team: list[Vehicle]) -> None:
+    telemetry = team[2].telemetry
+    telemetry.set_rate_position_velocity_ned(50.0)
+    counted: list[float] = []
+    handle = telemetry.subscribe_position_velocity_ned(lambda *_: counted.append(time.monotonic()))
+    before_us, start = telemetry.attitude_euler().timestamp_us, time.monotonic()
+    time.sleep(1.0)
+    elapsed_s = (telemetry.attitude_euler().timestamp_us - before_us) / 1e6
+    wall_s = time.monotonic() - start
+    telemetry.unsubscribe_position_velocity_ned(handle)
+    assert elapsed_s / wall_s == pytest.approx(SPEED, rel=0.05)
+    assert len(counted) / wall_s == pytest.approx(50.0 * SPEED, rel=0.1)
+
+
+def test_a_flight_in_px4s_manner(team: list[Vehicle]) -> None:
+    vehicle = team[0]
+    states: list[str] = []
+    vehicle.telemetry.subscribe_landed_state(lambda state, _: states.append(state.name))
+    assert not vehicle.telemetry.in_air()
+    vehicle.take_off(4.0)
+    assert vehicle.telemetry.in_air()
+    with pytest.raises(ActionError):
+        vehicle.action.disarm()
+
+    # The acknowledgement says yes to what the flight mode denies.
+    vehicle.stop_positions()
+    vehicle.offboard.start()
+    time.sleep(0.3)
+    assert vehicle.mode() == "HOLD"
+
+    vehicle.go(1.0, 1.0, -4.0)
+    vehicle.offboard.start()
+    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
+    wait_until(lambda: np.allclose(vehicle.ned(), (1.0, 1.0, -4.0), atol=0.05), "at the setpoint")
+
+    # Landed out of offboard it rests in offboard, and cannot be armed before it is told to hold.
+    vehicle.action.land()
+    wait_until(lambda: not vehicle.telemetry.armed(), "disarmed")
+    vehicle.stop_positions()
+    wait_until(lambda: vehicle.mode() == "OFFBOARD", "resting in offboard")
+    wait_until(lambda: not vehicle.telemetry.health().is_armable, "not armable")
+    with pytest.raises(ActionError):
+        vehicle.action.arm()
+    vehicle.action.hold()
+    wait_until(lambda: vehicle.telemetry.health().is_armable, "armable again")
+    vehicle.action.arm()
+    vehicle.action.disarm()
+    assert list(dict.fromkeys(states)) == ["ON_GROUND", "TAKING_OFF", "IN_AIR", "LANDING"]
+
+
+def test_a_stream_that_stops_and_comes_back(team: list[Vehicle]) -> None:
+    vehicle = team[1]
+    vehicle.param.set_param_int("COM_OBL_RC_ACT", 4)
+    vehicle.take_off(5.0)
+    vehicle.go(0.0, 0.0, -5.0)
+    vehicle.offboard.start()
+    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
+    vehicle.stop_positions()
+    wait_until(lambda: vehicle.mode() == "LAND", "the chosen failsafe", limit_s=0.5)
+    vehicle.go(0.0, 0.0, -5.0)
+    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard again, unasked", limit_s=0.5)
+    vehicle.action.kill()
+    wait_until(lambda: not vehicle.telemetry.armed(), "killed in the air")
+    wait_until(lambda: not vehicle.telemetry.in_air(), "on the ground")
+    vehicle.action.hold()
+
+
+def test_three_vehicles_fly_at_once(team: list[Vehicle]) -> None:
+    for vehicle in team:
+        vehicle.launch(4.0)
+    for vehicle in team:
+        vehicle.await_hover(4.0)
+    for vehicle in team:
+        vehicle.go(2.0, -2.0, -4.0)
+        vehicle.offboard.start()
+    for vehicle in team:
+        wait_until(lambda vehicle=vehicle: np.allclose(vehicle.ned(), (2.0, -2.0, -4.0), atol=0.05), "there")  # type: ignore[misc]
+    for vehicle in team:
+        vehicle.action.hold()
+        vehicle.action.land()
+    for vehicle in team:
+        wait_until(lambda vehicle=vehicle: not vehicle.telemetry.armed(), "disarmed")  # type: ignore[misc]
+
+
+def flown(axis: PlantAxis, setpoint: float, times_s: Vector) -> Vector:
+    """Return the positions after a step from rest, by a matrix exponential that shares no code with the stub."""
+    matrix = np.array([[0.0, 1.0, 0.0], [-axis.a0_per_s2, -axis.a1_per_s, axis.a0_per_s2 * setpoint], [0.0, 0.0, 0.0]])
+    return np.array([(expm(matrix * max(t, 0.0)) @ [0.0, 0.0, 1.0])[0] for t in times_s])
+
+
+def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
+    speed = 5.0
+    now_s = unix_clock(speed)
+    wind_m_s2 = (0.3, -0.2)
+    noise = EstimatorNoise(position_m=0.01)
+    stub = config(9, start_position_m=(3.0, 2.0), wind_m_s2=wind_m_s2, noise=noise, battery_fraction=0.6)
+    process = StubProcess([stub], speed)
+    process.start()
+    station = Station([stub])
+    vehicle = station.vehicles[0]
+    standing = vehicle.ned()
+    wait_until(lambda: vehicle.ned() != standing, "noise on the telemetry")
+    vehicle.take_off(3.0)
+    vehicle.go(0.0, 0.0, -3.0)
+    vehicle.offboard.start()
+    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
+    time.sleep(2.5)  # until it rests, leaning into the wind
+    leaning_m = (wind_m_s2[0] / PLANT.x.a0_per_s2, wind_m_s2[1] / PLANT.y.a0_per_s2)
+    x, y, z = FRAME.ned_from_mission((4.0, -2.0, 3.0))
+    sent_s = now_s()
+    vehicle.go(x, y, z)
+    time.sleep(1.5)
+    arrived = FRAME.mission_from_ned(vehicle.ned())
+    assert 50.0 < vehicle.telemetry.battery().remaining_percent <= 60.0
+    station.close()
+    (track,) = process.stop().tracks
+    window = (track.time_s > sent_s - 1.0) & (track.time_s < sent_s + 7.0)
+    since_s = track.time_s[window] - sent_s - PLANT.delay_s
+    flown_m = track.position_m[window, :2] - (3.0, 2.0) - np.array(leaning_m)
+
+    def misses_m(on_the_way_s: float) -> Vector:
+        answers = [flown(PLANT.x, 4.0, since_s - on_the_way_s), flown(PLANT.y, -2.0, since_s - on_the_way_s)]
+        return np.asarray(np.abs(flown_m - np.transpose(answers)))
+
+    # How long the setpoint was on its way depends on the machine: 10 ms on the wall clock are 0.05 s here.
+    on_the_way_s = minimize_scalar(lambda late_s: float(misses_m(late_s).max()), bounds=(0.0, 1.0)).x
+    assert on_the_way_s < 0.5
+    assert misses_m(on_the_way_s).max() < 0.03
+    assert arrived == pytest.approx((4.0 + leaning_m[0], -2.0 + leaning_m[1], 3.0), abs=0.06)
+
+
+# The process and the server
+
+
+def spawned(speed: float = SPEED) -> tuple[Any, Any]:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=run_in_process, args=([config()], speed, theirs), daemon=True)
+    process.start()
+    theirs.close()
+    assert ours.poll(10.0)
+    return process, ours
+
+
+def test_the_process_ends_with_its_parent_and_ignores_ctrl_c() -> None:
+    process, ours = spawned()
+    assert isinstance(ours.recv(), StubReady)
+    os.kill(process.pid, signal.SIGINT)
+    process.join(0.3)
+    assert process.is_alive()
+    ours.close()  # what the parent's death does
+    process.join(5.0)
+    assert process.exitcode == 0
+
+
+def test_a_stub_that_cannot_run_says_why() -> None:
+    with pytest.raises(OSError, match="speed"):
+        StubProcess([config()], -1.0).start()
+
+
+def test_a_stub_that_was_killed_leaves_no_record() -> None:
+    stubs = StubProcess([config()], SPEED)
+    stubs.start()
+    assert stubs.pid is not None
+    os.kill(stubs.pid, signal.SIGKILL)
+    with pytest.raises(OSError, match="before it was stopped"):
+        stubs.stop()
+
+
+async def test_whoever_speaks_to_a_vehicle_hears_it_too_and_garbage_hurts_nobody() -> None:
+    stub = config(7)
+    stop = asyncio.Event()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as guest,
+    ):
+        client.bind(("127.0.0.1", stub.client_port))
+        for each in (client, guest):
+            each.settimeout(2.0)
+        serving = asyncio.create_task(serve([stub], speed=SPEED, now_s=unix_clock(SPEED), stop=stop))
+        datagram, vehicle_address = await asyncio.to_thread(client.recvfrom, 2048)
+        guest.sendto(b"garbage", vehicle_address)
+        heard = await asyncio.to_thread(guest.recv, 2048)
+        for raw in (datagram, heard):
+            assert dialect.MAVLink(None).parse_buffer(raw)[0].get_srcSystem() == 7
+        stop.set()
+        record = await serving
+    assert record.dropped == {7: {"garbage": 1}}
+
+
+async def test_time_that_cannot_be_caught_up_is_given_up_and_told() -> None:
+    clock, stop = [1000.0], asyncio.Event()
+    serving = asyncio.create_task(serve([config()], speed=SPEED, now_s=lambda: clock[0], stop=stop))
+    for now_s in (1001.0, 1051.0, 1051.4, 1051.8):
+        await asyncio.sleep(0.02)
+        clock[0] = now_s
+    await asyncio.sleep(0.02)
+    stop.set()
+    record: StubRecord = await serving
+    assert record.slipped_s == pytest.approx(0.5 + 49.5)
+    assert record.speed_reached == pytest.approx(SPEED * 1.8 / 51.8)
+    (track,) = record.tracks
+    assert track.time_s[-1] == pytest.approx(1051.8, abs=0.1)
+    assert len(track.time_s) == pytest.approx(18, abs=1)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"vehicle_id": 0},
+        {"vehicle_id": 255},
+        {"client_port": 0},
+        {"start_position_m": (nan, 0.0)},
+        {"wind_m_s2": (0.0, nan)},
+        {"battery_fraction": 1.1},
+        {"seed": -1},
+    ],
+)
+def test_configurations_that_make_no_vehicle_are_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"vehicle|client_port"):
+        config(**changes)

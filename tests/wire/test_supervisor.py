@@ -1,0 +1,297 @@
+"""The dead-man: a flying process that is killed, stopped or hangs is out of offboard in time; who is orphaned lands.
+
+The vehicles are stubs of this process, on a clock that runs fast until the fault and at the wall's pace from then on.
+The controls fly the same process unsupervised: the test holds the other end of its lifeline, and watches nothing.
+"""
+
+import asyncio
+import fcntl
+import os
+import signal
+import socket
+import sys
+import termios
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from gcs.drill.flight import Victim
+from gcs.drill.injected_faults import HANG_S, Ailments, Hang
+from gcs.drill.process_under_test import SOCKET
+from gcs.drill.stubs import Pace
+from gcs.flight.stubs import stub_configs
+from gcs.flight.supervision import ALIVE, LIFELINE, POLL_PERIOD_S
+from gcs.mission.file import load_mission
+from sitl.autopilot.modes import NavMode
+from sitl.server.server import serve
+from tests.support.paths import ROOT
+from tests.support.wire import StubWatch, until
+
+pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.processes]
+
+FAST = 6.0
+OUT_OF_OFFBOARD_MAX_S = 2.0
+HOLD_S = 3.0
+"""How long a vehicle holds before it comes down when somebody ends its flight."""
+
+
+Fault = signal.Signals | Hang
+
+
+class Flight:
+    """A team in flight: the process that was started, the one that flies, and the vehicles as they truly are."""
+
+    def __init__(self, process: asyncio.subprocess.Process, victim: Victim, watch: StubWatch, pace: Pace) -> None:
+        self.process = process
+        self.pace = pace
+        self.victim = victim
+        self._watch = watch
+
+    @property
+    def flying_pid(self) -> int:
+        return self.victim.pid
+
+    def strike(self, fault: Fault) -> None:
+        """Send the flying process a signal, or let it hang by itself."""
+        if isinstance(fault, signal.Signals):
+            os.kill(self.flying_pid, fault)
+        else:
+            self.victim.ail(Ailments(hang=fault))
+
+    @property
+    def all_in_offboard(self) -> bool:
+        return {vehicle.mode for vehicle in self._watch.vehicles.values()} == {NavMode.OFFBOARD}
+
+    @property
+    def none_in_offboard(self) -> bool:
+        return NavMode.OFFBOARD not in {vehicle.mode for vehicle in self._watch.vehicles.values()}
+
+    @property
+    def all_down(self) -> bool:
+        return not any(vehicle.armed for vehicle in self._watch.vehicles.values())
+
+    def setpoints_since(self, since_s: float) -> int:
+        return min(self._watch.received_since(system_id, since_s) for system_id in self._watch.vehicles)
+
+    async def aloft(self) -> None:
+        """Wait until everybody is in offboard."""
+        await until(lambda: len(self._watch.vehicles) == 3 and self.all_in_offboard, 30.0, "everybody in offboard")
+        await asyncio.sleep(0.5)
+
+    async def ended(self, timeout_s: float = 30.0) -> tuple[int, str]:
+        """Wait for the end of both processes; return the exit code of the one started, and what both told."""
+        out, err = await asyncio.wait_for(self.process.communicate(), timeout_s)
+        assert out == b""
+        assert self.process.returncode is not None
+        return self.process.returncode, (err or b"").decode()
+
+
+Fly = Callable[..., Awaitable[Flight]]
+
+
+@pytest.fixture
+async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Fly]:
+    """Return a starter of a flight of three, supervised or not, on a terminal or not; all of it ends with the test."""
+    path = mission_file(
+        "case2",
+        ('name = "case2"', 'name = "dead-man"'),
+        ("separation_m = 3.0", "separation_m = 2.0"),  # they may land together
+        ("endpoint =", "altitude_m = 3.0\nendpoint ="),
+    )
+    victim = Victim()
+    server = await asyncio.start_unix_server(victim.meet, tmp_path / "socket")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
+    watch, pace = StubWatch(monkeypatch), Pace(FAST)
+
+    async def start(*, supervised: bool = True, terminal: int | None = None) -> Flight:
+        command = (sys.executable, "-m", "gcs.drill.process_under_test", path, "1", "60")
+        fds: list[int] = []
+        variables = {**environment, "TERM": "dumb" if terminal is None else "xterm"}
+        if not supervised:
+            heartbeat = await stack.enter_async_context(_careless())
+            fds, variables[LIFELINE] = [heartbeat], str(heartbeat)
+        process = await asyncio.create_subprocess_exec(
+            *command,
+            env=variables,
+            stdin=terminal,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE if terminal is None else terminal,
+            pass_fds=fds,
+            start_new_session=True,
+            preexec_fn=None if terminal is None else _take_terminal,
+        )
+        flight = Flight(process, victim, watch, pace)
+        stack.push_async_callback(_end, flight)
+        return flight
+
+    stop = asyncio.Event()
+    stubs = asyncio.create_task(serve(stub_configs(load_mission(path)), speed=FAST, now_s=pace.now_s, stop=stop))
+    async with AsyncExitStack() as stack:
+        yield start
+    stop.set()
+    await stubs
+    server.close()
+
+
+def _take_terminal() -> None:
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+async def _end(flight: Flight) -> None:
+    if flight.process.returncode is None:
+        flight.process.kill()
+    if flight.flying_pid:
+        with suppress(ProcessLookupError):
+            os.kill(flight.flying_pid, signal.SIGKILL)
+    await flight.process.communicate()
+
+
+@asynccontextmanager
+async def _careless() -> AsyncIterator[int]:
+    """Be a supervisor that is there and does nothing: yields the flying process's end of its lifeline."""
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+
+    async def live() -> None:
+        while True:
+            with suppress(OSError):
+                ours.send(ALIVE)
+            with suppress(OSError):
+                ours.recv(1 << 20)
+            await asyncio.sleep(POLL_PERIOD_S)
+
+    living = asyncio.create_task(live())
+    with ours, theirs:
+        yield theirs.fileno()
+        living.cancel()
+
+
+def now_s() -> float:
+    return asyncio.get_running_loop().time()
+
+
+# What happens to the flying process
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        (signal.SIGKILL, "ended by signal 9 before its vehicles had come down"),
+        ("exit", "ended with exit code 0 before its vehicles had come down"),
+        (signal.SIGSTOP, "no tick of the control loop of vehicle 1 for 0.6 s, vehicle 2 for 0.6 s, vehicle 3 for"),
+        ("interpreter", "no tick of the control loop of vehicle "),
+        ("event loop", "no tick of the control loop of vehicle "),
+    ],
+    ids=["killed", "exited", "stopped", "interpreter blocked", "event loop blocked"],
+)
+async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason: str, fly: Fly) -> None:
+    flight = await fly()
+    await flight.aloft()
+    flight.pace.keep_the_walls()
+    pid, began_s = flight.flying_pid, now_s()
+    flight.strike(fault)
+    out_s = await until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")
+    code, told = await flight.ended()
+    print(f"MEASURED {fault}: out of offboard after {out_s - began_s:.2f} s")
+    assert out_s - began_s <= OUT_OF_OFFBOARD_MAX_S
+    assert code == 4
+    assert f"{pid}" in told
+    assert reason in told
+    assert "vehicle 1, 2, 3: their autopilots are on their own" in told
+    assert "next: " in told
+    with pytest.raises(ProcessLookupError):  # a stopped process would fly on once it is continued
+        os.kill(pid, signal.SIGCONT)
+
+
+async def test_control_unsupervised_a_hung_event_loop_keeps_its_vehicles_in_offboard(fly: Fly) -> None:
+    flight = await fly(supervised=False)
+    await flight.aloft()
+    flight.pace.keep_the_walls()
+    flight.strike("event loop")
+    hung_s = now_s() + 0.5
+    await asyncio.sleep(0.5 + 2.0 * OUT_OF_OFFBOARD_MAX_S)
+    assert flight.all_in_offboard
+    assert flight.setpoints_since(hung_s) > 10 * OUT_OF_OFFBOARD_MAX_S, "MAVSDK repeats the last one"
+
+
+@pytest.mark.parametrize("fault", [signal.SIGSTOP, "interpreter"], ids=["stopped", "interpreter blocked"])
+async def test_control_unsupervised_a_process_that_recovers_takes_its_vehicles_back_into_offboard(
+    fault: Fault, fly: Fly
+) -> None:
+    flight = await fly(supervised=False)
+    await flight.aloft()
+    flight.pace.keep_the_walls()
+    flight.strike(fault)
+    await until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")  # MAVSDK's callbacks want the lock
+    os.kill(flight.flying_pid, signal.SIGCONT)
+    await until(lambda: flight.all_in_offboard, HANG_S + 2.0, "everybody back in offboard")
+
+
+# What happens to its supervisor
+
+
+@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
+async def test_who_is_orphaned_holds_and_lands(fault: signal.Signals, fly: Fly) -> None:
+    flight = await fly()
+    await flight.aloft()
+    await asyncio.sleep(1.5 * HOLD_S)
+    assert flight.all_in_offboard, "the control: a supervisor that lives ends nothing"
+    began_s = now_s()
+    os.kill(flight.process.pid, fault)
+    out_s = await until(lambda: flight.none_in_offboard, 15.0, "everybody out of offboard")
+    assert out_s - began_s >= HOLD_S, "they hold first"
+    await until(lambda: flight.all_down, 30.0, "everybody down")
+    if fault is signal.SIGSTOP:
+        flight.process.send_signal(signal.SIGCONT)
+    code, told = await flight.ended()
+    assert code == (-signal.SIGKILL if fault is signal.SIGKILL else 4)
+    assert "supervisor is gone: the vehicles hold and land" in told
+
+
+# Ctrl-C
+
+
+async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fly) -> None:
+    here, there = os.openpty()
+    shown = bytearray()
+    loop = asyncio.get_running_loop()
+    loop.add_reader(here, lambda: shown.extend(os.read(here, 65536)))
+    try:
+        flight = await fly(terminal=there)
+        await flight.aloft()
+        os.write(here, b"\x1a")
+        await asyncio.sleep(1.5)
+        assert flight.all_in_offboard, "stopped by the terminal"
+        assert "offboard" in shown.decode(errors="replace"), "the live view is drawn"
+        began_s = now_s()
+        os.write(here, b"\x03")
+        out_s = await until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
+        assert out_s - began_s >= HOLD_S, "they hold first: in a hurry they would not"
+        code, _ = await flight.ended()
+    finally:
+        loop.remove_reader(here)
+        os.close(here)
+        os.close(there)
+    assert code == 4
+    assert flight.all_down
+    text = shown.decode(errors="replace")
+    assert "holding and landing; Ctrl-C once more: land at once" in text
+    assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l"), "the cursor is there again"
+
+
+async def test_a_signal_to_the_supervisor_counts_and_a_second_one_means_at_once(fly: Fly) -> None:
+    flight = await fly()
+    await flight.aloft()
+    began_s = now_s()
+    flight.process.send_signal(signal.SIGINT)
+    await asyncio.sleep(0.3)
+    flight.process.send_signal(signal.SIGTERM)
+    out_s = await until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
+    assert out_s - began_s < HOLD_S - 0.5
+    code, told = await flight.ended()
+    assert code == 4
+    assert flight.all_down
+    assert "the operator ended the flight" in told
+    assert "supervisor" not in told

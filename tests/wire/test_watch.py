@@ -1,0 +1,132 @@
+"""Watching a team from another terminal: what it shows, that it says nothing, and that its death disturbs nobody."""
+
+import asyncio
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import MemberState, encode
+from gcs.console.watch import WatchView, watch
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from tests.support.paths import ROOT
+from tests.support.wire import until
+
+pytestmark = pytest.mark.wire
+
+SOON = (
+    ("distance_max_m = 12.0", "distance_max_m = 40.0"),
+    ("range_m = 15.0", "range_m = 60.0"),
+    ("start_m = [35.0, -5.0]", "start_m = [14.0, 0.0]"),
+    ("velocity_m_s = [0.1, 0.0]", "velocity_m_s = [0.0, 0.0]"),
+)
+"""What makes the ring form soon."""
+WATCHES = 10
+
+
+@contextmanager
+def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    """Run a command beside the test, on no terminal."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-m", "gcs", *arguments], stdout=pipe, stderr=pipe, text=True, env=environment
+    ) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()
+
+
+@asynccontextmanager
+async def watched(mission: Mission) -> AsyncIterator[tuple[StringIO, asyncio.Event]]:
+    """Watch in this process; what it prints."""
+    output, stop = StringIO(), asyncio.Event()
+    task = asyncio.create_task(watch(mission, WatchView(Console(file=output, width=200)), stop))
+    try:
+        yield output, stop
+    finally:
+        stop.set()
+        await task
+
+
+async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable[..., str]) -> None:
+    mission = load_mission(mission_file("case2"))
+    heard: list[object] = []
+    vehicle = ZenohBus(1, mission.network.team, mission.vehicle(1).section.endpoint)
+    await vehicle.open(heard.append, lambda *presence: heard.append(presence))
+    try:
+        async with watched(mission) as (output, _):
+            began_s = time.monotonic()
+
+            def shown(text: str) -> bool:
+                tactic = "formation" if time.monotonic() - began_s < 1.0 else "hold"
+                state = MemberState(1, time.time(), tactic, (1.0, -2.0), (0.0, 0.0), (1.0, -2.0), (0.0, 0.0), 8.0)
+                vehicle.publish("member", encode(state))
+                return text in output.getvalue()
+
+            await until(lambda: shown("vehicle 1: heard, its tactic is formation"), 5.0)
+            await until(lambda: shown("vehicle 1: formation -> hold"), 5.0)
+            await until(lambda: "vehicle 1: fell silent, its tactic was hold" in output.getvalue(), 5.0)
+            await until(lambda: shown("vehicle 1: is heard again"), 5.0)
+        await asyncio.sleep(0.3)
+        assert (heard, vehicle.dropped) == ([], 0), "it has said something, or shown itself"
+    finally:
+        await vehicle.close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_with_nobody_there_it_says_so_and_waits_until_it_is_told_to_end(
+    number: signal.Signals, mission_file: Callable[..., str]
+) -> None:
+    with cordon("watch", "--mission", mission_file("case2")) as process:
+        assert process.stderr is not None
+        lines = [process.stderr.readline() for _ in range(2)]
+        assert "listening for the team cordon" in lines[0]
+        assert re.search(r"nobody heard for \d s, still waiting", lines[1])
+        process.send_signal(number)
+        out, err = process.communicate(timeout=10.0)
+        assert (process.returncode, out) == (0, "")
+        assert "Traceback" not in err
+
+
+@pytest.mark.team
+@pytest.mark.processes
+def test_watches_that_come_and_are_killed_disturb_nobody(mission_file: Callable[..., str]) -> None:
+    mission = mission_file("case2", *SOON)
+    with cordon("fly", mission, "--sitl", "--speed", "2", "--duration", "60", "--json") as flight:
+        assert flight.stderr is not None
+        for line in flight.stderr:
+            if "formation -> encircle" in line:
+                break
+        for number in range(WATCHES):
+            with cordon("watch", "--mission", mission) as watching:
+                assert watching.stderr is not None
+                for line in watching.stderr:
+                    if re.search(r"vehicle \d: heard", line):
+                        break
+                else:
+                    pytest.fail(f"watch {number} saw nobody")
+                assert flight.poll() is None, "it has to be watched in flight"
+                watching.send_signal(signal.SIGKILL)
+                assert watching.wait(5.0) == -signal.SIGKILL
+        out, err = flight.communicate(timeout=120.0)
+    assert flight.returncode in (0, 1), err  # so soon after the beginning the mean rates are not yet what they will be
+    result = json.loads(out)
+    assert {event["kind"] for event in result["events"]} <= {"tactic", "guard"}, "nobody was told anything"
+    changes = [event for event in result["events"] if event["kind"] == "tactic" and event["time_s"] < 59.0]
+    told = sorted(event["text"] for event in changes)
+    assert told == ["formation -> encircle: engage"] * 3 + ["standby -> formation: start"] * 3
+    assert [result["verdicts"][name] for name in ("C1", "C3", "separation")] == [True] * 3
