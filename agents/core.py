@@ -178,7 +178,7 @@ class VehicleCore:
             case CommandAnswer():
                 self._answers_heard.append(message)
             case _:
-                pass  # a muster is the shell's concern before the mission starts
+                pass  # a start proposal is the shell's concern before the mission starts
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """Take a command of an operator at this computer: it acts at once, and is answered in the next tick."""

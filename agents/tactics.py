@@ -16,9 +16,9 @@ class Tactic(Enum):
     EXCITE = "excite"
     ASIDE = "aside"
     HOLD = "hold"
-    RETURN_AND_LAND = "come down"
+    RETURN_AND_LAND = "return and land"
     LAND = "land"
-    PILOT_OVERRIDE = "stood down"
+    PILOT_OVERRIDE = "pilot override"
 
 
 class Event(Enum):
@@ -33,7 +33,7 @@ class Event(Enum):
     END = "end"
     RETURN = "return"
     LAND = "land"
-    PILOT_TOOK_OVER = "foreign mode"
+    PILOT_TOOK_OVER = "pilot took over"
 
 
 TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {

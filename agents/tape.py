@@ -18,7 +18,7 @@ from agents.team.messages import OperatorCommand
 from estimation.state import Sighting, Telemetry
 
 
-class Patience(msgspec.Struct, frozen=True):
+class TimeScale(msgspec.Struct, frozen=True):
     """`set_time_scale`."""
 
     factor: float
@@ -30,7 +30,7 @@ class Start(msgspec.Struct, frozen=True):
     at_s: float
 
 
-class Told(msgspec.Struct, frozen=True):
+class TacticEvent(msgspec.Struct, frozen=True):
     """`on_event`: what the shell or an operator at this computer said."""
 
     event: Event
@@ -89,9 +89,9 @@ class Tick(msgspec.Struct, frozen=True):
 
 
 CoreInput = (
-    Patience
+    TimeScale
     | Start
-    | Told
+    | TacticEvent
     | Autopilot
     | LateTicks
     | Bus
@@ -125,7 +125,7 @@ class TapedCore(VehicleCore):
 
     def set_time_scale(self, factor: float) -> None:
         """See VehicleCore."""
-        self._write(Patience(factor))
+        self._write(TimeScale(factor))
         super().set_time_scale(factor)
 
     def start(self, at_s: float) -> None:
@@ -135,7 +135,7 @@ class TapedCore(VehicleCore):
 
     def on_event(self, event: Event) -> None:
         """See VehicleCore."""
-        self._write(Told(event))
+        self._write(TacticEvent(event))
         super().on_event(event)
 
     def on_vehicle(self, status: VehicleStatus) -> None:
@@ -206,9 +206,9 @@ def play(core: VehicleCore, item: CoreInput) -> TickOutput | None:
 
 
 _CALLS: dict[type, Callable[[VehicleCore, Any], None]] = {
-    Patience: lambda core, item: core.set_time_scale(item.factor),
+    TimeScale: lambda core, item: core.set_time_scale(item.factor),
     Start: lambda core, item: core.start(item.at_s),
-    Told: lambda core, item: core.on_event(item.event),
+    TacticEvent: lambda core, item: core.on_event(item.event),
     Autopilot: lambda core, item: core.on_vehicle(item.status),
     LateTicks: lambda core, item: core.on_loop(item.count),
     Bus: lambda core, item: core.on_bus(item.alive),

@@ -13,9 +13,9 @@ TACTIC_COLOURS = {
     "excite": "#44BB99",
     "aside": "#FFAABB",
     "hold": "#EEDD88",
-    "come down": "#77AADD",
+    "return and land": "#77AADD",
     "land": "#AAAAAA",
-    "stood down": "#EE8866",
+    "pilot override": "#EE8866",
     "unknown": "#F7F7F7",
 }
 INK, FAINT, WINDOW, FAIL = "#333333", "#8A8A8A", "#F2F2F2", "#B3200A"

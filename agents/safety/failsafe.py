@@ -18,7 +18,7 @@ class Condition(Enum):
 
     TELEMETRY_STALE = "telemetry stale"
     ESTIMATOR_JUMPED = "estimator jumped"
-    PILOT_TOOK_OVER = "foreign mode"
+    PILOT_TOOK_OVER = "pilot took over"
     BATTERY_CRITICAL = "battery critical"
     BATTERY_LOW = "battery low"
     FENCE_LEFT = "fence left"

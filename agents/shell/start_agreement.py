@@ -9,15 +9,15 @@ from agents.shell.clock import MissionClock
 from agents.shell.start_proposal import Assembly, PeerClocks
 from agents.team.messages import (
     TOPICS,
-    Muster,
+    StartProposal,
     decode,
     encode,
 )
 
-MUSTER_TIMEOUT_S = 120.0
+START_TIMEOUT_S = 120.0
 CLOCKS_TIMEOUT_S = 1.2
 """How long a take-off waits to hear the clocks of the peers that are there [wall s]: one may still be connecting."""
-_PERIOD_S = TOPICS[Muster].period_s
+_PERIOD_S = TOPICS[StartProposal].period_s
 
 
 class StartAgreement:
@@ -47,7 +47,7 @@ class StartAgreement:
         self._announcing = self._announcing or asyncio.create_task(self._announce())
 
     def hear(self, payload: bytes) -> None:
-        """Take what came over the bus; all but musters is nothing new here.
+        """Take what came over the bus; it is about start proposals alone.
 
         Once the mission has begun, who comes late, or back, is told when that was: it joins.
         """
@@ -55,13 +55,13 @@ class StartAgreement:
             return
         with suppress(ValueError):
             message = decode(payload)
-            if isinstance(message, Muster) and self._over:
+            if isinstance(message, StartProposal) and self._over:
                 if message.start_s is None and message.sender in self._assembly.others:
                     self._say(self._assembly.speak(self._clock.now_s()))
-            elif isinstance(message, Muster):
+            elif isinstance(message, StartProposal):
                 lag_s = self._clock.now_s() - message.time_s
                 self._clocks.hear(message.sender, lag_s / self._clock.speed)
-                if abs(lag_s) < TOPICS[Muster].age_max_s:
+                if abs(lag_s) < TOPICS[StartProposal].age_max_s:
                     self._assembly.hear(message)
 
     def note_presence(self, vehicle_id: int, present: bool) -> None:
@@ -85,14 +85,14 @@ class StartAgreement:
         Raises VehicleRefusedError when somebody is not heard, or has another time.
         """
         self.fall_silent()  # from here on it says that it is ready
-        deadline_s = self._clock.now_s() + MUSTER_TIMEOUT_S
+        deadline_s = self._clock.now_s() + START_TIMEOUT_S
         while self.start_s is None or self._clock.now_s() < self.start_s:
             self._clocks.require_one_time()
             now_s = self._clock.now_s()
             if self.start_s is None and now_s > deadline_s:
                 missing = ", ".join(map(str, self._assembly.missing(now_s)))
                 raise VehicleRefusedError(
-                    f"vehicles not heard on the bus within {MUSTER_TIMEOUT_S:.0f} s: {missing}",
+                    f"vehicles not heard on the bus within {START_TIMEOUT_S:.0f} s: {missing}",
                     "start their agents, or check the vehicles' endpoints in the mission file",
                 )
             self._say(self._assembly.speak(now_s))
@@ -110,8 +110,8 @@ class StartAgreement:
             self._say(self._assembly.speak(self._clock.now_s(), ready=False))
             await self._pause()
 
-    def _say(self, message: Muster) -> None:
-        self._bus.publish(TOPICS[Muster].name, encode(message))
+    def _say(self, message: StartProposal) -> None:
+        self._bus.publish(TOPICS[StartProposal].name, encode(message))
 
     async def _pause(self) -> None:
         await asyncio.sleep(_PERIOD_S / self._clock.speed)

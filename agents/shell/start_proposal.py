@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 
 from agents.ports import VehicleRefusedError
-from agents.team.messages import TOPICS, Muster
+from agents.team.messages import TOPICS, StartProposal
 
 LEAD_TIME_S = 2.0
 """How far ahead a start is proposed: longer than a proposal takes to reach everybody."""
 HEARD_LEAST = 5
 CLOCK_OFFSET_LIMIT_S = 0.5
-_AGE_MAX_S = TOPICS[Muster].age_max_s
+_AGE_MAX_S = TOPICS[StartProposal].age_max_s
 
 
 class PeerClocks:
@@ -72,7 +72,7 @@ class Assembly:
         """Return who has not been heard lately."""
         return sorted(i for i in self.others if now_s - self._heard_s.get(i, -_AGE_MAX_S) >= _AGE_MAX_S)
 
-    def hear(self, message: Muster) -> None:
+    def hear(self, message: StartProposal) -> None:
         """Take in a peer's readiness and proposal; who is not ready yet says nothing about the start."""
         if message.sender not in self.others or not message.ready:
             return
@@ -80,10 +80,10 @@ class Assembly:
         if message.start_s is not None:
             self._start_s = message.start_s if self._start_s is None else min(self._start_s, message.start_s)
 
-    def speak(self, now_s: float, *, ready: bool = True) -> Muster:
+    def speak(self, now_s: float, *, ready: bool = True) -> StartProposal:
         """Return what to tell the peers now."""
         if not ready:
-            return Muster(self._vehicle_id, now_s, None, ready=False)
+            return StartProposal(self._vehicle_id, now_s, None, ready=False)
         if self._start_s is None and not self.missing(now_s):
             self._start_s = now_s + LEAD_TIME_S
-        return Muster(self._vehicle_id, now_s, self._start_s)
+        return StartProposal(self._vehicle_id, now_s, self._start_s)

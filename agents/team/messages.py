@@ -78,7 +78,7 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
 
 
-class Muster(msgspec.Struct, frozen=True, array_like=True, tag="muster"):
+class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
     """A vehicle that is there, and the mission's start it proposes (None: not everybody is ready yet).
 
     It is `ready` once it is up; on the ground it only lets the others compare their clocks with its own.
@@ -114,7 +114,7 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     did: Annotated[str, msgspec.Meta(max_length=120)]
 
 
-PeerMessage = MemberState | NeighbourAngle | TargetPackage | Muster | CommandAnswer
+PeerMessage = MemberState | NeighbourAngle | TargetPackage | StartProposal | CommandAnswer
 BusMessage = PeerMessage | OperatorCommand
 
 
@@ -131,7 +131,7 @@ TOPICS: dict[type[BusMessage], Topic] = {
     MemberState: Topic("member", 0.1, 1.0),
     NeighbourAngle: Topic("angle", 0.1, 1.0),
     TargetPackage: Topic("target", 0.2, 1.0),
-    Muster: Topic("muster", 0.2, 1.0),
+    StartProposal: Topic("start", 0.2, 1.0),
     OperatorCommand: Topic("command", 0.1, 2.0),
     CommandAnswer: Topic("answer", 0.1, 2.0),
 }

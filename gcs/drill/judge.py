@@ -25,7 +25,7 @@ UNEVEN_MAX_DEG = 25.0
 RADIUS_SHARE = 0.2
 
 
-class Said(NamedTuple):
+class LocalCommand(NamedTuple):
     """What a vehicle says of itself from a time on."""
 
     time_s: float
@@ -45,7 +45,7 @@ class TeamLog:
     """Everything seen so far, by vehicle: changes only of modes and words, everything of the rest."""
 
     modes: defaultdict[int, list[tuple[float, str]]] = field(default_factory=lambda: defaultdict(list))
-    said: defaultdict[int, list[Said]] = field(default_factory=lambda: defaultdict(list))
+    said: defaultdict[int, list[LocalCommand]] = field(default_factory=lambda: defaultdict(list))
     heard_s: dict[int, float] = field(default_factory=dict)
     setpoint_s: dict[int, float] = field(default_factory=dict)
     places: list[Place] = field(default_factory=list)
@@ -61,7 +61,7 @@ class TeamLog:
         """Note what a vehicle says."""
         self.heard_s[vehicle] = time_s
         if (self.tactic(vehicle), self.alert(vehicle)) != (tactic, alert):
-            self.said[vehicle].append(Said(time_s, tactic, alert))
+            self.said[vehicle].append(LocalCommand(time_s, tactic, alert))
 
     def note_places(self, time_s: float, position_m: dict[int, Triple]) -> None:
         """Note where the airborne vehicles are."""

@@ -19,6 +19,7 @@ from gcs.flightlog.container import (
     Message,
     NoContainerError,
 )
+from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.records import (
     FORMAT,
@@ -222,8 +223,12 @@ class _Topics:
 def topic_of(topic: str) -> tuple[type[Any], int] | None:
     """Return the kind of record on a topic, and whose it is (0: the run's); None for what only viewers need."""
     match topic.split("/"):
-        case ["", "vehicle", number, name] if number.isdecimal() and name in KINDS:
-            return KINDS[name], int(number)
+        case ["", "vehicle", number, name] if number.isdecimal() and (kind := _kind_of(name)) is not None:
+            return kind, int(number)
         case ["", name] if name in RUN_KINDS:
             return RUN_KINDS[name], 0
     return None
+
+
+def _kind_of(name: str) -> type[Any] | None:
+    return KINDS.get(FORMER_TOPICS.get(name, name))

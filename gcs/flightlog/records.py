@@ -15,11 +15,11 @@ from agents.tape import (
     Killed,
     LateTicks,
     Message,
-    Patience,
     Presence,
     Start,
+    TacticEvent,
     Tick,
-    Told,
+    TimeScale,
 )
 from agents.team.messages import encode
 from estimation.state import (
@@ -31,7 +31,7 @@ from estimation.state import (
 
 PROFILE = "cordon"
 """The word by which an MCAP file says whose it is."""
-FORMAT = 1
+FORMAT = 2
 """Of the log: a reader knows all up to its own."""
 
 
@@ -84,7 +84,7 @@ class Vehicle(msgspec.Struct, frozen=True):
     parameters: tuple[Parameter, ...]
 
 
-class Said(msgspec.Struct, frozen=True):
+class LocalCommand(msgspec.Struct, frozen=True):
     """`on_command`: an operator at this computer said this; the payload is the command's, as it goes over the bus."""
 
     now_s: float
@@ -98,7 +98,7 @@ class Sent(msgspec.Struct, frozen=True):
     payload: bytes
 
 
-class OwnBelief(msgspec.Struct, frozen=True):
+class OwnState(msgspec.Struct, frozen=True):
     """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] and covariance (6, 6), row by row."""
 
     time_s: float
@@ -106,7 +106,7 @@ class OwnBelief(msgspec.Struct, frozen=True):
     covariance: tuple[float, ...]
 
 
-class TargetBelief(msgspec.Struct, frozen=True):
+class TargetState(msgspec.Struct, frozen=True):
     """A vehicle's belief about the target: mean (4,) = [x y x' y'] and covariance (4, 4), row by row."""
 
     time_s: float
@@ -134,7 +134,7 @@ class Place(msgspec.Struct, frozen=True):
     lag_rad: float | None
 
 
-class GuardWord(msgspec.Struct, frozen=True):
+class GuardResult(msgspec.Struct, frozen=True):
     """What the guard did with the setpoint wished for, why, and up to which cause its demands had to yield.
 
     Where velocities are sent beside setpoints, `setpoint_m` is the aim of both.
@@ -159,13 +159,13 @@ class Decision(msgspec.Struct, frozen=True):
     tactic: str
     mixing: float
     setpoint: Setpoint | None
-    own: OwnBelief | None
-    target: TargetBelief | None
+    own: OwnState | None
+    target: TargetState | None
     polar: PolarMotion | None
     place: Place | None
     approach: str | None
     qp: str | None
-    guard: GuardWord | None
+    guard: GuardResult | None
     alert: str
     notes: tuple[Note, ...]
     sent: tuple[Sent, ...]
@@ -209,16 +209,16 @@ class RunEnd(msgspec.Struct, frozen=True):
 
 RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end"}
 VEHICLE_TOPICS: dict[type, str] = {
-    Patience: "patience",
+    TimeScale: "time_scale",
     Start: "start",
-    Told: "event",
+    TacticEvent: "event",
     Autopilot: "autopilot",
     LateTicks: "late",
     Bus: "bus",
     Telemetry: "telemetry",
     Sighting: "sighting",
     Message: "message",
-    Said: "command",
+    LocalCommand: "command",
     Killed: "killed",
     Presence: "presence",
     Tick: "tick",
@@ -235,7 +235,7 @@ def recorded(item: object) -> object:
     if isinstance(item, TickOutput):
         return decision_of(item)
     if isinstance(item, Command):
-        return Said(item.now_s, encode(item.command))
+        return LocalCommand(item.now_s, encode(item.command))
     return item
 
 
@@ -254,15 +254,15 @@ def decision_of(output: TickOutput) -> Decision:
         status.tactic.value,
         status.mixing,
         output.setpoint,
-        None if own is None else _own_belief(own),
-        None if target is None else _target_belief(target),
+        None if own is None else _own_state(own),
+        None if target is None else _target_state(target),
         None if polar is None else PolarMotion(*msgspec.structs.astuple(polar)),
         None if place is None else Place(*msgspec.structs.astuple(place)),
         None if status.approach is None else status.approach.value,
         None if status.qp is None else status.qp.value,
         None
         if guarded is None
-        else GuardWord(
+        else GuardResult(
             tuple(guarded.setpoint_m.tolist()),
             guarded.status.value,
             tuple([cause.words for cause in guarded.causes]),
@@ -280,12 +280,12 @@ def decision_of(output: TickOutput) -> Decision:
     )
 
 
-def _own_belief(own: OwnEstimate) -> OwnBelief:
-    return OwnBelief(own.time_s, tuple(own.mean.tolist()), tuple(own.covariance.ravel().tolist()))
+def _own_state(own: OwnEstimate) -> OwnState:
+    return OwnState(own.time_s, tuple(own.mean.tolist()), tuple(own.covariance.ravel().tolist()))
 
 
-def _target_belief(target: TargetEstimate) -> TargetBelief:
-    return TargetBelief(
+def _target_state(target: TargetEstimate) -> TargetState:
+    return TargetState(
         target.time_s,
         tuple(target.mean.tolist()),
         tuple(target.covariance.ravel().tolist()),

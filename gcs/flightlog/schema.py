@@ -15,6 +15,8 @@ from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 from msgspec import inspect
 
+from gcs.flightlog.former_words import holds_former_words, renew
+
 PACKAGE = "cordon"
 _SCALARS: dict[type[inspect.Type], FieldDescriptorProto.Type.ValueType] = {
     inspect.FloatType: FieldDescriptorProto.TYPE_DOUBLE,
@@ -93,9 +95,12 @@ class Decoder:
     def message(self, payload: bytes) -> Any:
         """Return a record as Protobuf sees it, quicker for who wants a few fields of many records; the same errors."""
         try:
-            return self._message.FromString(payload)
+            message = self._message.FromString(payload)
         except (DecodeError, UnicodeDecodeError) as error:
             raise ValueError(str(error)) from error
+        if holds_former_words(payload):
+            renew(message)
+        return message
 
 
 @cache

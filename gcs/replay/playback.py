@@ -14,30 +14,30 @@ from agents.tape import (
     Killed,
     LateTicks,
     Message,
-    Patience,
     Presence,
     Start,
+    TacticEvent,
     Tick,
-    Told,
+    TimeScale,
 )
 from agents.team.messages import OperatorCommand, decode
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog
-from gcs.flightlog.records import Decision, Said
+from gcs.flightlog.records import Decision, LocalCommand
 from gcs.mission.mission import Mission
 
 _ON_TAPE = {
-    Patience,
+    TimeScale,
     Start,
-    Told,
+    TacticEvent,
     Autopilot,
     LateTicks,
     Bus,
     Telemetry,
     Sighting,
     Message,
-    Said,
+    LocalCommand,
     Killed,
     Presence,
     Tick,
@@ -138,10 +138,10 @@ def _played(log: FlightLog, vehicle_id: int) -> Iterator[_Played | Gap]:
 
 
 def _item(kind: type[Any], fields: dict[str, Any]) -> CoreInput | Decision:
-    if kind is not Said:
+    if kind is not LocalCommand:
         item: CoreInput | Decision = msgspec.convert(fields, kind)
         return item
-    said = msgspec.convert(fields, Said)
+    said = msgspec.convert(fields, LocalCommand)
     command = decode(said.payload)
     if not isinstance(command, OperatorCommand):
         raise ValueError("it is no operator's command")

@@ -8,8 +8,8 @@ from agents.tape import (
     CoreInput,
     LateTicks,
     Message,
-    Patience,
     Start,
+    TimeScale,
 )
 from agents.team.messages import BusMessage, MemberState, decode
 from estimation.state import Telemetry
@@ -41,7 +41,7 @@ class Scene:
             match item:
                 case Start():
                     self.start_s = item.at_s
-                case Patience():
+                case TimeScale():
                     self.time_scale = item.factor
                 case LateTicks():
                     self.late_ticks = item.count

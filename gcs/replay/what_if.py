@@ -16,9 +16,9 @@ from agents.tactics import Tactic
 from agents.tape import (
     Command,
     Message,
-    Patience,
     Start,
-    Told,
+    TacticEvent,
+    TimeScale,
 )
 from agents.team.clock_watch import ClockWatch
 from agents.team.inbox import Inbox
@@ -50,7 +50,7 @@ from gcs.replay.playback import (
 
 FILTERS = ("own_filter", "target_filter")
 
-Fed = Telemetry | Sighting | Told | Command | OperatorCommand
+Fed = Telemetry | Sighting | TacticEvent | Command | OperatorCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,11 +154,11 @@ class Feed:
         """Return what a turn feeds to the filters, and what may change the tactic, in order."""
         for item in turn.inputs:
             match item:
-                case Patience():
+                case TimeScale():
                     self._time_scale = item.factor
                 case Start():
                     self.start_s = item.at_s
-                case Telemetry() | Sighting() | Told() | Command():
+                case Telemetry() | Sighting() | TacticEvent() | Command():
                     yield item
                 case Message():
                     yield from self._told(item)

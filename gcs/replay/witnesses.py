@@ -11,7 +11,7 @@ from agents.tape import (
     Autopilot,
     Bus,
     Message,
-    Told,
+    TacticEvent,
 )
 from agents.team.messages import TargetPackage
 from estimation.state import Sighting, Telemetry
@@ -67,7 +67,7 @@ class Notes(Instant):
         decision = turn.decision
         if decision is None:
             return
-        told = [item.event.value for item in turn.inputs if isinstance(item, Told)]
+        told = [item.event.value for item in turn.inputs if isinstance(item, TacticEvent)]
         for note in decision.notes:
             if note.kind == "guard":
                 continue  # its own witness knows how it went on

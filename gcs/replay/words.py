@@ -11,19 +11,19 @@ from agents.tape import (
     Killed,
     LateTicks,
     Message,
-    Patience,
     Presence,
     Start,
+    TacticEvent,
     Tick,
-    Told,
+    TimeScale,
 )
 from agents.team.messages import (
     CommandAnswer,
     MemberState,
-    Muster,
     NeighbourAngle,
     OperatorCommand,
     PeerMessage,
+    StartProposal,
     TargetPackage,
     decode,
 )
@@ -89,7 +89,7 @@ def _news(message: PeerMessage) -> str:
             return f"on the ring at {message.bearing_rad:.3f} rad"
         case TargetPackage():
             return f"sighted: {_target(message)}"
-        case Muster():
+        case StartProposal():
             return "it is there"
         case CommandAnswer():
             return f"answers command {message.number}: {message.did}"
@@ -117,9 +117,9 @@ def _autopilot(item: Autopilot, _: Time) -> str:
 
 
 _WORDS: dict[type, Callable[[Any, Time], str]] = {
-    Patience: lambda item, _: f"what comes over links may take {item.factor:g} times as long",
+    TimeScale: lambda item, _: f"what comes over links may take {item.factor:g} times as long",
     Start: lambda item, time: f"the mission starts at {time(item.at_s)}",
-    Told: lambda item, _: f"its shell says: {item.event.value}",
+    TacticEvent: lambda item, _: f"its shell says: {item.event.value}",
     Autopilot: _autopilot,
     LateTicks: lambda item, _: f"{item.count} ticks were skipped",
     Bus: lambda item, _: "the bus works" if item.alive else "the bus does not work",

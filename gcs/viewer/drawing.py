@@ -9,7 +9,7 @@ from foxglove.messages import Point3, SceneEntity, Timestamp
 
 from agents.settings.sections import SafetySettings
 from estimation.frames import Triple
-from gcs.flightlog.records import TargetBelief
+from gcs.flightlog.records import TargetState
 from gcs.style import FAIL, FAINT
 from gcs.viewer.seen import SeenVehicle
 from gcs.viewer.shapes import (
@@ -31,18 +31,18 @@ BUBBLE_ALPHA, BUBBLE_ALERT_ALPHA, ELLIPSE_ALPHA = 0.12, 0.5, 0.4
 _WISHED = colour(FAINT)
 
 
-def newest_target(team: Sequence[SeenVehicle]) -> TargetBelief | None:
+def newest_target(team: Sequence[SeenVehicle]) -> TargetState | None:
     """Return what that vehicle believes of the target which has heard of it last."""
     believed = [seen.target for seen in team if seen.target is not None]
     return max(believed, key=lambda each: each.sighted_s, default=None)
 
 
-def ground_place(belief: TargetBelief) -> Triple:
+def ground_place(belief: TargetState) -> Triple:
     """Return where a target is believed to be; its height is nobody's business."""
     return belief.mean[0], belief.mean[1], 0.0
 
 
-def position_covariance(belief: TargetBelief) -> tuple[float, float, float]:
+def position_covariance(belief: TargetState) -> tuple[float, float, float]:
     """Return (xx, xy, yy) [m²] of a belief, whose covariance (4, 4) is that of [x y x' y']."""
     return belief.covariance[0], belief.covariance[1], belief.covariance[5]
 
@@ -64,7 +64,7 @@ class Drawing:
             entities += self._vehicle(seen, at)
         return entities
 
-    def _target(self, belief: TargetBelief | None, at: Timestamp) -> list[SceneEntity]:
+    def _target(self, belief: TargetState | None, at: Timestamp) -> list[SceneEntity]:
         if belief is None:
             return [_entity(at, "target"), _entity(at, "ring")]
         place_m = ground_place(belief)

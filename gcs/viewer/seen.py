@@ -10,7 +10,7 @@ from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from estimation.frames import Triple
 from estimation.state import Telemetry
-from gcs.flightlog.records import Decision, TargetBelief
+from gcs.flightlog.records import Decision, TargetState
 
 TRAIL_POINTS, TRAIL_PERIOD_S = 120, 1.0
 TRAIL_GRID_PER_M = 64.0
@@ -66,7 +66,7 @@ class SeenVehicle:
         return self.decision is not None and self.decision.guard is not None and bool(self.decision.guard.causes)
 
     @property
-    def target(self) -> TargetBelief | None:
+    def target(self) -> TargetState | None:
         """What it believes of the target."""
         return None if self.decision is None else self.decision.target
 

@@ -17,10 +17,10 @@ from agents.team.messages import (
     TOPICS,
     BusMessage,
     MemberState,
-    Muster,
     NeighbourAngle,
     OperatorCommand,
     PeerMessage,
+    StartProposal,
     TargetPackage,
     decode,
     encode,
@@ -155,7 +155,8 @@ def test_what_cannot_be_trusted_is_counted_and_dropped(payload: bytes, why: str,
 
 
 @pytest.mark.parametrize(
-    "message", [member(1, 5.5, 0.0, 0.0), NeighbourAngle(3, 4.1, 0.0, 0.0, 1.0), package(5.0), Muster(1, 5.0, None)]
+    "message",
+    [member(1, 5.5, 0.0, 0.0), NeighbourAngle(3, 4.1, 0.0, 0.0, 1.0), package(5.0), StartProposal(1, 5.0, None)],
 )
 def test_what_can_be_trusted_is_not_counted(message: PeerMessage, make_config: Maker) -> None:
     core = VehicleCore(make_config())
@@ -399,7 +400,7 @@ def test_a_vehicle_that_stood_down_asks_for_nothing_and_tells_its_peers_so(make_
         assert output.setpoint is None
         (state,) = sent_by(output)
         assert isinstance(state, MemberState)
-        assert state.tactic == "stood down"
+        assert state.tactic == "pilot override"
 
 
 @pytest.mark.parametrize(("vehicle", "obeys"), [(2, True), (None, True), (3, False)])

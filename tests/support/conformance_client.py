@@ -52,7 +52,7 @@ class NeverHappenedError(AssertionError):
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class LocalCommand:
     """A status text, and when it was said on the autopilot's clock."""
 
     time_s: float
@@ -81,7 +81,7 @@ class Client:
         self.info: Any = Info(self.system)
         self._direct: Any = MavlinkDirect(self.system)
         self.now_s = 0.0
-        self.said: list[Said] = []
+        self.said: list[LocalCommand] = []
         self.clock_resets = 0
         self.telemetry.subscribe_attitude_euler(self._take_time)
         self.telemetry.subscribe_status_text(self._take_text)
@@ -96,7 +96,7 @@ class Client:
         self.now_s = now_s
 
     def _take_text(self, text: Any, _user_data: object) -> None:
-        self.said.append(Said(self.now_s, text.text.rstrip("\t ")))
+        self.said.append(LocalCommand(self.now_s, text.text.rstrip("\t ")))
 
     # What it is like
 
@@ -177,7 +177,7 @@ class Client:
     def until_said(self, words: str, limit_s: float = 10.0, *, since: int = 0) -> float:
         """Wait until it says something with these words; return when it said so."""
 
-        def found() -> Said | None:
+        def found() -> LocalCommand | None:
             return next((each for each in self.said[since:] if words in each.text), None)
 
         self.until(lambda: found() is not None, f"“{words}”", limit_s)

@@ -17,7 +17,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import TOPICS, Muster, encode
+from agents.team.messages import TOPICS, StartProposal, encode
 from gcs.console.live import LiveView
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
@@ -163,7 +163,7 @@ async def test_vehicles_return_on_layers_of_their_own_and_land_in_order(
 async def test_a_peer_whose_computer_has_another_time(
     ahead_s: float, refused: bool, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("agents.shell.start_agreement.MUSTER_TIMEOUT_S", 5.0)
+    monkeypatch.setattr("agents.shell.start_agreement.START_TIMEOUT_S", 5.0)
     mission = load_mission(mission_file("case2"))
     one, _, three = mission.vehicles
     watched, told = Watched(monkeypatch), list[Finding]()
@@ -214,7 +214,9 @@ async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -
 
     async def speak() -> None:
         while True:
-            bus.publish(TOPICS[Muster].name, encode(Muster(vehicle.id, clock.now_s() + ahead_s * SPEED, None)))
+            bus.publish(
+                TOPICS[StartProposal].name, encode(StartProposal(vehicle.id, clock.now_s() + ahead_s * SPEED, None))
+            )
             await asyncio.sleep(0.05)
 
     speaking = asyncio.create_task(speak())

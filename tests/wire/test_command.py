@@ -165,7 +165,7 @@ async def test_a_kill_cuts_the_motors_whatever_the_vehicle_is_doing(when: str, f
             await until(lambda: killed.mode is NavMode.LAND)
         if when == "taken":
             killed.select(NavMode.HOLD)
-            await until(lambda: team.tactics[3] == "stood down")
+            await until(lambda: team.tactics[3] == "pilot override")
         assert killed.armed
         assert not killed.landed, "it has to be in the air, or this shows nothing"
         fell = asyncio.create_task(until(lambda: not killed.armed, 3.0))

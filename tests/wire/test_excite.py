@@ -39,7 +39,7 @@ def test_a_vehicle_is_excited_alone_inside_its_box_and_its_log_can_be_replayed(
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, check=False)
     assert done.returncode == 0, done.stderr
     assert "vehicle 1: standby -> excite: start" in done.stderr
-    assert "vehicle 1: excite -> come down: end" in done.stderr
+    assert "vehicle 1: excite -> return and land: end" in done.stderr
     told = json.loads(done.stdout)
     assert told["vehicle"] == 1
     assert told["flown"]["parts_missing"] == []

@@ -65,7 +65,7 @@ async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(
             await asyncio.sleep(0.5)
             assert notes == []
             watch.vehicles[3].battery_fraction = 0.15
-            await until(lambda: tactics() == ["formation", "formation", "come down"], 5.0, "coming home")
+            await until(lambda: tactics() == ["formation", "formation", "return and land"], 5.0, "coming home")
             assert latest[3].alert == "battery low"
             await until(lambda: {each.sender: each.alert for each in latest[2].peers}.get(3) == "battery low", 1.0)
             session = buses[1]._session

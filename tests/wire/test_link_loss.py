@@ -205,7 +205,7 @@ async def test_a_link_cut_for_five_seconds(team: Team) -> None:
         await until(lambda: team.spaced(180.0, 1, 2), 10.0, "a ring of two")
         await asyncio.sleep(cut_s + 5.0 - loop.time())
         relay.cut, back_s = False, loop.time()
-        await until(lambda: team.tactics(3) == ["stood down"], 2.0, "standing down")
+        await until(lambda: team.tactics(3) == ["pilot override"], 2.0, "standing down")
         await until(lambda: team.links[3]._parts is not None and team.links[3]._parts.feed.origin_m is not None, 5.0)
         await asyncio.sleep(0.5)
         assert vehicle.mode is NavMode.HOLD, "it came back into offboard by itself"
@@ -220,7 +220,7 @@ async def test_a_link_cut_for_five_seconds(team: Team) -> None:
 
         # One that has disarmed rests in offboard, and has to be left alone all the same.
         team.watch.vehicles[1].disarm(force=True)
-        stood_down_s = await until(lambda: team.tactics(1) == ["stood down"], 2.0, "standing down") + 0.1
+        stood_down_s = await until(lambda: team.tactics(1) == ["pilot override"], 2.0, "standing down") + 0.1
         assert team.links[1].status.mode is FlightMode.OFFBOARD
         await asyncio.sleep(0.5)
         assert team.watch.received_since(1, stood_down_s) == 0
@@ -237,7 +237,7 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         await asyncio.sleep(1.0)
         team.stubs[1].start()
         # One that is back within a second never shows as a lost link.
-        await until(lambda: team.tactics(1) == ["stood down"], 2.0, "standing down")
+        await until(lambda: team.tactics(1) == ["pilot override"], 2.0, "standing down")
         stood_down_s = loop.time() + 0.1
         assert team.links[1].status.connected
         await asyncio.sleep(began_s + 6.0 - loop.time())
@@ -245,7 +245,7 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         assert team.tactics(3) == ["hold"]
         back_s = loop.time()
         team.stubs[3].start()
-        await until(lambda: team.tactics(3) == ["stood down"], 3.0, "standing down")
+        await until(lambda: team.tactics(3) == ["pilot override"], 3.0, "standing down")
         assert await team.telemetry_rate_hz(1) == pytest.approx(RATE_HZ, rel=0.15)
         await asyncio.sleep(1.0)
         assert await team.telemetry_rate_hz(3) == pytest.approx(RATE_HZ, rel=0.15)
@@ -259,7 +259,7 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
 
         # To resume is refused, for there is nothing to return from: it stands on the ground.
         await Operator(team.mission).command("resume", (1,), 1)
-        await until(lambda: team.tactics(1) == ["stood down"], 5.0, "standing down again")
+        await until(lambda: team.tactics(1) == ["pilot override"], 5.0, "standing down again")
         outcomes = (await flight).outcomes
     endings = [outcomes[i].ending for i in (1, 2, 3)]
     assert endings == [Ending.PILOT_OVERRIDE, Ending.COMPLETED, Ending.PILOT_OVERRIDE], outcomes

@@ -21,7 +21,7 @@ from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import (
     Cost,
     Decision,
-    Said,
+    LocalCommand,
     Truth,
     Vehicle,
     VehicleEnd,
@@ -140,7 +140,7 @@ def played_again(log: FlightLog, vehicle_id: int) -> int:
 
 def item_of(record: LogRecord) -> Any:
     item = record.read(record.kind)
-    if not isinstance(item, Said):
+    if not isinstance(item, LocalCommand):
         return item
     command = decode(item.payload)
     assert isinstance(command, OperatorCommand)

@@ -47,4 +47,4 @@ async def test_a_flight_on_stubs_is_replayed_bit_for_bit(mission_file: Callable[
     lines = [line["text"] for line in json.loads(out)["story"]["lines"]]
     for passage in ("standby -> formation: start", "formation -> encircle: engage", "mode offboard"):
         assert passage in lines
-    assert any(line.startswith("come down -> land") for line in lines)
+    assert any(line.startswith("return and land -> land") for line in lines)

@@ -48,7 +48,7 @@ async def test_a_foreign_mode_is_obeyed_at_once_and_left_only_by_command(
         await asyncio.sleep(1.0)
         taken = watch.vehicles[3]
         taken.select(NavMode.HOLD)
-        told_s = await until(lambda: rows[3] == "stood down", 2.0) + 0.1  # those still in the sockets arrive first
+        told_s = await until(lambda: rows[3] == "pilot override", 2.0) + 0.1  # those still in the sockets arrive first
         await asyncio.sleep(1.5)
         assert watch.received_since(3, told_s) == 0, "setpoints after standing down"
         assert taken.mode is NavMode.HOLD

@@ -467,7 +467,7 @@ def test_a_guard_that_finds_no_solution_is_a_plan_that_fails(
 
 def test_peers_that_land_or_stand_down_are_not_missed(make_flight: Callable[..., Flight]) -> None:
     flight = make_flight(None)
-    flight.peers = {1: "land", 2: "stood down"}
+    flight.peers = {1: "land", 2: "pilot override"}
     flight.fly(ONSET_S + 5.0)
     flight.peers = {1: "land"}
     flight.fly(ONSET_S + 10.0)

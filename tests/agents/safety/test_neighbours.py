@@ -119,9 +119,9 @@ def test_who_is_silent_goes_on_for_a_while_only() -> None:
         ("encircle", True),
         ("aside", True),
         ("hold", True),
-        ("come down", True),
+        ("return and land", True),
         ("land", False),
-        ("stood down", False),
+        ("pilot override", False),
     ],
 )
 def test_who_lands_or_is_flown_by_somebody_else_bears_no_half(tactic: str, shares: bool) -> None:
@@ -158,7 +158,7 @@ def test_who_is_heard_again_is_lost_no_more() -> None:
     assert (team.lost(12.1, 60.0), team.members()) == ((), (member(12.1),))
 
 
-@pytest.mark.parametrize("tactic", ["formation", "come down", "land"])
+@pytest.mark.parametrize("tactic", ["formation", "return and land", "land"])
 def test_who_says_good_bye_is_lost(tactic: str) -> None:
     team = Team()
     team.hear_member(member(10.0, tactic))

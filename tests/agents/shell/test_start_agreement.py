@@ -20,13 +20,13 @@ from agents.shell.start_proposal import (
 )
 from agents.team.messages import (
     TOPICS,
-    Muster,
+    StartProposal,
     decode,
     encode,
 )
 
 MEMBERS = (1, 2, 3)
-PERIOD_S = TOPICS[Muster].period_s
+PERIOD_S = TOPICS[StartProposal].period_s
 # At most three losses in a row: with the longest delay a proposal is through within a second, half the lead time.
 fates = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.2)), min_size=1, max_size=40)
 
@@ -34,7 +34,7 @@ fates = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.2)), min_size=1, 
 def exchange(up_s: tuple[float, float, float], fates: list[tuple[int, float]]) -> tuple[list[Assembly], list[float]]:
     """Let everybody speak from the moment it is up until its start, as agents do; return all starts proposed, too."""
     assemblies = [Assembly(member, MEMBERS) for member in MEMBERS]
-    flying: list[tuple[float, int, int, Muster]] = []
+    flying: list[tuple[float, int, int, StartProposal]] = []
     losses: dict[tuple[int, int], int] = defaultdict(int)
     proposed: list[float] = []
     sent = 0
@@ -77,36 +77,36 @@ def test_nobody_proposes_before_everybody_was_heard_lately() -> None:
     assembly = Assembly(1, MEMBERS)
     assert assembly.missing(0.0) == [2, 3]
     assert assembly.speak(0.0).start_s is None
-    assembly.hear(Muster(2, 0.1, None))
+    assembly.hear(StartProposal(2, 0.1, None))
     assert assembly.missing(0.2) == [3]
-    assembly.hear(Muster(3, 1.2, None))
+    assembly.hear(StartProposal(3, 1.2, None))
     assert assembly.missing(1.2) == [2]
     assert assembly.speak(1.2).start_s is None
-    assembly.hear(Muster(2, 1.3, None))
-    assert assembly.speak(1.4) == Muster(1, 1.4, 1.4 + LEAD_TIME_S)
+    assembly.hear(StartProposal(2, 1.3, None))
+    assert assembly.speak(1.4) == StartProposal(1, 1.4, 1.4 + LEAD_TIME_S)
 
 
 def test_the_earliest_proposal_stands_even_when_its_sender_falls_silent() -> None:
     assembly = Assembly(1, MEMBERS)
-    assembly.hear(Muster(2, 5.0, 7.0))
-    assembly.hear(Muster(3, 5.1, 6.9))
-    assembly.hear(Muster(2, 5.2, 7.0))
+    assembly.hear(StartProposal(2, 5.0, 7.0))
+    assembly.hear(StartProposal(3, 5.1, 6.9))
+    assembly.hear(StartProposal(2, 5.2, 7.0))
     assert assembly.start_s == 6.9
-    assert assembly.speak(6.5) == Muster(1, 6.5, 6.9)
+    assert assembly.speak(6.5) == StartProposal(1, 6.5, 6.9)
 
 
 @pytest.mark.parametrize("sender", [1, 4])
 def test_only_the_other_members_are_listened_to(sender: int) -> None:
     assembly = Assembly(1, MEMBERS)
-    assembly.hear(Muster(sender, 0.0, 1.0))
+    assembly.hear(StartProposal(sender, 0.0, 1.0))
     assert assembly.start_s is None
     assert assembly.missing(0.0) == [2, 3]
 
 
 def test_a_late_message_makes_nobody_look_older() -> None:
     assembly = Assembly(1, (1, 2))
-    assembly.hear(Muster(2, 5.0, None))
-    assembly.hear(Muster(2, 4.0, None))
+    assembly.hear(StartProposal(2, 5.0, None))
+    assembly.hear(StartProposal(2, 4.0, None))
     assert assembly.missing(5.9) == []
 
 
@@ -117,11 +117,11 @@ def test_a_vehicle_alone_starts_by_itself() -> None:
 def test_who_is_not_ready_yet_is_not_there_and_starts_nothing() -> None:
     assembly, waiting = Assembly(1, (1, 2)), Assembly(2, (1, 2))
     assembly.hear(waiting.speak(0.1, ready=False))
-    assembly.hear(Muster(2, 0.2, 5.0, ready=False))
+    assembly.hear(StartProposal(2, 0.2, 5.0, ready=False))
     assert assembly.missing(0.3) == [2]
     assert assembly.speak(0.3).start_s is None
-    waiting.hear(Muster(1, 0.4, None))
-    assert waiting.speak(0.5, ready=False) == Muster(2, 0.5, None, ready=False)
+    waiting.hear(StartProposal(1, 0.4, None))
+    assert waiting.speak(0.5, ready=False) == StartProposal(2, 0.5, None, ready=False)
     assert waiting.start_s is None
     assembly.hear(waiting.speak(0.6))
     assert assembly.start_s == 0.6 + LEAD_TIME_S
@@ -172,17 +172,17 @@ class Air:
     """A bus that keeps what is said; two others, 2 and 3, are up."""
 
     def __init__(self, clock: Clock) -> None:
-        self.said: list[Muster] = []
+        self.said: list[StartProposal] = []
         self.rally = StartAgreement(cast(PeerBus, self), cast(MissionClock, clock), 1, [1, 2, 3])
         self._clock = clock
 
     def publish(self, _topic: str, payload: bytes) -> None:
         message = decode(payload)
-        assert isinstance(message, Muster)
+        assert isinstance(message, StartProposal)
         self.said.append(message)
         if message.start_s is None:
             for sender in (2, 3):
-                self.rally.hear(encode(Muster(sender, self._clock.time_s, None)))
+                self.rally.hear(encode(StartProposal(sender, self._clock.time_s, None)))
 
 
 def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
@@ -191,11 +191,11 @@ def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
         air.rally.announce()
         start_s = await air.rally.agree()
         air.said.clear()
-        air.rally.hear(encode(Muster(9, 1.0, None)))  # nobody of this team
-        air.rally.hear(encode(Muster(2, 1.0, start_s)))  # knows it
+        air.rally.hear(encode(StartProposal(9, 1.0, None)))  # nobody of this team
+        air.rally.hear(encode(StartProposal(2, 1.0, start_s)))  # knows it
         assert air.said == []
-        air.rally.hear(encode(Muster(2, 1.0, None, ready=False)))
-        air.rally.hear(encode(Muster(3, 1.0, None)))
+        air.rally.hear(encode(StartProposal(2, 1.0, None, ready=False)))
+        air.rally.hear(encode(StartProposal(3, 1.0, None)))
         assert [(told.sender, told.start_s, told.ready) for told in air.said] == [(1, start_s, True)] * 2
 
     asyncio.run(late())
@@ -203,5 +203,5 @@ def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
 
 def test_a_late_comer_takes_the_start_it_is_told() -> None:
     comer = Assembly(2, (1, 2, 3))
-    comer.hear(Muster(1, 500.0, 102.0))
+    comer.hear(StartProposal(1, 500.0, 102.0))
     assert comer.start_s == 102.0

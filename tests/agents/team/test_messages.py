@@ -12,9 +12,9 @@ from agents.team.messages import (
     BusMessage,
     CommandAnswer,
     MemberState,
-    Muster,
     NeighbourAngle,
     OperatorCommand,
+    StartProposal,
     TargetPackage,
     decode,
     encode,
@@ -37,13 +37,13 @@ messages = st.one_of(
         fractions,
         st.lists(ids, max_size=5).map(tuple),
     ),
-    st.builds(Muster, ids, times, st.none() | times, st.booleans()),
+    st.builds(StartProposal, ids, times, st.none() | times, st.booleans()),
 )
 
 MEMBER = MemberState(2, 10.0, "formation", (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (0.2, 0.0))
 ANGLE = NeighbourAngle(2, 10.0, 0.5, 0.05, 10.0)
 TARGET = TargetPackage(2, 10.0, (35.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (1, 3))
-MUSTER = Muster(2, 10.0, 12.0)
+MUSTER = StartProposal(2, 10.0, 12.0)
 COMMAND = OperatorCommand(12.5, "resume", 2, "pat", 7)
 ANSWER = CommandAnswer(2, 12.6, 7, "resumed")
 EXAMPLES: list[BusMessage] = [MEMBER, ANGLE, TARGET, MUSTER, COMMAND, ANSWER]
@@ -90,7 +90,7 @@ BOTTOMLESS = b"\x96" + encode(MUSTER)[1:] + b"\x91" * 100_000
 
 
 @pytest.mark.parametrize(
-    "payload", [b"", b"\x91" * 100_000, b"\xc1", b"\x81" * 5000, msgspec.msgpack.encode(["muster"]), BOTTOMLESS]
+    "payload", [b"", b"\x91" * 100_000, b"\xc1", b"\x81" * 5000, msgspec.msgpack.encode(["start"]), BOTTOMLESS]
 )
 def test_hostile_bytes_are_refused(payload: bytes) -> None:
     assert refused(payload)

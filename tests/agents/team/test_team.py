@@ -75,7 +75,7 @@ def test_who_flies_in_formation_and_who_is_near() -> None:
 
 
 @pytest.mark.parametrize("how", ["expires", "is forgotten"])
-@pytest.mark.parametrize(("tactic", "missed"), [("formation", True), ("come down", True), ("land", False)])
+@pytest.mark.parametrize(("tactic", "missed"), [("formation", True), ("return and land", True), ("land", False)])
 def test_who_falls_silent_is_missed_unless_it_said_that_it_leaves(how: str, tactic: str, missed: bool) -> None:
     team = Team()
     team.hear_member(member(1, 10.0, "formation"))

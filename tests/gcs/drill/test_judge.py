@@ -120,8 +120,8 @@ def test_what_should_be_borne_is_not_when_somebody_stops_or_leaves_the_ring(log:
 
 
 def test_who_stood_down_is_sent_nothing(log: TeamLog) -> None:
-    stood_down = Expectation((3,), (1, 2), 1.5, tactic="stood down", stands_back=True, separation_m=3.0)
-    log.note_said(101.0, 3, "stood down", "foreign mode")
+    stood_down = Expectation((3,), (1, 2), 1.5, tactic="pilot override", stands_back=True, separation_m=3.0)
+    log.note_said(101.0, 3, "pilot override", "pilot took over")
     log.heard_s[3] = UNTIL_S
     log.setpoint_s[3] = 101.2
     assert faults(stood_down, log, BEGAN_S, UNTIL_S) == []
@@ -130,9 +130,11 @@ def test_who_stood_down_is_sent_nothing(log: TeamLog) -> None:
 
 
 def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
-    two = Expectation((3,), (1, 2), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="stood down", separation_m=3.0)
+    two = Expectation(
+        (3,), (1, 2), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="pilot override", separation_m=3.0
+    )
     log.note_mode(101.0, 3, "land")
-    log.note_said(102.0, 3, "stood down", "foreign mode")
+    log.note_said(102.0, 3, "pilot override", "pilot took over")
     assert not respaced(two, log)
     assert faults(two, log, BEGAN_S, UNTIL_S) == ["the others did not close the gap on the ring"]
     log.bearings_rad |= {1: (104.0, -0.1), 2: (104.0, pi + 0.2)}

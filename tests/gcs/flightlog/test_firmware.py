@@ -18,7 +18,7 @@ from gcs.preflight.findings import AutopilotKind, VehicleFacts
 Kind = Version.FlightSoftwareVersionType
 
 
-class Told:
+class TacticEvent:
     """MAVSDK's plugin, with what a vehicle told of itself."""
 
     def __init__(self, version: Version | None) -> None:
@@ -46,7 +46,7 @@ class Told:
     ],
 )
 def test_a_version_in_words(version: Any, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = Told(version)
+    told = TacticEvent(version)
     monkeypatch.setattr(link_facts, "Info", lambda _system: told)
     assert link_facts._firmware(None) == words
     assert told.destroyed

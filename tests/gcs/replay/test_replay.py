@@ -23,17 +23,17 @@ from agents.tape import (
     Killed,
     LateTicks,
     Message,
-    Patience,
     Presence,
     Start,
+    TacticEvent,
     Tick,
-    Told,
+    TimeScale,
 )
 from agents.team.messages import (
     CommandAnswer,
-    Muster,
     NeighbourAngle,
     OperatorCommand,
+    StartProposal,
     TargetPackage,
     encode,
 )
@@ -394,9 +394,9 @@ def test_a_file_that_is_not_there_is_bad_input(tmp_path: Path, cordon: Ran) -> N
 
 STATUS = VehicleStatus(connected=True, armed=True, mode=FlightMode.OFFBOARD, battery=0.5)
 ITEMS: dict[CoreInput, str] = {
-    Patience(10.0): "what comes over links may take 10 times as long",
+    TimeScale(10.0): "what comes over links may take 10 times as long",
     Start(100.0): "the mission starts at 0.000 s",
-    Told(Event.END): "end",
+    TacticEvent(Event.END): "end",
     Autopilot(STATUS): "autopilot: connected, armed, on the ground, mode offboard, battery 50%",
     LateTicks(3): "3 ticks were skipped",
     Bus(alive=False): "the bus does not work",
@@ -406,7 +406,7 @@ ITEMS: dict[CoreInput, str] = {
     Message(101.0, b"\xff"): "heard at 1.000 s: 1 bytes that are no message",
     Message(101.0, encode(NeighbourAngle(3, 100.5, 1.0, 0.05, 10.0))): "vehicle 3 of 0.500 s: on the ring at 1.000 rad",
     Message(101.0, encode(TargetPackage(3, 100.5, (1.0, 2.0), (1.0, 0.0, 1.0), 0.8, 0.2, ()))): "3 of 0.500 s: sighted",
-    Message(101.0, encode(Muster(3, 100.5, None))): "it is there",
+    Message(101.0, encode(StartProposal(3, 100.5, None))): "it is there",
     Message(101.0, encode(CommandAnswer(3, 100.5, 7, "holds"))): "answers command 7: holds",
     Message(101.0, encode(OperatorCommand(100.5, "hold", None, "ground", 7))): "ground tells all vehicles: hold",
     Command(101.0, OperatorCommand(100.5, "land", 2, "ground", 7)): "ground tells vehicle 2: land (command 7)",

@@ -20,10 +20,10 @@ from agents.tape import (
     CoreInput,
     LateTicks,
     Message,
-    Patience,
     Start,
+    TacticEvent,
     Tick,
-    Told,
+    TimeScale,
 )
 from agents.team.messages import MemberState, encode
 from estimation.state import Telemetry
@@ -31,11 +31,11 @@ from gcs.cli.app import main
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import (
     Decision,
-    GuardWord,
-    OwnBelief,
+    GuardResult,
+    OwnState,
     Place,
     PolarMotion,
-    TargetBelief,
+    TargetState,
 )
 from gcs.metrics.record import FlightRecord
 from gcs.replay.playback import Turn
@@ -67,7 +67,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked wit
 
 SECONDS = 25.0
 EMPTY = Decision(0.0, "formation", 0.0, None, None, None, None, None, None, None, None, "", (), (), (), (), 0)
-OWN = OwnBelief(0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 36)
+OWN = OwnState(0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 36)
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +178,7 @@ def member(time_s: float, x: float) -> Message:
 
 def test_an_intervention_is_told_once_with_the_nearest_that_anybody_came() -> None:
     def guarded(status: str, *causes: str) -> dict[str, Any]:
-        return {"guard": GuardWord((0.0, 0.0), status, causes, None), "own": OWN, "peers": (3,)}
+        return {"guard": GuardResult((0.0, 0.0), status, causes, None), "own": OWN, "peers": (3,)}
 
     note = Note(1.0, "guard", "separation", "was moved by 0.50 m")
     turns = [
@@ -201,7 +201,7 @@ def test_notes_of_failsafes_commands_and_tactics_are_told_with_their_numbers() -
         Note(7.0, "failsafe", "target stale: not seen for 10.0 s: hold"),
         Note(7.0, "tactic", "encircle -> hold: hold"),
     )
-    said = lines(Notes(), [turn(7.0, Told(Event.HOLD), notes=notes, own=OWN)])
+    said = lines(Notes(), [turn(7.0, TacticEvent(Event.HOLD), notes=notes, own=OWN)])
     assert [(line.kind, line.text) for line in said] == [(note.kind, note.text) for note in notes]
     assert said[2].because == "told by the program that flies it; at (0.00, 0.00) m, 0.0 m high"
 
@@ -233,7 +233,7 @@ def test_the_ring_is_told_when_it_grows_and_shrinks() -> None:
 
 def test_the_target_is_told_when_it_is_known_and_when_it_is_lost() -> None:
     covariance = np.diag([0.04, 0.25, 1.0, 1.0]).ravel().tolist()
-    belief = TargetBelief(1.0, (3.0, 4.0, 0.0, 0.0), tuple(covariance), 1.0, 0.8, 0.2)
+    belief = TargetState(1.0, (3.0, 4.0, 0.0, 0.0), tuple(covariance), 1.0, 0.8, 0.2)
     turns = [turn(0.0), turn(1.0, target=belief, own=OWN), turn(11.5), turn(12.0, target=belief, own=OWN)]
     first, lost, again = lines(Target(), turns)
     assert first.text == "the target is known"
@@ -252,7 +252,7 @@ def test_failed_plans_are_one_line_for_each_time() -> None:
 @pytest.mark.parametrize(("patience", "told_of"), [(1.0, ["no telemetry for 0.60 s"]), (10.0, [])])
 def test_telemetry_that_stays_away(time_scale: float, told_of: list[str]) -> None:
     heard = [Telemetry(time_s, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for time_s in (0.0, 0.4, 1.0, 1.1)]
-    assert [line.text for line in lines(TelemetryGaps(), [turn(2.0, Patience(time_scale), *heard)])] == told_of
+    assert [line.text for line in lines(TelemetryGaps(), [turn(2.0, TimeScale(time_scale), *heard)])] == told_of
 
 
 def test_a_late_computer_is_counted_tick_by_tick() -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from agents.tactics import Event
-from agents.tape import Tick, Told
+from agents.tape import TacticEvent, Tick
 from estimation.filters.own import OwnFilter
 from estimation.state import POSITION, Telemetry, Vector
 from gcs.cli.app import main
 from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog, read_log
-from gcs.flightlog.records import Decision, GuardWord, Truth
+from gcs.flightlog.records import Decision, GuardResult, Truth
 from gcs.mission.mission import Mission
 from gcs.replay.estimates import Track, rms_difference
 from gcs.replay.playback import Turn, config_of, turns
@@ -102,11 +102,11 @@ def test_a_disturbance_turns_no_more_once_the_vehicle_is_told_to_leave_the_ring(
     recorded = next(each for each in log.of_kind(2, Decision) if each.tactic == "encircle")
     # It stands still though its setpoint is beside it: there is a disturbance.
     rate_rad_s = config.encirclement.angular_rate_rad_s
-    word = GuardWord((0.3, 0.0), "passed", (), None)
+    word = GuardResult((0.3, 0.0), "passed", (), None)
     on_ring = msgspec.structs.replace(recorded, guard=word, turning_rad_s=rate_rad_s)
     holds = msgspec.structs.replace(on_ring, tactic="hold", turning_rad_s=0.0)
     samples = [Telemetry(i / 5.0, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)) for i in range(40)]
-    told = Told(Event.HOLD)
+    told = TacticEvent(Event.HOLD)
     for sample in samples[:-2]:
         filters.take(Turn((sample, Tick(sample.time_s)), on_ring), [sample])
         own.measure(sample)

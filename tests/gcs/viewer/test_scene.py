@@ -25,7 +25,7 @@ from gcs.cli.log_commands import write_layout
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.recorder import Recorder
-from gcs.flightlog.records import VEHICLE_TOPICS, Decision, TargetBelief
+from gcs.flightlog.records import VEHICLE_TOPICS, Decision, TargetState
 from gcs.flightlog.run import run_of
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
@@ -210,7 +210,7 @@ def test_of_several_beliefs_the_one_heard_of_last_is_shown() -> None:
         belief = (
             None
             if sighted_s is None
-            else TargetBelief(9.0, (sighted_s, 0.0, 0.0, 0.0), (0.0,) * 16, sighted_s, 0.8, 0.2)
+            else TargetState(9.0, (sighted_s, 0.0, 0.0, 0.0), (0.0,) * 16, sighted_s, 0.8, 0.2)
         )
         nothing = (None, None, None, None, None, "", (), (), (), (), 0)
         decision = Decision(9.0, "encircle", 1.0, None, None, belief, *nothing)

@@ -1,0 +1,67 @@
+"""The words of logs of format 1, and those that stand for them since format 2.
+
+A log keeps the names of tactics, events and conditions as text: in records, in notes and within the messages that the
+vehicles exchanged. The reader renews them, so that a log of format 1 replays bit for bit.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+from google.protobuf.message import Message
+
+FORMER_WORDS: Mapping[str, str] = {
+    "come down": "return and land",
+    "stood down": "pilot override",
+    "foreign mode": "pilot took over",
+}
+FORMER_TOPICS: Mapping[str, str] = {"patience": "time_scale"}
+"""Names of topics of format 1, and those of today."""
+_FORMER_TAGS: Mapping[str, str] = {"muster": "start"}
+_BYTES = tuple(word.encode() for word in (*FORMER_WORDS, *_FORMER_TAGS))
+
+
+def holds_former_words(payload: bytes) -> bool:
+    """Return whether a record may hold a word of format 1."""
+    return any(word in payload for word in _BYTES)
+
+
+def renew(message: Message) -> None:
+    """Replace the words of format 1 in a record, and within the messages to peers that it holds."""
+    for field, value in message.ListFields():
+        if field.is_repeated:
+            _renew_each(value, is_message=field.message_type is not None)
+        elif field.message_type is not None:
+            renew(value)
+        elif isinstance(value, str | bytes):
+            setattr(message, field.name, _renewed(value))
+
+
+def _renew_each(values: Any, *, is_message: bool) -> None:
+    for index, value in enumerate(values):
+        if is_message:
+            renew(value)
+        elif isinstance(value, str | bytes):
+            values[index] = _renewed(value)
+
+
+def _renewed(value: str | bytes) -> str | bytes:
+    return _renewed_payload(value) if isinstance(value, bytes) else _renewed_text(value)
+
+
+def _renewed_text(text: str) -> str:
+    for former, today in FORMER_WORDS.items():
+        text = text.replace(former, today)
+    return text
+
+
+def _renewed_payload(payload: bytes) -> bytes:
+    """Return a message to peers in today's words; what is no such message stays as it is, and is refused later."""
+    if not holds_former_words(payload):
+        return payload
+    try:
+        tag, *fields = msgspec.msgpack.decode(payload, type=list)
+    except (ValueError, TypeError, RecursionError):
+        return payload
+    renewed = [_renewed_text(each) if isinstance(each, str) else each for each in fields]
+    return msgspec.msgpack.encode([_FORMER_TAGS.get(tag, tag) if isinstance(tag, str) else tag, *renewed])
