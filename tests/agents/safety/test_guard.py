@@ -300,7 +300,7 @@ def test_separation_gives_way_only_to_itself(make_config: Maker) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seen", "wish", "bodies", "cause"),
+    ("seen", "plan", "bodies", "cause"),
     [
         (situation(), (5.0, 0.0), [body((3.5, 0.0))], Cause.SEPARATION),
         (situation(place=(8.0, 0.0)), (13.0, 0.0), [], Cause.FENCE),
@@ -351,7 +351,7 @@ def test_who_does_not_share_is_avoided_with_twice_the_acceleration(make_config: 
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "wish", "altitude"),
+    ("low", "high", "plan", "altitude"),
     [(None, None, 500.0, 500.0), (5.0, 20.0, 8.0, 8.0), (5.0, 20.0, 3.0, 5.0), (5.0, 20.0, 21.0, 20.0)],
 )
 def test_the_altitude_stays_in_the_band(

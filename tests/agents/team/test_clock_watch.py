@@ -50,7 +50,7 @@ def test_the_clocks_of_two_peers_are_told_apart_and_one_set_back_is_well_again()
     assert watch.stepped(11.0, 1.0) == {}
 
 
-@pytest.mark.parametrize(("patience", "after_s"), [(1.0, 1.05), (5.0, 5.05)])
+@pytest.mark.parametrize(("time_scale", "after_s"), [(1.0, 1.05), (5.0, 5.05)])
 def test_one_that_says_nothing_any_more_is_silent_rather_than_off(time_scale: float, after_s: float) -> None:
     watch = watched()
     watch.hear(1, 3.0, 10.0)

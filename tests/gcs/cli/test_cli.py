@@ -16,13 +16,12 @@ import pytest
 
 from gcs.cli.app import app, main
 from gcs.flight.supervision import LIFELINE
-from tests.support.paths import ROOT
+from tests.support.paths import MISSIONS, ROOT
 
 # It warns that these tests run main() itself, as the console script does.
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 
 COMMANDS = [name for name in app if not name.startswith("-")]
-MISSIONS = ROOT / "gcs" / "missions"
 CASE1 = (MISSIONS / "case1.toml").read_text(encoding="utf-8")
 HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink")
 

@@ -141,4 +141,4 @@ def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
     assert respaced(two, log)
     assert faults(two, log, BEGAN_S, UNTIL_S) == []
     log.note_said(103.0, 3, "hold", "")
-    assert "vehicle 3 ended at 'hold', not at 'stood down'" in faults(two, log, BEGAN_S, UNTIL_S)
+    assert "vehicle 3 ended at 'hold', not at 'pilot override'" in faults(two, log, BEGAN_S, UNTIL_S)

@@ -298,7 +298,7 @@ def failing_from(monkeypatch: pytest.MonkeyPatch, at_s: float) -> None:
             raise ZeroDivisionError("no such plan")
         return plan(planner, tactic, situation, height_m)
 
-    monkeypatch.setattr(Planner, "wish", failing)
+    monkeypatch.setattr(Planner, "plan", failing)
 
 
 def test_a_failure_that_was_recorded_is_reported_with_its_inputs(

@@ -249,7 +249,7 @@ def test_failed_plans_are_one_line_for_each_time() -> None:
     assert other.time_s == 9.0
 
 
-@pytest.mark.parametrize(("patience", "told_of"), [(1.0, ["no telemetry for 0.60 s"]), (10.0, [])])
+@pytest.mark.parametrize(("time_scale", "told_of"), [(1.0, ["no telemetry for 0.60 s"]), (10.0, [])])
 def test_telemetry_that_stays_away(time_scale: float, told_of: list[str]) -> None:
     heard = [Telemetry(time_s, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for time_s in (0.0, 0.4, 1.0, 1.1)]
     assert [line.text for line in lines(TelemetryGaps(), [turn(2.0, TimeScale(time_scale), *heard)])] == told_of
