@@ -1,7 +1,5 @@
 """The plan of one tick: where a tactic sends the vehicle, and how plans are shifted and mixed."""
 
-from math import hypot
-
 import msgspec
 import numpy as np
 
@@ -9,11 +7,9 @@ from agents.control.encirclement import Approach
 from agents.control.formation import Predecessor
 from agents.control.lmpc import QpStatus
 from agents.control.ring import RingPlace
-from agents.safety.barriers import Pair
 from agents.team.messages import MemberState
-from estimation.state import (
-    Vector,
-)
+from estimation.state import Vector
+from estimation.vectors import Pair, clipped
 
 
 class Plan(msgspec.Struct, frozen=True):
@@ -43,8 +39,8 @@ def shifted(plan: Plan, setpoint_m: Vector) -> Plan:
 def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
     """Return the goal (2,), or what lies on the way to it, `at_most_m` from a position."""
     way = goal_m - position_m
-    distance_m = hypot(*way.tolist())
-    return goal_m if distance_m <= at_most_m else position_m + way * (at_most_m / distance_m)
+    reached = clipped(way, at_most_m)
+    return goal_m if reached is way else position_m + reached
 
 
 def extrapolated(member: MemberState, at_s: float) -> Predecessor:

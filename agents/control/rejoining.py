@@ -6,7 +6,7 @@ Straight through, it would push others out of their places, and whoever keeps st
 from collections.abc import Sequence
 from math import inf
 
-from agents.safety.barriers import Pair
+from estimation.vectors import Pair
 
 CLEAR = 2.0
 """In separations: how far from all slots a vehicle flies around them."""

@@ -11,8 +11,8 @@ from math import hypot, sqrt
 import msgspec
 
 from agents.safety.fence import NearestPoint
+from estimation.vectors import Pair
 
-Pair = tuple[float, float]
 _NEAR_M = 1e-6
 
 

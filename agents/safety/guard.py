@@ -25,10 +25,11 @@ from agents.safety.barriers import (
     unsure_m,
 )
 from agents.safety.fence import Fence
-from agents.safety.half_planes import HalfPlane, Point, nearest
+from agents.safety.half_planes import HalfPlane, nearest
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from estimation.state import POSITION, Vector
+from estimation.vectors import Pair, clipped_pair
 
 _FREE = 1e20
 _KEPT_M = 1e-6
@@ -95,7 +96,7 @@ class Guard:
         return wish_m if low is None else max(wish_m, low)
 
     def _kept(
-        self, position: Vector, lead: Point, reached: Point, rows: Sequence[_Row], missed: Sequence[_Row]
+        self, position: Vector, lead: Pair, reached: Pair, rows: Sequence[_Row], missed: Sequence[_Row]
     ) -> Guarded:
         wanted = _evading(reached, missed)
         kept = nearest(wanted, self._safety.setpoint_lead_max_m, [row.plane for row in rows])
@@ -112,8 +113,8 @@ class Guard:
     def _guarded(
         self,
         position: Vector,
-        lead: Point,
-        kept: Point,
+        lead: Pair,
+        kept: Pair,
         missed: Sequence[_Row],
         yielded: Cause | None,
         status: GuardStatus | None = None,
@@ -127,12 +128,11 @@ class Guard:
             causes.add(Cause.REACH)
         return Guarded(setpoint, status, tuple(sorted(causes)), yielded)
 
-    def _reached(self, lead: Point) -> Point:
+    def _reached(self, lead: Pair) -> Pair:
         """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
-        distance_m, limit_m = hypot(*lead), self._safety.setpoint_lead_max_m
-        return lead if distance_m <= limit_m else (lead[0] * limit_m / distance_m, lead[1] * limit_m / distance_m)
+        return clipped_pair(lead, self._safety.setpoint_lead_max_m)
 
-    def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Point) -> list[_Row]:
+    def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Pair) -> list[_Row]:
         """Return what the lead has to be; nothing where this one is all that is demanded, as it mostly is."""
         safety = self._safety
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
@@ -162,7 +162,7 @@ class Guard:
             return []
         return [self._row(demand, drift) for demand in demands] + bounds
 
-    def _row(self, demand: Demand, drift: Point) -> _Row:
+    def _row(self, demand: Demand, drift: Pair) -> _Row:
         """Return what the lead has to be for a demanded acceleration, `a = a0 u + drift`."""
         normal_x, normal_y = demand.normal
         least_m_s2 = min(demand.least_m_s2, self._safety.acceleration_max_m_s2)
@@ -172,7 +172,7 @@ class Guard:
         return _Row(HalfPlane((pull_x / pull, pull_y / pull), least_m), demand.cause, demand.evades)
 
 
-def _evading(lead: Point, missed: Sequence[_Row]) -> Point:
+def _evading(lead: Pair, missed: Sequence[_Row]) -> Pair:
     """Return the lead that goes around on the right what is in its way."""
     x, y = lead
     for row in missed:
@@ -215,7 +215,7 @@ class _ElasticQp:
             adaptive_rho_interval=10,
         )
 
-    def nearest(self, wanted: Point, rows: Sequence[_Row]) -> tuple[Point | None, Cause]:
+    def nearest(self, wanted: Pair, rows: Sequence[_Row]) -> tuple[Pair | None, Cause]:
         """Return the lead, None if the solver fails, and the highest level that had to yield."""
         count = len(rows)
         normals = np.array([row.plane.normal for row in rows])

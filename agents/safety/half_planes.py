@@ -1,11 +1,11 @@
 """The point nearest to another in a disc and in half-planes: a quadratic programme of two unknowns, solved exactly."""
 
 from collections.abc import Iterable, Sequence
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 
 import msgspec
 
-Point = tuple[float, float]
+from estimation.vectors import Pair, clipped_pair
 
 _MET = 1e-9
 _PARALLEL = 1e-12
@@ -14,22 +14,21 @@ _PARALLEL = 1e-12
 class HalfPlane(msgspec.Struct, frozen=True):
     """All points u with `normal . u >= least`; the normal has length one."""
 
-    normal: Point
+    normal: Pair
     least: float
 
-    def missing(self, point: Point) -> float:
+    def missing(self, point: Pair) -> float:
         """Return how far outside a point is: negative inside."""
         return self.least - self.normal[0] * point[0] - self.normal[1] * point[1]
 
 
-def nearest(wanted: Point, radius: float, planes: Sequence[HalfPlane]) -> Point | None:
+def nearest(wanted: Pair, radius: float, planes: Sequence[HalfPlane]) -> Pair | None:
     """Return the point of all half-planes and of the disc about the origin that is nearest to `wanted`.
 
     None if they have no point in common. Plane by plane: where the point so far misses the next one, the new one lies
     on that plane's edge. With m half-planes this takes m (m + 1) / 2 steps at most.
     """
-    length = hypot(*wanted)
-    point = wanted if length <= radius else (wanted[0] * radius / length, wanted[1] * radius / length)
+    point = clipped_pair(wanted, radius)
     for index, plane in enumerate(planes):
         if plane.missing(point) > _MET:
             on_edge = _nearest_on_edge(wanted, radius, plane, planes[:index])
@@ -39,7 +38,7 @@ def nearest(wanted: Point, radius: float, planes: Sequence[HalfPlane]) -> Point 
     return point
 
 
-def _nearest_on_edge(wanted: Point, radius: float, plane: HalfPlane, others: Iterable[HalfPlane]) -> Point | None:
+def _nearest_on_edge(wanted: Pair, radius: float, plane: HalfPlane, others: Iterable[HalfPlane]) -> Pair | None:
     """Return the point nearest to `wanted` on the edge of one half-plane, inside the disc and the other ones."""
     normal_x, normal_y = plane.normal
     half_chord2 = radius**2 - plane.least**2

@@ -7,13 +7,11 @@ error of a0 or a1 is seen; while it accelerates, errors of either count by half.
 who is braked is sent less at once. Who stays is sent none, and comes to rest at the setpoint whatever its plant.
 """
 
-from math import hypot
-
 from agents.control.plan import Plan
-from agents.safety.barriers import Pair
 from agents.safety.guard import Guarded, GuardStatus
 from agents.situation.situation import Situation
 from estimation.plant.model import Plant
+from estimation.vectors import Pair, clipped_pair
 
 _REACHED = 0.5
 """In time constants 1 / a1: how far ahead the velocity is taken from."""
@@ -39,7 +37,7 @@ class FeedForward:
             velocity = _STILL
         elif velocity is None:
             velocity = self._reached(situation, (x, y))
-        x_rate, y_rate = self._bounded(velocity)
+        x_rate, y_rate = clipped_pair(velocity, self._speed_max_m_s)
         lead_x, lead_y = self._lead_s
         return (x - lead_x * x_rate, y - lead_y * y_rate), (x_rate, y_rate, 0.0)
 
@@ -50,7 +48,3 @@ class FeedForward:
         push_x = along_x.a0_per_s2 * (aim_m[0] - x) + w_x - along_x.a1_per_s * x_rate
         push_y = along_y.a0_per_s2 * (aim_m[1] - y) + w_y - along_y.a1_per_s * y_rate
         return x_rate + _REACHED * push_x / along_x.a1_per_s, y_rate + _REACHED * push_y / along_y.a1_per_s
-
-    def _bounded(self, velocity: Pair) -> Pair:
-        speed, limit = hypot(*velocity), self._speed_max_m_s
-        return velocity if speed <= limit else (velocity[0] * limit / speed, velocity[1] * limit / speed)

@@ -18,6 +18,7 @@ from estimation.state import (
     TargetEstimate,
     Vector,
 )
+from estimation.vectors import clipped
 
 _ACCELERATION_M_S2 = 0.8
 _RATE_PER_S = 0.8
@@ -61,8 +62,8 @@ class TargetBlend:
     def _follow(self, centre: Vector, goal: Vector, step_s: float) -> None:
         """Move the centre on by a step, towards a goal (4,) with critical damping."""
         way = goal[POSITION] - centre[POSITION]
-        wanted = _shortened(goal[VELOCITY] + _RATE_PER_S / 2.0 * way, self._speed_max_m_s)
-        change = _shortened(2.0 * _RATE_PER_S * (wanted - centre[VELOCITY]), _ACCELERATION_M_S2)
+        wanted = clipped(goal[VELOCITY] + _RATE_PER_S / 2.0 * way, self._speed_max_m_s)
+        change = clipped(2.0 * _RATE_PER_S * (wanted - centre[VELOCITY]), _ACCELERATION_M_S2)
         centre[POSITION] += centre[VELOCITY] * step_s + change * step_s**2 / 2.0
         centre[VELOCITY] += change * step_s
 
@@ -77,8 +78,3 @@ class TargetBlend:
             self._centre = None
             return goal
         return np.asarray(centre + share * away, dtype=np.float64)
-
-
-def _shortened(vector: Vector, longest: float) -> Vector:
-    length = hypot(*vector.tolist())
-    return vector if length <= longest else vector * (longest / length)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import hypot, inf, isfinite
 
 from estimation.frames import Triple
+from estimation.vectors import clipped_pair
 from sitl.autopilot.airframe import STEP_S, Airframe, Target
 from sitl.autopilot.modes import NEEDS_STICKS, NavMode
 from sitl.autopilot.parameters import FlightLimits, Parameters
@@ -107,10 +108,9 @@ class Guidance:
         """Rise first, then move the hold point home at cruising speed."""
         x, y, _ = self._hold_m
         if self._airframe.position_m[2] > self._return_altitude_m - self._limits.altitude_margin_m:
-            dx, dy = self.home_m[0] - x, self.home_m[1] - y
-            stride = self._limits.cruise_m_s * STEP_S
-            share = min(1.0, stride / max(hypot(dx, dy), 1e-9))
-            x, y = (x + share * dx, y + share * dy) if share < 1.0 else self.home_m[:2]
+            left = self.home_m[0] - x, self.home_m[1] - y
+            stride = clipped_pair(left, self._limits.cruise_m_s * STEP_S)
+            x, y = self.home_m[:2] if stride is left else (x + stride[0], y + stride[1])
         self._hold_m = (x, y, self._return_altitude_m)
         return self._hold_m
 

@@ -11,13 +11,13 @@ from agents.safety.barriers import (
     Body,
     Cause,
     Demand,
-    Pair,
     apart,
     inside,
     slow,
     unsure_m,
 )
 from agents.safety.fence import Fence
+from estimation.vectors import Pair
 
 RATE_PER_S = 1.3
 STEP_S = 1e-3

@@ -45,9 +45,9 @@ def body(place: Pair, velocity: Pair = STILL, distance_m: float = 3.0, shares: b
 
 
 def checked(
-    config: AgentConfig, seen: Situation, plan: Sequence[float], bodies: Sequence[Body] = ()
+    config: AgentConfig, seen: Situation, aim: Sequence[float], bodies: Sequence[Body] = ()
 ) -> tuple[Guarded, Vector]:
-    guarded = Guard(config).check(seen, np.array(plan, dtype=np.float64), bodies)
+    guarded = Guard(config).check(seen, np.array(aim, dtype=np.float64), bodies)
     return guarded, guarded.setpoint_m
 
 
@@ -85,9 +85,9 @@ def demands(
     return rows
 
 
-def expected_setpoint(rows: list[tuple[Vector, float, bool]], seen: Situation, plan: Vector, reach: float) -> Vector:
+def expected_setpoint(rows: list[tuple[Vector, float, bool]], seen: Situation, aim: Vector, reach: float) -> Vector:
     here = seen.acting_motion[:2]
-    lead = plan - here
+    lead = aim - here
     lead = lead * min(1.0, reach / float(np.linalg.norm(lead)))
     normals, least = np.array([row for row, _, _ in rows]), np.array([bound for _, bound, _ in rows])
     wanted = lead.copy()
@@ -126,10 +126,10 @@ def test_what_can_be_kept_is_kept_as_a_solver_would(met: str, make_config: Maker
                 for turn in random.uniform(-pi, pi, 3)
             ]
         )
-        plan = place + random.uniform(-8.0, 8.0, 2)
-        guarded, setpoint = checked(config, seen, plan.tolist(), bodies)
+        aim = place + random.uniform(-8.0, 8.0, 2)
+        guarded, setpoint = checked(config, seen, aim.tolist(), bodies)
         rows = demands(config, seen, bodies, 10.0 if fence else None)
-        expected = expected_setpoint(rows, seen, plan, config.safety.setpoint_lead_max_m)
+        expected = expected_setpoint(rows, seen, aim, config.safety.setpoint_lead_max_m)
         if np.isnan(expected).any():
             assert guarded.status is GuardStatus.YIELDED
             continue
@@ -145,10 +145,10 @@ def test_what_can_be_kept_is_kept_as_a_solver_would(met: str, make_config: Maker
 near = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 
 
-@given(plan=near)
-def test_a_wish_that_keeps_everything_passes_as_it_is(plan: Pair, make_config: Maker) -> None:
+@given(aim=near)
+def test_a_wish_that_keeps_everything_passes_as_it_is(aim: Pair, make_config: Maker) -> None:
     config = make_config(safety={"fence_m": BOX, "setpoint_lead_max_m": 8.0})
-    wanted = np.array(plan)
+    wanted = np.array(aim)
     guarded = Guard(config).check(situation(), wanted, [body((0.0, 40.0)), body((-40.0, 0.0))])
     assert guarded.setpoint_m is wanted
     assert (guarded.status, guarded.causes, guarded.yielded) == (GuardStatus.PASSED, (), None)
@@ -171,37 +171,37 @@ bodies_anywhere = st.lists(
 )
 
 
-@given(place=near, velocity=fast, wind=near, plan=anywhere, bodies=bodies_anywhere, target=near, guard=st.booleans())
+@given(place=near, velocity=fast, wind=near, aim=anywhere, bodies=bodies_anywhere, target=near, guard=st.booleans())
 def test_the_reach_always_holds_and_every_answer_is_a_number(
     place: Pair,
     velocity: Pair,
     wind: Pair,
-    plan: Pair,
+    aim: Pair,
     bodies: list[Body],
     target: Pair,
     guard: bool,
     make_config: Maker,
 ) -> None:
     config = make_config(safety={"fence_m": BOX, "keep_out_m": 2.0, "guard": guard})
-    guarded, setpoint = checked(config, situation(place, velocity, wind, target, sigma_m=0.1), plan, bodies)
+    guarded, setpoint = checked(config, situation(place, velocity, wind, target, sigma_m=0.1), aim, bodies)
     assert np.isfinite(setpoint).all()
     assert np.linalg.norm(setpoint - place) <= config.safety.setpoint_lead_max_m + 1e-6
     assert list(guarded.causes) == sorted(set(guarded.causes))
     if guarded.status is GuardStatus.PASSED:
         assert (guarded.causes, guarded.yielded) == ((), None)
-        assert np.linalg.norm(setpoint - plan) < 0.01 + 1e-9
+        assert np.linalg.norm(setpoint - aim) < 0.01 + 1e-9
     else:
         assert guarded.causes
     assert (guarded.yielded is not None) is (guarded.status in (GuardStatus.YIELDED, GuardStatus.BRAKED))
-    again, repeated = checked(config, situation(place, velocity, wind, target, sigma_m=0.1), plan, bodies)
+    again, repeated = checked(config, situation(place, velocity, wind, target, sigma_m=0.1), aim, bodies)
     assert (again.status, repeated.tobytes()) == (guarded.status, setpoint.tobytes())
 
 
 def test_switched_off_it_only_keeps_the_reach(make_config: Maker) -> None:
     config = make_config(safety={"guard": False, "fence_m": BOX, "setpoint_lead_max_m": 6.0})
     near_by = [body((1.0, 0.0))]
-    plan = np.array([5.0, 0.0])
-    assert Guard(config).check(situation(), plan, near_by).setpoint_m is plan
+    aim = np.array([5.0, 0.0])
+    assert Guard(config).check(situation(), aim, near_by).setpoint_m is aim
     guarded, setpoint = checked(config, situation(place=(9.0, 0.0)), (29.0, 0.0), near_by)
     assert setpoint == pytest.approx((15.0, 0.0))
     assert (guarded.status, guarded.causes) == (GuardStatus.CHANGED, (Cause.REACH,))
@@ -300,7 +300,7 @@ def test_separation_gives_way_only_to_itself(make_config: Maker) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seen", "plan", "bodies", "cause"),
+    ("seen", "aim", "bodies", "cause"),
     [
         (situation(), (5.0, 0.0), [body((3.5, 0.0))], Cause.SEPARATION),
         (situation(place=(8.0, 0.0)), (13.0, 0.0), [], Cause.FENCE),
@@ -310,12 +310,12 @@ def test_separation_gives_way_only_to_itself(make_config: Maker) -> None:
     ],
 )
 def test_status_and_cause_say_why(
-    seen: Situation, plan: Pair, bodies: list[Body], cause: Cause, make_config: Maker
+    seen: Situation, aim: Pair, bodies: list[Body], cause: Cause, make_config: Maker
 ) -> None:
     config = make_config(safety={"fence_m": BOX, "keep_out_m": 3.0, "speed_max_m_s": 3.0})
-    guarded, setpoint = checked(config, seen, plan, bodies)
+    guarded, setpoint = checked(config, seen, aim, bodies)
     assert (guarded.status, guarded.causes, guarded.yielded) == (GuardStatus.CHANGED, (cause,), None)
-    assert setpoint[0] < plan[0]
+    assert setpoint[0] < aim[0]
     assert bool(setpoint[1] < 0.0) is (cause in (Cause.SEPARATION, Cause.KEEP_OUT))  # around it, on the right
 
 
@@ -351,14 +351,14 @@ def test_who_does_not_share_is_avoided_with_twice_the_acceleration(make_config: 
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "plan", "altitude"),
+    ("low", "high", "aim", "altitude"),
     [(None, None, 500.0, 500.0), (5.0, 20.0, 8.0, 8.0), (5.0, 20.0, 3.0, 5.0), (5.0, 20.0, 21.0, 20.0)],
 )
 def test_the_altitude_stays_in_the_band(
-    low: float | None, high: float | None, plan: float, altitude: float, make_config: Maker
+    low: float | None, high: float | None, aim: float, altitude: float, make_config: Maker
 ) -> None:
     guard = Guard(make_config(safety={"altitude_min_m": low, "altitude_max_m": high}))
-    assert guard.altitude_m(plan) == altitude
+    assert guard.altitude_m(aim) == altitude
 
 
 # Two in closed loop, on plants that are not the model
@@ -385,8 +385,8 @@ def meet(config: AgentConfig, starts: Sequence[Pair], goals: Sequence[Pair], sha
             seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
             goal = np.array(goals[index])
             lead = goal - motion[:2]
-            plan = motion[:2] + lead * min(1.0, 3.0 / max(float(np.linalg.norm(lead)), 1e-9))
-            setpoints.append(guard.check(seen, plan, [there] if shares[index] else []).setpoint_m)
+            aim = motion[:2] + lead * min(1.0, 3.0 / max(float(np.linalg.norm(lead)), 1e-9))
+            setpoints.append(guard.check(seen, aim, [there] if shares[index] else []).setpoint_m)
         motions = [
             exact_step(plant, 0.1).advance(motion, setpoint, np.zeros(2))
             for plant, motion, setpoint in zip(PERTURBED, motions, setpoints, strict=True)
@@ -429,7 +429,7 @@ def test_a_vehicle_flies_to_the_fence_without_crossing_it(make_config: Maker) ->
         for _ in range(300):
             own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), np.zeros((6, 6)))
             seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
-            plan = motion[:2] + np.array(other) / hypot(*other) * 6.0
-            motion = exact_step(plant, 0.1).advance(motion, guard.check(seen, plan, []).setpoint_m, np.zeros(2))
+            aim = motion[:2] + np.array(other) / hypot(*other) * 6.0
+            motion = exact_step(plant, 0.1).advance(motion, guard.check(seen, aim, []).setpoint_m, np.zeros(2))
             assert np.abs(motion[:2]).max() <= 10.0 + 0.02
         assert np.abs(motion[:2]).max() == pytest.approx(10.0, abs=0.1)

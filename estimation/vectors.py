@@ -1,0 +1,22 @@
+"""Vectors of two components clipped to a length: the one place where this is computed."""
+
+from math import hypot
+
+from estimation.state import Vector
+
+Pair = tuple[float, float]
+
+
+def clipped(vector: Vector, length_max: float) -> Vector:
+    """Return a vector (2,) that is no longer than `length_max`: the argument itself if it is not longer."""
+    length = hypot(*vector.tolist())
+    return vector if length <= length_max else vector * (length_max / length)
+
+
+def clipped_pair(vector: Pair, length_max: float) -> Pair:
+    """Return the same of a vector given as two numbers, for callers to whom an array costs more than its arithmetic.
+
+    It multiplies before it divides, so the last digit may differ from that of `clipped`; recorded flights need either.
+    """
+    length = hypot(*vector)
+    return vector if length <= length_max else (vector[0] * length_max / length, vector[1] * length_max / length)
