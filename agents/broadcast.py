@@ -1,10 +1,9 @@
-"""What a vehicle tells its peers, made from what it believes and does: ready to be sent."""
+"""What a vehicle sends to its peers, made from its estimates and its plan."""
 
 from agents.control.plan import Plan
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
-from agents.situation.situation import Situation
-from agents.tactics import Tactic
+from agents.situation.situation import Task
 from agents.team.messages import (
     TOPICS,
     CommandAnswer,
@@ -19,40 +18,32 @@ from estimation.polar import Polar
 from estimation.state import MOTION, Sighting
 
 
-def member_state(
-    vehicle_id: int,
-    tactic: Tactic,
-    situation: Situation,
-    plan: Plan,
-    *,
-    altitude_m: float,
-    alert: str,
-    reshaping: Reshaping | None,
-) -> Outgoing:
-    """Tell tactic, motion and the undisturbed setpoint, taken back from when it acts to the present."""
+def member_state(vehicle_id: int, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None) -> Outgoing:
+    """Publish tactic, motion and the undisturbed aim, taken back from when it acts to the present."""
+    situation = task.situation
     x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
-    setpoint_x, setpoint_y = plan.undisturbed_m.tolist()
-    rate_x, rate_y = plan.rate_m_s.tolist()
+    aim_x, aim_y = sent.undisturbed_aim_m.tolist()
+    rate_x, rate_y = sent.aim_rate_m_s.tolist()
     ahead_s = situation.acting_s - situation.now_s
     return _outgoing(
         MemberState(
             vehicle_id,
             situation.now_s,
-            tactic.value,
+            task.tactic.value,
             (x, y),
             (x_rate, y_rate),
-            (setpoint_x - rate_x * ahead_s, setpoint_y - rate_y * ahead_s),
+            (aim_x - rate_x * ahead_s, aim_y - rate_y * ahead_s),
             (rate_x, rate_y),
-            altitude_m,
+            situation.height_m,
             situation.position_sigma_m,
             alert,
-            *((None, 0.0) if reshaping is None else (reshaping.shape, reshaping.told_s)),
+            *((None, 0.0) if reshaping is None else (reshaping.shape, reshaping.time_s)),
         )
     )
 
 
 def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar, needed: RingScale) -> Outgoing:
-    """Tell the place on the ring, and what of the ring this vehicle can fly."""
+    """Publish the place on the ring, and what of the ring this vehicle can fly."""
     return _outgoing(
         NeighbourAngle(
             vehicle_id,
@@ -67,7 +58,7 @@ def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar, needed: RingSca
 
 
 def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, ...]) -> Outgoing:
-    """Tell a raw sighting to the peers within reach."""
+    """Publish a raw sighting for the peers within reach."""
     return _outgoing(
         TargetPackage(
             vehicle_id,
@@ -83,8 +74,8 @@ def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, .
     )
 
 
-def sighting_told(package: TargetPackage) -> Sighting:
-    """Return the sighting that a peer has told; raises ValueError for one that none can be."""
+def received_sighting(package: TargetPackage) -> Sighting:
+    """Return the sighting in a peer's package; raises ValueError where its numbers cannot be one."""
     return Sighting(
         package.time_s,
         package.sender,
@@ -98,7 +89,7 @@ def sighting_told(package: TargetPackage) -> Sighting:
 
 
 def command_answer(answer: CommandAnswer) -> Outgoing:
-    """Tell operators what was made of a command."""
+    """Publish what became of an operator's command."""
     return _outgoing(answer)
 
 

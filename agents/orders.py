@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from agents.outputs import Note
+from agents.notes import Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
 from agents.team.messages import CommandAnswer, OperatorCommand, Verb
@@ -50,17 +50,20 @@ _WHY_NOT = {
 
 
 class Reshaping(msgspec.Struct, frozen=True, order=True):
-    """A change of the formation's shape, and when it was told: the newest holds, whoever it came from."""
+    """A change of the formation's shape, and when it was commanded: the newest holds, from any operator."""
 
-    told_s: float
+    time_s: float
     shape: Shape
 
 
 class Orders:
     """The commands one vehicle has had, the abort that hovers before it lands, and the answers still to be given."""
 
-    def __init__(self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape]) -> None:
-        """Take the vehicle, for how long an aborted one hovers before it lands by itself, and what shapes there are."""
+    def __init__(self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes) -> None:
+        """Take the vehicle, for how long an aborted one hovers before it lands by itself, and what shapes there are.
+
+        What becomes of commands is added to `notes`.
+        """
         self._vehicle_id = vehicle_id
         self._hover_s = abort_hover_s
         self._shapes = shapes
@@ -70,7 +73,7 @@ class Orders:
         self._unanswered: dict[int, None] = {}
         self._abort: tuple[float, str] | None = None
         self._kills: list[OperatorCommand] = []
-        self._notes: list[Note] = []
+        self._notes = notes
 
     @property
     def kills(self) -> bool:
@@ -105,7 +108,7 @@ class Orders:
             self._abort = None
         elif now_s >= lands_s:
             self._abort = None
-            self._notes.append(Note(now_s, "command", f"abort by {origin}: lands, nobody resumed it"))
+            self._notes.add(now_s, "command", f"abort by {origin}: lands, nobody resumed it")
             return Event.LAND
         return None
 
@@ -122,12 +125,6 @@ class Orders:
         answers = tuple(CommandAnswer(self._vehicle_id, now_s, n, self._did[n]) for n in self._unanswered)
         self._unanswered.clear()
         return answers
-
-    def notes(self) -> tuple[Note, ...]:
-        """Take out what is worth noting since the last time."""
-        notes = tuple(self._notes)
-        self._notes.clear()
-        return notes
 
     def _carry_out(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
         match command.verb:
@@ -175,7 +172,7 @@ class Orders:
         while len(self._did) > NUMBERS_KEPT:
             forgotten, _ = self._did.popitem(last=False)
             self._unanswered.pop(forgotten, None)
-        self._notes.append(Note(now_s, "command", f"{command.verb} by {command.origin}: {did}"))
+        self._notes.add(now_s, "command", f"{command.verb} by {command.origin}: {did}")
 
 
 def obeyed(did: str) -> bool:

@@ -1,14 +1,15 @@
-"""What a core gives back from a tick: a setpoint, messages for the peers, and its status."""
-
-from typing import Literal
+"""What a core returns from a tick: a setpoint, messages for the peers, and its status."""
 
 import msgspec
 
 from agents.control.encirclement import Approach
 from agents.control.lmpc import QpStatus
+from agents.control.plan import Plan
 from agents.control.ring import RingPlace
+from agents.notes import Note
 from agents.ports import Setpoint
 from agents.safety.guard import Guarded
+from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import CommandAnswer, MemberState
 from estimation.polar import Polar
@@ -27,58 +28,88 @@ class Outgoing(msgspec.Struct, frozen=True):
     payload: bytes
 
 
-class Note(msgspec.Struct, frozen=True):
-    """Something that people want to read about afterwards: when, of what kind, what happened, and by which numbers."""
+class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """What a vehicle estimates, does and plans, for people, logs and metrics: the results of a tick's stages.
 
-    time_s: float
-    kind: Literal["tactic", "command", "failsafe", "guard", "ring"]
-    text: str
-    because: str = ""
-
-
-class CoreStatus(msgspec.Struct, frozen=True):
-    """What a vehicle is doing and what it believes, for people, logs and metrics.
-
-    `alert` is the failsafe that holds it, empty if none; `notes` are what has happened, `answers` what peers
-    have answered operators, both since the last tick. `slowed` says what of the mission's ring is not flown, and why;
-    `ring_rate_rad_s` is the angular rate of the one that is, 0 off the ring. `target_altitude_m` is what it believes of
-    the target's altitude where it follows that, `turning_rad_s` the rate at which it takes itself to go around.
+    `situation`, `plan` and `guarded` are None before any telemetry; `plan` and `guarded` are as they were sent. `alert`
+    is the failsafe condition that it reacts to, empty if none; `notes` are what has happened, `answers` what peers have
+    answered operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude where
+    the mission follows that, `turning_rad_s` the rate at which the vehicle is taken to go around the target.
     """
 
     vehicle_id: int
     time_s: float
     tactic: Tactic
-    mixing: float
-    own_estimate: OwnEstimate | None
-    target_estimate: TargetEstimate | None
-    polar: Polar | None
-    place: RingPlace | None
-    approach: Approach | None
-    qp: QpStatus | None
-    peers: tuple[MemberState, ...]
-    messages_dropped: int
-    alert: str
-    notes: tuple[Note, ...]
-    guarded: Guarded | None
+    situation: Situation | None = None
+    plan: Plan | None = None
+    guarded: Guarded | None = None
+    peers: tuple[MemberState, ...] = ()
+    messages_dropped: int = 0
+    alert: str = ""
+    notes: tuple[Note, ...] = ()
     answers: tuple[CommandAnswer, ...] = ()
-    slowed: str = ""
-    ring_rate_rad_s: float = 0.0
     target_altitude_m: float | None = None
     turning_rad_s: float = 0.0
 
     @property
+    def own_estimate(self) -> OwnEstimate | None:
+        """The estimate of its own motion, None before any telemetry."""
+        return None if self.situation is None else self.situation.own
+
+    @property
+    def target_estimate(self) -> TargetEstimate | None:
+        """The estimate of the target, None without one."""
+        return None if self.situation is None else self.situation.target
+
+    @property
+    def polar(self) -> Polar | None:
+        """Its polar state about the ring's centre now, None without a target."""
+        return None if self.situation is None else self.situation.polar
+
+    @property
     def motion(self) -> Vector | None:
-        """What it believes of its own motion (4,) = [x y x' y']."""
-        return None if self.own_estimate is None else self.own_estimate.mean[MOTION]
+        """The estimate of its own motion (4,) = [x y x' y']."""
+        return None if self.situation is None else self.situation.own.mean[MOTION]
 
     @property
     def target(self) -> Vector | None:
-        """What it believes of the target's motion (4,) = [x y x' y']."""
-        return None if self.target_estimate is None else self.target_estimate.mean
+        """The estimate of the target's motion (4,) = [x y x' y']."""
+        target = self.target_estimate
+        return None if target is None else target.mean
+
+    @property
+    def qp(self) -> QpStatus | None:
+        """Where the plan came from, None where nothing was solved for it."""
+        return None if self.plan is None else self.plan.qp
+
+    @property
+    def place(self) -> RingPlace | None:
+        """Its place among the members of the ring, None off the ring."""
+        return None if self.plan is None or self.plan.ring is None else self.plan.ring.place
+
+    @property
+    def approach(self) -> Approach | None:
+        """How it stands to the ring, None off the ring."""
+        return None if self.plan is None or self.plan.ring is None else self.plan.ring.approach
+
+    @property
+    def mixing(self) -> float:
+        """The share of the encirclement in the aim."""
+        return 0.0 if self.plan is None or self.plan.ring is None else self.plan.ring.mixing
+
+    @property
+    def slowed(self) -> str:
+        """What of the mission's ring is not flown, and why; empty if it is as the mission asks."""
+        return "" if self.plan is None or self.plan.ring is None else self.plan.ring.slowed
+
+    @property
+    def ring_rate_rad_s(self) -> float:
+        """The angular rate at which the ring is flown, 0 off the ring."""
+        return 0.0 if self.plan is None or self.plan.ring is None else self.plan.ring.rate_rad_s
 
 
 class TickOutput(msgspec.Struct, frozen=True):
-    """What one tick asks for: a setpoint (None before telemetry and when stood down), messages, and the status."""
+    """The result of a tick: a setpoint (None before telemetry, and while a pilot flies), messages, and the status."""
 
     setpoint: Setpoint | None
     messages: tuple[Outgoing, ...]

@@ -14,7 +14,7 @@ from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event
-from agents.team.messages import OperatorCommand
+from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Sighting, Telemetry
 
 
@@ -169,10 +169,10 @@ class TapedCore(VehicleCore):
         self._write(sighting)
         super().on_sighting(sighting)
 
-    def on_message(self, payload: bytes, now_s: float) -> None:
+    def on_message(self, payload: bytes, now_s: float) -> BusMessage | None:
         """See VehicleCore."""
         self._write(Message(now_s, payload))
-        super().on_message(payload, now_s)
+        return super().on_message(payload, now_s)
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """See VehicleCore."""
@@ -205,7 +205,7 @@ def play(core: VehicleCore, item: CoreInput) -> TickOutput | None:
     return None
 
 
-_CALLS: dict[type, Callable[[VehicleCore, Any], None]] = {
+_CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     TimeScale: lambda core, item: core.set_time_scale(item.factor),
     Start: lambda core, item: core.start(item.at_s),
     TacticEvent: lambda core, item: core.on_event(item.event),

@@ -1,4 +1,4 @@
-"""Encirclement: LMPC on the linearised polar model - (23) to (26) - and its setpoint through feedback linearisation."""
+"""Encirclement: LMPC on the linearised polar model - (23) to (26) - and its aim through feedback linearisation."""
 
 from collections.abc import Sequence
 from enum import Enum
@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from agents.control.detour import Obstacle, bent_ring_m
-from agents.control.linearization import setpoint_for, setpoint_for_acceleration
+from agents.control.linearization import aim_for, aim_for_acceleration
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
 from agents.control.ring import RingPlace, spaced_rate_rad_s
 from agents.control.ring_feasibility import Orbit
@@ -30,10 +30,29 @@ class Approach(Enum):
     INWARD = "inward"
 
 
-class EncirclementPlan(msgspec.Struct, frozen=True):
-    """The setpoint (2,), how the vehicle stands to the ring, the rate wanted of it, and where the plan came from."""
+class RingTask(msgspec.Struct, frozen=True):
+    """What one vehicle is to fly about the target: everything at the moment when the setpoint acts.
 
-    setpoint_m: Vector
+    `motion` and `target` are motions (4,), `polar` is the polar state of the one about the other, `compensation_m_s2`
+    (2,) the disturbance to make up for. `orbit` is the ring, `radius_m` the radius to fly at: the ring's, or that of
+    the circle on which vehicles wait. Either bends around the `obstacles`.
+    """
+
+    motion: Vector
+    target: Vector
+    polar: Polar
+    compensation_m_s2: Vector
+    place: RingPlace
+    orbit: Orbit
+    radius_m: float
+    authority: float = 1.0
+    obstacles: Sequence[Obstacle] = ()
+
+
+class EncirclementPlan(msgspec.Struct, frozen=True):
+    """The aim (2,), how the vehicle stands to the ring, the angular rate wanted of it, and the solver's status."""
+
+    aim_m: Vector
     approach: Approach
     rate_wanted_rad_s: float
     status: QpStatus
@@ -50,7 +69,7 @@ class EncirclementPlanner:
         self._alone = ring_lmpc(self._settings, 0.0)
         self._spaced = ring_lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
-        self._on_ring = np.zeros((self._settings.horizon, 4))
+        self._zeros = np.zeros((self._settings.horizon, 4))
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         # The bounds of a plan, filled anew for each: what does not change stands in them from the beginning.
         self._pushes = self._settings.acceleration_max_m_s2 * np.array([[-1.0, -1.0], [1.0, 1.0]])
@@ -64,87 +83,63 @@ class EncirclementPlanner:
         """Forget the last polar acceleration: the vehicle comes from another tactic."""
         self._acceleration = np.zeros(2)
 
-    def plan(
-        self,
-        motion: Vector,
-        target: Vector,
-        disturbance_m_s2: Vector,
-        place: RingPlace,
-        orbit: Orbit | None = None,
-        *,
-        authority: float = 1.0,
-        radius_m: float | None = None,
-        obstacles: Sequence[Obstacle] = (),
-    ) -> EncirclementPlan:
-        """Plan from the vehicle's and the target's motion (4,) at the moment the setpoint acts.
-
-        It goes on around the last orbit unless there is another one; the first is the mission's. With less than full
-        `authority` only that share of the vehicle's deviation from where it is to fly is acted on. `radius_m` is where
-        to fly if not on the orbit itself; either bends around `obstacles`.
-        """
-        if orbit is not None and orbit is not self._orbit:
-            self._take(orbit)
-        polar = polar_from_motion(motion, target)
-        wanted = spaced_rate_rad_s(place, self._orbit.angular_rate_rad_s, self._settings.spacing_gain_per_s)
-        level_m = self._orbit.radius_m if radius_m is None else radius_m
-        if authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
-            bearing_rad = np.array([polar.bearing_rad])
-            here_m = bent_ring_m(level_m, bearing_rad, obstacles, polar.radius_m).item() if obstacles else level_m
-            on_ring = motion_from_polar(Polar(here_m, polar.bearing_rad, 0.0, wanted), target)
-            motion = on_ring + authority * (motion - on_ring)
-            polar = polar_from_motion(motion, target)
+    def plan(self, task: RingTask) -> EncirclementPlan:
+        """Solve (23) to (26) for the polar acceleration, and the plant for the aim that gives it - (11), (12)."""
+        if task.orbit is not self._orbit:
+            self._take(task.orbit)
+        wanted = spaced_rate_rad_s(task.place, task.orbit.angular_rate_rad_s, self._settings.spacing_gain_per_s)
+        motion, polar = task.motion, task.polar
+        if task.authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
+            motion = damped_motion(task, wanted)
+            polar = polar_from_motion(motion, task.target)  # of another motion than the task's
         approach = self._approach(polar.radius_m)
         if approach is not Approach.ORBIT:
             self.reset()
-            setpoint = self._radial_setpoint(motion, target, polar, disturbance_m_s2)
-            return EncirclementPlan(setpoint, approach, wanted, QpStatus.INTERIOR)
-        lmpc = self._alone if place.members == 1 else self._spaced
+            aim = self._radial_aim(motion, polar, task)
+            return EncirclementPlan(aim, approach, wanted, QpStatus.INTERIOR)
+        lmpc = self._alone if task.place.members == 1 else self._spaced
         state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
-        reference = self._reference(place, wanted)
-        if obstacles:
-            reference[:, 0] = bent_ring_m(level_m, polar.bearing_rad + self._drift_rad, obstacles, polar.radius_m)
-        elif radius_m is not None:
-            reference[:, 0] = radius_m
-        plan = lmpc.solve(state, reference, self._acceleration, self._bounds(polar, place))
+        reference = self._reference(task, polar, wanted)
+        plan = lmpc.solve(state, reference, self._acceleration, self._bounds(polar, task.place))
         self._acceleration = plan.first_input
-        setpoint = setpoint_for(motion, polar, plan.first_input, disturbance_m_s2, self._plant)
-        return EncirclementPlan(setpoint, approach, wanted, plan.status)
+        aim = aim_for(motion, polar, plan.first_input, task.compensation_m_s2, self._plant)
+        return EncirclementPlan(aim, approach, wanted, plan.status)
 
     def _take(self, orbit: Orbit) -> None:
         self._orbit = orbit
         self._drift_rad: Vector = np.asarray(orbit.angular_rate_rad_s * self._times_s, dtype=np.float64)
-        self._on_ring[:, 0] = orbit.radius_m
 
     def _approach(self, radius_m: float) -> Approach:
         if radius_m < self._settings.radius_min_m:
             return Approach.OUTWARD
         return Approach.INWARD if radius_m > self._settings.radius_far_m else Approach.ORBIT
 
-    def _radial_setpoint(self, motion: Vector, target: Vector, polar: Polar, disturbance_m_s2: Vector) -> Vector:
+    def _radial_aim(self, motion: Vector, polar: Polar, task: RingTask) -> Vector:
         """Fly straight towards the ring, at a speed that the distance and the speed limit allow."""
         settings = self._settings
-        speed = _APPROACH_GAIN_PER_S * (self._orbit.radius_m - polar.radius_m)
+        speed = _APPROACH_GAIN_PER_S * (task.orbit.radius_m - polar.radius_m)
         speed = max(-settings.speed_max_m_s, min(settings.speed_max_m_s, speed))
         outward = np.array([np.cos(polar.bearing_rad), np.sin(polar.bearing_rad)])
-        error = target[VELOCITY] + speed * outward - motion[VELOCITY]
+        error = task.target[VELOCITY] + speed * outward - motion[VELOCITY]
         x, y = (self._plant.a1_per_s * error).tolist()
-        return setpoint_for_acceleration(motion, (x, y), disturbance_m_s2, self._plant)
+        return aim_for_acceleration(motion, (x, y), task.compensation_m_s2, self._plant)
 
-    def _reference(self, place: RingPlace, rate_wanted_rad_s: float) -> Vector:
-        """Return the reference (horizon, 4); both spacing terms of (24) together pull towards one weighted bearing.
+    def _reference(self, task: RingTask, polar: Polar, rate_wanted_rad_s: float) -> Vector:
+        """Return the reference (horizon, 4) in [r phi r' phi'].
 
-        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser; the neighbours go
-        on at the ring's rate - (25), (26).
+        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser; the neighbours,
+        and the bearing between them, go on at the ring's rate - (25), (26).
         """
         settings = self._settings
-        reference = self._on_ring.copy()
+        reference = self._zeros.copy()
+        reference[:, 0] = task.radius_m
+        if task.obstacles:
+            bearings_rad = polar.bearing_rad + self._drift_rad
+            reference[:, 0] = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, polar.radius_m)
+        between_rad = spacing_bearing_rad(task.place, settings.lag_weight, settings.lead_weight)
+        if between_rad is not None:
+            reference[:, 1] = between_rad + self._drift_rad
         reference[:, 3] = rate_wanted_rad_s
-        if place.lead_rad is not None and place.lag_rad is not None:
-            behind = place.desired_rad - place.lag_rad
-            ahead = place.lead_rad - place.desired_rad
-            weights = settings.lag_weight + settings.lead_weight
-            middle = (settings.lag_weight * behind + settings.lead_weight * ahead) / weights if weights else 0.0
-            reference[:, 1] = middle + self._drift_rad
         return reference
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
@@ -161,6 +156,37 @@ class EncirclementPlanner:
             np.add(self._drift_rad, self._clearance_rad - place.lag_rad, out=self._bearings_min)
             np.add(self._drift_rad, place.lead_rad - self._clearance_rad, out=self._bearings_max)
         return Bounds(self._pushes, self._limits)
+
+
+def damped_motion(task: RingTask, rate_rad_s: float) -> Vector:
+    """Return the motion (4,) to plan from with less than full authority, for a vehicle that flies at `rate_rad_s`.
+
+    Of the vehicle's deviation from where it is to fly, only the share `authority` is fed back.
+    """
+    polar, radius_m = task.polar, task.radius_m
+    if task.obstacles:
+        radius_m = bent_ring_m(radius_m, np.array([polar.bearing_rad]), task.obstacles, polar.radius_m).item()
+    on_ring = motion_from_polar(Polar(radius_m, polar.bearing_rad, 0.0, rate_rad_s), task.target)
+    return np.asarray(on_ring + task.authority * (task.motion - on_ring), dtype=np.float64)
+
+
+def spacing_bearing_rad(place: RingPlace, lag_weight: float, lead_weight: float) -> float | None:
+    """Return the bearing, counted from the vehicle's own, that the spacing terms of (24) draw to; None when alone.
+
+    With phi the vehicle's bearing, (24) weighs by rho the distance to a = phi_lag + 2 pi / n, one even spacing ahead of
+    the vehicle behind, and by zeta that to b = phi_lead - 2 pi / n. Completing the square makes one term of both:
+
+        rho (phi - a)^2 + zeta (phi - b)^2 = (rho + zeta) (phi - c)^2 + rho zeta / (rho + zeta) (a - b)^2
+
+    with c = (rho a + zeta b) / (rho + zeta). The last term is the same for every input, as neither neighbour's bearing
+    depends on it: the optimum of (24) is that with the one weight rho + zeta (`ring_lmpc`) on the distance to c.
+    """
+    if place.lead_rad is None or place.lag_rad is None:
+        return None
+    behind = place.desired_rad - place.lag_rad  # a
+    ahead = place.lead_rad - place.desired_rad  # b
+    weights = lag_weight + lead_weight
+    return (lag_weight * behind + lead_weight * ahead) / weights if weights else 0.0
 
 
 def ring_lmpc(settings: EncirclementSettings, spacing_weight: float) -> Lmpc:

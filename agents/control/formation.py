@@ -1,7 +1,7 @@
 """Formation flight: LMPC on the error dynamics between a vehicle and its predecessor - (1), (2), (13), (14).
 
-With E = p_i - p_{i-1} and both on the same plant, E answers the difference of the two setpoints as the plant answers a
-setpoint. The leader's predecessor is the mission's line itself: a vehicle without error on it, at the mission's speed.
+With E = p_i - p_{i-1} and both on the same plant, E answers the difference of the two aims as the plant answers an
+aim. The leader's predecessor is the mission's line itself: a vehicle without error on it, at the mission's speed.
 """
 
 from collections.abc import Collection
@@ -19,22 +19,22 @@ _CONSTRAINED = (2, 3)  # the two speeds
 
 
 class Predecessor(msgspec.Struct, frozen=True):
-    """A predecessor's motion (4,) and undisturbed setpoint (2,) at the moment a vehicle plans for."""
+    """A predecessor's motion (4,) and undisturbed aim (2,) at the moment a vehicle plans for."""
 
     motion: Vector
-    setpoint_m: Vector
+    aim_m: Vector
 
 
 class FormationPlan(msgspec.Struct, frozen=True):
-    """The setpoint (2,), what it would be undisturbed - followers need that - and the solver's status."""
+    """The aim (2,), what it would be undisturbed - followers need that - and the solver's status."""
 
-    setpoint_m: Vector
-    undisturbed_setpoint_m: Vector
+    aim_m: Vector
+    undisturbed_aim_m: Vector
     status: QpStatus
 
 
 class FormationPlanner:
-    """Plans one vehicle's flight relative to its predecessor; remembers the last relative setpoint only."""
+    """Plans one vehicle's flight relative to its predecessor; remembers the last relative aim only."""
 
     def __init__(self, config: AgentConfig) -> None:
         settings = config.formation
@@ -43,12 +43,12 @@ class FormationPlanner:
         self._leads_m = both_ways * config.safety.setpoint_lead_max_m
         self._speeds_m_s = both_ways[:, np.newaxis] * settings.speed_max_m_s
         self._reference = np.zeros((settings.horizon, 4))
-        self._relative_setpoint_m: Vector | None = None
+        self._relative_aim_m: Vector | None = None
         self._lmpc = formation_lmpc(config)
 
     def reset(self) -> None:
-        """Forget the last relative setpoint: predecessor or tactic have changed."""
-        self._relative_setpoint_m = None
+        """Forget the last relative aim: predecessor or tactic have changed."""
+        self._relative_aim_m = None
 
     def plan(
         self,
@@ -59,24 +59,24 @@ class FormationPlanner:
     ) -> FormationPlan:
         """Plan from the vehicle's motion (4,) so that it keeps `offset_m` to its predecessor."""
         separation = np.array(offset_m)
-        if self._relative_setpoint_m is None:
-            self._relative_setpoint_m = separation
+        if self._relative_aim_m is None:
+            self._relative_aim_m = separation
         self._reference[:, POSITION] = separation
         bounds = self._bounds(motion, predecessor)
-        plan = self._lmpc.solve(motion - predecessor.motion, self._reference, self._relative_setpoint_m, bounds)
-        self._relative_setpoint_m = plan.first_input
-        undisturbed = predecessor.setpoint_m + plan.first_input
+        plan = self._lmpc.solve(motion - predecessor.motion, self._reference, self._relative_aim_m, bounds)
+        self._relative_aim_m = plan.first_input
+        undisturbed = predecessor.aim_m + plan.first_input
         compensation = disturbance_m_s2 / self._a0_per_s2
         return FormationPlan(undisturbed - compensation, undisturbed, plan.status)
 
     def _bounds(self, motion: Vector, predecessor: Predecessor) -> Bounds:
-        """Bound the setpoint to the lead allowed before the vehicle, and the vehicle's own speed."""
-        from_vehicle = motion[POSITION] - predecessor.setpoint_m
+        """Bound the aim to the lead allowed before the vehicle, and the vehicle's own speed."""
+        from_vehicle = motion[POSITION] - predecessor.aim_m
         return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
 
 
 def formation_lmpc(config: AgentConfig) -> Lmpc:
-    """Build the LMPC of the error dynamics: the plant's own, in [e_x e_y e_x' e_y'] with inputs relative setpoints."""
+    """Build the LMPC of the error dynamics: the plant's own, in [e_x e_y e_x' e_y'] with inputs relative aims."""
     settings = config.formation
     step = exact_step(config.plant, settings.prediction_step_s)
     return Lmpc(
@@ -93,7 +93,7 @@ def formation_lmpc(config: AgentConfig) -> Lmpc:
 def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float) -> Predecessor:
     """Return the leader's predecessor: a vehicle in steady flight along x, on the line from `start_m`.
 
-    In steady flight the plant trails its setpoint by `a1 / a0` times the speed: that is the preview that lets a ramp be
+    In steady flight the plant trails its aim by `a1 / a0` times the speed: that is the preview that lets a ramp be
     followed without lag.
     """
     x_m, y_m = start_m[0] + speed_m_s * mission_time_s, start_m[1]

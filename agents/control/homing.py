@@ -54,16 +54,16 @@ class Homing:
         self._home_m = self._config.home_m if returns else None
         self._began_s, self._rising = None, self.returns
 
-    def plan(self, situation: Situation, height_m: float) -> Plan:
+    def plan(self, situation: Situation) -> Plan:
         """Rise where it is to its layer, then go home in a straight line; without a home, stay."""
         if self._began_s is None:
             self._began_s, self._from_m = situation.now_s, situation.own.mean[POSITION].copy()
-        risen = abs(height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
+        risen = abs(situation.height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
         if risen and situation.now_s - self._began_s > self._rising_s:
             self._rising = False
         goal = self._from_m if self._rising else self._goal
-        setpoint = towards(goal, situation.acting_motion[POSITION], self._lead_m)
-        return Plan(setpoint - self._compensation(situation), setpoint, np.zeros(2))
+        aim = towards(goal, situation.acting_motion[POSITION], self._lead_m)
+        return Plan(aim - self._compensation(situation), aim, np.zeros(2))
 
     def may_land(self, situation: Situation, peers: Iterable[MemberState], time_scale: float) -> bool:
         """Return whether it is there and nobody is in the way; or whether that has taken too long, for batteries end.

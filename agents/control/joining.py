@@ -28,7 +28,7 @@ _WIDE_SHARE = 0.8
 _AHEAD_MAX_RAD = 1.0
 
 
-class Gap(msgspec.Struct, frozen=True):
+class RingGap(msgspec.Struct, frozen=True):
     """A gap between neighbours on the ring: where its middle lies, counted from a vehicle, and how wide it is."""
 
     ahead_rad: float
@@ -70,7 +70,7 @@ class Joining:
         """Come from another tactic: nothing is joined."""
         self.joined = self._inside = False
 
-    def look(self, polar: Polar, bearings_rad: Sequence[float]) -> Gap | None:
+    def look(self, polar: Polar, bearings_rad: Sequence[float]) -> RingGap | None:
         """Join if it is time; return the gap to go for, None for one who has joined."""
         if self.joined:
             return None
@@ -93,21 +93,21 @@ class Joining:
         return self.ring_m
 
 
-def chosen_gap(bearing_rad: float, bearings_rad: Sequence[float]) -> Gap:
+def chosen_gap(bearing_rad: float, bearings_rad: Sequence[float]) -> RingGap:
     """Return the widest gap between vehicles on the ring, or the one in front if that is nearly as wide."""
     if not bearings_rad:
-        return Gap(0.0, tau)
+        return RingGap(0.0, tau)
     ahead = sorted(wrap_turn_rad(other - bearing_rad) for other in bearings_rad)
-    gaps = [Gap((one + other) / 2.0, other - one) for one, other in pairwise(ahead)]
+    gaps = [RingGap((one + other) / 2.0, other - one) for one, other in pairwise(ahead)]
     own_lag = tau - ahead[-1]
-    own = Gap((ahead[0] - own_lag) / 2.0, ahead[0] + own_lag)
+    own = RingGap((ahead[0] - own_lag) / 2.0, ahead[0] + own_lag)
     widest = max(gaps, key=lambda gap: gap.width_rad, default=own)
     if own.width_rad >= _WIDE_SHARE * widest.width_rad:
         return own
-    return Gap(wrap_signed_rad(widest.ahead_rad), widest.width_rad)
+    return RingGap(wrap_signed_rad(widest.ahead_rad), widest.width_rad)
 
 
-def place_before(gap: Gap) -> RingPlace:
+def place_before(gap: RingGap) -> RingPlace:
     """Return the place that leads a vehicle to the middle of a gap: as if one more were as far from it on each side."""
     ahead_rad = max(-_AHEAD_MAX_RAD, min(gap.ahead_rad, _AHEAD_MAX_RAD))
     return RingPlace(2, pi + ahead_rad, pi - ahead_rad)

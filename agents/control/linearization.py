@@ -12,20 +12,20 @@ from estimation.polar import Polar
 from estimation.state import Vector
 
 
-def setpoint_for(motion: Vector, polar: Polar, acceleration: Vector, disturbance_m_s2: Vector, plant: Plant) -> Vector:
-    """Return the setpoint (2,) that gives the plant the polar acceleration (r'', phi'') - (11), (12)."""
+def aim_for(motion: Vector, polar: Polar, acceleration: Vector, disturbance_m_s2: Vector, plant: Plant) -> Vector:
+    """Return the aim (2,) that gives the plant the polar acceleration (r'', phi'') - (11), (12)."""
     radial, angular = acceleration.tolist()
     cosine, sine = cos(polar.bearing_rad), sin(polar.bearing_rad)
     outward = radial - polar.radius_m * polar.angular_rate_rad_s**2
     sideways = polar.radius_m * angular + 2.0 * polar.radial_speed_m_s * polar.angular_rate_rad_s
     wanted = outward * cosine - sideways * sine, outward * sine + sideways * cosine
-    return setpoint_for_acceleration(motion, wanted, disturbance_m_s2, plant)
+    return aim_for_acceleration(motion, wanted, disturbance_m_s2, plant)
 
 
-def setpoint_for_acceleration(
+def aim_for_acceleration(
     motion: Vector, acceleration_m_s2: tuple[float, float], disturbance_m_s2: Vector, plant: Plant
 ) -> Vector:
-    """Solve the plant for its input: the setpoint (2,) under which it accelerates as wished - X_d of section 4."""
+    """Solve the plant for its input: the aim (2,) under which it has the acceleration given - X_d of section 4."""
     x, y, x_rate, y_rate = motion.tolist()
     w_x, w_y = disturbance_m_s2.tolist()
     x_wanted, y_wanted = acceleration_m_s2

@@ -30,7 +30,7 @@ class QpStatus(Enum):
     FALLBACK = "fallback"
 
 
-class Plan(msgspec.Struct, frozen=True):
+class Solution(msgspec.Struct, frozen=True):
     """The best inputs (control_horizon, m), the last held to the end of the horizon, and the status."""
 
     inputs: Vector
@@ -108,7 +108,7 @@ class Lmpc:
         by_sample = first[:, states : -self._inputs].reshape(self._inputs, -1, states)
         return Gains(first[:, :states], by_sample.sum(axis=1), first[:, -self._inputs :])
 
-    def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Plan:
+    def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
         given, size, room = self._given, self._size, self._room
         given[: self._states] = state
@@ -121,9 +121,9 @@ class Lmpc:
         np.subtract(outcome, self._lower, out=room[0])
         np.subtract(self._upper, outcome, out=room[1])
         if np.minimum.reduce(room, axis=None) >= -_FEASIBLE_SLACK:
-            return Plan(outcome[:size].reshape(-1, self._inputs), QpStatus.INTERIOR)
+            return Solution(outcome[:size].reshape(-1, self._inputs), QpStatus.INTERIOR)
         optimum, status = self._bounded(outcome[:size])
-        return Plan(optimum.reshape(-1, self._inputs), status)
+        return Solution(optimum.reshape(-1, self._inputs), status)
 
     def _bounded(self, interior: Vector) -> tuple[Vector, QpStatus]:
         size, lower, upper = self._size, self._lower, self._upper

@@ -8,53 +8,78 @@ from agents.control.formation import Predecessor
 from agents.control.lmpc import QpStatus
 from agents.control.ring import RingPlace
 from agents.team.messages import MemberState
+from agents.team.ring_scale import RingScale
 from estimation.state import Vector
 from estimation.vectors import Pair, clipped
 
 
-class Plan(msgspec.Struct, frozen=True):
-    """The aim (2,) a tactic wishes for, the same without disturbance, its rate (2,), and how it came about.
+class RingReport(msgspec.Struct, frozen=True):
+    """What a vehicle in the tactic encircle reports of its ring: to its status, and to its peers.
 
-    The aim is the setpoint itself unless the plant takes a velocity beside it; `velocity_m_s` is the one to send then,
-    None: the one that the plan leads to.
+    `mixing` is the share of the encirclement in the aim, `rate_rad_s` the angular rate at which the ring is flown.
+    `slowed` says what of the mission's ring is not flown and why, `news` what has changed of that, None if nothing.
+    `needed` is the ring that this vehicle can fly, `joined` whether it counts as one on the ring; `place` and
+    `approach` are None while it waits for a gap, or has no target.
     """
 
-    setpoint_m: Vector
-    undisturbed_m: Vector
-    rate_m_s: Vector
+    mixing: float
+    rate_rad_s: float
+    slowed: str
+    needed: RingScale
+    joined: bool
     place: RingPlace | None = None
     approach: Approach | None = None
+    news: str | None = None
+
+
+class Plan(msgspec.Struct, frozen=True):
+    """The result of the planner: the aim (2,), the same without disturbance, its rate (2,), and how it came about.
+
+    The aim is the position that the plant is to be drawn to. It becomes the setpoint in the last stage: the same
+    position, unless the plant takes a velocity beside it. `velocity_m_s` is the velocity to send then; None is the one
+    that the aim leads to. `ring` is None but in the tactic encircle.
+    """
+
+    aim_m: Vector
+    undisturbed_aim_m: Vector
+    aim_rate_m_s: Vector
     qp: QpStatus | None = None
     velocity_m_s: Pair | None = None
+    ring: RingReport | None = None
 
 
-def shifted(plan: Plan, setpoint_m: Vector) -> Plan:
-    """Return a wish that was changed into another setpoint: what peers are told of it changes as much."""
-    if setpoint_m is plan.setpoint_m:
+def shifted(plan: Plan, aim_m: Vector) -> Plan:
+    """Return a plan with another aim (2,): the undisturbed aim, which peers receive, shifts by as much."""
+    if aim_m is plan.aim_m:
         return plan
-    undisturbed = plan.undisturbed_m + (setpoint_m - plan.setpoint_m)
-    return Plan(setpoint_m, undisturbed, plan.rate_m_s, plan.place, plan.approach, plan.qp, plan.velocity_m_s)
+    undisturbed = plan.undisturbed_aim_m + (aim_m - plan.aim_m)
+    return Plan(aim_m, undisturbed, plan.aim_rate_m_s, plan.qp, plan.velocity_m_s, plan.ring)
 
 
 def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
-    """Return the goal (2,), or what lies on the way to it, `at_most_m` from a position."""
+    """Return the goal (2,), or the point on the way to it that is `at_most_m` from a position (2,)."""
     way = goal_m - position_m
     reached = clipped(way, at_most_m)
     return goal_m if reached is way else position_m + reached
 
 
+def resting(place_m: Vector) -> Plan:
+    """Return the plan to stay at a place (2,)."""
+    return Plan(place_m, place_m, np.zeros(2), velocity_m_s=(0.0, 0.0))
+
+
 def extrapolated(member: MemberState, at_s: float) -> Predecessor:
-    """Return a peer's motion and setpoint at a moment, each going on at its published rate."""
+    """Return a peer's motion and aim at a moment, each going on at its published rate."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
-    (wanted_x, wanted_y), (wanted_x_rate, wanted_y_rate) = member.setpoint_m, member.setpoint_rate_m_s
+    (aim_x, aim_y), (aim_x_rate, aim_y_rate) = member.setpoint_m, member.setpoint_rate_m_s
     return Predecessor(
         np.array((x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate)),
-        np.array((wanted_x + wanted_x_rate * ahead_s, wanted_y + wanted_y_rate * ahead_s)),
+        np.array((aim_x + aim_x_rate * ahead_s, aim_y + aim_y_rate * ahead_s)),
     )
 
 
 def mixed(formation: Plan, ring: Plan, share: float) -> Plan:
-    """Mix both tactics' setpoints, u = (1 - s) u_formation + s u_encircle (paper, section 4)."""
-    setpoint = (1.0 - share) * formation.setpoint_m + share * ring.setpoint_m
-    return Plan(setpoint, setpoint, ring.rate_m_s, ring.place, ring.approach, ring.qp)
+    """Mix the aims of both tactics, u = (1 - s) u_formation + s u_encircle (paper, section 4)."""
+    aim = (1.0 - share) * formation.aim_m + share * ring.aim_m
+    return Plan(aim, aim, ring.aim_rate_m_s, ring.qp, ring=ring.ring)

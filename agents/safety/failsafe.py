@@ -290,7 +290,7 @@ class FailsafeMonitor:
         """The conditions that were borne for long enough, and are not left yet."""
         return self._alerts
 
-    def judge(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
+    def react(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
         """Return the event that is due in this tactic, None if it is grave enough already.
 
         One that lands has left everything behind: nothing is judged any more.

@@ -18,7 +18,7 @@ SAME_HEIGHT_M = 1.0
 _IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 """On the way up and down vehicles keep apart by layers and turns, and may be near each other."""
 
-Found = dict[Condition, Symptom]
+Faults = dict[Condition, Symptom]
 
 
 class FaultDetector:
@@ -45,83 +45,81 @@ class FaultDetector:
         self.bus_alive = True
         self.unsolved = False
 
-    def find(
-        self, situation: Situation, tactic: Tactic, height_m: float, active: Container[Condition], time_scale: float
-    ) -> Found:
-        """Return what is wrong in this tick.
+    def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
+        """Return the faults of this tick.
 
         `active` are the conditions that are being reacted to: some last for as long as they hold the vehicle.
-        `patience` is how many times as fast as the wall's clock the mission's passes.
+        The mission's clock passes `time_scale` times as fast as the wall's.
         """
-        found: Found = {}
+        faults: Faults = {}
         now_s = situation.now_s
-        self._look_at_vehicle(found, now_s)
-        self._look_at_loop(found, now_s)
-        self._look_at_target(found, situation, tactic, active)
+        self._check_vehicle(faults, now_s)
+        self._check_loop(faults, now_s)
+        self._check_target(faults, situation, tactic, active)
         if gone_s := self._team.gone_s:
-            self._look_for_peers(found, gone_s)
+            self._check_peers(faults, gone_s)
         if self._clocks.off:
-            self._look_at_clocks(found, now_s, time_scale)
+            self._check_clocks(faults, now_s, time_scale)
         x, y = situation.own.mean.item(0), situation.own.mean.item(1)
         if self._fence is not None and not self._fence.contains((x, y)):
-            self._add(found, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
+            self._add(faults, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
         if tactic in _IN_COMPANY:
-            self._look_around(found, now_s, x, y, height_m)
+            self._check_distances(faults, now_s, x, y, situation.height_m)
         if self._since_s:
-            for condition in [c for c in self._since_s if c not in found]:
+            for condition in [c for c in self._since_s if c not in faults]:
                 del self._since_s[condition]
-        return found
+        return faults
 
-    def _add(self, found: Found, now_s: float, condition: Condition, detail: str) -> None:
-        found[condition] = Symptom(self._since_s.setdefault(condition, now_s), detail)
+    def _add(self, faults: Faults, now_s: float, condition: Condition, detail: str) -> None:
+        faults[condition] = Symptom(self._since_s.setdefault(condition, now_s), detail)
 
-    def _look_at_vehicle(self, found: Found, now_s: float) -> None:
+    def _check_vehicle(self, faults: Faults, now_s: float) -> None:
         heard_s = self._own.heard_s
         if heard_s is not None and now_s - heard_s > self._period_s:
-            found[Condition.TELEMETRY_STALE] = Symptom(heard_s, f"none for {now_s - heard_s:.1f} s")
+            faults[Condition.TELEMETRY_STALE] = Symptom(heard_s, f"none for {now_s - heard_s:.1f} s")
         jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
-            found[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position is elsewhere now")
+            faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position is elsewhere now")
         battery = self.battery
         if battery is not None and battery < self._settings.battery_low:
-            self._add(found, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")
+            self._add(faults, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")
             if battery < self._settings.battery_critical:
-                self._add(found, now_s, Condition.BATTERY_CRITICAL, f"at {battery:.0%}")
+                self._add(faults, now_s, Condition.BATTERY_CRITICAL, f"at {battery:.0%}")
 
-    def _look_at_loop(self, found: Found, now_s: float) -> None:
+    def _check_loop(self, faults: Faults, now_s: float) -> None:
         if self.unsolved:
-            self._add(found, now_s, Condition.PLAN_FAILING, "no solution within the bounds")
+            self._add(faults, now_s, Condition.PLAN_FAILING, "no solution within the bounds")
         if self.late_ticks:
-            self._add(found, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
+            self._add(faults, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
         if not self.bus_alive:
-            self._add(found, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
+            self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
 
-    def _look_at_target(self, found: Found, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
+    def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
         on_ring = tactic is Tactic.ENCIRCLE
         if situation.target is None and (on_ring or Condition.TARGET_STALE in active):
             sighted_s = self._target.sighted_s
-            found[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
+            faults[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
         jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:
-            found[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings put it elsewhere")
+            faults[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings put it elsewhere")
 
-    def _look_for_peers(self, found: Found, gone_s: dict[int, float]) -> None:
+    def _check_peers(self, faults: Faults, gone_s: dict[int, float]) -> None:
         if not self._team.members() and self._team.count_heard == self._others:
-            found[Condition.PEERS_SILENT] = Symptom(max(gone_s.values()), _vehicles(gone_s))
+            faults[Condition.PEERS_SILENT] = Symptom(max(gone_s.values()), _vehicles(gone_s))
         if self._leader in gone_s:
-            found[Condition.LEADER_LOST] = Symptom(gone_s[self._leader], f"vehicle {self._leader}")
+            faults[Condition.LEADER_LOST] = Symptom(gone_s[self._leader], f"vehicle {self._leader}")
         followers_s = {sender: heard_s for sender, heard_s in gone_s.items() if sender != self._leader}
         if followers_s:
-            found[Condition.PEER_SILENT] = Symptom(min(followers_s.values()), _vehicles(followers_s))
+            faults[Condition.PEER_SILENT] = Symptom(min(followers_s.values()), _vehicles(followers_s))
 
-    def _look_at_clocks(self, found: Found, now_s: float, time_scale: float) -> None:
+    def _check_clocks(self, faults: Faults, now_s: float, time_scale: float) -> None:
         stepped = self._clocks.stepped(now_s, time_scale)
         if stepped:
             since_s = min(step.since_s for step in stepped.values())
             detail = ", ".join(f"vehicle {sender} by {step.by_s:+.2f} s" for sender, step in sorted(stepped.items()))
-            found[Condition.CLOCK_STEPPED] = Symptom(since_s, detail)
+            faults[Condition.CLOCK_STEPPED] = Symptom(since_s, detail)
 
-    def _look_around(self, found: Found, now_s: float, x: float, y: float, height_m: float) -> None:
+    def _check_distances(self, faults: Faults, now_s: float, x: float, y: float, height_m: float) -> None:
         near_m, nearest = self._near_m, 0
         for peer in self._team.members():
             age_s = now_s - peer.time_s
@@ -132,7 +130,7 @@ class FaultDetector:
                 if away_m < near_m:
                     near_m, nearest = away_m, peer.sender
         if nearest:
-            self._add(found, now_s, Condition.TOO_CLOSE, f"{near_m:.2f} m from vehicle {nearest}")
+            self._add(faults, now_s, Condition.TOO_CLOSE, f"{near_m:.2f} m from vehicle {nearest}")
 
 
 class _Jumps:

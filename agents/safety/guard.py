@@ -52,9 +52,9 @@ class GuardStatus(Enum):
 
 
 class Guarded(msgspec.Struct, frozen=True):
-    """The setpoint (2,) to send, why it was changed if it was, and up to which cause the demands had to yield."""
+    """The aim (2,) of what is sent, why it was changed if it was, and up to which cause the demands had to yield."""
 
-    setpoint_m: Vector
+    aim_m: Vector
     status: GuardStatus = GuardStatus.PASSED
     causes: tuple[Cause, ...] = ()
     yielded: Cause | None = None
@@ -77,23 +77,23 @@ class Guard:
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._qp: _ElasticQp | None = None
 
-    def check(self, situation: Situation, wish_m: Vector, bodies: Sequence[Body]) -> Guarded:
-        """Return the setpoint nearest to the wish (2,) that keeps what there is to keep."""
+    def check(self, situation: Situation, aim_m: Vector, bodies: Sequence[Body]) -> Guarded:
+        """Return the setpoint nearest to `aim_m` (2,) that keeps what there is to keep."""
         position = situation.acting_motion[POSITION]
-        x, y = (wish_m - position).tolist()
+        x, y = (aim_m - position).tolist()
         lead = (x, y)
         reached = self._reached(lead)
         rows = self._rows(situation, bodies, reached) if self._safety.guard else []
         missed = [row for row in rows if row.plane.missing(reached) > _KEPT_M]
         if missed:
             return self._kept(position, lead, reached, rows, missed)
-        return Guarded(wish_m) if reached is lead else self._guarded(position, lead, reached, [], None)
+        return Guarded(aim_m) if reached is lead else self._guarded(position, lead, reached, [], None)
 
-    def altitude_m(self, wish_m: float) -> float:
+    def altitude_m(self, aim_m: float) -> float:
         """Return the altitude nearest to the wish that is inside the band."""
         low, high = self._safety.altitude_min_m, self._safety.altitude_max_m
-        wish_m = wish_m if high is None else min(wish_m, high)
-        return wish_m if low is None else max(wish_m, low)
+        aim_m = aim_m if high is None else min(aim_m, high)
+        return aim_m if low is None else max(aim_m, low)
 
     def _kept(
         self, position: Vector, lead: Pair, reached: Pair, rows: Sequence[_Row], missed: Sequence[_Row]
@@ -119,14 +119,14 @@ class Guard:
         yielded: Cause | None,
         status: GuardStatus | None = None,
     ) -> Guarded:
-        setpoint = position + kept
+        aim = position + kept
         status = status or (GuardStatus.CHANGED if yielded is None else GuardStatus.YIELDED)
         if status is GuardStatus.CHANGED and hypot(kept[0] - lead[0], kept[1] - lead[1]) < _CHANGED_M:
-            return Guarded(setpoint)
+            return Guarded(aim)
         causes = {row.cause for row in missed}
         if hypot(*lead) > self._safety.setpoint_lead_max_m:
             causes.add(Cause.REACH)
-        return Guarded(setpoint, status, tuple(sorted(causes)), yielded)
+        return Guarded(aim, status, tuple(sorted(causes)), yielded)
 
     def _reached(self, lead: Pair) -> Pair:
         """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""

@@ -54,9 +54,7 @@ class Neighbours:
                 near.append(member)
         return near
 
-    def bodies(
-        self, situation: Situation, height_m: float, heard: Iterable[MemberState], lost: Iterable[MemberState]
-    ) -> list[Body]:
+    def bodies(self, situation: Situation, heard: Iterable[MemberState], lost: Iterable[MemberState]) -> list[Body]:
         """Return the bodies at the moment when the setpoint acts: all heard or lost, but those well above or below.
 
         One that lands, is lost, or that somebody else flies does not keep away itself.
@@ -67,7 +65,7 @@ class Neighbours:
         return [
             self._body(member, situation, own_sigma_m, shares=shares)
             for member, shares in members
-            if abs(member.altitude_m - height_m) < apart_m
+            if abs(member.altitude_m - situation.height_m) < apart_m
         ]
 
     def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:

@@ -29,7 +29,7 @@ class FeedForward:
 
     def split(self, situation: Situation, plan: Plan, guarded: Guarded) -> tuple[Pair, tuple[float, ...]]:
         """Return the setpoint, and the velocity (x, y, z) to send with it; no velocity where the plant takes none."""
-        x, y = guarded.setpoint_m.tolist()
+        x, y = guarded.aim_m.tolist()
         if not self._feeds:
             return (x, y), ()
         velocity = plan.velocity_m_s

@@ -24,8 +24,8 @@ class SlewLimit:
         """Return the wish, or what of it can be reached in a tick from the setpoint that was sent last."""
         if self._sent_m is None or tactic in _FREE:
             return plan
-        return shifted(plan, towards(plan.setpoint_m, self._sent_m, self._longest_m))
+        return shifted(plan, towards(plan.aim_m, self._sent_m, self._longest_m))
 
-    def sent(self, setpoint_m: Vector) -> None:
-        """Take the setpoint (2,) that is sent."""
-        self._sent_m = setpoint_m
+    def sent(self, aim_m: Vector) -> None:
+        """Take the aim (2,) of what is sent."""
+        self._sent_m = aim_m

@@ -366,9 +366,10 @@ class Agent:
             if seen is not None:
                 self.see(seen)
             return
-        self._core.on_message(payload, self._clock.now_s())
+        message = self._core.on_message(payload, self._clock.now_s())
         self._kill_if_told()
-        self._start_agreement.hear(payload)
+        if message is not None:
+            self._start_agreement.hear(message)
 
     def _kill_if_told(self) -> None:
         if self._core.kills:

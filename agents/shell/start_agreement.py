@@ -2,15 +2,14 @@
 
 import asyncio
 from collections.abc import Collection
-from contextlib import suppress
 
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_proposal import Assembly, PeerClocks
 from agents.team.messages import (
     TOPICS,
+    BusMessage,
     StartProposal,
-    decode,
     encode,
 )
 
@@ -46,23 +45,21 @@ class StartAgreement:
         """Tell the peers the time from now on: with the clock at its speed."""
         self._announcing = self._announcing or asyncio.create_task(self._announce())
 
-    def hear(self, payload: bytes) -> None:
+    def hear(self, message: BusMessage) -> None:
         """Take what came over the bus; it is about start proposals alone.
 
         Once the mission has begun, who comes late, or back, is told when that was: it joins.
         """
         if self._announcing is None:  # this clock has not got its speed yet
             return
-        with suppress(ValueError):
-            message = decode(payload)
-            if isinstance(message, StartProposal) and self._over:
-                if message.start_s is None and message.sender in self._assembly.others:
-                    self._say(self._assembly.speak(self._clock.now_s()))
-            elif isinstance(message, StartProposal):
-                lag_s = self._clock.now_s() - message.time_s
-                self._clocks.hear(message.sender, lag_s / self._clock.speed)
-                if abs(lag_s) < TOPICS[StartProposal].age_max_s:
-                    self._assembly.hear(message)
+        if isinstance(message, StartProposal) and self._over:
+            if message.start_s is None and message.sender in self._assembly.others:
+                self._say(self._assembly.speak(self._clock.now_s()))
+        elif isinstance(message, StartProposal):
+            lag_s = self._clock.now_s() - message.time_s
+            self._clocks.hear(message.sender, lag_s / self._clock.speed)
+            if abs(lag_s) < TOPICS[StartProposal].age_max_s:
+                self._assembly.hear(message)
 
     def note_presence(self, vehicle_id: int, present: bool) -> None:
         """Take the news that a peer has come or gone."""

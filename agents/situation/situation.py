@@ -1,8 +1,9 @@
-"""What a tick decides on, and what comes of it: the situation and the wish, and how both are carried and mixed."""
+"""What the stages of a tick hand on: the situation that is estimated, and the task that is decided on it."""
 
 import msgspec
 import numpy as np
 
+from agents.tactics import Tactic
 from estimation.polar import Polar
 from estimation.state import (
     OwnEstimate,
@@ -13,10 +14,12 @@ from estimation.state import (
 
 
 class Situation(msgspec.Struct, frozen=True):
-    """What a tick decides on: the estimates now, and all motions (4,) at the moment the next setpoint acts.
+    """What is estimated in a tick: the estimates now, and all motions (4,) at the moment the next setpoint acts.
 
-    The centre is that of the ring: where the target is believed to be, or what catches up with it. Polar is about it.
-    `authority`, in (0, 1], is the share of feedback and compensation that the model of the vehicle deserves.
+    The centre is that of the ring: the target's estimate, or what catches up with it (`TargetBlend`). `polar` is the
+    polar state of the vehicle about the centre now: what is reported. The planner's own is at the acting moment.
+    `authority`, in (0, 1], is the share of feedback and compensation that the consistency of the own filter allows;
+    `height_m` is the vehicle's altitude as its telemetry gave it last.
     """
 
     now_s: float
@@ -29,6 +32,7 @@ class Situation(msgspec.Struct, frozen=True):
     acting_target: Vector | None
     acting_centre: Vector | None = None
     authority: float = 1.0
+    height_m: float = 0.0
 
     @property
     def compensation(self) -> Vector:
@@ -39,6 +43,14 @@ class Situation(msgspec.Struct, frozen=True):
     def position_sigma_m(self) -> float:
         """The standard deviation of the own position, in the worse direction of the axes."""
         return position_sigma_m(self.own.covariance)
+
+
+class Task(msgspec.Struct, frozen=True):
+    """What is decided in a tick: the tactic to fly in a situation, and the altitude layer to fly it at."""
+
+    tactic: Tactic
+    situation: Situation
+    layer_m: float
 
 
 def moved(motion: Vector, by_s: float) -> Vector:

@@ -1,4 +1,4 @@
-"""What comes over the bus, before anybody believes it: what is not a fresh word of a member is counted and dropped."""
+"""The bus's payloads for one vehicle: what is not a fresh message of a member is counted and dropped."""
 
 from collections.abc import Collection
 
@@ -16,29 +16,32 @@ _AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items()}
 
 
 class Inbox:
-    """Takes the bus's payloads for one vehicle."""
+    """Decodes payloads, and accepts the messages that are for this vehicle's team."""
 
     def __init__(self, vehicle_id: int, members: Collection[int], clocks: ClockWatch) -> None:
-        """Take the team; `clocks` sees how every member dates what it says, believed or not."""
+        """Take the team; `clocks` takes how every member dates its messages, accepted or not."""
         self._others = frozenset(members) - {vehicle_id}
         self._clocks = clocks
         self.dropped = 0
 
-    def take(self, payload: bytes, now_s: float, time_scale: float) -> BusMessage | None:
-        """Return the message, or None when it is malformed, foreign, too old or from the future.
-
-        `patience` is how many times as long as on the wall's clock a message may take.
-        """
+    def decoded(self, payload: bytes) -> BusMessage | None:
+        """Return the message in a payload, None when it is malformed."""
         try:
-            message = decode(payload)
+            return decode(payload)
         except ValueError:
             self.dropped += 1
             return None
+
+    def accepts(self, message: BusMessage, now_s: float, time_scale: float) -> bool:
+        """Return whether a message is neither foreign, nor too old, nor from the future.
+
+        It may take `time_scale` times as long as on the wall's clock.
+        """
         age_s = (now_s - message.time_s) / time_scale
         known = isinstance(message, OperatorCommand) or message.sender in self._others
         if known and isinstance(message, MemberState):
             self._clocks.hear(message.sender, age_s, now_s)
         if not (known and -_CLOCK_AHEAD_MAX_S <= age_s <= _AGE_MAX_S[type(message)]):
             self.dropped += 1
-            return None
-        return message
+            return False
+        return True

@@ -6,7 +6,8 @@ number, which puts all that went into its core and came out of it in order, what
 
 import msgspec
 
-from agents.outputs import Note, TickOutput
+from agents.notes import Note
+from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.tape import (
     Autopilot,
@@ -263,7 +264,7 @@ def decision_of(output: TickOutput) -> Decision:
         None
         if guarded is None
         else GuardResult(
-            tuple(guarded.setpoint_m.tolist()),
+            tuple(guarded.aim_m.tolist()),
             guarded.status.value,
             tuple([cause.words for cause in guarded.causes]),
             None if guarded.yielded is None else guarded.yielded.words,

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable
 
-from agents.outputs import CoreStatus, Note
+from agents.notes import Note
+from agents.outputs import CoreStatus
 from agents.team.messages import CommandAnswer, MemberState
 from gcs.metrics.record import FlightEvent
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.broadcast import sighting_told
+from agents.broadcast import received_sighting
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from agents.tape import (
@@ -164,12 +164,14 @@ class Feed:
                     yield from self._told(item)
 
     def _told(self, item: Message) -> Iterator[Fed]:
-        message = self._inbox.take(item.payload, item.now_s, self._time_scale)
+        message = self._inbox.decoded(item.payload)
+        if message is None or not self._inbox.accepts(message, item.now_s, self._time_scale):
+            return
         if isinstance(message, OperatorCommand):
             yield message
         if isinstance(message, TargetPackage) and self._vehicle_id in message.recipients:
             try:
-                yield sighting_told(message)
+                yield received_sighting(message)
             except ValueError:
                 return  # the core refused it as well
 

@@ -5,8 +5,8 @@ from math import degrees, hypot
 from typing import NamedTuple, Protocol
 
 from agents.control.lmpc import QpStatus
-from agents.core import GUARD_QUIET_S
 from agents.ports import VehicleStatus
+from agents.safety.interventions import QUIET_S
 from agents.tape import (
     Autopilot,
     Bus,
@@ -22,7 +22,6 @@ from gcs.replay.words import place
 
 TELEMETRY_GAP_S = 0.5
 """On the wall's clock: several samples are missing."""
-QUIET_S = GUARD_QUIET_S
 """What comes again within this time is the same episode."""
 
 

@@ -24,7 +24,7 @@ from foxglove.messages import (
     Vector3,
 )
 
-from agents.outputs import Note
+from agents.notes import Note
 from agents.tape import Start
 from estimation.frames import MissionFrame
 from estimation.state import Telemetry

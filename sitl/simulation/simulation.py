@@ -89,8 +89,8 @@ class Core(Protocol[OutputT_co]):
         """Take a sighting of the target."""
         ...
 
-    def on_message(self, payload: bytes, now_s: float) -> None:
-        """Take a peer's message."""
+    def on_message(self, payload: bytes, now_s: float) -> object:
+        """Take a peer's message; what it decodes to is of no interest here."""
         ...
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:

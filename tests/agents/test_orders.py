@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
+from agents.notes import Notes
 from agents.orders import (
     CUT,
     CUTTING,
@@ -40,7 +41,8 @@ class Vehicle:
     """Orders, and the tactic machine that they steer."""
 
     def __init__(self, tactic: Tactic = Tactic.FORMATION) -> None:
-        self.orders = Orders(2, HOVER_S, ("line", "wedge"))
+        self.notes = Notes()
+        self.orders = Orders(2, HOVER_S, ("line", "wedge"), self.notes)
         self.tactic = tactic
         self.now_s = 0.0
         self._number = 0
@@ -140,7 +142,7 @@ def test_repeats_act_once_and_are_answered_again() -> None:
     assert vehicle.told("resume", number=8) == "resumes its mission"
     assert vehicle.told("hold", number=7) == "holds"  # a straggler: said before the resume
     assert vehicle.tactic is Tactic.FORMATION
-    assert [note.text for note in vehicle.orders.notes()] == [
+    assert [note.text for note in vehicle.notes.drained()] == [
         "hold by pat@here: holds",
         "resume by pat@here: resumes its mission",
     ]
@@ -169,7 +171,7 @@ def test_an_abort_lands_after_its_time_and_not_before() -> None:
     assert vehicle.does(Tactic.HOLD)
     vehicle.tick(5.0)
     assert vehicle.does(Tactic.LAND)
-    assert vehicle.orders.notes()[-1].text == "abort by pat@here: lands, nobody resumed it"
+    assert vehicle.notes.drained()[-1].text == "abort by pat@here: lands, nobody resumed it"
 
 
 @pytest.mark.parametrize(("verb", "after"), [("resume", Tactic.FORMATION), ("rtl", Tactic.RETURN_AND_LAND)])
@@ -187,7 +189,7 @@ def test_a_pilot_who_takes_an_aborted_vehicle_has_it() -> None:
     vehicle.told("abort")
     vehicle.tactic = Tactic.PILOT_OVERRIDE
     vehicle.tick(100.0)
-    assert [note.text.partition(":")[0] for note in vehicle.orders.notes()] == ["abort by pat@here"]
+    assert [note.text.partition(":")[0] for note in vehicle.notes.drained()] == ["abort by pat@here"]
     assert vehicle.told("resume") == "resumes its mission"
     vehicle.tick(200.0)
     assert vehicle.tactic is Tactic.FORMATION, "what came before is over"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.outputs import Note
+from agents.notes import Note
 from agents.tape import (
     Autopilot,
     LateTicks,

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import pi, tau
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from agents.control.encirclement import (
     Approach,
     EncirclementPlan,
     EncirclementPlanner,
+    RingTask,
     chord_m,
 )
 from agents.control.lmpc import QpStatus
@@ -40,10 +42,20 @@ STILL = np.zeros(2)
 PERIOD_S = 0.1
 
 
+def ring_task(
+    config: AgentConfig, motion: Vector, target: Vector, wind: Vector, place: RingPlace, **changes: Any
+) -> RingTask:
+    """The task to fly the mission's ring, but for the changes."""
+    ring, polar = config.encirclement, polar_from_motion(motion, target)
+    orbit = changes.pop("orbit", Orbit(ring.radius_m, ring.angular_rate_rad_s))
+    radius_m = changes.pop("radius_m", None) or orbit.radius_m
+    return RingTask(motion, target, polar, wind, place, orbit, radius_m, **changes)
+
+
 def polar_acceleration(config: AgentConfig, motion: Vector, plan: EncirclementPlan, wind: Vector) -> Vector:
     """What the planner's own plant would do at once: (r'', phi'')."""
     plant = config.plant
-    cartesian = plant.a0_per_s2 * (plan.setpoint_m - motion[:2]) - plant.a1_per_s * motion[2:] + wind
+    cartesian = plant.a0_per_s2 * (plan.aim_m - motion[:2]) - plant.a1_per_s * motion[2:] + wind
     x, y, x_rate, y_rate = motion - TARGET
     radius = np.hypot(x, y)
     outward, sideways = np.array([x, y]) / radius, np.array([-y, x]) / radius
@@ -160,7 +172,7 @@ def test_the_plan_minimises_the_papers_cost(
     config = make_config(encirclement=weights, safety={"separation_m": 3.0})
     planner, motion, previous = EncirclementPlanner(config), motion_from_polar(polar, TARGET), np.zeros(2)
     for _ in range(2):  # the second plan continues the first: it pays for the change of acceleration
-        plan = planner.plan(motion, TARGET, WIND, place)
+        plan = planner.plan(ring_task(config, motion, TARGET, WIND, place))
         acceleration = polar_acceleration(config, motion, plan, WIND)
         assert acceleration == pytest.approx(PaperProblem(config, polar, place, previous).optimum(), abs=3e-3)
         previous = acceleration
@@ -176,7 +188,9 @@ def test_the_acceleration_asked_for_stays_within_its_bounds(
 ) -> None:
     config = make_config()
     motion = motion_from_polar(polar, TARGET)
-    plan = EncirclementPlanner(config).plan(motion, TARGET, WIND, ring_place(polar.bearing_rad, others))
+    plan = EncirclementPlanner(config).plan(
+        ring_task(config, motion, TARGET, WIND, ring_place(polar.bearing_rad, others))
+    )
     radial, angular = np.abs(polar_acceleration(config, motion, plan, WIND))
     assert radial <= config.encirclement.acceleration_max_m_s2 + 1e-6
     assert angular * polar.radius_m <= config.encirclement.acceleration_max_m_s2 + 1e-6
@@ -188,7 +202,8 @@ def test_turning_the_world_turns_the_setpoint(turn: float, radius: float, make_c
     def setpoint(bearing: float) -> Vector:
         motion = motion_from_polar(Polar(radius, bearing, 0.1, 0.08), np.zeros(4))
         place = ring_place(bearing, [bearing + 1.0, bearing - 2.5])
-        return EncirclementPlanner(make_config()).plan(motion, np.zeros(4), STILL, place).setpoint_m
+        config = make_config()
+        return EncirclementPlanner(config).plan(ring_task(config, motion, np.zeros(4), STILL, place)).aim_m
 
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     assert setpoint(turn) == pytest.approx(rotation @ setpoint(0.0), abs=1e-4)
@@ -213,11 +228,11 @@ class Flyer:
         drift = self.config.encirclement.angular_rate_rad_s * PERIOD_S / 2.0
         bearings = [polar_from_motion(other, target_at(now_s)).bearing_rad + drift for other in others]
         place = ring_place(polar_from_motion(acting, target).bearing_rad, bearings)
-        self.plans.append(self.planner.plan(acting, target, mean[DISTURBANCE], place))
-        self.own.command(now_s, self.plans[-1].setpoint_m)
+        self.plans.append(self.planner.plan(ring_task(self.config, acting, target, mean[DISTURBANCE], place)))
+        self.own.command(now_s, self.plans[-1].aim_m)
 
     def advance(self) -> None:
-        self.motion = exact_step(self.plant, PERIOD_S).advance(self.motion, self.plans[-1].setpoint_m, WIND)
+        self.motion = exact_step(self.plant, PERIOD_S).advance(self.motion, self.plans[-1].aim_m, WIND)
 
 
 def target_at(time_s: float) -> Vector:
@@ -285,8 +300,8 @@ def test_the_clearance_to_a_neighbour_is_kept_against_the_wish_to_run_into_it(
         assert place.lead_rad is not None
         assert place.lag_rad is not None
         gaps.append(min(place.lead_rad, place.lag_rad))
-        plan = planner.plan(motion, target_at(now_s), STILL, place)
-        motion = exact_step(config.plant, PERIOD_S).advance(motion, plan.setpoint_m, STILL)
+        plan = planner.plan(ring_task(config, motion, target_at(now_s), STILL, place))
+        motion = exact_step(config.plant, PERIOD_S).advance(motion, plan.aim_m, STILL)
     assert min(gaps) == pytest.approx(config.clearance_rad, rel=0.05)
 
 
@@ -306,9 +321,9 @@ def test_near_the_centre_and_far_out_the_way_is_radial(
 ) -> None:
     config = make_config()
     motion = motion_from_polar(Polar(radius, bearing, 0.0, 0.0), TARGET)
-    plan = EncirclementPlanner(config).plan(motion, TARGET, WIND, PLACES["three"])
+    plan = EncirclementPlanner(config).plan(ring_task(config, motion, TARGET, WIND, PLACES["three"]))
     assert plan.approach is approach
-    assert np.isfinite(plan.setpoint_m).all()
+    assert np.isfinite(plan.aim_m).all()
     if approach is not Approach.ORBIT and radius > 0.0:
         radial, angular = polar_acceleration(config, motion, plan, WIND)
         assert angular * radius == pytest.approx(0.0, abs=1e-9)
@@ -351,7 +366,7 @@ def test_with_little_authority_the_model_alone_leads_along_the_ring(make_config:
     def setpoint(polar: Polar, authority: float) -> Vector:
         planner = EncirclementPlanner(config)
         motion = motion_from_polar(polar, TARGET)
-        return planner.plan(motion, TARGET, np.zeros(2), alone, authority=authority).setpoint_m
+        return planner.plan(ring_task(config, motion, TARGET, STILL, alone, authority=authority)).aim_m
 
     led = setpoint(ring, 1.0)
     assert setpoint(ring, 0.1) == pytest.approx(led, abs=1e-9)
@@ -378,9 +393,7 @@ def test_where_it_is_to_fly_a_vehicle_of_little_authority_stays(
 
     def setpoint(authority: float) -> Vector:
         planner = EncirclementPlanner(config)
-        plan = planner.plan(
-            motion, TARGET, STILL, alone, orbit, authority=authority, radius_m=radius_m, obstacles=obstacles
-        )
-        return plan.setpoint_m
+        where = {"orbit": orbit, "radius_m": radius_m, "obstacles": obstacles}
+        return planner.plan(ring_task(config, motion, TARGET, STILL, alone, authority=authority, **where)).aim_m
 
     assert setpoint(0.1) == pytest.approx(setpoint(1.0), abs=1e-9)

@@ -59,7 +59,7 @@ def test_the_mission_line_is_a_flight_that_the_plant_can_really_fly() -> None:
     step_s, start = 0.001, (3.0, -2.0)
     motion = mission_line(PLANT, start, 0.7, 10.0).motion
     for tick in range(2000):
-        setpoint = mission_line(PLANT, start, 0.7, 10.0 + (tick + 0.5) * step_s).setpoint_m
+        setpoint = mission_line(PLANT, start, 0.7, 10.0 + (tick + 0.5) * step_s).aim_m
         motion = exact_step(PLANT, step_s).advance(motion, setpoint, STILL)
     assert motion == pytest.approx([3.0 + 0.7 * 12.0, -2.0, 0.7, 0.0], abs=1e-6)
 
@@ -80,9 +80,9 @@ class Flyer:
         self.own.measure(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
         acting = self.own.predicted(now_s + PERIOD_S / 2.0, PERIOD_S / 2.0)[MOTION]
         plan = self.planner.plan(acting, self.estimate(now_s).mean[DISTURBANCE], predecessor, offset)
-        self.undisturbed = plan.undisturbed_setpoint_m
-        self.own.command(now_s, plan.setpoint_m)
-        self.motion = exact_step(self.true_plant, PERIOD_S).advance(self.motion, plan.setpoint_m, WIND)
+        self.undisturbed = plan.undisturbed_aim_m
+        self.own.command(now_s, plan.aim_m)
+        self.motion = exact_step(self.true_plant, PERIOD_S).advance(self.motion, plan.aim_m, WIND)
 
     def estimate(self, now_s: float) -> OwnEstimate:
         estimate = self.own.estimate(now_s)
@@ -112,7 +112,7 @@ def test_a_vehicle_far_from_its_slot_comes_about_as_fast_as_it_may(make_config: 
     planner, motion, speeds = FormationPlanner(config), np.array([-40.0, 30.0, 0.0, 0.0]), []
     for _ in range(600):
         plan = planner.plan(motion, STILL, Predecessor(np.zeros(4), STILL), (0.0, 5.0))
-        motion = exact_step(config.plant, PERIOD_S).advance(motion, plan.setpoint_m, STILL)
+        motion = exact_step(config.plant, PERIOD_S).advance(motion, plan.aim_m, STILL)
         speeds.append(np.abs(motion[2:]).max())
     # Between the samples of the prediction, and while braking, a sixth more is seen.
     assert 1.2 < max(speeds) < 1.5 * 1.2
@@ -125,7 +125,7 @@ def test_the_undisturbed_setpoint_never_leads_by_more_than_allowed(
 ) -> None:
     config = make_config()
     plan = FormationPlanner(config).plan(motion, STILL, Predecessor(other, other[:2] + ahead), (0.0, 5.0))
-    lead = np.abs(plan.undisturbed_setpoint_m - motion[:2]).max()
+    lead = np.abs(plan.undisturbed_aim_m - motion[:2]).max()
     assert lead <= config.safety.setpoint_lead_max_m + 1e-6
 
 
@@ -133,8 +133,8 @@ def test_wind_shifts_the_setpoint_but_not_what_followers_are_told(make_config: C
     line, motion = mission_line(PLANT, (0.0, 0.0), 0.2, 5.0), np.array([1.1, 0.2, 0.1, 0.0])
     calm = FormationPlanner(make_config(plant=PLANT)).plan(motion, STILL, line, (0.0, 0.0))
     windy = FormationPlanner(make_config(plant=PLANT)).plan(motion, WIND, line, (0.0, 0.0))
-    assert (windy.undisturbed_setpoint_m == calm.undisturbed_setpoint_m).all()
-    assert calm.setpoint_m - windy.setpoint_m == pytest.approx([0.15 / 0.80, -0.1 / 0.60])
+    assert (windy.undisturbed_aim_m == calm.undisturbed_aim_m).all()
+    assert calm.aim_m - windy.aim_m == pytest.approx([0.15 / 0.80, -0.1 / 0.60])
 
 
 def test_each_axis_is_planned_by_its_own_plant(make_config: Callable[..., AgentConfig]) -> None:
@@ -144,15 +144,15 @@ def test_each_axis_is_planned_by_its_own_plant(make_config: Callable[..., AgentC
     back = FormationPlanner(make_config(plant=Plant(PLANT.y, PLANT.x)))
     one = there.plan(motion, WIND, Predecessor(other, other[:2]), (1.0, 5.0))
     mirrored = back.plan(motion[swap], WIND[::-1], Predecessor(other[swap], other[1::-1]), (5.0, 1.0))
-    assert one.setpoint_m == pytest.approx(mirrored.setpoint_m[::-1], abs=1e-4)
-    assert one.setpoint_m[0] - 0.15 / 0.80 != pytest.approx(one.setpoint_m[1], abs=1e-2)
+    assert one.aim_m == pytest.approx(mirrored.aim_m[::-1], abs=1e-4)
+    assert one.aim_m[0] - 0.15 / 0.80 != pytest.approx(one.aim_m[1], abs=1e-2)
 
 
 def test_without_error_a_follower_asks_for_the_offset_alone(make_config: Callable[..., AgentConfig]) -> None:
     line = mission_line(PLANT, (0.0, 0.0), 0.2, 5.0)
     on_station = line.motion + np.array([0.0, -5.0, 0.0, 0.0])
     plan = FormationPlanner(make_config(plant=PLANT)).plan(on_station, STILL, line, (0.0, -5.0))
-    assert plan.setpoint_m == pytest.approx(line.setpoint_m + np.array([0.0, -5.0]), abs=1e-9)
+    assert plan.aim_m == pytest.approx(line.aim_m + np.array([0.0, -5.0]), abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from agents.control.lmpc import Lmpc, Plan, QpStatus
+from agents.control.lmpc import Lmpc, QpStatus, Solution
 from agents.core import VehicleCore
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import VehicleStatus
@@ -263,9 +263,9 @@ def failing(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let plans fail while the flight is told so."""
     solve = Lmpc.solve
 
-    def solved(lmpc: Lmpc, *arguments: Vector) -> Plan:
+    def solved(lmpc: Lmpc, *arguments: Vector) -> Solution:
         plan = solve(lmpc, *arguments)  # type: ignore[arg-type]
-        return Plan(plan.inputs, QpStatus.FALLBACK) if flight.plan_fails else plan
+        return Solution(plan.inputs, QpStatus.FALLBACK) if flight.plan_fails else plan
 
     monkeypatch.setattr(Lmpc, "solve", solved)
 
@@ -459,7 +459,7 @@ def test_a_guard_that_finds_no_solution_is_a_plan_that_fails(
     check = Guard.check
 
     def braked(guard: Guard, *arguments: object) -> Guarded:
-        return Guarded(check(guard, *arguments).setpoint_m, GuardStatus.BRAKED)  # type: ignore[arg-type]
+        return Guarded(check(guard, *arguments).aim_m, GuardStatus.BRAKED)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Guard, "check", braked)
     assert reaction_s(flight, Condition.PLAN_FAILING, ONSET_S + 3.0) == pytest.approx(1.3, abs=0.15)

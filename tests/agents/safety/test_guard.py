@@ -48,7 +48,7 @@ def checked(
     config: AgentConfig, seen: Situation, aim: Sequence[float], bodies: Sequence[Body] = ()
 ) -> tuple[Guarded, Vector]:
     guarded = Guard(config).check(seen, np.array(aim, dtype=np.float64), bodies)
-    return guarded, guarded.setpoint_m
+    return guarded, guarded.aim_m
 
 
 # The whole guard against a solver, from the accelerations that follow
@@ -150,7 +150,7 @@ def test_a_wish_that_keeps_everything_passes_as_it_is(aim: Pair, make_config: Ma
     config = make_config(safety={"fence_m": BOX, "setpoint_lead_max_m": 8.0})
     wanted = np.array(aim)
     guarded = Guard(config).check(situation(), wanted, [body((0.0, 40.0)), body((-40.0, 0.0))])
-    assert guarded.setpoint_m is wanted
+    assert guarded.aim_m is wanted
     assert (guarded.status, guarded.causes, guarded.yielded) == (GuardStatus.PASSED, (), None)
 
 
@@ -201,7 +201,7 @@ def test_switched_off_it_only_keeps_the_reach(make_config: Maker) -> None:
     config = make_config(safety={"guard": False, "fence_m": BOX, "setpoint_lead_max_m": 6.0})
     near_by = [body((1.0, 0.0))]
     aim = np.array([5.0, 0.0])
-    assert Guard(config).check(situation(), aim, near_by).setpoint_m is aim
+    assert Guard(config).check(situation(), aim, near_by).aim_m is aim
     guarded, setpoint = checked(config, situation(place=(9.0, 0.0)), (29.0, 0.0), near_by)
     assert setpoint == pytest.approx((15.0, 0.0))
     assert (guarded.status, guarded.causes) == (GuardStatus.CHANGED, (Cause.REACH,))
@@ -386,7 +386,7 @@ def meet(config: AgentConfig, starts: Sequence[Pair], goals: Sequence[Pair], sha
             goal = np.array(goals[index])
             lead = goal - motion[:2]
             aim = motion[:2] + lead * min(1.0, 3.0 / max(float(np.linalg.norm(lead)), 1e-9))
-            setpoints.append(guard.check(seen, aim, [there] if shares[index] else []).setpoint_m)
+            setpoints.append(guard.check(seen, aim, [there] if shares[index] else []).aim_m)
         motions = [
             exact_step(plant, 0.1).advance(motion, setpoint, np.zeros(2))
             for plant, motion, setpoint in zip(PERTURBED, motions, setpoints, strict=True)
@@ -430,6 +430,6 @@ def test_a_vehicle_flies_to_the_fence_without_crossing_it(make_config: Maker) ->
             own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), np.zeros((6, 6)))
             seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
             aim = motion[:2] + np.array(other) / hypot(*other) * 6.0
-            motion = exact_step(plant, 0.1).advance(motion, guard.check(seen, aim, []).setpoint_m, np.zeros(2))
+            motion = exact_step(plant, 0.1).advance(motion, guard.check(seen, aim, []).aim_m, np.zeros(2))
             assert np.abs(motion[:2]).max() <= 10.0 + 0.02
         assert np.abs(motion[:2]).max() == pytest.approx(10.0, abs=0.1)

@@ -34,7 +34,7 @@ STILL = (0.0, 0.0)
 def situation(now_s: float, acts_after_s: float = 0.05, sigma_m: float = 0.0) -> Situation:
     mean = np.zeros(6)
     own = OwnEstimate(now_s, mean, np.diag([sigma_m**2, (sigma_m / 2.0) ** 2, 0.0, 0.0, 0.0, 0.0]))
-    return Situation(now_s, now_s + acts_after_s, own, mean[:4], mean[4:], None, None, None)
+    return Situation(now_s, now_s + acts_after_s, own, mean[:4], mean[4:], None, None, None, height_m=HEIGHT_M)
 
 
 def member(
@@ -62,7 +62,7 @@ def test_a_neighbour_goes_on_as_the_plant_answers_the_setpoint_it_published(
     position = 3.0, -4.0
     setpoint = position[0] + lead[0], position[1] + lead[1]
     spoken = member(position=position, velocity=velocity, setpoint=setpoint)
-    (body,) = Neighbours(CONFIG).bodies(situation(10.0, ahead_s), HEIGHT_M, [spoken], [])
+    (body,) = Neighbours(CONFIG).bodies(situation(10.0, ahead_s), [spoken], [])
     start = np.array([*position, *velocity])
     later = exact_step(STUB, ahead_s).advance(start, np.array(setpoint), np.zeros(2))
     # The acceleration is taken for constant: what it changes by is of third order in the position.
@@ -73,7 +73,7 @@ def test_a_neighbour_goes_on_as_the_plant_answers_the_setpoint_it_published(
 
 
 def test_no_neighbour_is_taken_to_accelerate_by_more_than_the_limit() -> None:
-    (body,) = Neighbours(CONFIG).bodies(situation(10.0, 0.1), HEIGHT_M, [member(setpoint=(1003.0, -996.0))], [])
+    (body,) = Neighbours(CONFIG).bodies(situation(10.0, 0.1), [member(setpoint=(1003.0, -996.0))], [])
     limit = CONFIG.safety.acceleration_max_m_s2
     assert body.acceleration_m_s2 == (limit, -limit)
     assert body.velocity_m_s == pytest.approx((limit * 0.1, -limit * 0.1))
@@ -86,7 +86,7 @@ def test_the_distance_grows_with_both_uncertainties_and_with_the_age_of_the_mess
         # Steady flight: the setpoint is ahead by what drag takes.
         setpoint = 3.0 + speed_m_s * STUB.x.a1_per_s / STUB.x.a0_per_s2, -4.0
         heard = [member(10.0, velocity=(speed_m_s, 0.0), setpoint=setpoint, sigma_m=its_sigma_m)]
-        (body,) = neighbours.bodies(situation(10.0 + age_s, sigma_m=own_sigma_m), HEIGHT_M, heard, [])
+        (body,) = neighbours.bodies(situation(10.0 + age_s, sigma_m=own_sigma_m), heard, [])
         return body.distance_m
 
     assert distance_m(0.0) == 3.0
@@ -105,7 +105,7 @@ def test_the_distance_grows_with_both_uncertainties_and_with_the_age_of_the_mess
 def test_who_is_silent_goes_on_for_a_while_only() -> None:
     spoken = member(velocity=(1.0, 0.0), setpoint=(3.0 + 0.87 / 0.8, -4.0))
     for now_s in (10.0 + GOING_ON_S, 40.0):
-        (body,) = Neighbours(CONFIG).bodies(situation(now_s), HEIGHT_M, [], [spoken])
+        (body,) = Neighbours(CONFIG).bodies(situation(now_s), [], [spoken])
         assert body.position_m == pytest.approx((3.0 + GOING_ON_S, -4.0))
         # There it stands: as one that still moved away it would be come too near to.
         assert (body.velocity_m_s, body.acceleration_m_s2) == (STILL, STILL)
@@ -125,14 +125,14 @@ def test_who_is_silent_goes_on_for_a_while_only() -> None:
     ],
 )
 def test_who_lands_or_is_flown_by_somebody_else_bears_no_half(tactic: str, shares: bool) -> None:
-    (heard,) = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [member(tactic=tactic)], [])
-    (lost,) = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [], [member(tactic=tactic)])
+    (heard,) = Neighbours(CONFIG).bodies(situation(10.0), [member(tactic=tactic)], [])
+    (lost,) = Neighbours(CONFIG).bodies(situation(10.0), [], [member(tactic=tactic)])
     assert (heard.shares, lost.shares) == (shares, False)
 
 
 @pytest.mark.parametrize(("above_m", "counts"), [(0.0, 1), (1.9, 1), (-1.9, 1), (2.0, 0), (-2.5, 0)])
 def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts: int) -> None:
-    bodies = Neighbours(CONFIG).bodies(situation(10.0), HEIGHT_M, [member(altitude_m=HEIGHT_M + above_m)], [])
+    bodies = Neighbours(CONFIG).bodies(situation(10.0), [member(altitude_m=HEIGHT_M + above_m)], [])
     assert len(bodies) == counts
 
 
@@ -175,9 +175,7 @@ def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_to
     assert len(team.lost(11.5, 60.0)) == 1
 
 
-@pytest.mark.parametrize(
-    ("tactic", "height_m", "avoided"), [("formation", HEIGHT_M, True), ("land", HEIGHT_M, True), ("land", 0.2, False)]
-)
+@pytest.mark.parametrize(("tactic", "height_m", "avoided"), [("formation", True), ("land", True), ("land", 0.2, False)])
 def test_the_core_keeps_away_from_where_somebody_was_lost(
     tactic: str, height_m: float, avoided: bool, make_config: Maker
 ) -> None:
@@ -192,7 +190,7 @@ def test_the_core_keeps_away_from_where_somebody_was_lost(
             core.on_presence(1, present=False)
         guarded = core.tick(now_s).status.guarded
         assert guarded is not None
-        motion = exact_step(STUB, 0.1).advance(motion, guarded.setpoint_m, np.zeros(2))
+        motion = exact_step(STUB, 0.1).advance(motion, guarded.aim_m, np.zeros(2))
         away_m.append(hypot(motion[0] - 0.5, motion[1]))
     assert (min(away_m[20:49]) > 1.0) is avoided
     assert away_m[-1] == pytest.approx(0.5, abs=0.05)
@@ -230,9 +228,9 @@ def test_who_is_not_near_changes_no_setpoint(
     spoken = member(10.0, tactic, (away_m, 0.0), (-closing[1], 0.0), (away_m + ahead_m, 0.0))
     neighbours, guard, plan = Neighbours(CONFIG), Guard(CONFIG), np.array([lead_m, 0.0])
     if not neighbours.near(here, [spoken] * (A_FEW + 1)):
-        heeded = guard.check(here, plan, neighbours.bodies(here, HEIGHT_M, [spoken], []))
+        heeded = guard.check(here, plan, neighbours.bodies(here, [spoken], []))
         alone = guard.check(here, plan, [])
-        assert heeded.setpoint_m == pytest.approx(alone.setpoint_m, abs=0.0)
+        assert heeded.aim_m == pytest.approx(alone.aim_m, abs=0.0)
         assert heeded.causes == alone.causes
 
 

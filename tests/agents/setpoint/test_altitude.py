@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.broadcast import sighting_told, target_package
+from agents.broadcast import received_sighting, target_package
 from agents.setpoint.altitude import Altitude
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
@@ -114,7 +114,7 @@ def test_a_sighting_with_an_altitude_that_is_none_is_refused() -> None:
 def test_peers_hear_of_it(altitude_m: float | None) -> None:
     package = decode(target_package(1, told(altitude_m), (2, 3)).payload)
     assert isinstance(package, TargetPackage)
-    assert sighting_told(package) == told(altitude_m)
+    assert received_sighting(package) == told(altitude_m)
 
 
 # One vehicle

@@ -27,14 +27,14 @@ def plan(x: float, y: float) -> Plan:
 
 def test_a_wish_is_come_nearer_to_by_one_bound_a_tick_and_what_peers_are_told_goes_with_it(make_config: Maker) -> None:
     increment = SlewLimit(make_config(safety={"setpoint_speed_max_m_s": FAST_M_S}))
-    assert increment.bounded(Tactic.ENCIRCLE, plan(1.0, 2.0)).setpoint_m.tolist() == [1.0, 2.0]
+    assert increment.bounded(Tactic.ENCIRCLE, plan(1.0, 2.0)).aim_m.tolist() == [1.0, 2.0]
     increment.sent(np.array([1.0, 2.0]))
     places = []
     for _ in range(4):
         bounded = increment.bounded(Tactic.HOLD, plan(2.0, 2.9))
-        assert bounded.undisturbed_m == pytest.approx(bounded.setpoint_m - 0.5)
-        increment.sent(bounded.setpoint_m)
-        places.append(bounded.setpoint_m)
+        assert bounded.undisturbed_aim_m == pytest.approx(bounded.aim_m - 0.5)
+        increment.sent(bounded.aim_m)
+        places.append(bounded.aim_m)
     away_m = hypot(1.0, 0.9)
     for tick, place in enumerate(places[:2], start=1):
         share = tick * FAST_M_S * PERIOD_S / away_m
@@ -48,7 +48,7 @@ def test_steps_for_identification_and_setpoints_that_nobody_obeys_are_left_alone
 ) -> None:
     increment = SlewLimit(make_config())
     increment.sent(np.zeros(2))
-    assert increment.bounded(tactic, plan(9.0, 9.0)).setpoint_m.tolist() == [9.0, 9.0]
+    assert increment.bounded(tactic, plan(9.0, 9.0)).aim_m.tolist() == [9.0, 9.0]
 
 
 def test_unless_told_otherwise_setpoints_move_twice_as_fast_as_vehicles() -> None:

@@ -22,7 +22,6 @@ from agents.team.messages import (
     TOPICS,
     StartProposal,
     decode,
-    encode,
 )
 
 MEMBERS = (1, 2, 3)
@@ -182,7 +181,7 @@ class Air:
         self.said.append(message)
         if message.start_s is None:
             for sender in (2, 3):
-                self.rally.hear(encode(StartProposal(sender, self._clock.time_s, None)))
+                self.rally.hear(StartProposal(sender, self._clock.time_s, None))
 
 
 def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
@@ -191,11 +190,11 @@ def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
         air.rally.announce()
         start_s = await air.rally.agree()
         air.said.clear()
-        air.rally.hear(encode(StartProposal(9, 1.0, None)))  # nobody of this team
-        air.rally.hear(encode(StartProposal(2, 1.0, start_s)))  # knows it
+        air.rally.hear(StartProposal(9, 1.0, None))  # nobody of this team
+        air.rally.hear(StartProposal(2, 1.0, start_s))  # knows it
         assert air.said == []
-        air.rally.hear(encode(StartProposal(2, 1.0, None, ready=False)))
-        air.rally.hear(encode(StartProposal(3, 1.0, None)))
+        air.rally.hear(StartProposal(2, 1.0, None, ready=False))
+        air.rally.hear(StartProposal(3, 1.0, None))
         assert [(told.sender, told.start_s, told.ready) for told in air.said] == [(1, start_s, True)] * 2
 
     asyncio.run(late())

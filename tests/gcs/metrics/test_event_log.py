@@ -4,7 +4,8 @@ from collections.abc import Iterable
 
 import pytest
 
-from agents.outputs import CoreStatus, Note
+from agents.notes import Note
+from agents.outputs import CoreStatus
 from agents.tactics import Tactic
 from agents.team.messages import CommandAnswer, MemberState
 from gcs.metrics.event_log import EventLog, event_line
@@ -23,17 +24,7 @@ def status(
         vehicle_id=vehicle_id,
         time_s=START_S,
         tactic=Tactic.FORMATION,
-        mixing=0.0,
-        own_estimate=None,
-        target_estimate=None,
-        polar=None,
-        place=None,
-        approach=None,
-        qp=None,
         peers=tuple(peers),
-        messages_dropped=0,
-        alert="",
-        guarded=None,
         notes=tuple(notes),
         answers=tuple(answers),
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from agents.outputs import CoreStatus
+from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
 from estimation.state import OwnEstimate, Vector
@@ -50,21 +51,14 @@ def status(
         vehicle_id=vehicle_id,
         time_s=START_S + time_s,
         tactic=tactic,
-        mixing=0.0,
-        own_estimate=None
-        if motion is None
-        else OwnEstimate(START_S + time_s, np.array([*motion(time_s), 0.0, 0.0]), np.eye(6)),
-        target_estimate=None,
-        polar=None,
-        place=None,
-        approach=None,
-        qp=None,
+        situation=None if motion is None else situation(START_S + time_s, np.array([*motion(time_s), 0.0, 0.0])),
         peers=tuple(peers),
-        messages_dropped=0,
-        alert="",
-        notes=(),
-        guarded=None,
     )
+
+
+def situation(time_s: float, mean: Vector) -> Situation:
+    own = OwnEstimate(time_s, mean, np.eye(6))
+    return Situation(time_s, time_s, own, mean[:4], mean[4:], None, None, None)
 
 
 def peer(vehicle_id: int, time_s: float, motion: Motion = parallel, tactic: str = "formation") -> MemberState:

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.control.encirclement import EncirclementPlanner
+from agents.control.encirclement import EncirclementPlanner, RingTask
 from agents.control.ring import ring_place
+from agents.control.ring_feasibility import Orbit
 from agents.settings.config import AgentConfig
 from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
@@ -32,13 +33,16 @@ def radius_errors(config: AgentConfig, ticks: int) -> Vector:
     period_s = 1.0 / config.rate_hz
     whole, half = exact_step(config.plant, period_s), exact_step(config.plant, period_s / 2.0)
     planner, settings = EncirclementPlanner(config), config.encirclement
+    orbit = Orbit(settings.radius_m, settings.angular_rate_rad_s)
     motion = motion_from_polar(Polar(settings.radius_m + 0.01, 0.0, 0.0, 0.0), STILL)
     setpoint, errors = motion[:2], []
     for _ in range(ticks):
         middle = half.advance(motion, setpoint, np.zeros(2))
         middle = middle + half.input_gain @ (middle[2:] * period_s)
-        place = ring_place(polar_from_motion(middle, STILL).bearing_rad, ())
-        setpoint = planner.plan(middle, STILL, np.zeros(2), place).setpoint_m
+        polar = polar_from_motion(middle, STILL)
+        place = ring_place(polar.bearing_rad, ())
+        task = RingTask(middle, STILL, polar, np.zeros(2), place, orbit, orbit.radius_m)
+        setpoint = planner.plan(task).aim_m
         motion = whole.advance(motion, setpoint, np.zeros(2))
         errors.append(polar_from_motion(motion, STILL).radius_m - settings.radius_m)
     return np.array(errors)

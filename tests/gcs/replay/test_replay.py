@@ -13,8 +13,8 @@ import pytest
 from agents.control.plan import Plan
 from agents.control.planner import Planner
 from agents.ports import FlightMode, VehicleStatus
-from agents.situation.situation import Situation
-from agents.tactics import Event, Tactic
+from agents.situation.situation import Task
+from agents.tactics import Event
 from agents.tape import (
     Autopilot,
     Bus,
@@ -293,10 +293,10 @@ def test_a_log_that_ends_within_a_tick_is_replayed_to_there(copy: FlightLog) -> 
 def failing_from(monkeypatch: pytest.MonkeyPatch, at_s: float) -> None:
     plan = Planner.plan
 
-    def failing(planner: Planner, tactic: Tactic, situation: Situation, height_m: float) -> Plan:
-        if situation.now_s >= at_s:
+    def failing(planner: Planner, task: Task) -> Plan:
+        if task.situation.now_s >= at_s:
             raise ZeroDivisionError("no such plan")
-        return plan(planner, tactic, situation, height_m)
+        return plan(planner, task)
 
     monkeypatch.setattr(Planner, "plan", failing)
 

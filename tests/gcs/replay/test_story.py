@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.outputs import Note
+from agents.notes import Note
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
 from agents.tape import (

@@ -1,0 +1,117 @@
+"""The flight about the target: which ring is flown, the vehicle's place on it, and the task of its encirclement."""
+
+from math import atan2, hypot
+
+from agents.control.detour import Obstacle
+from agents.control.encirclement import EncirclementPlanner, RingTask
+from agents.control.joining import Joining, place_before
+from agents.control.plan import Plan, RingReport
+from agents.control.ring import ring_place
+from agents.control.ring_feasibility import Orbit, RingFeasibility
+from agents.safety.barriers import unsure_m
+from agents.safety.neighbours import Neighbours
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from agents.tactics import Tactic
+from agents.team.team import Team
+from estimation.polar import Polar, polar_from_motion
+from estimation.state import POSITION, VELOCITY, Vector
+
+_STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
+"""Members in these tactics stay where they are: the ring goes around them."""
+
+
+class RingFlight:
+    """Plans one vehicle's flight about the target; it remembers the ring that is flown, and whether it has joined."""
+
+    def __init__(self, config: AgentConfig, team: Team) -> None:
+        self._safety = config.safety
+        self._radius_min_m = config.encirclement.radius_min_m
+        self._team = team
+        self._encirclement = EncirclementPlanner(config)
+        self._feasibility = RingFeasibility(config)
+        self._joining = Joining(config)
+        self._neighbours = Neighbours(config)
+
+    @property
+    def rate_rad_s(self) -> float:
+        """The angular rate at which the ring is flown, but for corrections of places on it."""
+        return self._feasibility.orbit.angular_rate_rad_s
+
+    def reset(self) -> None:
+        """Begin anew: the vehicle comes from another tactic."""
+        self._encirclement.reset()
+        self._feasibility.reset()
+        self._joining.reset()
+
+    def plan(self, situation: Situation, centre: Vector, mixing: float) -> Plan:
+        """Plan about the centre's motion (4,) at the acting moment; `mixing` is the share of this plan in the aim."""
+        polar = polar_from_motion(situation.acting_motion, centre)
+        orbit, news = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
+        task, waits = self._task(situation, centre, polar, orbit)
+        plan = self._encirclement.plan(task)
+        report = RingReport(
+            mixing,
+            orbit.angular_rate_rad_s,
+            self._feasibility.words,
+            self._feasibility.needed,
+            self._joining.joined,
+            None if waits else task.place,
+            plan.approach,
+            news,
+        )
+        return Plan(plan.aim_m, plan.aim_m, situation.acting_motion[VELOCITY], plan.status, ring=report)
+
+    def report(self, mixing: float) -> RingReport:
+        """Return what is to be reported while there is no target to fly about."""
+        feasibility = self._feasibility
+        return RingReport(mixing, self.rate_rad_s, feasibility.words, feasibility.needed, self._joining.joined)
+
+    def clear_m(self, situation: Situation, *, unheard: bool) -> float:
+        """Return the radius from which on a vehicle is clear of the ring; more if the others do not hear it."""
+        if not unheard:
+            return self._joining.waiting_m
+        sigma_m = situation.position_sigma_m
+        return self._joining.unheard_m(unsure_m(self._safety.uncertainty_sigmas, sigma_m, sigma_m))
+
+    def _orbit(self, now_s: float, target_m_s: float) -> tuple[Orbit, str | None]:
+        """Return the ring of this moment, and what is new about it: the ring that all on it fly.
+
+        A vehicle that waits outside takes it over without delay.
+        """
+        changed = self._feasibility.find(target_m_s, self._team.shares(), now_s, joined=self._joining.joined)
+        orbit = self._feasibility.orbit
+        self._joining.ring_m = orbit.radius_m
+        return orbit, None if changed is None else changed or "ring as the mission asks for it"
+
+    def _task(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> tuple[RingTask, bool]:
+        """Return the task, and whether it is to wait outside the ring, in front of a gap."""
+        bearings_rad = self._team.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
+        gap = self._joining.look(polar, bearings_rad)
+        place = ring_place(polar.bearing_rad, bearings_rad) if gap is None else place_before(gap)
+        task = RingTask(
+            motion=situation.acting_motion,
+            target=centre,
+            polar=polar,
+            compensation_m_s2=situation.compensation,
+            place=place,
+            orbit=orbit,
+            radius_m=self._joining.radius_m(polar, place) if gap is None else self._joining.waiting_m,
+            authority=situation.authority,
+            obstacles=self._obstacles(situation, centre),
+        )
+        return task, gap is not None
+
+    def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
+        """Return what stands in the ring's way: peers that fell silent there, and those that do not fly on."""
+        standing = [member for member in self._team.members() if member.tactic in _STANDING]
+        lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
+        if not (standing or lost):
+            return []
+        bodies = self._neighbours.bodies(situation, standing, lost)
+        centre_x, centre_y = centre[POSITION].tolist()
+        away_m = [(body.position_m[0] - centre_x, body.position_m[1] - centre_y) for body in bodies]
+        return [
+            Obstacle(atan2(y, x), max(hypot(x, y), self._radius_min_m), body.distance_m)
+            for body, (x, y) in zip(bodies, away_m, strict=True)
+        ]

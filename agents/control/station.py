@@ -1,0 +1,122 @@
+"""Station keeping in the formation: the peer or line to follow, and the way into the own slot."""
+
+from collections.abc import Collection
+from functools import lru_cache
+from math import dist, hypot, inf
+
+import numpy as np
+
+from agents.control.formation import (
+    FormationPlanner,
+    Predecessor,
+    mission_line,
+    predecessor_of,
+)
+from agents.control.plan import Plan, extrapolated
+from agents.control.rejoining import way_point
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from agents.team.team import Team
+from estimation.state import POSITION
+
+SETTLED_M_S = 0.3
+"""A vehicle that flies at the formation's velocity to within this has arrived."""
+
+
+class StationKeeping:
+    """Plans one vehicle's flight in formation; it remembers who has arrived, itself included, and whom it follows."""
+
+    def __init__(self, config: AgentConfig, team: Team) -> None:
+        self._take(config)
+        self._team = team
+        self._formation = FormationPlanner(config)
+        self._start_s = inf
+        self._predecessor_id: int | None = None
+        self._in_place: set[int] = set()
+        self._arrived = False
+
+    def start(self, at_s: float) -> None:
+        """Let the mission's line begin at `at_s`."""
+        self._start_s = at_s
+
+    def reset(self) -> None:
+        """Begin anew: the vehicle comes from another tactic."""
+        self._formation.reset()
+        self._arrived = False
+
+    def reshape(self, config: AgentConfig) -> None:
+        """Take a formation of another shape: every vehicle has to reach its new slot first."""
+        self._take(config)
+        self._formation.reset()
+        self._in_place.clear()
+
+    def plan(self, situation: Situation) -> Plan:
+        """Plan relative to the predecessor, or to the mission's line."""
+        config = self._config
+        predecessor_id, offset = None, (0.0, 0.0)
+        if config.formation.station == "predecessor":
+            formed = self._formed()
+            offset = self._way_in(situation, formed)
+            predecessor_id = self._predecessor(formed) if self._arrived else None
+        if predecessor_id != self._predecessor_id:
+            self._formation.reset()
+            self._predecessor_id = predecessor_id
+        if predecessor_id is None:
+            predecessor = self._own_line(situation.acting_s)
+        else:
+            predecessor = extrapolated(self._team.member(predecessor_id), situation.acting_s)
+            offset = self._slot_offset_m(config.vehicle_id, predecessor_id)
+        plan = self._formation.plan(situation.acting_motion, situation.compensation, predecessor, offset)
+        return Plan(plan.aim_m, plan.undisturbed_aim_m, self._line_rate_m_s, plan.status)
+
+    def _take(self, config: AgentConfig) -> None:
+        self._config = config
+        # Needed in every tick, and the same until the formation changes its shape.
+        self._slot_offset_m = lru_cache(config.slot_offset_m)
+        self._line_rate_m_s = np.array((config.formation.speed_m_s, 0.0))
+
+    def _way_in(self, situation: Situation, formed: Collection[int]) -> tuple[float, float]:
+        """Return where to go relative to the own slot: from far away, around the vehicles that have arrived.
+
+        The first ones, and all at the start, go straight.
+        """
+        if self._arrived:
+            return 0.0, 0.0
+        config = self._config
+        off_x, off_y = (situation.acting_motion - self._own_line(situation.acting_s).motion)[POSITION].tolist()
+        self._arrived = hypot(off_x, off_y) < config.formation.spacing_m / 2.0
+        if self._arrived or not formed:
+            return 0.0, 0.0
+        others_m = [self._slot_offset_m(each, config.vehicle_id) for each in formed]
+        return way_point((off_x, off_y), others_m, config.safety.separation_m)
+
+    def _predecessor(self, formed: Collection[int]) -> int | None:
+        config = self._config
+        flying = frozenset((*formed, config.vehicle_id)).intersection(config.slots)
+        return predecessor_of(config.vehicle_id, flying, config.slots, config.formation.leader)
+
+    def _formed(self) -> set[int]:
+        """Return the peers to keep station on: those that have reached their slots since they came to formation.
+
+        A vehicle on its way to its slot is not followed, be it the leader: it would draw its followers off theirs.
+        """
+        flying, formation = set(self._team.in_formation()), self._config.formation
+        self._in_place &= flying
+        for vehicle_id in flying - self._in_place:
+            member, (slot_x, slot_y) = self._team.member(vehicle_id), self._slot_m(vehicle_id)
+            flown_m = formation.speed_m_s * max(member.time_s - self._start_s, 0.0)
+            near = dist(member.position_m, (slot_x + flown_m, slot_y)) < formation.spacing_m / 2.0
+            if near and dist(member.velocity_m_s, (formation.speed_m_s, 0.0)) < SETTLED_M_S:
+                self._in_place.add(vehicle_id)
+        return self._in_place
+
+    def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
+        """Return where a vehicle's slot is when the mission starts."""
+        config = self._config
+        shift_x, shift_y = self._slot_offset_m(vehicle_id, config.formation.leader)
+        return config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
+
+    def _own_line(self, at_s: float) -> Predecessor:
+        """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""
+        config, flown_s = self._config, max(at_s - self._start_s, 0.0)
+        return mission_line(config.plant, self._slot_m(config.vehicle_id), config.formation.speed_m_s, flown_s)
