@@ -175,7 +175,9 @@ def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_to
     assert len(team.lost(11.5, 60.0)) == 1
 
 
-@pytest.mark.parametrize(("tactic", "height_m", "avoided"), [("formation", True), ("land", True), ("land", 0.2, False)])
+@pytest.mark.parametrize(
+    ("tactic", "height_m", "avoided"), [("formation", HEIGHT_M, True), ("land", HEIGHT_M, True), ("land", 0.2, False)]
+)
 def test_the_core_keeps_away_from_where_somebody_was_lost(
     tactic: str, height_m: float, avoided: bool, make_config: Maker
 ) -> None:
