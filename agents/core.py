@@ -315,24 +315,8 @@ class VehicleCore:
         it is malformed.
         """
         message = self._inbox.decoded(payload)
-        if message is not None and self._inbox.accepts(message, now_s, self._time_scale):
-            self._receive(message, now_s)
-        return message
-
-    def on_command(self, command: OperatorCommand, now_s: float) -> None:
-        """Take a command of an operator at this computer: it acts at once, and the next tick answers it."""
-        self._command(command, now_s)
-
-    def on_killed(self, refusal: str, now_s: float) -> None:
-        """Take the outcome of cutting the motors: why it failed, empty when it did not."""
-        self._orders.on_killed(refusal, now_s)
-
-    def on_presence(self, vehicle_id: int, present: bool) -> None:
-        """Take that a peer has come or gone."""
-        if not present:
-            self._team.forget(vehicle_id)
-
-    def _receive(self, message: BusMessage, now_s: float) -> None:
+        if message is None or not self._inbox.accepts(message, now_s, self._time_scale):
+            return message
         match message:
             case MemberState():
                 self._team.hear_member(message)
@@ -348,6 +332,20 @@ class VehicleCore:
                 self._answers.append(message)
             case _:
                 pass  # a start proposal is the shell's concern before the mission starts
+        return message
+
+    def on_command(self, command: OperatorCommand, now_s: float) -> None:
+        """Take a command of an operator at this computer: it acts at once, and the next tick answers it."""
+        self._command(command, now_s)
+
+    def on_killed(self, refusal: str, now_s: float) -> None:
+        """Take the outcome of cutting the motors: why it failed, empty when it did not."""
+        self._orders.on_killed(refusal, now_s)
+
+    def on_presence(self, vehicle_id: int, present: bool) -> None:
+        """Take that a peer has come or gone."""
+        if not present:
+            self._team.forget(vehicle_id)
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
