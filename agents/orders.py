@@ -1,6 +1,6 @@
-"""The one place that takes operators' commands for a vehicle: what each makes it do, and what is answered.
+"""The operators' commands for one vehicle: the event that each makes, and its answer.
 
-A command is said again and again until it is answered: repeats (the same number) act once and are answered again.
+A command is sent again and again until it is answered: repeats (the same number) act once and are answered again.
 """
 
 from collections import OrderedDict
@@ -17,7 +17,7 @@ from agents.team.messages import CommandAnswer, OperatorCommand, Verb
 CUTTING, CUT = "cuts the motors", "motors cut"
 REFUSED = "refused: "
 NUMBERS_KEPT = 64
-"""How many commands a vehicle remembers, to know them again: they are said for two seconds at most."""
+"""How many commands a vehicle remembers, to recognise repeats: those are sent for two seconds at most."""
 DID_LIMIT = 120
 
 _Steering = Literal["hold", "resume", "land", "rtl"]
@@ -57,7 +57,7 @@ class Reshaping(msgspec.Struct, frozen=True, order=True):
 
 
 class Orders:
-    """The commands one vehicle has had, the abort that hovers before it lands, and the answers still to be given."""
+    """The commands that one vehicle has received, the abort that hovers before it lands, and the open answers."""
 
     def __init__(self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes) -> None:
         """Take the vehicle, for how long an aborted one hovers before it lands by itself, and what shapes there are.
@@ -68,7 +68,7 @@ class Orders:
         self._hover_s = abort_hover_s
         self._shapes = shapes
         self.reshaping: Reshaping | None = None
-        """The newest change of the formation that was told to this vehicle."""
+        """The newest change of the formation that this vehicle has received."""
         self._did: OrderedDict[int, str] = OrderedDict()
         self._unanswered: dict[int, None] = {}
         self._abort: tuple[float, str] | None = None
@@ -77,7 +77,7 @@ class Orders:
 
     @property
     def kills(self) -> bool:
-        """Whether the motors are to be cut: from the command until the shell has told what came of it."""
+        """Whether the motors are to be cut: from the command until the shell reports its outcome."""
         return bool(self._kills)
 
     def take(
@@ -100,7 +100,7 @@ class Orders:
         return event
 
     def due(self, tactic: Tactic, now_s: float) -> Event | None:
-        """Return the event of an abort that has hovered for long enough; one whose vehicle was taken is over."""
+        """Return the event of an abort that has hovered for long enough; a pilot override ends it."""
         if self._abort is None:
             return None
         lands_s, origin = self._abort
@@ -113,7 +113,7 @@ class Orders:
         return None
 
     def on_killed(self, refusal: str, now_s: float) -> None:
-        """Take what came of a kill, by the evidence of the vehicle: why it failed, or nothing when it did not."""
+        """Take the outcome of a kill, by the evidence of the vehicle: why it failed, empty when it did not."""
         did = f"{REFUSED}{refusal}"[:DID_LIMIT] if refusal else CUT
         for command in self._kills:
             self._remember(command, did, now_s)
@@ -121,7 +121,7 @@ class Orders:
         self._kills.clear()
 
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
-        """Take out the answers to what was said since the last time."""
+        """Take out the answers to the commands since the last time."""
         answers = tuple(CommandAnswer(self._vehicle_id, now_s, n, self._did[n]) for n in self._unanswered)
         self._unanswered.clear()
         return answers
@@ -140,7 +140,7 @@ class Orders:
                 return self._steer(verb, tactic)
 
     def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
-        """Hover at once and land later; told again while it hovers, land at once."""
+        """Hover at once and land later; a second abort while it hovers lands at once."""
         if self._abort is not None or tactic is Tactic.LAND:
             return self._steer("land", tactic)
         if tactic is Tactic.PILOT_OVERRIDE:
@@ -150,7 +150,7 @@ class Orders:
         return f"{did}, lands in {self._hover_s:g} s unless resumed", event
 
     def _reshape(self, command: OperatorCommand, tactic: Tactic) -> str:
-        """Take another shape for the formation: for a vehicle that is somewhere else it counts once it is back."""
+        """Take another shape for the formation: a vehicle in another tactic takes its place once it is back."""
         shape = command.shape
         if shape is None or shape not in self._shapes:
             known = ", ".join(self._shapes) or "none"
@@ -164,7 +164,7 @@ class Orders:
         if next_tactic(tactic, event) is tactic:
             return _NOTHING_NEW.get((verb, tactic)) or f"{REFUSED}{_why_not(tactic)}", None
         if verb != "hold":
-            self._abort = None  # whoever says where to go on has thought about it
+            self._abort = None  # the operator has decided what comes after the hover
         return _DOES[verb], event
 
     def _remember(self, command: OperatorCommand, did: str, now_s: float) -> None:
@@ -176,12 +176,12 @@ class Orders:
 
 
 def obeyed(did: str) -> bool:
-    """Return whether an answer says that the vehicle does, or did, as it was told."""
+    """Return whether an answer reports that the command was carried out, or was so already."""
     return not did.startswith(REFUSED)
 
 
 def final(verb: Verb, did: str) -> bool:
-    """Return whether nothing more is to be said about a command: a kill is told of twice, meant and done."""
+    """Return whether no further answer follows: a kill is answered twice, when it begins and when it is done."""
     return verb != "kill" or did != CUTTING
 
 

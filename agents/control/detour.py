@@ -1,4 +1,4 @@
-"""Around what stands in the ring's way: a vehicle that fell silent there, or was told to hold.
+"""Around what stands in the ring's way: a vehicle that fell silent there, or holds.
 
 The guard would keep the distance by itself, but in a jump at the last moment, and to the right: for some that is
 across the ring. Here the ring bends outwards in good time, and the vehicles keep their order and spacing on it.
@@ -17,8 +17,8 @@ MARGIN_M = 0.5
 _INWARD_MOST = 0.25
 """In radii of the ring: a bend inwards is no deeper than this."""
 _INWARD_CLEARLY = 0.5
-"""In distances to keep: nor than this. On whose side of the ring something stands is then beyond doubt, and a vehicle
-does not change its mind on the way past one that was lost on the ring itself.
+"""In distances to keep: nor than this. Then it is beyond doubt on which side of the ring the obstacle stands, and the
+bend does not change sides while a vehicle passes one that was lost on the ring itself.
 """
 
 
@@ -34,7 +34,7 @@ def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacl
     """Return the radius of the ring at bearings (n,): bent around the obstacles on it.
 
     It bends outwards, unless an obstacle stands so far outside that a small bend inwards will do; but not for a vehicle
-    whose radius `own_m` says that it is farther out already.
+    whose radius `own_m` is larger than the obstacle's already.
     """
     radius_m = np.full(bearings_rad.shape, ring_m)
     for obstacle in obstacles:

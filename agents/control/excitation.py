@@ -1,9 +1,9 @@
-"""The programme of a flight for identification: which setpoint when, and what the vehicle is foreseen to do with it.
+"""The programme of a flight for identification: its setpoints over time, and the motion predicted of them.
 
-Steps between random levels say most about delay and stiffness, swept sines about damping and about what a second
-order leaves out. Each axis is excited alone, then both together by signals of their own. A plant with feed-forward gets
-the sines with their velocities beside them, and the steps with none: apart they tell what becomes of both. The plant
-is linear, and so one flight at unit amplitude, simulated, says how large a part may be for box and speed - also where
+Steps between random levels excite delay and stiffness most, swept sines the damping and what a second order leaves
+out. Each axis is excited alone, then both together by signals of their own. A plant with feed-forward gets
+the sines with their velocities beside them, and the steps with none: apart they identify both. The plant
+is linear, and so one simulated flight at unit amplitude gives how large a part may be for box and speed - also where
 the plant file is wrong.
 """
 
@@ -44,7 +44,7 @@ class Steps(msgspec.Struct, frozen=True):
         return self.level[max(bisect_right(self.from_s, time_s) - 1, 0)]
 
     def rate_per_s(self, _time_s: float) -> float:
-        """Return that it stands: a jump has no velocity."""
+        """Return zero: between jumps the level is constant."""
         return 0.0
 
 
@@ -123,7 +123,7 @@ class Motion(msgspec.Struct, frozen=True):
 
 
 class Preview(msgspec.Struct, frozen=True):
-    """What the programme is foreseen to take, with the plant of the plant file; `reach_m` is from the box's middle."""
+    """What the programme is predicted to take, with the plant of the plant file; `reach_m` is from the box's middle."""
 
     duration_s: float
     reach_m: float
@@ -147,7 +147,7 @@ def programme(config: AgentConfig) -> Programme:
 
 
 def preview(config: AgentConfig) -> Preview:
-    """Return what the programme is foreseen to take."""
+    """Return what the programme is predicted to take."""
     whole = programme(config)
     motions = [_flown(config.plant, config.rate_hz, part) for part in whole.parts]
     settings = config.excitation
@@ -185,7 +185,7 @@ def _signals(
     yield "steps along both", (steps(), steps()), settings.steps_s
     yield "sweep along x", (up, None), settings.sweep_s
     yield "sweep along y", (None, up), settings.sweep_s
-    # One rises while the other falls: nowhere do both axes say the same.
+    # One rises while the other falls: the axes are never excited by the same signal.
     yield "sweep along both", (up, down), settings.sweep_s
 
 

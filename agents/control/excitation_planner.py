@@ -45,13 +45,13 @@ class Exciter:
         self._ready = False
 
     def plan(self, situation: Situation) -> Plan:
-        """Return the setpoint of the present part, or rest in the middle of the box."""
+        """Return the aim of the present part, or rest in the middle of the box."""
         time_s = situation.now_s - self._start_s
         part = self._programme.part(time_s)
         if part is None:
             self._ready = hypot(*(situation.own.mean[POSITION] - self._middle_m).tolist()) < self._near_m
         if part is None or not self._ready:
-            # What compensates the wind stands still during a part: only the programme moves the setpoint.
+            # What compensates the wind stands still during a part: only the programme moves the aim.
             self._against_wind_m = -situation.disturbance / self._stiffness_per_s2
             aim, velocity = towards(self._middle_m, situation.acting_motion[POSITION], self._lead_m), (0.0, 0.0)
         else:

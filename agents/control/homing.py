@@ -1,7 +1,7 @@
-"""The way down: on a layer of its own, home or not, and whose turn it is; and when to leave the layers of take-off.
+"""Return and land: the way home on a layer of its own, the order of landing, and when to leave the take-off layers.
 
 Vehicles that return rise to their layers first, above all that still fly the mission, and cross each other's paths at
-different heights only. The lowest lands first; nobody sinks while somebody below is still on its way.
+different heights only. The lowest lands first; no vehicle sinks while one below it is still on its way.
 """
 
 from collections.abc import Collection, Iterable
@@ -25,7 +25,7 @@ IN_PLACE_M = 1.0
 APART = 1.5
 """In separations: vehicles that are farther apart may land together, and fly at one height."""
 HEARD_AFTER_S = 1.5
-"""After this, peers whose mission ended at the same moment have said so."""
+"""After this, the states of peers whose mission ended at the same moment have arrived."""
 UNHEARD_LONGEST_S = 10.0
 LANDING_LONGEST_S = 60.0
 _ON_THE_WAY = Tactic.RETURN_AND_LAND.value
@@ -33,7 +33,7 @@ _COMING_DOWN = (_ON_THE_WAY, Tactic.LAND.value)
 
 
 class Homing:
-    """One vehicle's way down, from the end of its mission to the moment when it may land."""
+    """Plans one vehicle's way down, from the end of its mission to the moment when it may land."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
@@ -66,9 +66,9 @@ class Homing:
         return Plan(aim - self._compensation(situation), aim, np.zeros(2))
 
     def may_land(self, situation: Situation, peers: Iterable[MemberState], time_scale: float) -> bool:
-        """Return whether it is there and nobody is in the way; or whether that has taken too long, for batteries end.
+        """Return whether it is there and the way down is free; or whether that has taken too long for its battery.
 
-        `patience` is how many times as long as on the wall's clock peers may take to be heard.
+        Messages of peers may take `time_scale` times as long as on the wall's clock.
         """
         if self._began_s is None:
             return False
@@ -100,7 +100,7 @@ class Homing:
 
     @property
     def _rising_s(self) -> float:
-        """How long the slowest takes to its layer: until then nobody moves across."""
+        """How long the slowest vehicle takes to its layer: until then none moves across."""
         return SETTLE_S + len(self._config.slots) * self._config.choreography.layer_m / CLIMB_SLOWEST_M_S
 
     @property
@@ -111,7 +111,7 @@ class Homing:
 
     @property
     def _lead_m(self) -> float:
-        """How far ahead the setpoint is for the plant to fly at the highest speed allowed: a1/a0 times it."""
+        """How far ahead the aim is for the plant to fly at the highest speed allowed: a1/a0 times it."""
         axes = (self._config.plant.x, self._config.plant.y)
         return self._config.formation.speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
 
@@ -122,9 +122,9 @@ class Homing:
 def assembled(
     config: AgentConfig, tactic: Tactic, position_m: Vector, peers: Collection[MemberState], flown_s: float
 ) -> bool:
-    """Return whether everybody heard of is in its place in the line, or else well clear of this vehicle at (2,).
+    """Return whether every peer is in its place in the line, or else well clear of this vehicle at (2,).
 
-    Who has not been heard of is waited for, but not for long: `flown_s` counts from the mission's start.
+    It waits for peers not received yet, but not for long: `flown_s` counts from the mission's start.
     """
     if len(peers) + 1 < len(config.slots) and flown_s < UNHEARD_LONGEST_S:
         return False

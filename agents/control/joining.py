@@ -1,7 +1,7 @@
 """How a vehicle joins a ring on which others are already: from outside, into a wide gap, when there is room for it.
 
-Until it has joined it says nothing of its bearing, and the ring takes no notice. Once it is in front of its gap it
-says so: the ring makes room, and it comes in when the room is there. So nobody on the ring is overtaken or cut off.
+Until it has joined it does not publish its bearing, and the ring does not change. In front of its gap it publishes it:
+the ring makes room, and the vehicle comes in when the room is there. No vehicle on the ring is overtaken or cut off.
 """
 
 from collections.abc import Sequence
@@ -60,18 +60,18 @@ class Joining:
         return self.ring_m + ASIDE * self._separation_m
 
     def unheard_m(self, unsure_m: float) -> float:
-        """Return the radius outside which one is that the others have lost: they bend the ring around where it was.
+        """Return the radius for a vehicle that the others have lost: they bend the ring around where it was.
 
-        The bend is two separations high at most, and one lies between it and the vehicle, each and what is unsure.
+        The bend is two separations high at most, and one lies between it and the vehicle, each with its uncertainty.
         """
         return self.ring_m + 3.0 * self._separation_m + 2.0 * (unsure_m + MARGIN_M)
 
     def reset(self) -> None:
-        """Come from another tactic: nothing is joined."""
+        """Begin anew: the vehicle comes from another tactic, and has not joined."""
         self.joined = self._inside = False
 
     def look(self, polar: Polar, bearings_rad: Sequence[float]) -> RingGap | None:
-        """Join if it is time; return the gap to go for, None for one who has joined."""
+        """Join if it is time; return the gap to go for, None for a vehicle that has joined."""
         if self.joined:
             return None
         gap = chosen_gap(polar.bearing_rad, bearings_rad)
@@ -83,7 +83,7 @@ class Joining:
         return None if self.joined else gap
 
     def radius_m(self, polar: Polar, place: RingPlace) -> float:
-        """Return the radius to fly at for one who has joined: the ring's, once there is room between the neighbours."""
+        """Return the radius to fly at for a vehicle that has joined: the ring's, once its neighbours leave it room."""
         if not self._inside and place.lead_rad is not None and place.lag_rad is not None:
             room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
             at_ring = polar.radius_m <= self.ring_m + self._separation_m

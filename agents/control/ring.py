@@ -1,4 +1,4 @@
-"""The ring: who is in front and behind, and the angular rate that spaces everybody evenly - (15) to (22)."""
+"""The ring: the neighbours ahead and behind, and the angular rate that spaces all evenly - (15) to (22)."""
 
 from collections.abc import Iterable
 from math import cos, tau
@@ -28,11 +28,11 @@ class RingPlace(msgspec.Struct, frozen=True):
 
 
 def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingPlace:
-    """Find the neighbours of a vehicle on the ring from everybody's bearings about the target - (16)."""
+    """Find the neighbours of a vehicle on the ring from the bearings of all about the target - (16)."""
     ahead = [wrap_turn_rad(other - bearing_rad) for other in other_bearings_rad]
     if not ahead:
         return RingPlace(1, None, None)
-    # Who is where the vehicle is counts as a whole turn ahead, and a whole turn behind.
+    # A member at the vehicle's own bearing counts as a whole turn ahead, and a whole turn behind.
     farthest_rad = max((angle for angle in ahead if angle < tau), default=0.0)
     return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
 

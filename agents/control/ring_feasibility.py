@@ -1,7 +1,7 @@
 """The ring that the vehicles can fly about this target: slower, and then wider, while it is too fast for them.
 
-Each vehicle finds its own needs from its own estimate, in steps and with hysteresis, and tells them; everybody on the
-ring flies by the needs of whoever needs most, so that all turn at one rate and no spacing suffers.
+Each vehicle finds the ring that it can fly from its own estimate, in steps and with hysteresis, and publishes it; all
+on it fly the one that the most restricted of them can fly: they turn at one rate, and keep their spacing.
 """
 
 from math import inf, sqrt
@@ -20,7 +20,7 @@ _WIDEST = 2.0
 _STEPS = 10.0
 _WORSE_S, _BETTER_S = 0.5, 8.0
 _UNKNOWN_S = 3.0
-"""For so long a target that was just found may seem to move at any speed: two sightings that are outliers will do."""
+"""For so long the estimated speed of a target just found may be any: two sightings that are outliers suffice."""
 _RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
 
 
@@ -32,7 +32,7 @@ class Orbit(msgspec.Struct, frozen=True):
 
 
 class RingFeasibility:
-    """Finds what one vehicle needs, and moves smoothly to what everybody on the ring needs."""
+    """Finds the ring that one vehicle can fly, and moves smoothly to the one that all on the ring can fly."""
 
     def __init__(self, config: AgentConfig) -> None:
         ring, safety = config.encirclement, config.safety
@@ -59,8 +59,8 @@ class RingFeasibility:
     def find(self, target_m_s: float, others: RingScale, now_s: float, *, joined: bool = True) -> str | None:
         """Find the ring of this moment about a target of that speed; return what is new about it for people, or None.
 
-        `others` is what everybody else on the ring needs. Who has not `joined` it waits outside: it flies by their ring
-        at once, lest it wait where they are.
+        `others` is the ring that all others on it can fly. A vehicle that has not `joined` takes that over at once, so
+        that it does not wait where they fly.
         """
         before, step_s = self.needed, 0.0 if self._time_s is None else now_s - self._time_s
         step_s = step_s if joined else inf
@@ -107,7 +107,7 @@ class RingFeasibility:
         return RingScale(_whole_step(min(rate, fast), up=False), radius)
 
     def _slow_enough_m_s(self) -> float:
-        """Return the speed of a target up to which the ring is flown as asked."""
+        """Return the speed of a target up to which the mission's ring is flown."""
         along_m_s = abs(self._ring.angular_rate_rad_s) * self._ring.radius_m
         left_m_s2 = self._acceleration_m_s2 - along_m_s**2 / self._ring.radius_m
         return min(self._speed_m_s - along_m_s, sqrt(max(left_m_s2, 0.0) * BROKEN_MAX * self._ring.radius_m))

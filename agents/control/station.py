@@ -1,4 +1,8 @@
-"""Station keeping in the formation: the peer or line to follow, and the way into the own slot."""
+"""Station keeping in the formation: the peer or line to follow, and the way into the own slot.
+
+A single vehicle that joins a formation in flight goes around it, then into its slot along a free lane: straight
+through, it would push others out of their places, and those that keep station on them as well.
+"""
 
 from collections.abc import Collection, Sequence
 from functools import lru_cache

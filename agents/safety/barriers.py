@@ -1,4 +1,4 @@
-"""What the guard demands of the vehicle's acceleration: one half-plane `normal . a >= least` for each thing to keep.
+"""The guard's demands on the vehicle's acceleration: one half-plane `normal . a >= least` for each thing to keep.
 
 Each comes from a barrier h that is to stay positive (mathematics.md, section 8): `h'' + 2 k h' + k^2 h >= 0` keeps it
 so when the plant answers with second order. Everything is at the moment when the setpoint acts.
@@ -17,7 +17,7 @@ _NEAR_M = 1e-6
 
 
 class Cause(IntEnum):
-    """What made the guard change a setpoint, in the order in which they yield when not all can be kept.
+    """Why the guard changed an aim, in the order in which they yield when not all can be kept.
 
     Separation never yields but to what the vehicle can do at all: its reach.
     """
@@ -35,7 +35,7 @@ class Cause(IntEnum):
 
 
 class Demand(msgspec.Struct, frozen=True):
-    """`normal . acceleration >= least_m_s2`, with a unit normal; what `evades` is got around, keeping right."""
+    """`normal . acceleration >= least_m_s2`, with a unit normal; one that `evades` is passed on the right."""
 
     cause: Cause
     normal: Pair
@@ -50,7 +50,7 @@ class Demand(msgspec.Struct, frozen=True):
 class Body(msgspec.Struct, frozen=True):
     """Something to keep away from: position, velocity and acceleration, and the distance to keep.
 
-    `shares` says that it keeps away as well: then each bears half.
+    With `shares` it keeps away as well: then each takes half.
     """
 
     position_m: Pair

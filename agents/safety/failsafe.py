@@ -1,7 +1,7 @@
-"""The failsafe table - what may go wrong, and what a vehicle does about it - and the monitor that obeys it.
+"""The failsafe table - what may go wrong, and what a vehicle does about it - and the monitor that carries it out.
 
-`docs/safety.md` is made from the table. What a reaction does is the tactic machine's business (`agents/tactics.py`);
-whether a condition is there is found out in `agents/safety/fault_detector.py`.
+`docs/safety.md` is made from the table. The tactic machine (`agents/tactics.py`) defines what a
+reaction does; `agents/safety/fault_detector.py` detects the conditions.
 """
 
 from collections.abc import Container, Mapping
@@ -14,7 +14,7 @@ from agents.tactics import Event, Tactic
 
 
 class Condition(Enum):
-    """What may go wrong: the name that peers, logs and people are told."""
+    """What may go wrong: the name shown to people, sent to peers and written to logs."""
 
     TELEMETRY_STALE = "telemetry stale"
     ESTIMATOR_JUMPED = "estimator jumped"
@@ -55,12 +55,12 @@ _GRADUALLY = (Reaction.ASIDE, Reaction.HOLD, Reaction.LAND)
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One condition: how it is detected, for how long it is borne, what is done, and how that is left.
+    """One condition: how it is detected, for how long it is tolerated, what is done, and how that is left.
 
     `grace` names the setting of the grace time (empty: none); with `by_wall` it counts on the wall's clock, for links
     take wall time also where the mission's passes faster. Each further reaction follows `failsafe.escalation_s` later
     if the condition persists. `descending` is what a vehicle does that is coming down already, if not go on; a row of
-    the `shell` is obeyed outside the core.
+    the `shell` is carried out outside the core.
     """
 
     condition: Condition
@@ -81,7 +81,7 @@ TABLE = (
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
         by_wall=True,
-        # On its way down a vehicle that does not know where it is had better be down.
+        # On its way down a vehicle without position lands where it is.
         descending=Reaction.LAND,
     ),
     Row(
@@ -131,15 +131,15 @@ TABLE = (
     ),
     Row(
         Condition.TARGET_STALE,
-        "on the ring, and nobody has seen the target",
+        "on the ring, and no sensor has seen the target",
         "target_filter.stale_after_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
     ),
     Row(
         Condition.TARGET_JUMPED,
-        "on the ring, and all sightings have disagreed with the belief for `target_filter.gate_timeout_s`: the filter "
-        "begins anew; it lasts until `failsafe.settle_s` after the last time",
+        "on the ring, and all sightings have disagreed with the estimate for `target_filter.gate_timeout_s`: the "
+        "filter begins anew; it lasts until `failsafe.settle_s` after the last time",
         "",
         _GRADUALLY,
         RESUME,
@@ -161,7 +161,8 @@ TABLE = (
     ),
     Row(
         Condition.PEERS_SILENT,
-        "every peer was heard, none is heard any more, and not all said that they land or stand down",
+        "every peer was received, none is any more, and not all had published that they land or that a pilot "
+        "flies them",
         "failsafe.peers_silent_s",
         _GRADUALLY,
         RESUME,
@@ -177,7 +178,7 @@ TABLE = (
     ),
     Row(
         Condition.CLOCK_STEPPED,
-        "everything that a peer says is dated more than `failsafe.clock_step_s` off what was usual",
+        "all messages of a peer are dated more than `failsafe.clock_step_s` off what was usual",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -185,7 +186,8 @@ TABLE = (
     ),
     Row(
         Condition.LEADER_LOST,
-        "the leader was heard, is not any more, and did not say that it lands or stands down; the next in line leads",
+        "the leader was received, is not any more, and had not published that it lands or that a pilot flies it; the "
+        "next in line leads",
         "failsafe.peer_silent_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -201,14 +203,14 @@ TABLE = (
     ),
     Row(
         Condition.OPERATOR_LOST,
-        "the terminal of `cordon fly` is gone (SIGHUP), or it was told to end (SIGTERM, SIGINT)",
+        "the terminal of `cordon fly` is gone (SIGHUP), or it was signalled to end (SIGTERM, SIGINT)",
         "",
         (Reaction.END,),
         NOT_IN_THE_AIR,
         shell=True,
     ),
 )
-"""Among equally grave conditions the one that stands first is the one that is told."""
+"""Among equally grave conditions the one that stands first is the one that is reported."""
 
 ROWS = {row.condition: row for row in TABLE}
 _ORDER = {row.condition: place for place, row in enumerate(TABLE)}
@@ -230,7 +232,7 @@ _ROUNDING_S = 1e-9
 
 
 class Symptom(NamedTuple):
-    """That a condition is there: since when, and what people are told of it."""
+    """A detected condition: since when it is there, and the detail shown to people."""
 
     since_s: float
     detail: str
@@ -238,7 +240,7 @@ class Symptom(NamedTuple):
 
 @dataclass(slots=True)
 class _Alert:
-    """A condition that was borne for long enough: how far its reactions have got, and whether it is there still."""
+    """A condition whose grace time is over: how far its reactions have got, and whether it is there still."""
 
     row: Row
     reached: int
@@ -265,7 +267,7 @@ class _Alert:
 
 
 class FailsafeMonitor:
-    """Told each tick what is wrong and since when, answers with the event that is due, and remembers what was."""
+    """Takes the faults of each tick, returns the event that is due, and remembers the conditions reacted to."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._grace_s = {row.condition: grace_s(row, config) for row in TABLE}
@@ -287,13 +289,13 @@ class FailsafeMonitor:
 
     @property
     def active(self) -> Container[Condition]:
-        """The conditions that were borne for long enough, and are not left yet."""
+        """The conditions whose grace time is over, and that are not left yet."""
         return self._alerts
 
     def react(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
         """Return the event that is due in this tactic, None if it is grave enough already.
 
-        One that lands has left everything behind: nothing is judged any more.
+        A vehicle that lands reacts to nothing any more.
         """
         if not (present or self._alerts) or tactic is Tactic.LAND:
             return None
@@ -322,14 +324,14 @@ class FailsafeMonitor:
             del self._alerts[condition]
 
     def news(self) -> list[str]:
-        """Return what is to be noted since the last time."""
+        """Return what has changed since the last time, as text for the notes."""
         if not self._news:
             return []
         news, self._news = self._news, []
         return news
 
     def _take(self, now_s: float, condition: Condition, symptom: Symptom) -> bool:
-        """Take in what is there, and return whether it has been for longer than is borne."""
+        """Take in a fault, and return whether it has lasted longer than its grace time."""
         row = ROWS[condition]
         time_scale = self._time_scale if row.by_wall else 1.0
         borne_s = now_s - symptom.since_s - self._grace_s[condition] * time_scale + _ROUNDING_S
@@ -366,7 +368,7 @@ class FailsafeMonitor:
 
 
 def grace_s(row: Row, config: AgentConfig) -> float:
-    """Return for how long a condition is borne under a configuration."""
+    """Return the grace time of a condition under a configuration."""
     if not row.grace:
         return 0.0
     section, key = row.grace.split(".")

@@ -1,4 +1,4 @@
-"""What a vehicle can tell to be wrong: which conditions of the failsafe table are there, and since when."""
+"""Fault detection: which conditions of the failsafe table are there, and since when."""
 
 from collections.abc import Container, Iterable
 from math import hypot, inf
@@ -16,13 +16,13 @@ from estimation.filters.target import TargetFilter
 SAME_HEIGHT_M = 1.0
 """Vehicles less than this, or than half a layer, apart in height are at the same height."""
 _IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
-"""On the way up and down vehicles keep apart by layers and turns, and may be near each other."""
+"""On the way up and down vehicles keep apart by layers and in time, and may be near each other."""
 
 Faults = dict[Condition, Symptom]
 
 
 class FaultDetector:
-    """Watches one vehicle, its estimates and its team; the core passes on what it is told of battery, loop and bus."""
+    """Watches one vehicle, its estimates and its team; the core sets the state of battery, loop, bus and solvers."""
 
     def __init__(
         self, config: AgentConfig, own: OwnFilter, target: TargetFilter, team: Team, clocks: ClockWatch
@@ -31,7 +31,7 @@ class FaultDetector:
         self._leader = config.formation.leader
         self._others = len(config.slots) - 1
         self._period_s = 1.0 / config.rate_hz
-        # Without the guard nobody promises a separation: a simulation that shows so is not to be disturbed.
+        # Without the guard no separation is kept: a simulation that shows so is not to be disturbed.
         self._near_m = config.failsafe.separation_share * config.safety.separation_m if config.safety.guard else 0.0
         layer_m = config.choreography.layer_m
         self._same_height_m = min(SAME_HEIGHT_M, layer_m / 2.0) if layer_m else SAME_HEIGHT_M
@@ -124,7 +124,7 @@ class FaultDetector:
         for peer in self._team.members():
             age_s = now_s - peer.time_s
             away_x = peer.position_m[0] + peer.velocity_m_s[0] * age_s - x
-            # Nearly always that says it all.
+            # Nearly always this decides.
             if -near_m < away_x < near_m and abs(peer.altitude_m - height_m) < self._same_height_m:
                 away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * age_s - y)
                 if away_m < near_m:

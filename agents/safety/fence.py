@@ -50,8 +50,8 @@ class Fence:
     def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
         """Return the nearest point of every edge within reach; from outside that of the nearest edge alone.
 
-        From outside the distance is negative: only the way back in counts then. Who flies along an edge towards a
-        corner that sticks in will pass it: the edge behind that corner is not told until then.
+        From outside the distance is negative: only the way back in counts then. A vehicle that flies along an edge
+        towards a corner that sticks in will pass it: the edge behind that corner is left out until then.
         """
         if self.contains(place_m):
             points = self._points(place_m, 1.0)

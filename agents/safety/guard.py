@@ -1,9 +1,9 @@
-"""The guard: the last stage before the wire. It changes a setpoint as little as possible so that nothing is hit.
+"""The guard: the last stage before the setpoint. It changes an aim as little as possible so that nothing is hit.
 
-It knows no tactic and no plan. Its quadratic programme has two unknowns, the lead u of the setpoint before the vehicle:
-minimise |u - u_wished|^2 under the demands of agents/safety/barriers.py, which the plant makes linear in u,
-`a = a0 u - a1 v + w`. What a demand takes from the wish is given back to the right: vehicles that meet head on go
-around each other instead of standing there. What cannot be kept as a whole yields, level by level.
+It knows no tactic and no plan. Its quadratic programme has two unknowns, the lead u of the aim before the vehicle:
+minimise |u - u_planned|^2 under the demands of agents/safety/barriers.py, which the plant makes linear in u,
+`a = a0 u - a1 v + w`. What a demand takes from the planned lead is given back to the right: vehicles that meet head on
+go around each other instead of standing there. What cannot be kept as a whole yields, level by level.
 """
 
 from collections.abc import Sequence
@@ -39,11 +39,11 @@ _ELASTIC_WEIGHT = 100.0
 _EVADE_SHARE = 1.0
 _CHANGED_M = 0.01
 ROWS_MAX = 32
-"""How many demands are weighed against each other where not all can be kept: those that the wish misses by most."""
+"""How many demands are weighed where not all can be kept: those that the planned aim misses by most."""
 
 
 class GuardStatus(Enum):
-    """What the guard did with the wish."""
+    """What the guard did with the planned aim."""
 
     PASSED = "passed"
     CHANGED = "changed"
@@ -69,7 +69,7 @@ class _Row(msgspec.Struct, frozen=True):
 
 
 class Guard:
-    """Guards one vehicle's setpoints; remembers nothing that changes its answers."""
+    """Guards one vehicle's aims; remembers nothing that changes its results."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._safety = config.safety
@@ -89,11 +89,11 @@ class Guard:
             return self._kept(position, lead, reached, rows, missed)
         return Guarded(aim_m) if reached is lead else self._guarded(position, lead, reached, [], None)
 
-    def altitude_m(self, aim_m: float) -> float:
-        """Return the altitude nearest to the wish that is inside the band."""
+    def altitude_m(self, planned_m: float) -> float:
+        """Return the altitude nearest to `planned_m` that is inside the band."""
         low, high = self._safety.altitude_min_m, self._safety.altitude_max_m
-        aim_m = aim_m if high is None else min(aim_m, high)
-        return aim_m if low is None else max(aim_m, low)
+        planned_m = planned_m if high is None else min(planned_m, high)
+        return planned_m if low is None else max(planned_m, low)
 
     def _kept(
         self, position: Vector, lead: Pair, reached: Pair, rows: Sequence[_Row], missed: Sequence[_Row]
@@ -129,11 +129,11 @@ class Guard:
         return Guarded(aim, status, tuple(sorted(causes)), yielded)
 
     def _reached(self, lead: Pair) -> Pair:
-        """Keep the setpoint within the allowed lead of the vehicle: no estimate gone wrong may send it far away."""
+        """Keep the aim within the allowed lead of the vehicle: a wrong estimate must not send it far away."""
         return clipped_pair(lead, self._safety.setpoint_lead_max_m)
 
     def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Pair) -> list[_Row]:
-        """Return what the lead has to be; nothing where this one is all that is demanded, as it mostly is."""
+        """Return what the lead has to be; nothing where this one meets all demands, as it mostly does."""
         safety = self._safety
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
@@ -149,7 +149,7 @@ class Guard:
             within_m = safety.setpoint_lead_max_m + margin_m
             points = self._fence.nearest_points(place, within_m + safety.speed_max_m_s)
             demands += inside(points, velocity, margin_m, rate)
-            # The setpoint itself stays inside as well: a vehicle whose agent falls silent flies there and stops.
+            # The aim itself stays inside as well: a vehicle whose agent falls silent flies there and stops.
             bounds = [
                 _Row(HalfPlane(point.inward, margin_m - point.distance_m), Cause.FENCE)
                 for point in points

@@ -1,4 +1,10 @@
-"""The point nearest to another in a disc and in half-planes: a quadratic programme of two unknowns, solved exactly."""
+"""The point nearest to another in a disc and in half-planes: a quadratic programme of two unknowns, solved exactly.
+
+The guard solves it wherever a demand is missed, and once a level where not all can be kept. OSQP, which the guard uses
+for that last case, would do as well, but takes longer: in one run on random problems of four half-planes 2 us here and
+26 us there (medians; 99 %: 4 and 350), of sixteen 13 us and 77 us. It is also exact, keeps to the disc instead of a
+polygon in it, and gives None only where the demands have no point in common.
+"""
 
 from collections.abc import Iterable, Sequence
 from math import inf, sqrt

@@ -9,16 +9,16 @@ from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
 
-UNTOLD_ACCELERATION_M_S2 = 2.0
-"""How much a vehicle may have changed its mind since it last spoke."""
+UNPUBLISHED_ACCELERATION_M_S2 = 2.0
+"""How much the acceleration of a vehicle may differ from what it published last."""
 GOING_ON_S = 1.0
-"""How long a silent vehicle is believed to go on as it said."""
+"""For how long a silent vehicle is predicted to follow the plan that it published last."""
 A_FEW = 3
 _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 
 
 class Neighbours:
-    """Makes bodies of what the team's members said last."""
+    """Makes bodies of the states that the team's members published last."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._safety = config.safety
@@ -30,11 +30,11 @@ class Neighbours:
         self._damping_per_s = max(axis.a1_per_s for axis in axes)
 
     def near(self, situation: Situation, heard: Sequence[MemberState]) -> Sequence[MemberState]:
-        """Return those that the guard can have to do with: no setpoint within reach comes too close to the others.
+        """Return those that can matter to the guard: no aim within reach comes too close to the others.
 
         Of a team of sixteen these are a few; a few cost less than to choose among them. The bound is
         `barriers.apart` solved for the distance, with everything that can be against the vehicle against it: closing
-        straight on, and the setpoint at its farthest.
+        straight on, and the aim at its farthest.
         """
         if len(heard) <= A_FEW:
             return heard
@@ -57,7 +57,7 @@ class Neighbours:
     def bodies(self, situation: Situation, heard: Iterable[MemberState], lost: Iterable[MemberState]) -> list[Body]:
         """Return the bodies at the moment when the setpoint acts: all heard or lost, but those well above or below.
 
-        One that lands, is lost, or that somebody else flies does not keep away itself.
+        A vehicle that lands, is lost, or is flown by a pilot does not keep away itself.
         """
         members = [(member, member.tactic not in _DOES_NOT_EVADE) for member in heard]
         members += [(member, False) for member in lost]
@@ -74,9 +74,9 @@ class Neighbours:
         ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
         x, x_rate, x_acceleration = self._ahead(0, member, ahead_s)
         y, y_rate, y_acceleration = self._ahead(1, member, ahead_s)
-        moved_m = UNTOLD_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2
+        moved_m = UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2
         if ahead_s == GOING_ON_S:
-            # It hovers by now, or is on its way to the ground; unless only its radio is gone, and it has not noticed.
+            # It hovers by now, or is on its way to the ground; unless only its radio failed, and it has not noticed.
             moved_m += hypot(x_rate, y_rate) * min(max(age_s - GOING_ON_S, 0.0), self._unnoticed_s)
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
@@ -84,7 +84,7 @@ class Neighbours:
         return Body((x, y), (x_rate, y_rate), (x_acceleration, y_acceleration), distance_m, shares)
 
     def _ahead(self, axis: int, member: MemberState, ahead_s: float) -> tuple[float, float, float]:
-        """Return position, velocity and acceleration along one axis, as the plant answers the setpoint it published."""
+        """Return position, velocity and acceleration along one axis, as the plant answers the aim it published."""
         a0, a1 = self._stiffness[axis]
         position, rate = member.position_m[axis], member.velocity_m_s[axis]
         limit = self._acceleration_max_m_s2

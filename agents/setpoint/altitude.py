@@ -35,7 +35,7 @@ class Altitude:
 
     @property
     def target_m(self) -> float | None:
-        """The altitude that the target is believed to have, None where it is unknown or of no interest."""
+        """The estimate of the target's altitude, None where it is unknown or not followed."""
         return None if self._target is None else self._target.mean_m
 
     def sight(self, *sightings: Sighting) -> None:
@@ -55,7 +55,7 @@ class Altitude:
     def _wanted_m(self, tactic: Tactic, layer_m: float) -> float:
         if tactic in _STAYS:
             return self._altitude_m
-        # Until all are in their places vehicles have layers to themselves: nobody leaves them before.
+        # Until all are in their places every vehicle stays in its layer.
         if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m or self.target_m is None:
             return layer_m
         lowest_m = self.target_m + self._offset_m

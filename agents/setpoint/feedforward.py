@@ -4,7 +4,7 @@ By the plant file any pair with the same aim does the same: what the guard allow
 is where the vehicle differs from its file that the choice matters. The velocity sent is the one that the plant reaches
 under the aim, half the time constant of its damping from now: at a steady speed the setpoint then needs no lead, and no
 error of a0 or a1 is seen; while it accelerates, errors of either count by half. It follows the aim that the guard left:
-who is braked is sent less at once. Who stays is sent none, and comes to rest at the setpoint whatever its plant.
+a braked vehicle gets less at once. One that stays gets none, and comes to rest at the setpoint whatever its plant.
 """
 
 from agents.control.plan import Plan

@@ -1,7 +1,7 @@
-"""Where a vehicle's nose points: the yaw of its setpoints, counter-clockwise from the mission's x axis.
+"""The yaw of its setpoints, counter-clockwise from the mission's x axis.
 
-It turns at a bounded rate, the shorter way around, whatever the direction asked for does. Where no direction is asked
-for, or none is known, it stays as it is.
+It turns at a bounded rate, the shorter way around, whatever the wanted direction does. Where no direction is wanted,
+or none is known, it stays as it is.
 """
 
 from math import atan2, hypot, radians
@@ -13,13 +13,13 @@ from estimation.frames import wrap_signed_rad
 from estimation.state import POSITION, VELOCITY, position_sigma_m
 
 STRAYS_M_S, RETURNS_M_S = 0.6, 0.3
-"""A vehicle whose velocity is this far off the formation's flies a way of its own, until it is this near again."""
+"""A vehicle whose velocity is this far off the formation's flies off the line, until it is this near again."""
 SURE_SIGMAS = 2.0
 """The target has a direction where it is farther away than so many standard deviations of its place."""
 
 
 class Yaw:
-    """Turns one vehicle's nose; it remembers where that points."""
+    """Turns one vehicle; it remembers the yaw that was sent last."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._along_path = config.formation.yaw == "path"
@@ -58,7 +58,7 @@ class Yaw:
         return atan2(y_rate, x_rate) if own_way else 0.0
 
     def _target_rad(self, situation: Situation) -> float | None:
-        """Return the direction of where the target is believed to be, None where it is too near to have one."""
+        """Return the direction of the target's estimate, None where that is too near to have one."""
         if situation.target is None or situation.acting_target is None:
             return None
         x, y = (situation.acting_target - situation.acting_motion)[POSITION].tolist()

@@ -1,13 +1,13 @@
-"""At which rate a vehicle goes around: what of its plant is unexplained swings at that rate.
+"""The rate at which a vehicle goes around the target: the disturbance of a wrong plant swings at that rate.
 
-On the ring that is the ring's rate in the end. But a vehicle whose plant file is wrong goes around more slowly until it
-has learned by how much, and learns that late if it looks for something that swings faster than it flies.
+On the ring that is the ring's rate in steady state. But a vehicle whose plant file is wrong goes around more slowly
+until its disturbance is estimated, and an oscillator faster than it flies estimates that late.
 """
 
 _FOLLOWS_S = 20.0
 """Longer than the noise in estimates of the rate lasts, no longer than a ring takes: half a minute to two."""
 _OFF_MOST = 0.2
-"""Of the ring's rate: who is on the way to the ring does not go around yet."""
+"""Of the ring's rate: a vehicle on its way to the ring does not go around yet."""
 
 
 class RingFrequency:

@@ -1,7 +1,7 @@
-"""The centre of the ring: where the target is believed to be, and no jump when it is seen again after a while.
+"""The centre of the ring: the estimate of the target, without a jump when it is seen again after a while.
 
-Out of sight it may have gone anywhere. Once it is seen again the centre sets out from where it was, catches up with
-the target with bounded acceleration and speed, and is then handed over to the estimate over some seconds.
+Out of sight the target may have gone anywhere. Once it is seen again the centre sets out from where it was, catches up
+with the target with bounded acceleration and speed, and is then handed over to the estimate over some seconds.
 """
 
 from math import hypot
@@ -40,7 +40,7 @@ class TargetBlend:
 
     @property
     def catching_up(self) -> bool:
-        """Whether the centre is not where the target is believed to be."""
+        """Whether the centre is not the estimate of the target."""
         return self._centre is not None
 
     def centre(self, estimate: TargetEstimate | None, now_s: float) -> Vector | None:

@@ -1,4 +1,4 @@
-"""What a vehicle knows of its peers: the newest of each kind of message from each, while it is fresh."""
+"""The peers of a vehicle: the newest of each kind of message from each, while it is fresh."""
 
 from collections.abc import Iterable
 from math import hypot
@@ -12,11 +12,11 @@ _MEMBER_AGE_MAX_S = TOPICS[MemberState].age_max_s
 _ANGLE_AGE_MAX_S = TOPICS[NeighbourAngle].age_max_s
 _IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
 _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
-"""Who said this last may fall silent."""
+"""Peers whose last state had one of these tactics may fall silent."""
 
 
 class Team:
-    """The peers of one vehicle, by what they said last; stale means gone."""
+    """The peers of one vehicle, by their last messages; stale means gone."""
 
     def __init__(self) -> None:
         self._members: dict[int, MemberState] = {}
@@ -40,14 +40,14 @@ class Team:
             self._angles[message.sender] = message
 
     def forget(self, vehicle_id: int) -> None:
-        """Drop a peer whose presence has ended: it is lost, at the height that it told last, be that the ground."""
+        """Drop a peer whose presence has ended: it is lost, at the altitude of its last state, be that the ground."""
         member = self._members.pop(vehicle_id, None)
         self._angles.pop(vehicle_id, None)
         if member is not None:
             self._lost[vehicle_id] = member
 
     def expire(self, now_s: float, time_scale: float = 1.0) -> None:
-        """Drop what has become too old to act on, which takes `patience` times as long as on the wall's clock."""
+        """Drop what has become too old to act on, which takes `time_scale` times as long as on the wall's clock."""
         member_s, angle_s = now_s - _MEMBER_AGE_MAX_S * time_scale, now_s - _ANGLE_AGE_MAX_S * time_scale
         for sender in [s for s, m in self._members.items() if m.time_s < member_s]:
             self._lost[sender] = self._members.pop(sender)
@@ -63,19 +63,19 @@ class Team:
         return tuple(self._members.values())
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
-        """Return the last word of every peer that fell silent less than `for_s` ago, in the air or landed."""
+        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed."""
         return tuple(member for member in self._lost.values() if now_s - member.time_s < for_s)
 
     @property
     def gone_s(self) -> dict[int, float]:
-        """When each peer was heard last that fell silent without having said that it lands or stands down."""
+        """When each peer was received last that fell silent without having published that it leaves the team."""
         if not self._lost:
             return {}
         return {sender: last.time_s for sender, last in self._lost.items() if last.tactic not in _LEAVING}
 
     @property
     def count_heard(self) -> int:
-        """How many peers have been heard so far, whether they still are or not."""
+        """From how many peers messages have come so far, silent by now or not."""
         return len(self._heard)
 
     def member(self, vehicle_id: int) -> MemberState:
@@ -104,6 +104,6 @@ class Team:
         return tuple(s for s, m in self._members.items() if hypot(m.position_m[0] - x, m.position_m[1] - y) <= radius_m)
 
     def _engaged(self, sender: int) -> bool:
-        # A vehicle that has left the ring says so before its last bearing goes stale.
+        # A vehicle that has left the ring publishes so before its last bearing goes stale.
         member = self._members.get(sender)
         return member is None or member.tactic == _ON_RING

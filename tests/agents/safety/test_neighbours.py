@@ -14,7 +14,7 @@ from agents.safety.guard import Guard
 from agents.safety.neighbours import (
     A_FEW,
     GOING_ON_S,
-    UNTOLD_ACCELERATION_M_S2,
+    UNPUBLISHED_ACCELERATION_M_S2,
     Neighbours,
 )
 from agents.settings.config import AgentConfig
@@ -91,8 +91,8 @@ def test_the_distance_grows_with_both_uncertainties_and_with_the_age_of_the_mess
 
     assert distance_m(0.0) == 3.0
     assert distance_m(0.0, own_sigma_m=0.3, its_sigma_m=0.4) == pytest.approx(3.0 + 2.0 * 0.5)
-    assert distance_m(0.4) == pytest.approx(3.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
-    assert distance_m(0.4, 0.3, 0.4) == pytest.approx(4.0 + UNTOLD_ACCELERATION_M_S2 / 2.0 * 0.4**2)
+    assert distance_m(0.4) == pytest.approx(3.0 + UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * 0.4**2)
+    assert distance_m(0.4, 0.3, 0.4) == pytest.approx(4.0 + UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * 0.4**2)
     # Neither makes more of it than one separation: who is lost for a minute does not close the sky.
     assert distance_m(30.0, 50.0, 50.0, speed_m_s=2.0) == pytest.approx(9.0)
     # One that is lost may have changed its mind, and may have flown on until it missed the others, which takes 3 s. It
