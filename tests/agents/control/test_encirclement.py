@@ -18,6 +18,7 @@ from agents.control.encirclement import (
     EncirclementPlanner,
     RingTask,
     chord_m,
+    spacing_bearing_rad,
 )
 from agents.control.lmpc import QpStatus
 from agents.control.ring import RingPlace, ring_place, spaced_rate_rad_s
@@ -177,6 +178,25 @@ def test_the_plan_minimises_the_papers_cost(
         assert acceleration == pytest.approx(PaperProblem(config, polar, place, previous).optimum(), abs=3e-3)
         previous = acceleration
     assert plan.status is (status if min(place.lead_rad or pi, place.lag_rad or pi) > 1.0 else QpStatus.BOUNDED)
+
+
+@given(
+    place=st.builds(RingPlace, st.integers(2, 9), st.floats(0.1, tau), st.floats(0.1, tau)),
+    rho=st.floats(0.1, 20.0),
+    zeta=st.floats(0.1, 20.0),
+    angles=st.lists(st.floats(-pi, pi), min_size=2, max_size=5),
+)
+def test_both_spacing_terms_are_one_but_for_what_no_input_changes(
+    place: RingPlace, rho: float, zeta: float, angles: list[float]
+) -> None:
+    assert place.lead_rad is not None
+    assert place.lag_rad is not None
+    merged_rad, phi = spacing_bearing_rad(place, rho, zeta), np.array(angles)
+    assert merged_rad is not None
+    desired = tau / place.members
+    terms = rho * (phi + place.lag_rad - desired) ** 2 + zeta * (place.lead_rad - phi - desired) ** 2
+    rest = terms - (rho + zeta) * (phi - merged_rad) ** 2
+    assert rest == pytest.approx(np.full(len(phi), rest[0]), abs=1e-9 * (1.0 + terms.max()))
 
 
 @given(
