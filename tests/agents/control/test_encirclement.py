@@ -305,7 +305,7 @@ def test_the_speed_limit_is_kept_on_the_way_and_on_the_ring(make_config: Maker) 
 
 
 @pytest.mark.parametrize(("lead", "lag"), [(0.6, 0.8), (0.8, 0.6)])
-def test_the_clearance_to_a_neighbour_is_kept_against_the_wish_to_run_into_it(
+def test_the_clearance_to_a_neighbour_is_kept_against_spacing_terms_that_pull_into_it(
     lead: float, lag: float, make_config: Maker
 ) -> None:
     # Only the farther neighbour's spacing term is there to pull: nothing but the bound keeps off the nearer one.

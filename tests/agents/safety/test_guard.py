@@ -146,7 +146,7 @@ near = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 
 
 @given(aim=near)
-def test_a_wish_that_keeps_everything_passes_as_it_is(aim: Pair, make_config: Maker) -> None:
+def test_an_aim_that_keeps_everything_passes_as_it_is(aim: Pair, make_config: Maker) -> None:
     config = make_config(safety={"fence_m": BOX, "setpoint_lead_max_m": 8.0})
     wanted = np.array(aim)
     guarded = Guard(config).check(situation(), wanted, [body((0.0, 40.0)), body((-40.0, 0.0))])

@@ -1,4 +1,4 @@
-"""The way of a setpoint from tick to tick: bounded for whatever is wished, and not for what keeps vehicles apart."""
+"""The way of an aim from tick to tick: bounded for every plan, and not for what keeps vehicles apart."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -25,7 +25,7 @@ def plan(x: float, y: float) -> Plan:
     return Plan(place_m, place_m - 0.5, np.zeros(2))
 
 
-def test_a_wish_is_come_nearer_to_by_one_bound_a_tick_and_what_peers_are_told_goes_with_it(make_config: Maker) -> None:
+def test_an_aim_moves_by_one_bound_a_tick_and_the_undisturbed_one_with_it(make_config: Maker) -> None:
     increment = SlewLimit(make_config(safety={"setpoint_speed_max_m_s": FAST_M_S}))
     assert increment.bounded(Tactic.ENCIRCLE, plan(1.0, 2.0)).aim_m.tolist() == [1.0, 2.0]
     increment.sent(np.array([1.0, 2.0]))
