@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from gcs.cli.app import app, main
-from gcs.flight.supervision import LIFELINE
+from gcs.cli import app, main
+from gcs.flight.supervision import HEARTBEAT_VARIABLE
 from tests.support.paths import MISSIONS, ROOT
 
 # It warns that these tests run main() itself, as the console script does.
@@ -81,7 +81,7 @@ def refused(
         monkeypatch.setattr(sys, "argv", ["cordon", *arguments])
         monkeypatch.chdir(tmp_path)
         supervisor, flying = socket.socketpair()
-        monkeypatch.setenv(LIFELINE, str(os.dup(flying.fileno())))
+        monkeypatch.setenv(HEARTBEAT_VARIABLE, str(os.dup(flying.fileno())))
         with supervisor, flying, pytest.raises(SystemExit) as ended:
             main()
         out, err = capsys.readouterr()
