@@ -5,6 +5,7 @@ It may import every folder of gcs; nothing imports it.
 
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
 from cyclopts import App, CycloptsError
 
@@ -30,6 +31,7 @@ app = App(
     name="cordon",
     help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
     help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
+    version=lambda: version("cordon-gcs"),
 )
 for _verb in VERBS:
     app.command(f"gcs.cli.{_verb}:{_verb}", name=_verb)

@@ -20,7 +20,11 @@ class DrillOptions:
     mission: MissionName = field(kw_only=False)
     fault: Annotated[
         tuple[str, ...],
-        Parameter(negative="", help="Only this fault, such as killed-agent or foreign-mode; may be repeated."),
+        Parameter(
+            negative="",
+            show_default=False,
+            help="Only this fault, such as killed-agent or foreign-mode; may be repeated.",
+        ),
     ] = ()
     log: Annotated[
         Path | None, Parameter(group=RESULT, help="Record the flights in this folder, one log for each flight.")

@@ -30,7 +30,9 @@ class IdentifyOptions:
     vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, where logs hold several vehicles.")] = None
     against: Annotated[
         tuple[str, ...],
-        Parameter(negative="", help="Also show the fit of this plant, bundled or a file; may be repeated."),
+        Parameter(
+            negative="", show_default=False, help="Also show the fit of this plant, bundled or a file; may be repeated."
+        ),
     ] = ()
     json: Json = False
     html: Annotated[Path | None, Parameter(group=RESULT, help="Write the figures as an HTML page.")] = None

@@ -32,6 +32,7 @@ class ReplayOptions:
         Parameter(
             name="--set",
             negative="",
+            show_default=False,
             help="Replay the filters alone, with another value: own_filter.KEY=VALUE or target_filter.KEY=VALUE, as in "
             "a mission file; may be repeated.",
         ),

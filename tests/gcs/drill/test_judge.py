@@ -132,7 +132,9 @@ def test_who_stood_down_is_sent_nothing(log: TeamLog) -> None:
 
 
 def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
-    two = Expectation((3,), (1, 2), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="pilot override", separation_m=3.0)
+    two = Expectation(
+        (3,), (1, 2), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="pilot override", separation_m=3.0
+    )
     log.note_mode(101.0, 3, "land")
     log.note_status(102.0, 3, "pilot override", "pilot took over")
     assert not respaced(two, log)
