@@ -1,7 +1,7 @@
 """The dead-man: a flying process that is killed, stopped or hangs is out of offboard in time; who is orphaned lands.
 
 The vehicles are stubs of this process, on a clock that runs fast until the fault and at the wall's pace from then on.
-The controls fly the same process unsupervised: the test holds the other end of its lifeline, and watches nothing.
+The controls fly the same process unsupervised: the test holds the other end of the socket pair, and watches nothing.
 """
 
 import asyncio
@@ -152,7 +152,7 @@ async def _end(flight: Flight) -> None:
 
 @asynccontextmanager
 async def _careless() -> AsyncIterator[int]:
-    """Be a supervisor that is there and does nothing: yields the flying process's end of its lifeline."""
+    """Be a supervisor that is there and does nothing: yields the flying process's end of the socket pair."""
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
 

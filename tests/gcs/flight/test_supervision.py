@@ -1,4 +1,4 @@
-"""When a control loop counts as dead: what a supervisor concludes from signs and polls, without processes."""
+"""When a control loop counts as dead: what a supervisor concludes from heartbeats and polls, without processes."""
 
 import os
 import socket
@@ -26,7 +26,7 @@ def tick(vehicle_id: int, due_s: float = PERIOD_S) -> bytes:
 
 
 def polls_to_death(monitor: LoopMonitor, limit: int = 1000) -> int:
-    """Return how many polls without a sign it takes."""
+    """Return how many polls without a heartbeat it takes."""
     return next(count for count in range(1, limit) if monitor.poll())
 
 
@@ -70,7 +70,7 @@ def test_who_has_not_ticked_yet_or_has_ended_is_not_watched() -> None:
     assert monitor.flying == (1,), "it takes off: in no offboard, but in the air"
 
 
-def test_nobody_has_flown_before_the_first_sign() -> None:
+def test_nobody_has_flown_before_the_first_heartbeat() -> None:
     monitor = LoopMonitor()
     monitor.receive(b"")
     assert not monitor.has_flown
@@ -79,14 +79,14 @@ def test_nobody_has_flown_before_the_first_sign() -> None:
     assert not monitor.flying
 
 
-def test_signs_may_arrive_in_pieces() -> None:
+def test_heartbeats_may_arrive_in_pieces() -> None:
     monitor = LoopMonitor()
     for byte in tick(1) + tick(254) + encode_beat(Beat.ENDED, 1):
         monitor.receive(bytes([byte]))
     assert monitor.flying == (254,)
 
 
-def test_what_is_no_sign_is_an_error() -> None:
+def test_what_is_no_heartbeat_is_an_error() -> None:
     with pytest.raises(ValueError, match="99"):
         LoopMonitor().receive(bytes([99, 1, 0, 0]))
 
@@ -103,33 +103,33 @@ def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
         yield ours, theirs
 
 
-def test_signs_reach_the_supervisor(pair: tuple[socket.socket, socket.socket]) -> None:
+def test_heartbeats_reach_the_supervisor(pair: tuple[socket.socket, socket.socket]) -> None:
     ours, theirs = pair
-    signs = SupervisorHeartbeat(theirs, lambda: None).heartbeat(7)
+    heartbeat = SupervisorHeartbeat(theirs, lambda: None).heartbeat(7)
     monitor = LoopMonitor()
-    signs.rising()
+    heartbeat.rising()
     monitor.receive(ours.recv(64))
     assert monitor.flying == (7,)
-    signs.tick(PERIOD_S)
+    heartbeat.tick(PERIOD_S)
     monitor.receive(ours.recv(64))
     assert polls_to_death(monitor) == 7
-    signs.ended()
+    heartbeat.ended()
     monitor.receive(ours.recv(64))
     assert not monitor.flying
 
 
 def test_a_fast_loop_tells_of_a_few_ticks_only(pair: tuple[socket.socket, socket.socket]) -> None:
     ours, theirs = pair
-    signs = SupervisorHeartbeat(theirs, lambda: None).heartbeat(1)
+    heartbeat = SupervisorHeartbeat(theirs, lambda: None).heartbeat(1)
     for _ in range(100_000):
-        signs.tick(0.002)
+        heartbeat.tick(0.002)
     assert len(ours.recv(1 << 20)) <= len(tick(1)) * (5.0 / TICK_PERIOD_MIN_S)
 
 
 def test_a_supervisor_that_does_not_read_blocks_nothing(pair: tuple[socket.socket, socket.socket]) -> None:
-    signs = SupervisorHeartbeat(pair[1], lambda: None).heartbeat(1)
+    heartbeat = SupervisorHeartbeat(pair[1], lambda: None).heartbeat(1)
     for _ in range(100_000):
-        signs.rising()
+        heartbeat.rising()
 
 
 def test_a_wish_is_one_call_each_and_a_lost_supervisor_is_one_wish(pair: tuple[socket.socket, socket.socket]) -> None:
@@ -184,7 +184,7 @@ def test_a_flight_that_is_over_wants_nothing_more(pair: tuple[socket.socket, soc
     assert calls == []
 
 
-def test_the_lifeline_is_inherited_once(
+def test_the_link_to_the_supervisor_is_inherited_once(
     pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(HEARTBEAT_VARIABLE, str(os.dup(pair[1].fileno())))
