@@ -36,7 +36,7 @@ class Flight:
     outcomes: dict[int, Outcome]
     record: FlightRecord | None
     speed: float
-    speed_kept: float
+    speed_reached: float
 
 
 async def fly(

@@ -47,7 +47,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
         verdict = judge(flight.record)
         _warn_of_lateness(flight, flight.record)
     report_log(writer)
-    return _exit_code(flight.outcomes, verdict)
+    return exit_code(flight.outcomes, verdict)
 
 
 def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
@@ -72,7 +72,7 @@ def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
         STDERR.print(findings_view(mission.mission.name, findings, passes=False))
 
 
-def _exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
+def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
     """Report each vehicle whose flight was not completed, and return the command's exit code."""
     failed = {i: outcome for i, outcome in outcomes.items() if outcome.ending is not Ending.COMPLETED}
     for vehicle_id, outcome in failed.items():
@@ -83,8 +83,8 @@ def _exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
 
 
 def _warn_of_lateness(flight: Flight, record: FlightRecord) -> None:
-    if flight.speed_kept < _SPEED_REACHED_SHARE * flight.speed:
-        print_line(f"this computer reached speed {flight.speed_kept:.1f}, not {flight.speed:g}", "yellow")
+    if flight.speed_reached < _SPEED_REACHED_SHARE * flight.speed:
+        print_line(f"this computer reached speed {flight.speed_reached:.1f}, not {flight.speed:g}", "yellow")
     missed, ticks = record.loop.missed, record.loop.ticks
     if missed > _MISSED_SHARE * ticks:
         late = f"{missed} of {missed + ticks} ticks were late: use a --speed below {flight.speed:g}"
