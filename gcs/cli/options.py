@@ -21,10 +21,6 @@ MissionName = Annotated[
     ),
 ]
 RunningMission = Annotated[str, Parameter(help="The mission that the team flies: it holds the team's addresses.")]
-Seed = Annotated[
-    int | None,
-    Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
-]
 Duration = Annotated[
     float | None,
     Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0, lte=86400)),
@@ -52,7 +48,6 @@ Recorded = Annotated[
         help="Whether the flight is recorded. By default it is, in ~/.local/share/cordon/logs.",
     ),
 ]
-Page = Annotated[Path | None, Parameter(group=RESULT, help="Write the report as an HTML page.")]
 
 
 def loaded_mission(name: str) -> "Mission":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json, Page, Plot
+from gcs.cli.options import RESULT, Json, Plot
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class ReportOptions:
     """What `cordon report` is given beside the logs."""
 
-    html: Page = None
+    html: Annotated[Path | None, Parameter(group=RESULT, help="Write the report as an HTML page.")] = None
     compare: Annotated[
         Path | None, Parameter(group=RESULT, help="Show the flight of this log beside the other, and the differences.")
     ] = None

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from gcs.cli.options import (
     RESULT,
@@ -12,7 +13,6 @@ from gcs.cli.options import (
     Log,
     MissionName,
     Plot,
-    Seed,
     loaded_mission,
 )
 from gcs.errors import Exit
@@ -25,7 +25,10 @@ class SimOptions:
     """What `cordon sim` is given."""
 
     mission: MissionName = field(kw_only=False)
-    seed: Seed = None
+    seed: Annotated[
+        int | None,
+        Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
+    ] = None
     duration: Duration = None
     log: Log = None
     json: Json = False
