@@ -1,5 +1,5 @@
 """`python -m gcs` is `cordon`."""
 
-from gcs.cli.app import main
+from gcs.cli import main
 
 main()

@@ -1,4 +1,4 @@
-"""The exit codes that users and scripts rely on, and the error that bad input ends in."""
+"""The exit codes that users and scripts rely on, and the error for bad input."""
 
 from collections.abc import Sequence
 from enum import IntEnum
@@ -20,7 +20,7 @@ class Exit(IntEnum):
 
 
 class InputError(Exception):
-    """What the user asked for cannot be done as asked; `faults` holds one line for each thing that is wrong."""
+    """The user's input is invalid; `faults` holds one line for each fault."""
 
     def __init__(self, faults: Sequence[str]) -> None:
         self.faults = tuple(" ".join(fault.splitlines()) for fault in faults)

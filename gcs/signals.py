@@ -1,7 +1,7 @@
-"""Ctrl-C, held back until the program asks for it.
+"""Ctrl-C, blocked until the program polls for it.
 
-OSQP swallows an interrupt that comes during a solve, and filterpy takes one for a singular matrix: in the control loop
-neither may ever see it. Held back before anything starts a thread, it stays pending until it is looked for.
+OSQP swallows an interrupt during a solve, and filterpy takes one for a singular matrix: neither may receive it in the
+control loop. Blocked before the first thread starts, a signal stays pending until the program polls for it.
 """
 
 import signal
@@ -13,22 +13,22 @@ ENDING = frozenset({signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
 
 
 def hold_back() -> None:
-    """Keep the signals that end a program pending, in this thread and in all that it will start."""
+    """Block the signals that end a program, in this thread and in all threads that it starts from now on."""
     signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
 
 
 def pending() -> bool:
-    """Return whether one has come."""
+    """Return whether one is pending."""
     return bool(ENDING & signal.sigpending())
 
 
 def relay(ask: Callable[[], object]) -> None:
-    """Call `ask` for each one that comes or has come, on a thread of its own, until the process ends."""
+    """Call `ask` for each pending and each future signal, on a thread of its own, until the process ends."""
 
     def wait() -> None:
         while True:
             signal.sigwait(ENDING)
-            with suppress(RuntimeError):  # the loop that was to be asked has ended: so has what it did
+            with suppress(RuntimeError):  # the event loop is closed: there is nothing left to stop
                 ask()
 
     threading.Thread(target=wait, name="signals", daemon=True).start()

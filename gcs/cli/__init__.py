@@ -1,4 +1,59 @@
-"""The command line: what a user types, parsed and handed over, and what is printed.
+"""The command line: one file for each verb, its options, and what is printed.
 
 It may import every folder of gcs; nothing imports it.
 """
+
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from cyclopts import App, CycloptsError
+
+from gcs.errors import Exit, InputError
+
+VERBS = (
+    "check",
+    "command",
+    "drill",
+    "excite",
+    "fly",
+    "identify",
+    "log",
+    "replay",
+    "report",
+    "sim",
+    "sitl",
+    "target",
+    "watch",
+)
+
+app = App(
+    name="cordon",
+    help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
+    help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
+    version=lambda: version("cordon-gcs"),
+)
+for _verb in VERBS:
+    app.command(f"gcs.cli.{_verb}:{_verb}", name=_verb)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    _load_summaries(sys.argv[1:])
+    try:
+        command, bound, _ = app.parse_args(exit_on_error=False)
+    except CycloptsError:
+        sys.exit(Exit.BAD_INPUT)
+    try:
+        sys.exit(command(*bound.args, **bound.kwargs))
+    except InputError as error:
+        print(*error.faults, sep="\n", file=sys.stderr)
+        sys.exit(Exit.BAD_INPUT)
+    except KeyboardInterrupt:  # a flight handles Ctrl-C itself: here nothing has moved yet
+        sys.exit(Exit.REFUSED)
+
+
+def _load_summaries(tokens: Sequence[str]) -> None:
+    """Import all verbs where their list is about to be shown: it holds the first line of each docstring."""
+    if not tokens or tokens[0] not in VERBS:
+        app.resolved_commands()

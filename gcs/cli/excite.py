@@ -1,160 +1,99 @@
-"""`cordon excite`: what the flight will take, the flight, and what it took."""
+"""`cordon excite`: a flight for identification."""
 
-import json as json_text
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from functools import partial
-from pathlib import Path
+from dataclasses import asdict, dataclass, field
+from json import dumps
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from msgspec import structs
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
+from cyclopts import Parameter
 
-from agents.control.excitation import (
-    Part,
-    Preview,
-    preview,
-    programme,
+from gcs.cli.options import (
+    RESULT,
+    Json,
+    Log,
+    MissionName,
+    Recorded,
+    Speed,
+    chosen_vehicle,
+    loaded_mission,
 )
-from agents.tactics import Tactic
-from estimation.state import Vector
-from gcs.cli.commands import chosen, fly_loaded
-from gcs.cli.output import STDERR, print_result
 from gcs.errors import Exit
-from gcs.metrics.metrics import heard
-from gcs.metrics.record import FlightRecord
-from gcs.mission.excitation import box_m
-from gcs.mission.file import excitation_mission, load_mission
-from gcs.mission.mission import Mission
+from gcs.signals import hold_back
 
-_FLOWN_SHARE = 0.95
-"""Of its time: a part that was excited for less was held, or never begun."""
+if TYPE_CHECKING:
+    from agents.control.excitation import Preview
+    from gcs.metrics.record import FlightRecord
+    from gcs.mission.mission import Mission
 
 
-def excite_vehicle(
-    name: str,
-    vehicle_id: int | None,
-    *,
-    sitl: bool,
-    speed: float | None,
-    preview_only: bool,
-    log: Path | None,
-    recorded: bool,
-    json: bool,
-) -> Exit:
-    """`cordon excite`; raises InputError."""
-    whole = load_mission(name)
-    vehicle = whole.vehicles[0] if vehicle_id is None else chosen(whole, vehicle_id, "--vehicle")
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExciteOptions:
+    """What `cordon excite` is given."""
+
+    mission: MissionName = field(kw_only=False)
+    vehicle: Annotated[int | None, Parameter(help="The vehicle to fly, in place of the mission's first.")] = None
+    sitl: Annotated[bool, Parameter(negative="", help="Start a stub vehicle too: no hardware is needed.")] = False
+    speed: Speed = None
+    preview: Annotated[
+        bool,
+        Parameter(negative="", group=RESULT, help="Show the space, time and speed that it will take; fly nothing."),
+    ] = False
+    log: Log = None
+    recorded: Recorded = True
+    json: Json = False
+
+
+def excite(options: ExciteOptions) -> int:
+    """Fly one vehicle for identification: steps and swept sines inside a box, as `[excitation]` says.
+
+    Guard, failsafes, preflight and Ctrl-C are those of `cordon fly`. `cordon identify` reads the log.
+
+    Example: cordon excite case2 --vehicle 1 --preview
+    """
+    hold_back()
+    from gcs.flight.supervisor import is_supervised, supervise
+
+    return _excite(options) if options.preview or is_supervised() else supervise()
+
+
+def _excite(options: ExciteOptions) -> Exit:
+    from agents.control.excitation import preview
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import STDERR
+    from gcs.flight.excitation import preview_dict, preview_view
+    from gcs.flight.plan import FlightPlan
+    from gcs.flight.recording import RecordingOptions
+    from gcs.flight.run import run_flight
+    from gcs.mission.file import excitation_mission
+
+    whole = loaded_mission(options.mission)
+    vehicle = whole.vehicles[0] if options.vehicle is None else chosen_vehicle(whole, options.vehicle, "--vehicle")
     mission = excitation_mission(whole, vehicle.id)
     planned = preview(mission.agent_config(mission.vehicles[0]))
     STDERR.print(preview_view(mission, planned))
-    if preview_only:
-        if json:
-            print_result(json_text.dumps(_json(mission, planned)))
+    if options.preview:
+        if options.json:
+            print_result(dumps(preview_dict(mission, planned)))
         return Exit.HOLDS
-    shown = partial(_show, mission, planned, json=json)
-    return fly_loaded(
-        mission, mission.mission.duration_s, shown, sitl=sitl, speed=speed, only=None, log=log, recorded=recorded
-    )
+    speed = options.speed or (1.0 if options.sitl else None)
+    plan = FlightPlan(mission, mission.mission.duration_s, mission.vehicles, options.sitl, speed)
+
+    def judge(record: "FlightRecord") -> Exit:
+        return _present(mission, planned, record, json=options.json)
+
+    return run_flight(plan, RecordingOptions(options.log, options.recorded), judge)
 
 
-def preview_view(mission: Mission, planned: Preview) -> RenderableType:
-    """Return what a flight for identification will take, for people."""
-    vehicle, settings = mission.vehicles[0], mission.excitation
-    (x_low, y_low), _, (x_high, y_high), _ = box_m(settings, vehicle.section.start_m)
-    start_x, start_y = vehicle.section.start_m
-    limits = f"at most {settings.speed_max_m_s:g} m/s, also where the plant file is {settings.plant_doubt:.0%} off"
-    rows = {
-        "vehicle": f"{vehicle.id}, plant file '{vehicle.section.plant}', which starts at ({start_x:g}, {start_y:g}) m",
-        "box": f"x from {x_low:g} to {x_high:g} m, y from {y_low:g} to {y_high:g} m, "
-        f"{vehicle.section.altitude_m:g} m high; the guard's fence is around it and the way there",
-        "time": f"{planned.duration_s:.0f} s, take-off and landing not counted",
-        "speed": f"{planned.speed_m_s:.2f} m/s foreseen, {limits}",
-        "acceleration": f"{planned.acceleration_m_s2:.2f} m/s² foreseen",
-        "reach": f"{planned.reach_m:.2f} m from the middle of the box foreseen; {settings.half_width_m:g} m allowed",
-        "distance": f"{planned.distance_m:.0f} m foreseen",
-    }
-    table = Table.grid(padding=(0, 2))
-    for name, words in rows.items():
-        table.add_row(Text(name), Text(words, style="dim"))
-    parts = Table.grid(padding=(0, 2))
-    for part in programme(mission.agent_config(vehicle)).parts:
-        times, amplitude = f"{part.begin_s:.0f} to {part.end_s:.0f} s", f"up to {part.amplitude_m:.2f} m"
-        parts.add_row(Text(part.name), Text(times, style="dim"), Text(amplitude, style="dim"))
-    return Group(Text(f"{mission.mission.name}: flight for identification", style="bold"), table, Text(), parts)
+def _present(mission: "Mission", planned: "Preview", record: "FlightRecord", *, json: bool) -> Exit:
+    """Show the flight beside its preview; the verdict fails when a part is missing."""
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import STDERR, print_line
+    from gcs.flight.excitation import flown_excitation, flown_view, preview_dict
 
-
-@dataclass(frozen=True, slots=True)
-class FlownExcitation:
-    """What a flight for identification was, while it excited the vehicle: its figures, and the parts it lacks."""
-
-    duration_s: float
-    speed_m_s: float
-    reach_m: float
-    distance_m: float
-    parts_missing: tuple[str, ...]
-    guard_interventions: int | None
-
-
-def _show(mission: Mission, planned: Preview, record: FlightRecord, *, json: bool) -> Exit:
-    """Show what the flight was beside what was foreseen; without all its parts it does not hold."""
     flown = flown_excitation(mission, record)
-    table = Table.grid(padding=(0, 2))
-    for name, unit, value, foreseen in (
-        ("speed", "m/s", flown.speed_m_s, planned.speed_m_s),
-        ("reach", "m", flown.reach_m, planned.reach_m),
-        ("distance", "m", flown.distance_m, planned.distance_m),
-    ):
-        table.add_row(Text(name), Text(f"{value:.2f} {unit}"), Text(f"{foreseen:.2f} {unit} foreseen", style="dim"))
-    table.add_row(Text("guard"), Text(f"{flown.guard_interventions} setpoints changed"))
-    STDERR.print(table)
+    STDERR.print(flown_view(planned, flown))
     if flown.parts_missing:
-        told = f"not flown, or not as a whole: {', '.join(flown.parts_missing)}"
-        STDERR.print(told, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        print_line(f"not flown, or not to the end: {', '.join(flown.parts_missing)}", "yellow")
     if json:
-        print_result(json_text.dumps({**_json(mission, planned), "flown": asdict(flown)}))
+        print_result(dumps({**preview_dict(mission, planned), "flown": asdict(flown)}))
     return Exit.VERDICT_FAILED if flown.parts_missing else Exit.HOLDS
-
-
-def flown_excitation(mission: Mission, record: FlightRecord) -> FlownExcitation:
-    """Return what a flight for identification was, as far as the vehicle was heard: a truth may pause for a moment."""
-    track, settings = record.vehicles[0], mission.excitation
-    excited = (track.tactic == Tactic.EXCITE.value) & heard(record)[0]
-    start_x, start_y = mission.vehicles[0].section.start_m
-    parts = programme(mission.agent_config(mission.vehicles[0])).parts
-    in_box = excited & (record.time_s >= parts[0].begin_s)
-    away_m = track.position_m[in_box] - (start_x + settings.offset_m[0], start_y + settings.offset_m[1])
-    steps_m = np.diff(track.position_m[excited], axis=0)
-    rate_hz = mission.mission.rate_hz
-
-    def lacks(part: Part) -> bool:
-        during = (record.time_s >= part.begin_s) & (record.time_s < part.end_s)
-        return bool(np.count_nonzero(excited & during) < _FLOWN_SHARE * (part.end_s - part.begin_s) * rate_hz)
-
-    return FlownExcitation(
-        duration_s=np.count_nonzero(excited) / rate_hz,
-        speed_m_s=_largest(np.hypot(*track.velocity_m_s[excited].T)),
-        reach_m=_largest(np.abs(away_m)),
-        distance_m=float(np.hypot(*steps_m.T).sum()),
-        parts_missing=tuple(part.name for part in parts if lacks(part)),
-        guard_interventions=None if record.guard is None else record.guard.interventions,
-    )
-
-
-def _largest(values: Vector) -> float:
-    return float(values.max()) if values.size else 0.0
-
-
-def _json(mission: Mission, planned: Preview) -> Mapping[str, object]:
-    vehicle = mission.vehicles[0]
-    return {
-        "mission": mission.mission.name,
-        "vehicle": vehicle.id,
-        "plant": vehicle.section.plant,
-        "box_m": box_m(mission.excitation, vehicle.section.start_m),
-        "altitude_m": vehicle.section.altitude_m,
-        "speed_max_m_s": mission.excitation.speed_max_m_s,
-        "preview": structs.asdict(planned),
-    }

@@ -1,10 +1,15 @@
-"""What several commands of the command line take, each said once."""
+"""Options that several verbs share, and how their values are looked up. Light: `--help` imports this file."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
+
+from gcs.errors import InputError
+
+if TYPE_CHECKING:
+    from gcs.mission.mission import Mission, MissionVehicle
 
 RESULT = Group("Result")
 
@@ -15,18 +20,14 @@ MissionName = Annotated[
         "a TOML file."
     ),
 ]
-RunningMission = Annotated[str, Parameter(help="The mission that is being flown: it says where the team is.")]
-Seed = Annotated[
-    int | None,
-    Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
-]
+RunningMission = Annotated[str, Parameter(help="The mission that the team flies: it holds the team's addresses.")]
 Duration = Annotated[
     float | None,
     Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0, lte=86400)),
 ]
 Speed = Annotated[
     float | None,
-    Parameter(help="How many times faster than the wall simulated time passes.", validator=Number(gte=0.1, lte=50)),
+    Parameter(help="Speed of simulated time, as a multiple of the wall clock's.", validator=Number(gte=0.1, lte=50)),
 ]
 Json = Annotated[bool, Parameter(name="--json", negative="", group=RESULT, help="Print the result as one JSON object.")]
 Plot = Annotated[
@@ -37,11 +38,29 @@ Log = Annotated[
     Path | None,
     Parameter(group=RESULT, help="Record the flight in this file (MCAP), which must not exist yet."),
 ]
-LogFile = Annotated[Path, Parameter(help="A log that cordon recorded (MCAP).")]
-Timing = Annotated[
-    bool | None,
+Recorded = Annotated[
+    bool,
     Parameter(
+        name="--recorded",
+        negative="--no-log",
+        show_default=False,
         group=RESULT,
-        help="Whether the JSON holds wall times. It does unless a seed is given: one seed, one result, byte for byte.",
+        help="Whether the flight is recorded. By default it is, in ~/.local/share/cordon/logs.",
     ),
 ]
+
+
+def loaded_mission(name: str) -> "Mission":
+    """Return the mission that a verb was given, bundled or a file; raises InputError with every fault."""
+    from gcs.mission.file import load_mission
+
+    return load_mission(name)
+
+
+def chosen_vehicle(mission: "Mission", vehicle_id: int, option: str) -> "MissionVehicle":
+    """Return one of a mission's vehicles; raises InputError that names the option."""
+    try:
+        return mission.vehicle(vehicle_id)
+    except KeyError as error:
+        ids = ", ".join(map(str, mission.ids))
+        raise InputError([f"{option}: the mission has no vehicle {vehicle_id} (it has {ids})"]) from error

@@ -1,41 +1,30 @@
-"""What a command leaves behind: JSON on standard output, people's text on standard error, and the figure."""
+"""What a command writes: JSON on standard output; progress, figures and questions for people elsewhere."""
 
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TextIO
+from typing import Self
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from gcs.console.live import summary
+from gcs.console.terminal import STDERR, discard, print_line
 from gcs.errors import Exit, InputError
-from gcs.metrics.metrics import evaluate
+from gcs.flight.run import show_result, verdict_of
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
+from gcs.metrics.references import formation_reference, ring_reference
 from gcs.mission.mission import Mission
 from gcs.report.figure import METADATA, save_figure
 
-
-class _Console(Console):
-    """A console whose reader may go away: a flight goes on without anybody who looks at it."""
-
-    def on_broken_pipe(self) -> None:
-        """Write to nowhere from now on, and end nothing."""
-        self.quiet = True
-        _to_nowhere(sys.stderr)
-
-
-STDERR = _Console(stderr=True)
 _PROGRESS_STEP_S = 1.0
 _PROGRESS_STEP_SHARE = 0.01
 _PROGRESS_STEP_TICKS = 100
 
 
 class _ProgressBar:
-    """A progress bar on a terminal, silence elsewhere; it moves by steps of `step`, to spare who reports to it."""
+    """A progress bar on a terminal, silent elsewhere; it is redrawn in steps of `step`, which keeps updates cheap."""
 
     def __init__(self, label: str, words: str, total: float, step: float) -> None:
         self._bar = Progress(
@@ -98,51 +87,58 @@ class IdentifyProgress(_ProgressBar):
 
 def check_plot(path: Path | None) -> None:
     """Refuse, before anything flies, a figure that could not be written; raises InputError."""
-    if path is None:
-        return
-    if path.suffix.lower() not in METADATA:
-        raise InputError([f"--plot: {path.name!r} must end in {', '.join(METADATA)}"])
+    if path is not None:
+        check_file("--plot", path, tuple(METADATA))
+
+
+def check_page(path: Path | None) -> None:
+    """Refuse, before anything is read, a page that could not be written; raises InputError."""
+    if path is not None:
+        check_file("--html", path, (".html", ".htm"))
+
+
+def check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse an output file that could not be written, or has another suffix; raises InputError."""
+    if path.suffix.lower() not in suffixes:
+        raise InputError([f"{option}: {path.name!r} must end in {', '.join(suffixes)}"])
     if path.is_dir():
-        raise InputError([f"--plot: {str(path)!r} is a folder"])
+        raise InputError([f"{option}: {str(path)!r} is a folder"])
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError([f"--plot: no folder {str(path.parent)!r} to write into"])
+        raise InputError([f"{option}: no folder {str(path.parent)!r} to write into"])
+
+
+@contextmanager
+def writing(option: str, path: Path) -> Iterator[None]:
+    """Write an output file inside this context: what fails is bad input, and names the option."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError([f"{option}: {path}: {error.strerror or error}"]) from error
 
 
 def confirmed(question: str) -> bool:
     """Ask on the terminal, and return whether the answer is yes; raises InputError where there is no terminal."""
     if not (sys.stdin.isatty() and STDERR.is_terminal):
-        raise InputError(["--yes: there is no terminal to ask for confirmation on; say --yes to go ahead without"])
+        raise InputError(["--yes: there is no terminal to ask for confirmation on; give --yes to confirm"])
     STDERR.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def print_result(text: str) -> None:
-    """Print to standard output; a reader that has read enough (`| head`) and is gone changes nothing."""
+    """Print to standard output; a reader that has closed it (`| head`) changes nothing."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
-        _to_nowhere(sys.stdout)
-
-
-def _to_nowhere(stream: TextIO) -> None:
-    """Let a stream that nobody reads end quietly: it is flushed once more when the program ends."""
-    with suppress(OSError, ValueError):  # it may be no file
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
+        discard(sys.stdout)
 
 
 def present(mission: Mission, record: FlightRecord, *, json: bool, plot: Path | None, timed: bool = True) -> Exit:
-    """Evaluate a flight, show it, and return how it went."""
-    ring, formation = ring_reference(mission), formation_reference(mission)
-    result = evaluate(record, ring, formation, verdict_tolerances(mission))
-    STDERR.print(summary(result))
+    """Evaluate a flight, show it, and return its verdict."""
+    result = show_result(mission, record)
     if plot is not None:
-        try:
-            save_figure(record, result, ring, plot, formation)
-        except OSError as error:
-            raise InputError([f"--plot: {plot}: {error.strerror or error}"]) from error
-        STDERR.print(f"figure: {plot}", markup=False, highlight=False, soft_wrap=True)
+        with writing("--plot", plot):
+            save_figure(record, result, ring_reference(mission), plot, formation_reference(mission))
+        print_line(f"figure: {plot}")
     if json:
         print_result((result if timed else result.untimed()).to_json())
-    return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED
+    return verdict_of(result)

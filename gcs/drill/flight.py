@@ -1,4 +1,4 @@
-"""A team in flight for a drill: its flying process, what is heard of it, and what is seen of its vehicles."""
+"""A team in flight for a drill: its flying process, its messages, and its vehicles' states."""
 
 import asyncio
 import os
@@ -18,7 +18,7 @@ from agents.shell.zenoh_bus import ZenohBus
 from agents.team.messages import MemberState, NeighbourAngle, decode
 from estimation.frames import Triple
 from gcs.console.operator import Operator
-from gcs.drill.injected_faults import Ailments
+from gcs.drill.injected_faults import InjectedFaults
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
 from gcs.mission.file import parse_mission
@@ -31,28 +31,28 @@ _RESUME_TIMEOUT_S = 6.0
 _FLIGHT_S = 3600.0
 
 
-class Victim:
-    """The flying process, as it makes itself known: its id, 0 until then, and what it can be told."""
+class ProcessUnderTest:
+    """The flying process: its id, 0 until it has connected, and the connection that faults are sent through."""
 
     def __init__(self) -> None:
         self.pid = 0
-        self._teller: asyncio.StreamWriter | None = None
+        self._writer: asyncio.StreamWriter | None = None
 
     async def meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Take its connection, as a server does."""
+        """Take its connection, as a server's callback."""
         self.pid = int(await reader.readline())
-        self._teller = writer
+        self._writer = writer
 
-    def ail(self, ailments: Ailments) -> None:
-        """Tell it what is wrong with it from now on."""
-        if self._teller is not None:
-            self._teller.write(msgspec.json.encode(ailments) + b"\n")
+    def inject(self, faults: InjectedFaults) -> None:
+        """Set its faults from now on."""
+        if self._writer is not None:
+            self._writer.write(msgspec.json.encode(faults) + b"\n")
 
 
 class DrillFlight:
-    """One flight, to be used as a context manager: everything of it ends with it.
+    """One flight, to be used as a context manager: processes and vehicles end with it.
 
-    What its vehicles are, a subclass says: it serves them, looks at them, and takes back what was done to them.
+    A subclass defines the vehicles: it serves them, observes them, and clears the faults injected into them.
     """
 
     def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
@@ -63,10 +63,10 @@ class DrillFlight:
         self.positions_m: dict[int, Triple] = {}
         self._text = text
         self._logs = logs
-        self._victim = Victim()
+        self._under_test = ProcessUnderTest()
         self._stack = AsyncExitStack()
         self._process: asyncio.subprocess.Process | None = None
-        self._told = ""
+        self._output = ""
         self._stalls: list[tuple[float, float]] = []
 
     async def __aenter__(self) -> Self:
@@ -89,31 +89,31 @@ class DrillFlight:
         """Return the time of the log [wall s]."""
         return time.monotonic()
 
-    def ail(self, ailments: Ailments) -> None:
-        """Tell the flying process what is wrong with it from now on."""
-        self._victim.ail(ailments)
+    def inject(self, faults: InjectedFaults) -> None:
+        """Set the flying process's faults from now on."""
+        self._under_test.inject(faults)
 
     async def serve(self, stack: AsyncExitStack) -> None:
         """Start the vehicles, to be ended with the stack; raises VehicleRefusedError."""
         raise NotImplementedError
 
-    def look(self, now_s: float) -> None:
-        """Note what the vehicles do now."""
+    def observe(self, now_s: float) -> None:
+        """Record the vehicles' present states."""
         raise NotImplementedError
 
-    def leave(self) -> None:
-        """Do what there is to do when nobody flies them any more."""
+    def abandon(self) -> None:
+        """Prepare for the end of the flying process: called before it is killed or stopped."""
 
-    def heal(self) -> None:
-        """Take back everything that can be."""
-        self.ail(Ailments())
+    def clear_faults(self) -> None:
+        """Clear all faults that can be cleared."""
+        self.inject(InjectedFaults())
 
     def signal(self, number: int) -> None:
         """Send the flying process a signal."""
-        os.kill(self._victim.pid, number)
+        os.kill(self._under_test.pid, number)
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for a condition [wall s]; return whether it came true."""
+        """Wait for a condition [wall s]; return whether it became true."""
         end_s = self.now_s() + timeout_s
         while not condition():
             if self.now_s() > end_s:
@@ -121,8 +121,8 @@ class DrillFlight:
             await asyncio.sleep(_POLL_S)
         return True
 
-    async def aloft(self, vehicles: Sequence[int], tactics: Callable[[int], str]) -> None:
-        """Wait until everybody does what it is to do, and well; raises VehicleRefusedError when that does not come."""
+    async def reach_mission(self, vehicles: Sequence[int], tactics: Callable[[int], str]) -> None:
+        """Wait until all vehicles fly their tactics without an alert; raises VehicleRefusedError when they do not."""
         radius_m = self.mission.encirclement.radius_m
 
         def settled(vehicle: int) -> bool:
@@ -135,17 +135,17 @@ class DrillFlight:
             radii = self.log.radii_m[vehicle]
             return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)
 
-        # What comes over links takes wall time, what is flown the mission's.
+        # Connecting takes wall time, flying takes mission time.
         timeout_s = 20.0 + _ALOFT_TIMEOUT_S / self.speed
         if not await self.until(lambda: self._has_ended or all(map(settled, vehicles)), timeout_s) or self._has_ended:
             states = ", ".join(f"{i}: {self.log.mode(i) or '-'} {self.log.tactic(i) or '-'}" for i in vehicles)
             raise VehicleRefusedError(
-                f"the team of the drill did not get to fly its mission ({states})",
-                self._last_words() or "see whether `cordon fly --sitl` flies it, and how busy this computer is",
+                f"the team of the drill did not reach its mission ({states})",
+                self._last_output or "check whether `cordon fly --sitl` flies it, and how busy this computer is",
             )
 
     async def resume(self, vehicle: int) -> None:
-        """Say once that a vehicle may go back to its mission."""
+        """Command a vehicle once to resume its mission."""
         with suppress(VehicleRefusedError, TimeoutError):
             await asyncio.wait_for(Operator(self.mission).command("resume", (vehicle,), vehicle), _RESUME_TIMEOUT_S)
 
@@ -154,7 +154,7 @@ class DrillFlight:
         mission_file, path = folder / "mission.toml", folder / "socket"
         mission_file.write_text(self._text, encoding="utf-8")
         await self.serve(self._stack)
-        server = await asyncio.start_unix_server(self._victim.meet, path)
+        server = await asyncio.start_unix_server(self._under_test.meet, path)
         self._stack.callback(server.close)
         await self._fly(mission_file, path)
         await self._listen()
@@ -184,55 +184,56 @@ class DrillFlight:
     async def _read(self, process: asyncio.subprocess.Process) -> None:
         assert process.stderr is not None
         async for line in process.stderr:
-            self._told = (self._told + line.decode(errors="replace"))[-4000:]
+            self._output = (self._output + line.decode(errors="replace"))[-4000:]
 
     async def _end(self, process: asyncio.subprocess.Process) -> None:
-        """Kill what flies, which may have been stopped; its supervisor then ends by itself."""
-        if self._victim.pid and process.returncode is None:
+        """Kill the flying process, which may have been stopped; its supervisor then ends by itself."""
+        if self._under_test.pid and process.returncode is None:
             with suppress(ProcessLookupError):
-                os.kill(self._victim.pid, 9)
+                os.kill(self._under_test.pid, 9)
         try:
-            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self._victim.pid else 0.0)
+            await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self._under_test.pid else 0.0)
         except TimeoutError:
             process.kill()
             await process.wait()
 
     async def _listen(self) -> None:
         endpoints = [vehicle.section.endpoint for vehicle in self.mission.vehicles]
-        bus = ZenohBus(None, self.mission.network.team, None, endpoints)  # it only listens
-        await bus.open(self._hear, lambda *_: None)
+        bus = ZenohBus(None, self.mission.network.team, None, endpoints)  # read-only
+        await bus.open(self._receive, lambda *_: None)
         self._stack.push_async_callback(bus.close)
 
-    def _hear(self, payload: bytes) -> None:
+    def _receive(self, payload: bytes) -> None:
         with suppress(ValueError):
             message, now_s = decode(payload), self.now_s()
             if isinstance(message, MemberState):
-                self.log.note_said(now_s, message.sender, message.tactic, message.alert)
+                self.log.note_status(now_s, message.sender, message.tactic, message.alert)
                 self.positions_m[message.sender] = (*message.position_m, message.altitude_m)
             elif isinstance(message, NeighbourAngle):
                 self.log.radii_m[message.sender].append((now_s, message.radius_m))
                 self.log.bearings_rad[message.sender] = (now_s, message.bearing_rad)
 
     def stalled_s(self, since_s: float) -> float:
-        """Return the longest time in which nobody looked at the vehicles: this computer was too busy."""
+        """Return the longest time without an observation of the vehicles: this computer was too busy."""
         return max((gap_s for at_s, gap_s in self._stalls if at_s >= since_s), default=0.0)
 
     async def _watch(self) -> None:
-        looked_s = self.now_s()
+        observed_s = self.now_s()
         while True:
             now_s = self.now_s()
-            if now_s - looked_s > _STALL_S:
-                self._stalls.append((now_s, now_s - looked_s))
-            looked_s = now_s
-            self.look(now_s)
+            if now_s - observed_s > _STALL_S:
+                self._stalls.append((now_s, now_s - observed_s))
+            observed_s = now_s
+            self.observe(now_s)
             await asyncio.sleep(_POLL_S)
 
     @property
     def _has_ended(self) -> bool:
         return self._process is not None and self._process.returncode is not None
 
-    def _last_words(self) -> str:
-        return self._told.strip()[-600:]
+    @property
+    def _last_output(self) -> str:
+        return self._output.strip()[-600:]
 
 
 async def _cancelled(task: "asyncio.Task[None]") -> None:

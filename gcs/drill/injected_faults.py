@@ -1,4 +1,4 @@
-"""What may be wrong with a flying process, its agents' buses and their sensors; told through a Unix socket."""
+"""Faults injected into a flying process, its agents' buses and sensors; received through a Unix socket."""
 
 import asyncio
 import ctypes
@@ -20,16 +20,16 @@ from gcs.flight.equipment import Equipment
 from gcs.mission.mission import Mission, MissionVehicle
 
 HANG_S = 6
-"""For how long the process hangs when it is to: longer than any supervisor may wait."""
+"""How long an injected hang of the process lasts: longer than a supervisor may wait."""
 
 Hang = Literal["", "interpreter", "event loop", "exit"]
 
 
-class Ailments(msgspec.Struct, frozen=True):
-    """Everything that is to be wrong from now on; each replaces the one before.
+class InjectedFaults(msgspec.Struct, frozen=True):
+    """All faults present from now on; each message replaces the one before.
 
-    `loss` is the share of all messages that each agent does not hear, `delay_s` how much later it hears the others
-    [wall s]; those of `unheard` are heard by no other vehicle. `blind` sensors see no target. A process may `hang`.
+    `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
+    [wall s]; no other vehicle receives the messages of `unheard`. `blind` sensors see no target. A process may `hang`.
     """
 
     loss: float = 0.0
@@ -39,26 +39,26 @@ class Ailments(msgspec.Struct, frozen=True):
     hang: Hang = ""
 
 
-class Patient:
-    """The present ailments of this process, as they are told."""
+class FaultReceiver:
+    """The present faults of this process, as received from the drill."""
 
     def __init__(self) -> None:
-        self.now = Ailments()
+        self.now = InjectedFaults()
         self.loop: asyncio.AbstractEventLoop | None = None
 
     def listen(self, path: str) -> None:
-        """Tell this process's id, and obey what is told from then on, on a thread of its own."""
+        """Send this process's id; from then on receive faults, on a thread of its own."""
         connection = socket.socket(socket.AF_UNIX)
         connection.connect(path)
         connection.sendall(b"%d\n" % os.getpid())
-        threading.Thread(target=self._obey, args=(connection,), name="drill", daemon=True).start()
+        threading.Thread(target=self._receive, args=(connection,), name="drill", daemon=True).start()
 
-    def _obey(self, connection: socket.socket) -> None:
+    def _receive(self, connection: socket.socket) -> None:
         with connection.makefile("rb") as lines:
             for line in lines:
-                self.now = msgspec.json.decode(line, type=Ailments)
+                self.now = msgspec.json.decode(line, type=InjectedFaults)
                 self._hang(self.now.hang)
-        os._exit(0)  # the drill is gone, and its vehicles with it
+        os._exit(0)  # the drill has ended, and its vehicles with it
 
     def _hang(self, how: Hang) -> None:
         if how == "interpreter":
@@ -70,11 +70,11 @@ class Patient:
 
 
 class FailingBus:
-    """A bus between agents that loses, delays or keeps back what the others say; implements `agents.ports.PeerBus`."""
+    """A bus between agents that loses, delays or withholds messages; implements `agents.ports.PeerBus`."""
 
-    def __init__(self, bus: PeerBus, patient: Patient, seed: int) -> None:
+    def __init__(self, bus: PeerBus, receiver: FaultReceiver, seed: int) -> None:
         self._bus = bus
-        self._patient = patient
+        self._receiver = receiver
         self._chance = random.Random(seed)
 
     @property
@@ -86,19 +86,19 @@ class FailingBus:
         """Join."""
         loop = asyncio.get_running_loop()
 
-        def hear(payload: bytes) -> None:
-            ailments = self._patient.now
-            if self._chance.random() < ailments.loss or _sender(payload) in ailments.unheard:
+        def receive(payload: bytes) -> None:
+            faults = self._receiver.now
+            if self._chance.random() < faults.loss or _sender(payload) in faults.unheard:
                 return
-            if ailments.delay_s > 0.0:
-                loop.call_later(ailments.delay_s, on_message, payload)
+            if faults.delay_s > 0.0:
+                loop.call_later(faults.delay_s, on_message, payload)
             else:
                 on_message(payload)
 
-        await self._bus.open(hear, on_presence)
+        await self._bus.open(receive, on_presence)
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send: what is lost is lost where it should be heard."""
+        """Send: messages are lost at the receiver."""
         self._bus.publish(topic, payload)
 
     async def close(self) -> None:
@@ -109,30 +109,30 @@ class FailingBus:
 class FailingSensor:
     """A sensor that may be blind; implements `agents.ports.TargetSensor`."""
 
-    def __init__(self, sensor: TargetSensor, patient: Patient) -> None:
+    def __init__(self, sensor: TargetSensor, receiver: FaultReceiver) -> None:
         self._sensor = sensor
-        self._patient = patient
+        self._receiver = receiver
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return what the real one sees, unless it is blind."""
         sighting = self._sensor.sight(now_s, position_m)
-        return None if self._patient.now.blind else sighting
+        return None if self._receiver.now.blind else sighting
 
 
 class FailingEquipment(Equipment):
-    """The mission's equipment, each piece with a patient's ailments."""
+    """The mission's equipment, with the faults that a receiver holds."""
 
-    def __init__(self, patient: Patient) -> None:
-        self._patient = patient
+    def __init__(self, receiver: FaultReceiver) -> None:
+        self._receiver = receiver
 
     def bus(self, mission: Mission, vehicle: MissionVehicle) -> PeerBus:
         """Return a bus that can fail."""
-        self._patient.loop = asyncio.get_running_loop()
-        return FailingBus(super().bus(mission, vehicle), self._patient, vehicle.id)
+        self._receiver.loop = asyncio.get_running_loop()
+        return FailingBus(super().bus(mission, vehicle), self._receiver, vehicle.id)
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""
-        return FailingSensor(super().sensor(mission, vehicle_id, start_s), self._patient)
+        return FailingSensor(super().sensor(mission, vehicle_id, start_s), self._receiver)
 
 
 def _sender(payload: bytes) -> int | None:

@@ -1,7 +1,7 @@
-"""What was seen of a team in a drill, and what it amounts to: did everybody react as expected, and nobody else.
+"""What was recorded of a team in a drill, and whether the right vehicles, and no others, reacted as expected.
 
-Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and places are those of the vehicles
-themselves; tactics, alerts, radii and bearings are what they say of themselves on the bus.
+Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and positions are those of the vehicles
+themselves; tactics, alerts, radii and bearings are those that they report on the bus.
 """
 
 from collections import defaultdict
@@ -18,15 +18,15 @@ NEAR_TOLERANCE_M = 0.3
 SAME_HEIGHT_M = 1.0
 PLACE_PERIOD_S = 0.02
 IN_FLIGHT_S = 0.3
-"""What was sent before somebody stood down may arrive for so long."""
+"""A setpoint sent before a pilot override may arrive for so long."""
 ABANDONED_AFTER_S = 1.5
-"""A vehicle in offboard that says nothing for so long has nobody behind it."""
+"""A vehicle in offboard whose agent sends nothing for so long is abandoned."""
 UNEVEN_MAX_DEG = 25.0
 RADIUS_SHARE = 0.2
 
 
-class LocalCommand(NamedTuple):
-    """What a vehicle says of itself from a time on."""
+class ReportedStatus(NamedTuple):
+    """What a vehicle reports of itself from a time on."""
 
     time_s: float
     tactic: str
@@ -45,8 +45,8 @@ class TeamLog:
     """Everything seen so far, by vehicle: changes only of modes and words, everything of the rest."""
 
     modes: defaultdict[int, list[tuple[float, str]]] = field(default_factory=lambda: defaultdict(list))
-    said: defaultdict[int, list[LocalCommand]] = field(default_factory=lambda: defaultdict(list))
-    heard_s: dict[int, float] = field(default_factory=dict)
+    reported: defaultdict[int, list[ReportedStatus]] = field(default_factory=lambda: defaultdict(list))
+    received_s: dict[int, float] = field(default_factory=dict)
     setpoint_s: dict[int, float] = field(default_factory=dict)
     places: list[Place] = field(default_factory=list)
     radii_m: defaultdict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
@@ -57,11 +57,11 @@ class TeamLog:
         if self.mode(vehicle) != mode:
             self.modes[vehicle].append((time_s, mode))
 
-    def note_said(self, time_s: float, vehicle: int, tactic: str, alert: str) -> None:
-        """Note what a vehicle says."""
-        self.heard_s[vehicle] = time_s
+    def note_status(self, time_s: float, vehicle: int, tactic: str, alert: str) -> None:
+        """Note what a vehicle reports."""
+        self.received_s[vehicle] = time_s
         if (self.tactic(vehicle), self.alert(vehicle)) != (tactic, alert):
-            self.said[vehicle].append(LocalCommand(time_s, tactic, alert))
+            self.reported[vehicle].append(ReportedStatus(time_s, tactic, alert))
 
     def note_places(self, time_s: float, position_m: dict[int, Triple]) -> None:
         """Note where the airborne vehicles are."""
@@ -73,20 +73,20 @@ class TeamLog:
         return self.modes[vehicle][-1][1] if self.modes[vehicle] else ""
 
     def tactic(self, vehicle: int) -> str:
-        """Return the tactic last heard."""
-        return self.said[vehicle][-1].tactic if self.said[vehicle] else ""
+        """Return the tactic last received."""
+        return self.reported[vehicle][-1].tactic if self.reported[vehicle] else ""
 
     def alert(self, vehicle: int) -> str:
-        """Return the alert last heard."""
-        return self.said[vehicle][-1].alert if self.said[vehicle] else ""
+        """Return the alert last received."""
+        return self.reported[vehicle][-1].alert if self.reported[vehicle] else ""
 
     def state(self, vehicle: int) -> str:
-        """Return all that in words."""
+        """Return mode, tactic and alert as text."""
         alert = f", {self.alert(vehicle)}" if self.alert(vehicle) else ""
-        return f"{self.mode(vehicle) or 'mode unknown'}, {self.tactic(vehicle) or 'never heard'}{alert}"
+        return f"{self.mode(vehicle) or 'mode unknown'}, {self.tactic(vehicle) or 'no message received'}{alert}"
 
     def nearest_m(self, from_s: float, to_s: float) -> tuple[float, tuple[int, int]] | None:
-        """Return how near two vehicles at one height came to each other, and who; None if nobody was beside another."""
+        """Return the closest distance of two vehicles at one height, and which; None if no two were at one height."""
         near = (
             (hypot(here[0] - there[0], here[1] - there[1]), (one, other))
             for place in self.places
@@ -97,7 +97,7 @@ class TeamLog:
         return min(near, default=None)
 
     def uneven_deg(self, vehicles: tuple[int, ...]) -> float | None:
-        """Return how far the widest gap between vehicles on the ring is off an even one; None if one is not there."""
+        """Return how much the widest gap on the ring exceeds an even one; None if a vehicle is not on the ring."""
         if any(each not in self.bearings_rad or self.tactic(each) != "encircle" for each in vehicles):
             return None
         bearings = sorted(self.bearings_rad[each][1] % tau for each in vehicles)
@@ -107,11 +107,11 @@ class TeamLog:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What should come of a fault: who reacts, how, and within what time [wall s]; who goes on as before.
+    """The expected reaction to a fault: which vehicles react, how, within what time [wall s], and which fly on.
 
-    A reaction is a tactic, an alert, or to have left offboard; with none of them all go on: the drill then is to see
-    that for as long as it lasts. Who `stands_back` is sent no setpoint any more; `at_last` is
-    the tactic in which all end. The gaps on the ring between those that are `respacing` become even again.
+    A reaction is a tactic, an alert, or leaving offboard; without any of them all vehicles fly on for as long as the
+    drill lasts. With `stands_back` they are sent no more setpoints; `at_last` is their final tactic. The gaps on the
+    ring between those that are `respacing` become even again.
     """
 
     reacting: tuple[int, ...]
@@ -128,19 +128,19 @@ class Expectation:
 
     @property
     def is_reaction(self) -> bool:
-        """Whether anything is to happen at all."""
+        """Whether a reaction is expected at all."""
         return self.leaves_offboard or self.tactic is not None or self.alert is not None
 
 
 def reacted_s(expected: Expectation, log: TeamLog, began_s: float) -> float | None:
-    """Return when the last of those who should has reacted, None if one has not."""
+    """Return when the last of the reacting vehicles had reacted, None if one has not."""
     times = [_one_reacted_s(expected, log, each, began_s) for each in expected.reacting]
     known = [time_s for time_s in times if time_s is not None]
     return max(known, default=began_s) if len(known) == len(times) else None
 
 
-def faults(expected: Expectation, log: TeamLog, began_s: float, until_s: float) -> list[str]:
-    """Return everything that was not as it should be between the fault and now, in people's words."""
+def failures(expected: Expectation, log: TeamLog, began_s: float, until_s: float) -> list[str]:
+    """Return everything that was not as expected between the fault and now, a line each."""
     found: list[str] = []
     done_s = reacted_s(expected, log, began_s)
     if expected.is_reaction and done_s is None:
@@ -153,9 +153,9 @@ def faults(expected: Expectation, log: TeamLog, began_s: float, until_s: float) 
     found += _too_near(expected, log, began_s, until_s)
     found += _off_the_ring(expected, log, began_s)
     found += [
-        f"vehicle {i} is in offboard with nobody behind it"
+        f"vehicle {i} is in offboard without an agent"
         for i in sorted(log.modes)
-        if log.mode(i) == OFFBOARD and until_s - log.heard_s.get(i, 0.0) > ABANDONED_AFTER_S
+        if log.mode(i) == OFFBOARD and until_s - log.received_s.get(i, 0.0) > ABANDONED_AFTER_S
     ]
     return found
 
@@ -165,15 +165,17 @@ def _one_reacted_s(expected: Expectation, log: TeamLog, vehicle: int, began_s: f
     if expected.leaves_offboard:
         times.append(_since_s([(at_s, mode != OFFBOARD) for at_s, mode in log.modes[vehicle]], began_s))
     if expected.tactic is not None:
-        times.append(_since_s([(each.time_s, each.tactic == expected.tactic) for each in log.said[vehicle]], began_s))
+        times.append(
+            _since_s([(each.time_s, each.tactic == expected.tactic) for each in log.reported[vehicle]], began_s)
+        )
     if expected.alert is not None:
-        times.append(_since_s([(each.time_s, each.alert == expected.alert) for each in log.said[vehicle]], began_s))
+        times.append(_since_s([(each.time_s, each.alert == expected.alert) for each in log.reported[vehicle]], began_s))
     return max(times) if max(times) < float("inf") else None
 
 
 def _since_s(changes: list[tuple[float, bool]], began_s: float) -> float:
-    """Return when something was first so after the fault; infinity if it never was. One that was so before has not
-    come of the fault.
+    """Return when something first became true after the fault; infinity if it never did. What was true before does not
+    count.
     """
     return next((at_s for at_s, is_so in changes if is_so and at_s >= began_s), float("inf"))
 
@@ -183,19 +185,19 @@ def _relapses(expected: Expectation, log: TeamLog, done_s: float) -> list[str]:
     for i in expected.reacting:
         if expected.leaves_offboard and any(mode == OFFBOARD and at_s > done_s for at_s, mode in log.modes[i]):
             found.append(f"vehicle {i} went back into offboard by itself")
-        back = [each.tactic for each in log.said[i] if each.time_s > done_s and each.tactic in ON_MISSION]
+        back = [each.tactic for each in log.reported[i] if each.time_s > done_s and each.tactic in ON_MISSION]
         if back and expected.tactic is not None:
             found.append(f"vehicle {i} went back to '{back[0]}' by itself")
         late_s = log.setpoint_s.get(i, 0.0) - done_s
         if expected.stands_back and late_s > IN_FLIGHT_S:
-            found.append(f"vehicle {i} was sent a setpoint {late_s:.1f} s after it stood down")
+            found.append(f"vehicle {i} was sent a setpoint {late_s:.1f} s after the pilot override")
         if expected.at_last is not None and log.tactic(i) != expected.at_last:
             found.append(f"vehicle {i} ended at '{log.tactic(i)}', not at '{expected.at_last}'")
     return found
 
 
 def respaced(expected: Expectation, log: TeamLog) -> bool:
-    """Return whether the gaps are even, among those who should see to that."""
+    """Return whether the gaps between the respacing vehicles are even."""
     if len(expected.respacing) < 2:
         return True
     uneven_deg = log.uneven_deg(expected.respacing)
@@ -203,11 +205,11 @@ def respaced(expected: Expectation, log: TeamLog) -> bool:
 
 
 def _others(expected: Expectation, log: TeamLog, began_s: float) -> list[str]:
-    """Return who does something else although nothing is wrong with it, or although its alert is to fly on."""
+    """Return which vehicles changed tactic or mode although they should fly on."""
     found = []
     for i in expected.flying_on:
-        before = [each for each in log.said[i] if each.time_s < began_s]
-        after = [each for each in log.said[i] if each.time_s >= began_s]
+        before = [each for each in log.reported[i] if each.time_s < began_s]
+        after = [each for each in log.reported[i] if each.time_s >= began_s]
         changed = [each for each in after if before and each.tactic != before[-1].tactic]
         if changed:
             found.append(f"vehicle {i} went from '{before[-1].tactic}' to '{changed[0].tactic}' ({changed[0].alert})")

@@ -1,4 +1,4 @@
-"""The mission that a drill flies: the given one, with stub vehicles on ports of its own, and the target in reach."""
+"""The mission that a drill flies: the given one, with stub vehicles on free ports, and the target in reach."""
 
 import json
 import os
@@ -21,8 +21,8 @@ _Content = dict[str, Any]
 def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) -> str:
     """Return the text of the mission to fly; raises MissionError.
 
-    `changes` are (section, key, value). So that nobody has to wait for the ring, the target begins where the vehicles
-    that would encircle it do so at once; where the mission forbids that, it stays where it is.
+    `changes` are (section, key, value). The target starts where the vehicles that would encircle it do so at once, so
+    that the drill need not wait for the ring; where the mission forbids that, its start stays as it is.
     """
     path = mission_path(name)
     mission = load_mission(name)
@@ -39,7 +39,7 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
 
 
 def _near_m(mission: Mission) -> list[float]:
-    """Return a place straight ahead that is just near enough for everybody in line to engage."""
+    """Return a position straight ahead that is just near enough for the whole line to engage."""
     leader = mission.vehicle(mission.formation.leader)
     config = mission.agent_config(leader)
     reach_m = min(mission.target.sensor.range_m, *(each.decision.distance_max_m for each in mission.vehicles))
@@ -51,7 +51,7 @@ def _near_m(mission: Mission) -> list[float]:
 
 
 def _move_apart(content: _Content, folder: Path) -> None:
-    """Give every vehicle ports, and the team a name, of its own; plant files are found from elsewhere, too."""
+    """Give every vehicle free ports and the team a name of its own; make the paths of plant files absolute."""
     vehicles = content["vehicles"]
     ports = iter(_free_ports(2 * len(vehicles)))
     for vehicle in vehicles:
@@ -64,7 +64,7 @@ def _move_apart(content: _Content, folder: Path) -> None:
 
 
 def _free_ports(count: int) -> list[int]:
-    """Return ports that nobody uses, for UDP and for TCP."""
+    """Return ports that are free for both UDP and TCP."""
     ports: list[int] = []
     with ExitStack() as taken:
         while len(ports) < count:

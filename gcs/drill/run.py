@@ -1,4 +1,4 @@
-"""`cordon drill`: one fault after another is brought upon a flying team of stubs, and what comes of it is judged."""
+"""A drill: inject faults into a flying team one after another, and judge its reactions."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -9,7 +9,6 @@ from typing import Generic, Protocol
 from agents.ports import VehicleRefusedError
 from gcs.drill.faults import (
     RESPACED_S,
-    Crew,
     Drill,
     Flight,
 )
@@ -17,31 +16,32 @@ from gcs.drill.judge import (
     OFFBOARD,
     ON_MISSION,
     Expectation,
-    faults,
+    failures,
     reacted_s,
     respaced,
 )
 from gcs.drill.mission import drill_mission
+from gcs.drill.roles import Roles
 from gcs.mission.file import parse_mission
 from gcs.mission.mission import Mission
 
 SPEED = 3.0
-"""At a higher one a busy computer's delays are too many of the mission's seconds."""
+"""At a higher speed, a busy computer's delays take too many of the mission's seconds."""
 STALL_S = 0.2
-"""A computer that stands still for longer may have caused what went wrong [wall s]."""
+"""A computer that stalls for longer may have caused a failure itself [wall s]."""
 LINGER_S = 1.0
-"""For how long it is watched that a reaction lasts [wall s]."""
+"""How long a reaction is watched, to see that it lasts [wall s]."""
 BACK_S, RETURNED_S = 6.0, 90.0
-"""How long it may take until words have come through [wall s], and until the vehicles are back [mission s]."""
+"""How long messages may take [wall s], and the vehicles' way back to the mission [mission s]."""
 
 Change = tuple[str, str, object]
 
 
 class Progress(Protocol):
-    """Who is told how it goes."""
+    """Receives the progress of a drill."""
 
-    def tell(self, doing: str) -> None:
-        """Take what is being done now."""
+    def begin(self, step: str) -> None:
+        """Take the step that begins now."""
         ...
 
     def add(self, row: "DrillRow") -> None:
@@ -53,7 +53,7 @@ class Progress(Protocol):
 class DrillRow:
     """One line of the table: `limit_s` and `measured_s` on the clock that the reaction's grace time counts on.
 
-    `holds` is None for a drill that this mission cannot have; the detail says why, or what was not as it should be.
+    `holds` is None for a drill that this mission cannot have; `detail` says why, or what was not as expected.
     """
 
     fault: str
@@ -69,9 +69,9 @@ class DrillRow:
 
 
 class DrillRun(Generic[Flight]):
-    """Flies a mission and drills it; `fly` makes a flight of a mission's text and a speed.
+    """Flies a mission and injects faults; `fly` makes a flight from a mission's text and a speed.
 
-    `changes` are made to the mission that is flown, and not to what it is judged by: a control flies with a reaction
+    `changes` apply to the mission that is flown, not to the one that it is judged by: a control flies with a reaction
     switched off.
     """
 
@@ -94,13 +94,13 @@ class DrillRun(Generic[Flight]):
         self.rows: list[DrillRow] = []
 
     async def run(self) -> list[DrillRow]:
-        """Return a row for each drill; raises VehicleRefusedError when the team cannot be flown at all."""
+        """Return a row for each drill; raises VehicleRefusedError when the team cannot fly at all."""
         judged_by = parse_mission(drill_mission(self._mission), Path())
         left = list(self._drills)
         while left:
-            if unfit := left[0].unfit(judged_by):
+            if unsuitable := left[0].unsuitable(judged_by):
                 drill = left.pop(0)
-                self._add(DrillRow(drill.fault, drill.expected, None, None, None, unfit))
+                self._add(DrillRow(drill.fault, drill.expected, None, None, None, unsuitable))
                 continue
             try:
                 await self._fly(judged_by, left)
@@ -113,57 +113,59 @@ class DrillRun(Generic[Flight]):
         return self.rows
 
     async def _fly(self, judged_by: Mission, left: list[Drill[Flight]]) -> None:
-        """Have one flight, and as many of the drills that are left as it can have."""
-        self._progress.tell("the team takes off")
+        """Fly once, with as many of the drills that are left as this flight allows."""
+        self._progress.begin("the team takes off")
         async with self._start(drill_mission(self._mission, self._changes), self._speed) as flight:
-            crew = Crew(judged_by)
-            await flight.aloft(crew.everybody, crew.tactic)
-            while left and left[0].least <= len(crew.everybody) and not left[0].unfit(judged_by):
-                if not await self._drilled(left.pop(0), flight, crew):
+            roles = Roles(judged_by)
+            await flight.reach_mission(roles.airborne, roles.tactic)
+            while left and left[0].vehicles_min <= len(roles.airborne) and not left[0].unsuitable(judged_by):
+                if not await self._drilled(left.pop(0), flight, roles):
                     return
 
     def _add(self, row: DrillRow) -> None:
         self.rows.append(row)
         self._progress.add(row)
 
-    async def _drilled(self, drill: Drill[Flight], flight: Flight, crew: Crew) -> bool:
+    async def _drilled(self, drill: Drill[Flight], flight: Flight, roles: Roles) -> bool:
         """Add a drill's row, and return whether the flight can go on."""
-        expected = drill.expect(crew, self._speed)
+        expected = drill.expect(roles, self._speed)
         if expected.is_reaction and not expected.reacting:
-            row = DrillRow(drill.fault, drill.expected, None, None, None, "nobody encircles the target in this mission")
+            row = DrillRow(
+                drill.fault, drill.expected, None, None, None, "no vehicle encircles the target in this mission"
+            )
             self._add(row)
             return True
-        self._progress.tell(drill.fault)
+        self._progress.begin(drill.fault)
         stuck = ""
         began_s = flight.now_s()
-        drill.inject(flight, crew)
+        drill.inject(flight, roles)
         await self._watch(drill, expected, flight, began_s)
-        wrong = faults(expected, flight.log, began_s, flight.now_s())
+        failed = failures(expected, flight.log, began_s, flight.now_s())
         stalled_s = flight.stalled_s(began_s)
-        if wrong and stalled_s > STALL_S:
-            wrong.append(f"this computer stood still for {stalled_s:.1f} s meanwhile: drill on a quieter one")
+        if failed and stalled_s > STALL_S:
+            failed.append(f"this computer stalled for {stalled_s:.1f} s meanwhile: repeat the drill on a less busy one")
         done_s = reacted_s(expected, flight.log, began_s)
-        if not drill.ends:
-            flight.heal()
-            if drill.settles:
-                quiet_s = crew.mission.own_filter.gate_timeout_s + crew.mission.failsafe.settle_s
+        if not drill.ends_flight:
+            flight.clear_faults()
+            if drill.waits_for_estimate:
+                quiet_s = roles.mission.own_filter.gate_timeout_s + roles.mission.failsafe.settle_s
                 await asyncio.sleep(quiet_s / self._speed + LINGER_S)
-            if drill.spends:
-                crew.spent.add(crew.one)
-            if stuck := await self._stuck(flight, crew):
-                wrong.append(f"did not get back to the mission: {stuck}")
-        self._add(self._row(drill, expected, None if done_s is None else done_s - began_s, wrong))
-        return not (drill.ends or stuck)
+            if drill.lands_subject:
+                roles.landed.add(roles.subject)
+            if stuck := await self._stuck(flight, roles):
+                failed.append(f"did not return to the mission: {stuck}")
+        self._add(self._row(drill, expected, None if done_s is None else done_s - began_s, failed))
+        return not (drill.ends_flight or stuck)
 
     async def _watch(self, drill: Drill[Flight], expected: Expectation, flight: Flight, began_s: float) -> None:
-        """Look on until the reaction has come, or too late to be one, and a while longer."""
+        """Watch until the reaction has happened or is overdue, and a while longer."""
         if expected.limit_s is None:
             await asyncio.sleep(drill.watched_s / self._speed)
             return
         await flight.until(lambda: reacted_s(expected, flight.log, began_s) is not None, expected.limit_s + LINGER_S)
         if drill.undo_after_s is not None:
             await asyncio.sleep(began_s + drill.undo_after_s - flight.now_s())
-            flight.heal()
+            flight.clear_faults()
             at_last = expected.at_last
             if at_last is not None:
                 await flight.until(lambda: all(flight.log.tactic(i) == at_last for i in expected.reacting), BACK_S)
@@ -171,14 +173,14 @@ class DrillRun(Generic[Flight]):
             await flight.until(lambda: respaced(expected, flight.log), RESPACED_S / self._speed)
         await asyncio.sleep(LINGER_S)
 
-    async def _stuck(self, flight: Flight, crew: Crew) -> str:
-        """Send back who has stopped, and return who is not on its mission even then."""
+    async def _stuck(self, flight: Flight, roles: Roles) -> str:
+        """Command stopped vehicles to resume, and return those that are not on their mission even then."""
         log = flight.log
         end_s = flight.now_s() + BACK_S + RETURNED_S / self._speed
 
         def away() -> list[int]:
             return [
-                i for i in crew.everybody if log.mode(i) != OFFBOARD or log.tactic(i) != crew.tactic(i) or log.alert(i)
+                i for i in roles.airborne if log.mode(i) != OFFBOARD or log.tactic(i) != roles.tactic(i) or log.alert(i)
             ]
 
         while away() and flight.now_s() < end_s:
@@ -187,17 +189,17 @@ class DrillRun(Generic[Flight]):
             await flight.until(lambda: not away(), LINGER_S)
         return "; ".join(f"vehicle {i}: {log.state(i)}" for i in away())
 
-    def _row(self, drill: Drill[Flight], expected: Expectation, took_s: float | None, wrong: list[str]) -> DrillRow:
+    def _row(self, drill: Drill[Flight], expected: Expectation, took_s: float | None, failed: list[str]) -> DrillRow:
         scale = 1.0 if drill.by_wall else self._speed
         limit_s = expected.limit_s
         measured_s = took_s if expected.is_reaction else None
         if limit_s is not None and measured_s is not None and measured_s > limit_s:
-            wrong = [*wrong, "too late"]
+            failed = [*failed, "too late"]
         return DrillRow(
             drill.fault,
             drill.expected,
             None if limit_s is None else round(limit_s * scale, 2),
             None if measured_s is None else round(measured_s * scale, 2),
-            not wrong,
-            "; ".join(wrong),
+            not failed,
+            "; ".join(failed),
         )

@@ -1,4 +1,4 @@
-"""A drilled team of stub vehicles, in this process: they can be seen as they truly are, and made to fail."""
+"""The stub vehicles of a drill, in this process: their true state is known, and faults can be injected."""
 
 import asyncio
 import time
@@ -15,8 +15,8 @@ from sitl.server.server import Stub, serve
 _AIRBORNE_M = 0.5
 
 
-class Pace:
-    """The clock that stubs and agents share: it runs fast until it is told to keep the wall's pace."""
+class StubClock:
+    """The clock that stubs and agents share: fast at first, at the wall clock's speed on request."""
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
@@ -27,8 +27,8 @@ class Pace:
         wall_s, since_s = self._since_s
         return since_s + (time.monotonic() - wall_s) * self.speed
 
-    def keep_the_walls(self) -> None:
-        """Run as fast as the wall's from now on: for vehicles that nobody flies any more."""
+    def run_at_wall_speed(self) -> None:
+        """Run at the wall clock's speed from now on: autopilots' timeouts are measured in it."""
         self._since_s = (time.monotonic(), self.now_s())
         self.speed = 1.0
 
@@ -39,7 +39,7 @@ class StubFlight(DrillFlight):
     def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
         super().__init__(text, speed, logs)
         self.stubs: dict[int, Stub] = {}
-        self._pace = Pace(speed)
+        self._clock = StubClock(speed)
         self._received: dict[int, int] = {}
 
     async def serve(self, stack: AsyncExitStack) -> None:
@@ -47,13 +47,13 @@ class StubFlight(DrillFlight):
         stop, ready = asyncio.Event(), asyncio.Event()
         by_system = {vehicle.system_id: vehicle.id for vehicle in self.mission.vehicles}
 
-        def meet(stubs: Sequence[Stub]) -> None:
+        def take(stubs: Sequence[Stub]) -> None:
             self.stubs = {by_system[stub.config.vehicle_id]: stub for stub in stubs}
             ready.set()
 
         configs = prepared_configs(self.mission)
         serving = asyncio.create_task(
-            serve(configs, speed=self.speed, now_s=self._pace.now_s, stop=stop, on_ready=meet)
+            serve(configs, speed=self.speed, now_s=self._clock.now_s, stop=stop, on_ready=take)
         )
         stack.push_async_callback(_stopped, stop, serving)
         waiting = asyncio.create_task(ready.wait())
@@ -62,8 +62,8 @@ class StubFlight(DrillFlight):
         if serving.done():
             raise VehicleRefusedError(f"the stub vehicles did not start: {serving.exception()}", "try again")
 
-    def look(self, now_s: float) -> None:
-        """Note modes, setpoints and places as they truly are."""
+    def observe(self, now_s: float) -> None:
+        """Record true modes, setpoints and positions."""
         for i, stub in self.stubs.items():
             autopilot = stub.autopilot
             self.log.note_mode(now_s, i, autopilot.mode.name.lower() if autopilot.armed else "disarmed")
@@ -72,13 +72,13 @@ class StubFlight(DrillFlight):
         bodies = {i: stub.autopilot.airframe for i, stub in self.stubs.items()}
         self.log.note_places(now_s, {i: b.position_m for i, b in bodies.items() if b.height_m > _AIRBORNE_M})
 
-    def leave(self) -> None:
-        """Let time pass as fast as the wall's: what is left to happen is measured in that."""
-        self._pace.keep_the_walls()
+    def abandon(self) -> None:
+        """Run at the wall clock's speed: what follows is measured in it."""
+        self._clock.run_at_wall_speed()
 
-    def heal(self) -> None:
-        """Take back what is wrong with flying process, links and vehicles."""
-        super().heal()
+    def clear_faults(self) -> None:
+        """Clear the faults of flying process, links and vehicles."""
+        super().clear_faults()
         healthy = VehicleFaults()
         for stub in self.stubs.values():
             for name in VehicleFaults.__slots__:

@@ -1,4 +1,4 @@
-"""What people see of drills: what is going on, each result as it comes, and the table at the end."""
+"""The text of a drill: its progress, each result, and the table at the end."""
 
 import json
 from collections.abc import Sequence
@@ -13,16 +13,16 @@ _VERDICTS = {True: Text("holds", style="green"), False: Text("FAILS", style="bol
 
 
 class DrillProgress:
-    """Tells of each drill as it begins and as it ends, a line each."""
+    """Prints a line when a drill begins and one when it ends."""
 
     def __init__(self, console: Console, total: int) -> None:
         self._console = console
         self._total = total
         self._done = 0
 
-    def tell(self, doing: str) -> None:
-        """Show what is being done now."""
-        self._console.print(f"{self._done + 1} of {self._total}: {doing} ...", style="dim", highlight=False)
+    def begin(self, step: str) -> None:
+        """Show the step that begins now."""
+        self._console.print(f"{self._done + 1} of {self._total}: {step} ...", style="dim", highlight=False)
 
     def add(self, row: DrillRow) -> None:
         """Show a result."""

@@ -1,4 +1,4 @@
-"""What an agent is equipped with beside its link: the bus to its peers, and its sensor of the target."""
+"""The equipment of an agent beside its link: the bus to its peers, and its sensor of the target."""
 
 from agents.ports import PeerBus, TargetSensor
 from agents.shell.zenoh_bus import ZenohBus
@@ -7,7 +7,7 @@ from gcs.mission.simulation import target_sensor
 
 
 class Equipment:
-    """As the mission wants it; a drill flies with one that can be made to fail."""
+    """Creates the equipment that the mission specifies; a drill passes in one that can fail."""
 
     def bus(self, mission: Mission, vehicle: MissionVehicle) -> PeerBus:
         """Return a vehicle's bus, not yet open."""

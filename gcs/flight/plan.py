@@ -1,6 +1,8 @@
-"""What a flight over MAVLink and Zenoh is to be, before anything of it is there."""
+"""What a flight over MAVLink and Zenoh is to be, before it is set up."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from time import time
 
 from gcs.flight.equipment import Equipment
@@ -8,13 +10,15 @@ from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.findings import Finding, VehicleFacts
+from gcs.preflight.preflight import preflight
 
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """What to fly: mission, duration, which vehicles, how fast time passes (None: find out), equipped with what.
+    """What to fly: mission, duration, vehicles, speed of time (None: measure it), and the agents' equipment.
 
-    `log` is what it is recorded in, None if it is not.
+    `stubs` are started with the flight on request; `log` is the open log, None for a flight that is not recorded.
     """
 
     mission: Mission
@@ -26,11 +30,15 @@ class FlightPlan:
     log: LogWriter | None = None
 
     def source(self, speed: float) -> str:
-        """Return what flies where time passes that fast: only what is simulated can be faster than the wall."""
+        """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
         return "sitl" if self.stubs or speed != 1.0 else "flight"
 
+    def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
+        """Return what preflight finds in the mission and in the facts about its vehicles."""
+        return preflight(self.mission, facts, date.today())
+
     def run(self, speed: float) -> Run:
-        """Return what a log says of the run that begins now."""
+        """Return the log's record of the run that begins now."""
         return run_of(
             self.mission,
             [vehicle.id for vehicle in self.vehicles],

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -20,7 +19,7 @@ from gcs.metrics.record import (
     VehicleTrack,
     in_order,
 )
-from gcs.mission.mission import Mission
+from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
 from sitl.simulation.absence import Absence
 from sitl.simulation.simulation import (
@@ -40,7 +39,10 @@ def fly_simulated(
     progress: Callable[[float], None],
     recording: SimulationRecording | None = None,
 ) -> FlightRecord:
-    """Fly the mission for `duration_s` of simulated time, telling `progress`; the same seed gives the same flight."""
+    """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
+
+    `progress` is called with the simulated time flown [s].
+    """
     rate_hz = mission.mission.rate_hz
     tactics = np.full((round(duration_s * rate_hz) + 1, len(mission.vehicles)), "unknown", dtype="<U16")
     events: list[FlightEvent] = []
@@ -77,42 +79,57 @@ def simulated_vehicles(
     seed: int,
     new_core: Callable[[AgentConfig], VehicleCore] = VehicleCore,
     absences: Sequence[Absence] = (),
-    natures: Mapping[int, Imperfections] | None = None,
+    imperfections: Mapping[int, Imperfections] | None = None,
 ) -> list[SimulatedVehicle[TickOutput]]:
-    """Return the mission's vehicles with their cores, at rest where they start, and at work from time 0.
+    """Return the mission's vehicles with their cores, at rest at their starts, active from time 0.
 
-    But for their `absences`: an agent that comes back is a new one, which knows when the mission started. Without
-    `natures`, by vehicle, all have the one that the mission's `[simulation]` says.
+    During `absences` a vehicle's agent is away; the one that returns is new and knows when the mission started.
+    `imperfections` are by vehicle; without them all vehicles have those of the mission's `[simulation]`.
     """
+    common = simulated_imperfections(mission)
+    return [
+        _simulated_vehicle(
+            mission,
+            vehicle,
+            seed,
+            new_core,
+            [absence for absence in absences if absence.vehicle_id == vehicle.id],
+            imperfections[vehicle.id] if imperfections else common,
+        )
+        for vehicle in mission.vehicles
+    ]
 
-    def at_work(config: AgentConfig) -> VehicleCore:
+
+def _simulated_vehicle(
+    mission: Mission,
+    vehicle: MissionVehicle,
+    seed: int,
+    new_core: Callable[[AgentConfig], VehicleCore],
+    absences: Sequence[Absence],
+    imperfections: Imperfections,
+) -> SimulatedVehicle[TickOutput]:
+    config = mission.agent_config(vehicle)
+
+    def started() -> VehicleCore:
         core = new_core(config)
         core.start(0.0)
         return core
 
     simulation = mission.simulation
-    noise = TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
-    imperfections = simulated_imperfections(mission)
-    vehicles = []
-    for vehicle in mission.vehicles:
-        begin = partial(at_work, mission.agent_config(vehicle))
-        vehicles.append(
-            SimulatedVehicle(
-                begin(),
-                vehicle.true_plant,
-                vehicle.section.start_m,
-                vehicle.section.altitude_m,
-                target_sensor(mission, vehicle.id, 0.0, seed),
-                noise,
-                simulation.wind_m_s2,
-                seed=(seed, 2, vehicle.id),
-                imperfections=natures[vehicle.id] if natures else imperfections,
-                absences=[absence for absence in absences if absence.vehicle_id == vehicle.id],
-                new_core=begin,
-                climbs=mission.encirclement.altitude == "target",
-            )
-        )
-    return vehicles
+    return SimulatedVehicle(
+        started(),
+        vehicle.true_plant,
+        vehicle.section.start_m,
+        vehicle.section.altitude_m,
+        target_sensor(mission, vehicle.id, 0.0, seed),
+        TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s),
+        simulation.wind_m_s2,
+        seed=(seed, 2, vehicle.id),
+        imperfections=imperfections,
+        absences=absences,
+        new_core=started,
+        climbs=mission.encirclement.altitude == "target",
+    )
 
 
 def _record(

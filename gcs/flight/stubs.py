@@ -1,4 +1,4 @@
-"""The mission's vehicles as stubs: what `cordon sitl` serves and `cordon fly --sitl` brings along."""
+"""The mission's vehicles as stubs: those that `cordon sitl` serves and `cordon fly --sitl` starts."""
 
 import asyncio
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
     AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
     AutopilotKind.ARDUPILOT: {"FS_GCS_ENABLE": 5, "SYSID_MYGCS": CORDON_ID},
 }
-"""The failsafes that docs/hardware.md asks for, where the firmware's own defaults are others: to land."""
+"""The failsafe parameters that docs/hardware.md requires where the firmware's defaults differ: to land."""
 
 
 def stub_configs(mission: Mission) -> list[StubConfig]:
@@ -57,18 +57,18 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
 
 
 def prepared_configs(mission: Mission) -> list[StubConfig]:
-    """Return the same stubs with failsafes set as an operator should: for flights that bring their own vehicles."""
+    """Return the same stubs with failsafes set as an operator should: for flights that start their own vehicles."""
     return [replace(config, parameters=PREPARED[config.autopilot]) for config in stub_configs(mission)]
 
 
 def _origin_offset_m(vehicle: MissionVehicle) -> Triple:
-    """Return where its local NED begins, seen from its start."""
+    """Return the origin of its local NED, relative to its start."""
     (x, y, z), (start_x, start_y) = vehicle.origin_m, vehicle.section.start_m
     return x - start_x, y - start_y, z
 
 
 async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> None:
-    """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be had."""
+    """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be opened."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     relay(lambda: loop.call_soon_threadsafe(stop.set))
@@ -76,7 +76,7 @@ async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> Non
 
 
 class FlightStubs:
-    """The stub vehicles of a flight that brings its own; their record is there once they have been stopped."""
+    """The stub vehicles that a flight starts itself; their record is available once they have been stopped."""
 
     def __init__(self, mission: Mission | None, speed: float) -> None:
         """Prepare the mission's stubs, or none."""
@@ -90,7 +90,7 @@ class FlightStubs:
                 await asyncio.to_thread(self._process.start)
         except OSError as error:
             raise VehicleRefusedError(
-                f"the stub vehicles did not start: {error}", "see whether some run already"
+                f"the stub vehicles did not start: {error}", "check whether other stub vehicles run already"
             ) from error
         return self
 
@@ -99,5 +99,5 @@ class FlightStubs:
     ) -> None:
         """Stop them."""
         if self._process is not None:
-            with suppress(OSError):  # they died in flight: the outcomes say so, and the estimates are what is left
+            with suppress(OSError):  # they died in flight: the outcomes say so, and the record falls back to estimates
                 self.record = await asyncio.to_thread(self._process.stop)

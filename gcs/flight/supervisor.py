@@ -1,8 +1,8 @@
-"""`cordon fly` from outside: flies in a process of its own, and ends that process when a control loop falls silent.
+"""The supervisor of a flight: runs it in a second process, and kills that process when a control loop stops ticking.
 
 MAVSDK repeats the last setpoint from a thread of its own: a vehicle whose control loop hangs stays in offboard for as
-long as the process lives. With the process gone the autopilot's own failsafe has the vehicle. This process does nothing
-but watch, and pass on the operator's signals; it stays light. When it dies itself, the vehicles land.
+long as the process lives. Once the process is gone, the autopilot's own failsafe acts. The supervisor only watches and
+passes on the operator's signals, and imports nothing heavy. When the supervisor dies, the vehicles land.
 """
 
 import os
@@ -12,27 +12,24 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable
 from contextlib import suppress
 
 from gcs.errors import Exit
 from gcs.flight.supervision import (
     ALIVE,
-    LIFELINE,
+    HEARTBEAT_VARIABLE,
     POLL_PERIOD_S,
     STOP,
-    Vigil,
+    LoopMonitor,
 )
 from gcs.signals import relay
 
-Tell = Callable[[str], object]
-
-_FROM_HERE_ON = (
+_CONSEQUENCE = (
     "their autopilots are on their own now: PX4 leaves offboard about 1 s after the last setpoint and does what"
     " COM_OBL_RC_ACT says, hold or land; ArduPilot stays at its last setpoint until its FS_GCS_ENABLE acts"
 )
 _NEXT_STEP = (
-    "next: watch them, and take them over by remote control or a ground station; nothing else will come back to them"
+    "next: watch them, and take control by remote control or a ground station: cordon does not reconnect to them"
 )
 _BELOW_THE_LIVE_VIEW = "\x1b[?25h\n"
 """Shows the cursor, which the live view hides, and leaves its last line."""
@@ -40,82 +37,82 @@ _BELOW_THE_LIVE_VIEW = "\x1b[?25h\n"
 
 def is_supervised() -> bool:
     """Return whether this process is the flying one."""
-    return LIFELINE in os.environ
+    return HEARTBEAT_VARIABLE in os.environ
 
 
-def supervise(tell: Tell) -> int:
+def supervise() -> int:
     """Run this process's command line once more as the flying process; return the exit code of the whole.
 
-    Signals must be held back already. What goes wrong is told, a line each.
+    Signals must be held back already. What goes wrong is written to standard error.
     """
     for number in (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU):
-        signal.signal(number, signal.SIG_IGN)  # a terminal must not stop what flies: Ctrl-Z is no way to hold
+        signal.signal(number, signal.SIG_IGN)  # a terminal must not stop a flight: Ctrl-Z does not make it hold
     terminal = _Terminal()
     ours, theirs = socket.socketpair()
     with ours:
         ours.setblocking(False)
         with theirs:
             flying = _start(theirs.fileno())
-        relay(lambda: _say(ours, STOP))
-        vigil = Vigil()
-        silences_s = _watch(flying, ours, vigil)
+        relay(lambda: _send(ours, STOP))
+        monitor = LoopMonitor()
+        silences_s = _watch(flying, ours, monitor)
         code = flying.wait()
-        vigil.hear(_heard(ours))
-    lines = _told(flying.pid, code, silences_s, vigil)
+        monitor.receive(_received(ours))
+    lines = _report(flying.pid, code, silences_s, monitor)
     if not lines:
         return code
     for line in (*terminal.restored(), *lines):
-        tell(line)
-    return Exit.ENDED_IN_FLIGHT if vigil.has_flown else Exit.REFUSED
+        with suppress(OSError):  # the terminal may be gone
+            os.write(sys.stderr.fileno(), f"{line}\n".encode())
+    return Exit.ENDED_IN_FLIGHT if monitor.has_flown else Exit.REFUSED
 
 
 def _start(heartbeat: int) -> subprocess.Popen[bytes]:
-    """Start the flying process: the same command line in the same interpreter, with a lifeline."""
-    return subprocess.Popen(
-        [sys.executable, *sys.orig_argv[1:]], pass_fds=[heartbeat], env={**os.environ, LIFELINE: str(heartbeat)}
-    )
+    """Start the flying process: the same command line in the same interpreter, with its end of the socket pair."""
+    environment = {**os.environ, HEARTBEAT_VARIABLE: str(heartbeat)}
+    return subprocess.Popen([sys.executable, *sys.orig_argv[1:]], pass_fds=[heartbeat], env=environment)
 
 
-def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, vigil: Vigil) -> dict[int, float]:
-    """Watch until the process ends; kill it when a loop is dead. Return the silences that were its reason [s]."""
+def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, monitor: LoopMonitor) -> dict[int, float]:
+    """Watch until the process ends; kill it when a loop is dead. Return the silences that were the reason [s]."""
     while flying.poll() is None:
         time.sleep(POLL_PERIOD_S)
-        _say(connection, ALIVE)
-        vigil.hear(_heard(connection))
-        if silences_s := vigil.poll():
+        _send(connection, ALIVE)
+        monitor.receive(_received(connection))
+        if silences_s := monitor.poll():
             flying.kill()
             return silences_s
     return {}
 
 
-def _say(connection: socket.socket, words: bytes) -> None:
-    with suppress(OSError):  # it has ended, or hangs and reads no more
-        connection.send(words)
+def _send(connection: socket.socket, data: bytes) -> None:
+    with suppress(OSError):  # the flying process has ended, or hangs and no longer reads
+        connection.send(data)
 
 
-def _heard(connection: socket.socket) -> bytes:
+def _received(connection: socket.socket) -> bytes:
     """Return all that has arrived."""
-    heard = b""
+    received = b""
     with suppress(OSError):
         while data := connection.recv(65536):
-            heard += data
-    return heard
+            received += data
+    return received
 
 
-def _told(process_id: int, code: int, silences_s: dict[int, float], vigil: Vigil) -> list[str]:
-    """Return what to tell of a flight that did not end by itself in the way it should."""
+def _report(process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor) -> list[str]:
+    """Return lines about a flight that did not end by itself as it should, none if it did."""
     ended = f"by signal {-code}" if code < 0 else f"with exit code {code}"
     if silences_s:
         loops = ", ".join(f"vehicle {i} for {silence_s:.1f} s" for i, silence_s in silences_s.items())
         reason = f"no tick of the control loop of {loops}: the flying process {process_id} was killed"
-    elif vigil.flying:
-        reason = f"the flying process {process_id} ended {ended} before its vehicles had come down"
+    elif monitor.flying:
+        reason = f"the flying process {process_id} ended {ended} before its vehicles had landed"
     elif code < 0:
         return [f"the flying process {process_id} ended {ended} while no vehicle flew"]
     else:
         return []
-    flying = ", ".join(map(str, vigil.flying))
-    return [reason, f"vehicle {flying}: {_FROM_HERE_ON}" if flying else _FROM_HERE_ON, _NEXT_STEP]
+    flying = ", ".join(map(str, monitor.flying))
+    return [reason, f"vehicle {flying}: {_CONSEQUENCE}" if flying else _CONSEQUENCE, _NEXT_STEP]
 
 
 class _Terminal:
@@ -125,7 +122,7 @@ class _Terminal:
         self._attributes = termios.tcgetattr(sys.stdin) if sys.stdin.isatty() else None
 
     def restored(self) -> list[str]:
-        """Bring it back, and return what is to be written to it for that."""
+        """Restore its attributes, and return what to write to it for the rest."""
         if self._attributes is not None:
             with suppress(termios.error):  # it is gone
                 termios.tcsetattr(sys.stdin, termios.TCSANOW, self._attributes)

@@ -1,4 +1,4 @@
-"""Another MAVLink vehicle as the target: where it says that it is becomes sightings for the agents of this process."""
+"""Another MAVLink vehicle as the target: its reported positions become sightings for the agents of this process."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,14 +11,14 @@ from gcs.link.mavsdk_link import MavsdkLink
 from gcs.mission.mission import Mission, TargetSection
 
 TARGET_VEHICLE = 20000
-"""Its sensor id: neither a team's vehicle's nor one of agents/team/perception.py."""
+"""Its sensor id, distinct from the vehicles' and from those of agents/team/perception.py."""
 _EARLY_SHARE = 0.25
 
 
 class TargetVehicle:
-    """Listens to the vehicle that `[target]` names, and steers nothing; does nothing where the target is none.
+    """Receives the telemetry of the vehicle that `[target]` names, without commanding it; inactive for other sources.
 
-    Its sightings are as many and as sure as `[target.sensor]` says.
+    `[target.sensor]` sets the rate and the standard deviation of its sightings.
     """
 
     def __init__(self, mission: Mission, hub: MavsdkHub, clock: MissionClock, agents: Sequence[Agent]) -> None:
@@ -52,13 +52,13 @@ class TargetVehicle:
             agent.see(sighting)
 
     async def close(self) -> None:
-        """Let go of it."""
+        """Close its link."""
         if self._link is not None:
             await self._link.close()
 
 
 def sightings_of(target: TargetSection, see: Callable[[Sighting], None]) -> Callable[[Telemetry], None]:
-    """Return what takes the vehicle's telemetry and lets `see` have sightings at the sensor's rate."""
+    """Return a callback for the vehicle's telemetry that calls `see` with sightings at the sensor's rate."""
     sensor = target.sensor
     sigma_m, period_s, due_s = max(sensor.noise_m, 0.1), 1.0 / sensor.rate_hz, 0.0
 

@@ -218,7 +218,7 @@ def flown(draw: Draw) -> Flown:
 
     network, seed = mission.network, mission.mission.seed
     flight = simulate(
-        simulated_vehicles(mission, seed, natures={key: each.imperfections for key, each in draw.family.items()}),
+        simulated_vehicles(mission, seed, imperfections={key: each.imperfections for key, each in draw.family.items()}),
         NetworkModel(network.range_m, network.delay_s, network.loss),
         rate_hz=mission.mission.rate_hz,
         duration_s=mission.mission.duration_s,

@@ -12,20 +12,20 @@ from contextlib import AsyncExitStack
 from agents.ports import VehicleRefusedError
 from agents.safety.failsafe import Condition
 from agents.tactics import Tactic
-from gcs.cli.output import STDERR
+from gcs.console.terminal import STDERR
 from gcs.drill.faults import (
     HEARTBEAT_S,
-    Crew,
     Drill,
     by_table,
     cut,
     dead,
     kill,
     stop,
-    the_one,
+    the_subject,
 )
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD, Expectation
+from gcs.drill.roles import Roles
 from gcs.drill.run import DrillRun
 from gcs.drill.view import DrillProgress, drill_table
 from sitl.autopilot.modes import NavMode
@@ -112,7 +112,7 @@ class Px4Flight(DrillFlight):
         if message.kind == CURRENT_MODE:
             self.log.note_mode(now_s, vehicle, mode)
 
-    def look(self, now_s: float) -> None:
+    def observe(self, now_s: float) -> None:
         """Note where they believe to be, and see to it that they tell their modes, after a restart as well."""
         flying = {i: position_m for i, position_m in self.positions_m.items() if self._armed.get(i)}
         self.log.note_places(now_s, flying)
@@ -121,9 +121,9 @@ class Px4Flight(DrillFlight):
             for relay in self.relays.values():
                 relay.command(SET_MESSAGE_INTERVAL, CURRENT_MODE, MODE_PERIOD_US)
 
-    def heal(self) -> None:
+    def clear_faults(self) -> None:
         """Let the links through again."""
-        super().heal()
+        super().clear_faults()
         for relay in self.relays.values():
             relay.cut = False
 
@@ -137,36 +137,36 @@ def fly(text: str, speed: float) -> Px4Flight:
     return FLIGHTS[-1]
 
 
-def _take_over(flight: Px4Flight, crew: Crew) -> None:
+def _take_over(flight: Px4Flight, roles: Roles) -> None:
     main, sub = NavMode.HOLD.value
-    flight.relays[crew.one].command(DO_SET_MODE, 1.0, float(main), float(sub))
+    flight.relays[roles.subject].command(DO_SET_MODE, 1.0, float(main), float(sub))
 
 
-def _cut_link(flight: Px4Flight, crew: Crew) -> None:
-    flight.relays[crew.one].cut = True
+def _cut_link(flight: Px4Flight, roles: Roles) -> None:
+    flight.relays[roles.subject].cut = True
 
 
-def _restart(flight: Px4Flight, crew: Crew) -> None:
-    simulator = flight.simulators[crew.one]
+def _restart(flight: Px4Flight, roles: Roles) -> None:
+    simulator = flight.simulators[roles.subject]
     simulator.stop()
     simulator.start()
 
 
-def _restarted(crew: Crew, _speed: float) -> Expectation:
+def _restarted(roles: Roles, _speed: float) -> Expectation:
     return Expectation(
-        (crew.one,),
-        crew.others,
+        (roles.subject,),
+        roles.others,
         RESTARTED_WITHIN_S,
         tactic=Tactic.PILOT_OVERRIDE.value,
         stands_back=True,
         leaves_offboard=True,
-        respacing=tuple(i for i in crew.others if i in crew.on_ring),
-        separation_m=crew.mission.safety.separation_m,
+        respacing=tuple(i for i in roles.others if i in roles.on_ring),
+        separation_m=roles.mission.safety.separation_m,
     )
 
 
-def _foreign(crew: Crew, speed: float) -> Expectation:
-    return by_table(Condition.PILOT_TOOK_OVER, the_one, found_within_s=HEARTBEAT_S)(crew, speed)
+def _foreign(roles: Roles, speed: float) -> Expectation:
+    return by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S)(roles, speed)
 
 
 DRILLS: tuple[Drill[Px4Flight], ...] = (
@@ -177,17 +177,17 @@ DRILLS: tuple[Drill[Px4Flight], ...] = (
         _cut_link,
         cut,
         undo_after_s=5.0,
-        spends=True,
+        lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends=True),
+    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends_flight=True),
     Drill(
         "autopilot restarted",
         "stand down, nothing sent; the others close the gap",
         _restart,
         _restarted,
-        spends=True,
+        lands_subject=True,
     ),
-    Drill("stopped agent", "all out of offboard", stop, dead, by_wall=True, ends=True),
+    Drill("stopped agent", "all out of offboard", stop, dead, by_wall=True, ends_flight=True),
 )
 
 
@@ -196,7 +196,7 @@ def stood_down_after_s(flight: Px4Flight) -> dict[int, float]:
     return {
         i: said[0].time_s - shown_s
         for i, shown_s in flight.foreign_s.items()
-        if (said := [each for each in flight.log.said[i] if each.tactic == Tactic.PILOT_OVERRIDE.value])
+        if (said := [each for each in flight.log.reported[i] if each.tactic == Tactic.PILOT_OVERRIDE.value])
     }
 
 

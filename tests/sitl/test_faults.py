@@ -9,10 +9,10 @@ import pytest
 from agents.team.messages import MemberState, OperatorCommand, encode
 from estimation.state import Sighting
 from gcs.drill.injected_faults import (
-    Ailments,
     FailingBus,
     FailingSensor,
-    Patient,
+    FaultReceiver,
+    InjectedFaults,
 )
 from sitl.faults import VehicleFaults
 from tests.sitl.test_protocol import Client, fly, follow
@@ -85,33 +85,33 @@ COMMAND = encode(OperatorCommand(1.0, "hold", None, "somebody", 7))
 
 
 async def test_a_bus_loses_the_share_it_is_told_to() -> None:
-    patient, bus = Patient(), Bus()
+    receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, patient, seed=3).open(heard.append, lambda *_: None)
+    await FailingBus(bus, receiver, seed=3).open(heard.append, lambda *_: None)
     for _ in range(1000):
         bus.deliver(member(1))
     assert len(heard) == 1000
-    patient.now = Ailments(loss=0.5)
+    receiver.now = InjectedFaults(loss=0.5)
     for _ in range(1000):
         bus.deliver(member(1))
     assert 1450 < len(heard) < 1550
 
 
 async def test_who_is_unheard_is_and_operators_are_not() -> None:
-    patient, bus = Patient(), Bus()
+    receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, patient, seed=3).open(heard.append, lambda *_: None)
-    patient.now = Ailments(unheard=(1, 2))
+    await FailingBus(bus, receiver, seed=3).open(heard.append, lambda *_: None)
+    receiver.now = InjectedFaults(unheard=(1, 2))
     for payload in (member(1), member(2), member(3), COMMAND, b"noise"):
         bus.deliver(payload)
     assert heard == [member(3), COMMAND, b"noise"]
 
 
 async def test_what_is_late_comes_later() -> None:
-    patient, bus = Patient(), Bus()
+    receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, patient, seed=3).open(heard.append, lambda *_: None)
-    patient.now = Ailments(delay_s=0.01)
+    await FailingBus(bus, receiver, seed=3).open(heard.append, lambda *_: None)
+    receiver.now = InjectedFaults(delay_s=0.01)
     bus.deliver(member(1))
     assert heard == []
     arrived = asyncio.Event()
@@ -127,8 +127,8 @@ def test_a_blind_sensor_sees_nothing() -> None:
         def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting:
             return sighting
 
-    patient = Patient()
-    sensor = FailingSensor(Eye(), patient)
+    receiver = FaultReceiver()
+    sensor = FailingSensor(Eye(), receiver)
     assert sensor.sight(1.0, (0.0, 0.0)) is sighting
-    patient.now = Ailments(blind=True)
+    receiver.now = InjectedFaults(blind=True)
     assert sensor.sight(1.0, (0.0, 0.0)) is None

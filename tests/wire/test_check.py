@@ -12,7 +12,7 @@ import pytest
 from mavsdk.plugins.geofence import Circle, FenceType, Geofence, GeofenceData, Point, Polygon
 from mavsdk.plugins.param import Param
 
-from gcs.cli.app import main
+from gcs.cli import main
 from gcs.flight.stubs import stub_configs
 from gcs.link.hub import MavsdkHub
 from gcs.mission.file import load_mission

@@ -261,7 +261,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await asyncio.gather(flight, return_exceptions=True)
 
 
-@pytest.mark.parametrize(("typed", "told"), [("n", "nothing was said"), ("y", "no vehicle heard")])
+@pytest.mark.parametrize(("typed", "told"), [("n", "no command was sent"), ("y", "no vehicle heard")])
 async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mission_file: Callable[..., str]) -> None:
     path = mission_file("case2")
     child, person = pty.fork()

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from gcs.drill.faults import DRILLS, Crew, Drill
-from gcs.drill.judge import faults, reacted_s
+from gcs.drill.faults import DRILLS, Drill
+from gcs.drill.judge import failures, reacted_s
 from gcs.drill.mission import drill_mission
+from gcs.drill.roles import Roles
 from gcs.drill.run import DrillRow, DrillRun
 from gcs.drill.stubs import StubFlight
 from gcs.mission.file import parse_mission
@@ -43,7 +44,7 @@ UNDISTURBED_S = 2.0
 
 
 class Silent:
-    def tell(self, doing: str) -> None:
+    def begin(self, step: str) -> None:
         pass
 
     def add(self, row: DrillRow) -> None:
@@ -53,16 +54,18 @@ class Silent:
 def without_failsafe(drill: Drill[StubFlight]) -> Drill[StubFlight]:
     """Return the drill on vehicles that stay in offboard however long nobody speaks to them."""
 
-    def inject(flight: StubFlight, crew: Crew) -> None:
+    def inject(flight: StubFlight, roles: Roles) -> None:
         for stub in flight.stubs.values():
             assert stub.autopilot.parameters.set("COM_OF_LOSS_T", 60.0)
-        drill.inject(flight, crew)
+        drill.inject(flight, roles)
 
     return replace(drill, inject=inject)
 
 
 async def test_every_drill_holds() -> None:
-    drills = [drill for drill in DRILLS if not drill.ends]  # of the others one is flown in `tests/gcs/cli/test_cli.py`
+    drills = [
+        drill for drill in DRILLS if not drill.ends_flight
+    ]  # of the others one is flown in `tests/gcs/cli/test_cli.py`
     rows = await DrillRun("case2", StubFlight, drills, Silent()).run()
     for row in rows:
         print(f"MEASURED {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
@@ -83,13 +86,13 @@ async def test_control_with_the_reactions_switched_off_every_drill_fails() -> No
 
 async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen() -> None:
     text = drill_mission("case2")
-    crew = Crew(parse_mission(text, Path()))
+    roles = Roles(parse_mission(text, Path()))
     async with StubFlight(text, CONTROL_SPEED) as flight:
-        await flight.aloft(crew.everybody, crew.tactic)
+        await flight.reach_mission(roles.airborne, roles.tactic)
         began_s = flight.now_s()
         await asyncio.sleep(UNDISTURBED_S)
         for drill in DRILLS:
-            expected = drill.expect(crew, CONTROL_SPEED)
-            found = faults(expected, flight.log, began_s, flight.now_s())
+            expected = drill.expect(roles, CONTROL_SPEED)
+            found = failures(expected, flight.log, began_s, flight.now_s())
             assert bool(found) is expected.is_reaction, drill.fault
             assert (reacted_s(expected, flight.log, began_s) is None) is expected.is_reaction, drill.fault

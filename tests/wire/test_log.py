@@ -66,7 +66,7 @@ def test_a_flight_killed_in_mid_air_leaves_all_but_its_last_second(
         [*command, "log", "recover", str(log)], capture_output=True, text=True, timeout=60, env=environment, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert "not whole: it was never closed: it ends" in done.stderr
+    assert "incomplete: it was never closed: it ends" in done.stderr
     assert log.read_bytes() == before
     recovered = read_log(tmp_path / "left-recovered.mcap")
     assert recovered.faults == []
@@ -92,8 +92,8 @@ def test_a_disk_that_is_full_is_told_and_ends_nothing(mission_file: Callable[...
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count("the log is not whole: File too large; the flight goes on\n") == 1
-    assert done.stderr.count("the log is not whole: File too large\n") == 1
+    assert done.stderr.count("the log is incomplete: File too large; the flight goes on\n") == 1
+    assert done.stderr.count("the log is incomplete: File too large\n") == 1
     assert f"log: {log} (0.2 MB)" in done.stderr
     assert log.stat().st_size == FILE_MAX_BYTES
     assert all(len(records) > ALOFT_TICKS for records in read_log(log).vehicles.values())

@@ -18,7 +18,7 @@ from tests.support.px4 import Px4Missing, px4_build
 
 
 class Silent:
-    def tell(self, doing: str) -> None:
+    def begin(self, step: str) -> None:
         pass
 
     def add(self, row: DrillRow) -> None:

@@ -1,7 +1,7 @@
 """The dead-man: a flying process that is killed, stopped or hangs is out of offboard in time; who is orphaned lands.
 
 The vehicles are stubs of this process, on a clock that runs fast until the fault and at the wall's pace from then on.
-The controls fly the same process unsupervised: the test holds the other end of its lifeline, and watches nothing.
+The controls fly the same process unsupervised: the test holds the other end of the socket pair, and watches nothing.
 """
 
 import asyncio
@@ -17,12 +17,12 @@ from pathlib import Path
 
 import pytest
 
-from gcs.drill.flight import Victim
-from gcs.drill.injected_faults import HANG_S, Ailments, Hang
+from gcs.drill.flight import ProcessUnderTest
+from gcs.drill.injected_faults import HANG_S, Hang, InjectedFaults
 from gcs.drill.process_under_test import SOCKET
-from gcs.drill.stubs import Pace
+from gcs.drill.stubs import StubClock
 from gcs.flight.stubs import stub_configs
-from gcs.flight.supervision import ALIVE, LIFELINE, POLL_PERIOD_S
+from gcs.flight.supervision import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
 from gcs.mission.file import load_mission
 from sitl.autopilot.modes import NavMode
 from sitl.server.server import serve
@@ -43,22 +43,24 @@ Fault = signal.Signals | Hang
 class Flight:
     """A team in flight: the process that was started, the one that flies, and the vehicles as they truly are."""
 
-    def __init__(self, process: asyncio.subprocess.Process, victim: Victim, watch: StubWatch, pace: Pace) -> None:
+    def __init__(
+        self, process: asyncio.subprocess.Process, under_test: ProcessUnderTest, watch: StubWatch, clock: StubClock
+    ) -> None:
         self.process = process
-        self.pace = pace
-        self.victim = victim
+        self.clock = clock
+        self.under_test = under_test
         self._watch = watch
 
     @property
     def flying_pid(self) -> int:
-        return self.victim.pid
+        return self.under_test.pid
 
     def strike(self, fault: Fault) -> None:
         """Send the flying process a signal, or let it hang by itself."""
         if isinstance(fault, signal.Signals):
             os.kill(self.flying_pid, fault)
         else:
-            self.victim.ail(Ailments(hang=fault))
+            self.under_test.inject(InjectedFaults(hang=fault))
 
     @property
     def all_in_offboard(self) -> bool:
@@ -100,10 +102,10 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
         ("separation_m = 3.0", "separation_m = 2.0"),  # they may land together
         ("endpoint =", "altitude_m = 3.0\nendpoint ="),
     )
-    victim = Victim()
-    server = await asyncio.start_unix_server(victim.meet, tmp_path / "socket")
+    under_test = ProcessUnderTest()
+    server = await asyncio.start_unix_server(under_test.meet, tmp_path / "socket")
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
-    watch, pace = StubWatch(monkeypatch), Pace(FAST)
+    watch, clock = StubWatch(monkeypatch), StubClock(FAST)
 
     async def start(*, supervised: bool = True, terminal: int | None = None) -> Flight:
         command = (sys.executable, "-m", "gcs.drill.process_under_test", path, "1", "60")
@@ -111,7 +113,7 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
         variables = {**environment, "TERM": "dumb" if terminal is None else "xterm"}
         if not supervised:
             heartbeat = await stack.enter_async_context(_careless())
-            fds, variables[LIFELINE] = [heartbeat], str(heartbeat)
+            fds, variables[HEARTBEAT_VARIABLE] = [heartbeat], str(heartbeat)
         process = await asyncio.create_subprocess_exec(
             *command,
             env=variables,
@@ -122,12 +124,12 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
             start_new_session=True,
             preexec_fn=None if terminal is None else _take_terminal,
         )
-        flight = Flight(process, victim, watch, pace)
+        flight = Flight(process, under_test, watch, clock)
         stack.push_async_callback(_end, flight)
         return flight
 
     stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(stub_configs(load_mission(path)), speed=FAST, now_s=pace.now_s, stop=stop))
+    stubs = asyncio.create_task(serve(stub_configs(load_mission(path)), speed=FAST, now_s=clock.now_s, stop=stop))
     async with AsyncExitStack() as stack:
         yield start
     stop.set()
@@ -150,7 +152,7 @@ async def _end(flight: Flight) -> None:
 
 @asynccontextmanager
 async def _careless() -> AsyncIterator[int]:
-    """Be a supervisor that is there and does nothing: yields the flying process's end of its lifeline."""
+    """Be a supervisor that is there and does nothing: yields the flying process's end of the socket pair."""
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
 
@@ -178,8 +180,8 @@ def now_s() -> float:
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
-        (signal.SIGKILL, "ended by signal 9 before its vehicles had come down"),
-        ("exit", "ended with exit code 0 before its vehicles had come down"),
+        (signal.SIGKILL, "ended by signal 9 before its vehicles had landed"),
+        ("exit", "ended with exit code 0 before its vehicles had landed"),
         (signal.SIGSTOP, "no tick of the control loop of vehicle 1 for 0.6 s, vehicle 2 for 0.6 s, vehicle 3 for"),
         ("interpreter", "no tick of the control loop of vehicle "),
         ("event loop", "no tick of the control loop of vehicle "),
@@ -189,7 +191,7 @@ def now_s() -> float:
 async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason: str, fly: Fly) -> None:
     flight = await fly()
     await flight.aloft()
-    flight.pace.keep_the_walls()
+    flight.clock.run_at_wall_speed()
     pid, began_s = flight.flying_pid, now_s()
     flight.strike(fault)
     out_s = await until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")
@@ -208,7 +210,7 @@ async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason
 async def test_control_unsupervised_a_hung_event_loop_keeps_its_vehicles_in_offboard(fly: Fly) -> None:
     flight = await fly(supervised=False)
     await flight.aloft()
-    flight.pace.keep_the_walls()
+    flight.clock.run_at_wall_speed()
     flight.strike("event loop")
     hung_s = now_s() + 0.5
     await asyncio.sleep(0.5 + 2.0 * OUT_OF_OFFBOARD_MAX_S)
@@ -222,7 +224,7 @@ async def test_control_unsupervised_a_process_that_recovers_takes_its_vehicles_b
 ) -> None:
     flight = await fly(supervised=False)
     await flight.aloft()
-    flight.pace.keep_the_walls()
+    flight.clock.run_at_wall_speed()
     flight.strike(fault)
     await until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")  # MAVSDK's callbacks want the lock
     os.kill(flight.flying_pid, signal.SIGCONT)

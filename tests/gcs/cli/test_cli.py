@@ -9,13 +9,14 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from gcs.cli.app import app, main
-from gcs.flight.supervision import LIFELINE
+from gcs.cli import app, main
+from gcs.flight.supervision import HEARTBEAT_VARIABLE
 from tests.support.paths import MISSIONS, ROOT
 
 # It warns that these tests run main() itself, as the console script does.
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked wit
 
 COMMANDS = [name for name in app if not name.startswith("-")]
 CASE1 = (MISSIONS / "case1.toml").read_text(encoding="utf-8")
-HEAVY = ("numpy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink")
+HEAVY = ("numpy", "scipy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink", "pydantic", "foxglove")
 
 RESULT_KEYS = {
     "": (
@@ -81,7 +82,7 @@ def refused(
         monkeypatch.setattr(sys, "argv", ["cordon", *arguments])
         monkeypatch.chdir(tmp_path)
         supervisor, flying = socket.socketpair()
-        monkeypatch.setenv(LIFELINE, str(os.dup(flying.fileno())))
+        monkeypatch.setenv(HEARTBEAT_VARIABLE, str(os.dup(flying.fileno())))
         with supervisor, flying, pytest.raises(SystemExit) as ended:
             main()
         out, err = capsys.readouterr()
@@ -111,14 +112,34 @@ def mission(tmp_path: Path) -> Callable[..., str]:
 # Help
 
 
-def test_starting_up_imports_nothing_heavy() -> None:
-    program = (
-        f"import sys, gcs.cli.app, gcs.flight.supervisor; print([name for name in {HEAVY} if name in sys.modules])"
-    )
+def test_neither_help_nor_the_supervisor_imports_anything_heavy() -> None:
+    program = f"""
+import contextlib, sys, gcs.cli, gcs.flight.supervisor
+for arguments in (["--help"], *([name, "--help"] for name in {COMMANDS})):
+    sys.argv = ["cordon", *arguments]
+    with contextlib.suppress(SystemExit):
+        gcs.cli.main()
+    print(*(f"{{arguments}}: {{name}}" for name in {HEAVY} if name in sys.modules), sep="\\n", file=sys.stderr)
+"""
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment(), timeout=60
     )
-    assert done.stdout == "[]\n"
+    assert done.stderr.split() == []
+    assert done.stdout.count("Usage: cordon") == 1 + len(COMMANDS)
+
+
+def test_a_verb_is_imported_once_it_is_used() -> None:
+    program = f"import sys, gcs.cli; print([name for name in {COMMANDS} if 'gcs.cli.' + name in sys.modules])"
+    program += "; gcs.cli.app['check']; print('gcs.cli.check' in sys.modules, 'gcs.cli.fly' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment(), timeout=60
+    )
+    assert done.stdout.splitlines() == ["[]", "True False"]
+
+
+def test_the_version_is_the_distributions() -> None:
+    ran = cordon("--version")
+    assert (ran.code, ran.out) == (0, f"{version('cordon-gcs')}\n")
 
 
 def test_all_commands_are_listed_with_an_example_to_start_with() -> None:
@@ -330,21 +351,21 @@ def test_viewers_cannot_look_on_at_what_is_no_address(refused: Refused, address:
 
 def test_where_viewers_look_on_says_nothing_without_looking_on(refused: Refused) -> None:
     (line,) = refused("fly", "case1", "--sitl", "--no-log", "--live-address", "127.0.0.1:8765")
-    assert line == "--live-address: without --live nobody can look on, wherever that is"
+    assert line == "--live-address: it needs --live"
 
 
 def test_a_layout_overwrites_nothing(refused: Refused, tmp_path: Path) -> None:
     (tmp_path / "kept.json").write_text("kept")
-    assert refused("log", "layout", "-o", "kept.json") == ["--output: 'kept.json': File exists"]
+    assert refused("log", "layout", "-o", "kept.json") == ["--output: kept.json: File exists"]
     assert (tmp_path / "kept.json").read_text() == "kept"
 
 
 @pytest.mark.parametrize(
     ("place", "words"),
     [
-        (("1e400", "0"), "is no place"),
-        (("35",), "give its place as X Y in metres, or as --lat and --lon in degrees"),
-        (("--lat", "91", "--lon", "8"), "is not a place on Earth"),
+        (("1e400", "0"), "is not a position"),
+        (("35",), "give its position as X Y in metres, or as --lat and --lon in degrees"),
+        (("--lat", "91", "--lon", "8"), "is not a position on Earth"),
         (("1e7", "0"), "it is too far away (10000 km, at most 1000)"),
         (("--lat", "-47", "--lon", "-171"), "it is too far away (12734.2 km, at most 1000)"),
         (("35", "-5", "--sigma", "1e-200"), "its covariance is not positive definite"),

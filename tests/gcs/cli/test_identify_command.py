@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import gcs.cli.identify_command
 from estimation.plant.file import PlantShelf
 from estimation.plant.provenance import COVARIANCE_OF, Verdict
 from estimation.state import Vector
-from gcs.cli.app import main
+from gcs.cli import main
 from gcs.mission.file import excitation_mission
 from gcs.vehicle_logs.foreign import read_vehicle_logs
 from gcs.vehicle_logs.vehicle_log import (
@@ -85,7 +84,7 @@ class Runner:
         def held(path: Path) -> tuple[VehicleLog, ...]:
             return tuple(log for log in logs if log.path == str(path)) if str(path) in names else read(path)
 
-        self._patch.setattr(gcs.cli.identify_command, "read_vehicle_logs", held)
+        self._patch.setattr("gcs.vehicle_logs.foreign.read_vehicle_logs", held)
 
     def __call__(self, *arguments: str) -> tuple[int, str, str]:
         self._patch.setattr(sys, "argv", ["cordon", "identify", *arguments])

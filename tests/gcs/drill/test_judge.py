@@ -7,7 +7,7 @@ import pytest
 from gcs.drill.judge import (
     Expectation,
     TeamLog,
-    faults,
+    failures,
     reacted_s,
     respaced,
 )
@@ -24,8 +24,8 @@ def log() -> TeamLog:
     log = TeamLog()
     for vehicle in (1, 2, 3):
         log.note_mode(90.0, vehicle, "offboard")
-        log.note_said(90.0, vehicle, "encircle", "")
-        log.note_said(UNTIL_S - 0.1, vehicle, "encircle", "")
+        log.note_status(90.0, vehicle, "encircle", "")
+        log.note_status(UNTIL_S - 0.1, vehicle, "encircle", "")
         log.radii_m[vehicle].append((102.0, 10.1))
         log.bearings_rad[vehicle] = (102.0, vehicle * 2.0 * pi / 3.0)
     for at_s in (100.0, 102.0, 104.0):
@@ -35,26 +35,26 @@ def log() -> TeamLog:
 
 def test_undisturbed_is_no_reaction_and_nothing_else_wrong(log: TeamLog) -> None:
     assert reacted_s(HOLD, log, BEGAN_S) is None
-    assert faults(HOLD, log, BEGAN_S, UNTIL_S) == ["vehicle 3 did not react: offboard, encircle"]
-    assert [fault[:23] for fault in faults(OUT, log, BEGAN_S, UNTIL_S)] == [
+    assert failures(HOLD, log, BEGAN_S, UNTIL_S) == ["vehicle 3 did not react: offboard, encircle"]
+    assert [fault[:23] for fault in failures(OUT, log, BEGAN_S, UNTIL_S)] == [
         "vehicle 1 did not react",
         "vehicle 2 did not react",
         "vehicle 3 did not react",
     ]
-    assert faults(BORNE, log, BEGAN_S, UNTIL_S) == []
+    assert failures(BORNE, log, BEGAN_S, UNTIL_S) == []
 
 
 def test_a_reaction_is_complete_with_tactic_and_alert(log: TeamLog) -> None:
-    log.note_said(101.0, 3, "encircle", "telemetry stale")
+    log.note_status(101.0, 3, "encircle", "telemetry stale")
     assert reacted_s(HOLD, log, BEGAN_S) is None
-    log.note_said(101.2, 3, "hold", "telemetry stale")
+    log.note_status(101.2, 3, "hold", "telemetry stale")
     assert reacted_s(HOLD, log, BEGAN_S) == 101.2
-    log.heard_s[3] = UNTIL_S
-    assert faults(HOLD, log, BEGAN_S, UNTIL_S) == []
+    log.received_s[3] = UNTIL_S
+    assert failures(HOLD, log, BEGAN_S, UNTIL_S) == []
 
 
 def test_what_was_so_before_the_fault_did_not_come_of_it(log: TeamLog) -> None:
-    log.note_said(99.0, 3, "hold", "telemetry stale")
+    log.note_status(99.0, 3, "hold", "telemetry stale")
     assert reacted_s(HOLD, log, BEGAN_S) is None
 
 
@@ -63,57 +63,57 @@ def test_the_last_of_several_counts(log: TeamLog) -> None:
         assert reacted_s(OUT, log, BEGAN_S) is None
         log.note_mode(at_s, vehicle, "land")
     assert reacted_s(OUT, log, BEGAN_S) == 101.5
-    assert faults(OUT, log, BEGAN_S, UNTIL_S) == []
+    assert failures(OUT, log, BEGAN_S, UNTIL_S) == []
 
 
 def test_coming_back_by_itself_is_wrong(log: TeamLog) -> None:
     for vehicle in (1, 2, 3):
         log.note_mode(101.0, vehicle, "land")
     log.note_mode(103.0, 2, "offboard")
-    assert faults(OUT, log, BEGAN_S, UNTIL_S) == ["vehicle 2 went back into offboard by itself"]
+    assert failures(OUT, log, BEGAN_S, UNTIL_S) == ["vehicle 2 went back into offboard by itself"]
 
 
 def test_going_on_with_the_mission_by_itself_is_wrong(log: TeamLog) -> None:
-    log.note_said(101.0, 3, "hold", "telemetry stale")
-    log.note_said(104.8, 3, "formation", "")
-    assert faults(HOLD, log, BEGAN_S, UNTIL_S) == ["vehicle 3 went back to 'formation' by itself"]
+    log.note_status(101.0, 3, "hold", "telemetry stale")
+    log.note_status(104.8, 3, "formation", "")
+    assert failures(HOLD, log, BEGAN_S, UNTIL_S) == ["vehicle 3 went back to 'formation' by itself"]
 
 
 def test_others_that_react_are_told(log: TeamLog) -> None:
-    log.note_said(101.0, 3, "hold", "telemetry stale")
-    log.note_said(102.0, 1, "aside", "all peers silent")
+    log.note_status(101.0, 3, "hold", "telemetry stale")
+    log.note_status(102.0, 1, "aside", "all peers silent")
     log.note_mode(103.0, 2, "hold")
-    log.heard_s |= {1: UNTIL_S, 3: UNTIL_S}
-    assert faults(HOLD, log, BEGAN_S, UNTIL_S) == [
+    log.received_s |= {1: UNTIL_S, 3: UNTIL_S}
+    assert failures(HOLD, log, BEGAN_S, UNTIL_S) == [
         "vehicle 1 went from 'encircle' to 'aside' (all peers silent)",
         "vehicle 2 left offboard for hold",
     ]
 
 
 def test_who_has_landed_for_good_is_no_longer_looked_at(log: TeamLog) -> None:
-    log.note_said(101.0, 3, "land", "battery low")
+    log.note_status(101.0, 3, "land", "battery low")
     log.note_mode(101.0, 3, "land")
-    assert faults(Expectation((), (1, 2), None, separation_m=3.0), log, BEGAN_S, UNTIL_S) == []
+    assert failures(Expectation((), (1, 2), None, separation_m=3.0), log, BEGAN_S, UNTIL_S) == []
 
 
 def test_in_offboard_with_nobody_behind_it(log: TeamLog) -> None:
-    log.heard_s[2] = UNTIL_S - 2.0
-    assert faults(BORNE, log, BEGAN_S, UNTIL_S) == ["vehicle 2 is in offboard with nobody behind it"]
+    log.received_s[2] = UNTIL_S - 2.0
+    assert failures(BORNE, log, BEGAN_S, UNTIL_S) == ["vehicle 2 is in offboard without an agent"]
 
 
 def test_too_near_at_one_height_only(log: TeamLog) -> None:
     log.note_places(104.5, {1: (0.0, 0.0, 8.0), 2: (0.0, 2.0, 9.5)})
-    assert faults(BORNE, log, BEGAN_S, UNTIL_S) == []
+    assert failures(BORNE, log, BEGAN_S, UNTIL_S) == []
     log.note_places(104.6, {1: (0.0, 0.0, 8.0), 2: (0.0, 2.71, 8.5)})
-    assert faults(BORNE, log, BEGAN_S, UNTIL_S) == []
+    assert failures(BORNE, log, BEGAN_S, UNTIL_S) == []
     log.note_places(104.7, {1: (0.0, 0.0, 8.0), 2: (0.0, 2.69, 8.5)})
-    assert faults(BORNE, log, BEGAN_S, UNTIL_S) == ["vehicles 1 and 2 came within 2.69 m of each other"]
+    assert failures(BORNE, log, BEGAN_S, UNTIL_S) == ["vehicles 1 and 2 came within 2.69 m of each other"]
 
 
 def test_what_should_be_borne_is_not_when_somebody_stops_or_leaves_the_ring(log: TeamLog) -> None:
     log.radii_m[1].append((103.0, 12.5))
-    log.note_said(104.9, 3, "hold", "estimator jumped")
-    assert faults(BORNE, log, BEGAN_S, UNTIL_S) == [
+    log.note_status(104.9, 3, "hold", "estimator jumped")
+    assert failures(BORNE, log, BEGAN_S, UNTIL_S) == [
         "vehicle 3 went from 'encircle' to 'hold' (estimator jumped)",
         "vehicle 1 was 2.5 m off the ring",
     ]
@@ -121,12 +121,14 @@ def test_what_should_be_borne_is_not_when_somebody_stops_or_leaves_the_ring(log:
 
 def test_who_stood_down_is_sent_nothing(log: TeamLog) -> None:
     stood_down = Expectation((3,), (1, 2), 1.5, tactic="pilot override", stands_back=True, separation_m=3.0)
-    log.note_said(101.0, 3, "pilot override", "pilot took over")
-    log.heard_s[3] = UNTIL_S
+    log.note_status(101.0, 3, "pilot override", "pilot took over")
+    log.received_s[3] = UNTIL_S
     log.setpoint_s[3] = 101.2
-    assert faults(stood_down, log, BEGAN_S, UNTIL_S) == []
+    assert failures(stood_down, log, BEGAN_S, UNTIL_S) == []
     log.setpoint_s[3] = 101.5
-    assert faults(stood_down, log, BEGAN_S, UNTIL_S) == ["vehicle 3 was sent a setpoint 0.5 s after it stood down"]
+    assert failures(stood_down, log, BEGAN_S, UNTIL_S) == [
+        "vehicle 3 was sent a setpoint 0.5 s after the pilot override"
+    ]
 
 
 def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
@@ -134,11 +136,11 @@ def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
         (3,), (1, 2), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="pilot override", separation_m=3.0
     )
     log.note_mode(101.0, 3, "land")
-    log.note_said(102.0, 3, "pilot override", "pilot took over")
+    log.note_status(102.0, 3, "pilot override", "pilot took over")
     assert not respaced(two, log)
-    assert faults(two, log, BEGAN_S, UNTIL_S) == ["the others did not close the gap on the ring"]
+    assert failures(two, log, BEGAN_S, UNTIL_S) == ["the others did not close the gap on the ring"]
     log.bearings_rad |= {1: (104.0, -0.1), 2: (104.0, pi + 0.2)}
     assert respaced(two, log)
-    assert faults(two, log, BEGAN_S, UNTIL_S) == []
-    log.note_said(103.0, 3, "hold", "")
-    assert "vehicle 3 ended at 'hold', not at 'pilot override'" in faults(two, log, BEGAN_S, UNTIL_S)
+    assert failures(two, log, BEGAN_S, UNTIL_S) == []
+    log.note_status(103.0, 3, "hold", "")
+    assert "vehicle 3 ended at 'hold', not at 'pilot override'" in failures(two, log, BEGAN_S, UNTIL_S)

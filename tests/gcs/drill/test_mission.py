@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gcs.drill.faults import DRILLS, Crew, chosen
+from gcs.drill.faults import DRILLS, chosen
 from gcs.drill.mission import drill_mission
+from gcs.drill.roles import Roles
 from gcs.errors import InputError
 from gcs.mission.file import (
     MissionError,
@@ -40,8 +41,8 @@ def test_everything_but_ports_team_and_target_is_kept(name: str) -> None:
 
 def test_the_target_is_in_reach_of_those_who_want_it() -> None:
     case1, case2 = drilled("case1"), drilled("case2")
-    assert [Crew(case2).tactic(i) for i in case2.ids] == ["encircle"] * 3
-    assert [Crew(case1).tactic(i) for i in case1.ids] == ["encircle", "formation", "formation"]
+    assert [Roles(case2).tactic(i) for i in case2.ids] == ["encircle"] * 3
+    assert [Roles(case1).tactic(i) for i in case1.ids] == ["encircle", "formation", "formation"]
     x, y = case2.target.start_m
     assert hypot(x, abs(y) + case2.formation.spacing_m) == pytest.approx(12.0)
 
@@ -49,7 +50,7 @@ def test_the_target_is_in_reach_of_those_who_want_it() -> None:
 def test_where_nobody_gets_to_it_the_target_stays() -> None:
     crossing = drilled("crossing")
     assert crossing.target == load_mission("crossing").target
-    assert {Crew(crossing).tactic(i) for i in crossing.ids} == {"formation"}
+    assert {Roles(crossing).tactic(i) for i in crossing.ids} == {"formation"}
 
 
 def test_a_mission_that_forbids_it_keeps_its_target(mission_file: Callable[..., str]) -> None:
@@ -73,26 +74,26 @@ def test_a_plant_file_beside_the_mission_is_found(mission_file: Callable[..., st
 
 
 def test_who_things_happen_to_is_the_last_in_line_and_the_leader_at_the_end() -> None:
-    crew = Crew(drilled("case2"))
-    assert (crew.one, crew.others) == (3, (1, 2))
-    crew.spent.add(3)
-    assert (crew.one, crew.others, crew.everybody) == (1, (2,), (1, 2))
-    crew.spent.add(1)
-    assert crew.one == 2
+    roles = Roles(drilled("case2"))
+    assert (roles.subject, roles.others) == (3, (1, 2))
+    roles.landed.add(3)
+    assert (roles.subject, roles.others, roles.airborne) == (1, (2,), (1, 2))
+    roles.landed.add(1)
+    assert roles.subject == 2
 
 
 def test_grace_times_are_the_missions() -> None:
-    usual, patient = (
-        Crew(drilled("case2", ("failsafe", "battery_s", battery_s), ("safety", "telemetry_timeout_s", telemetry_s)))
+    usual, receiver = (
+        Roles(drilled("case2", ("failsafe", "battery_s", battery_s), ("safety", "telemetry_timeout_s", telemetry_s)))
         for battery_s, telemetry_s in ((5.0, 1.0), (25.0, 11.0))
     )
     by_name = {drill.fault: drill for drill in DRILLS}
 
-    def limit_s(crew: Crew, fault: str) -> float:
-        return by_name[fault].expect(crew, 5.0).limit_s or 0.0
+    def limit_s(roles: Roles, fault: str) -> float:
+        return by_name[fault].expect(roles, 5.0).limit_s or 0.0
 
-    assert limit_s(patient, "battery low") - limit_s(usual, "battery low") == pytest.approx(20.0 / 5.0)
-    assert limit_s(patient, "telemetry frozen") - limit_s(usual, "telemetry frozen") == pytest.approx(10.0), (
+    assert limit_s(receiver, "battery low") - limit_s(usual, "battery low") == pytest.approx(20.0 / 5.0)
+    assert limit_s(receiver, "telemetry frozen") - limit_s(usual, "telemetry frozen") == pytest.approx(10.0), (
         "the wall's"
     )
 

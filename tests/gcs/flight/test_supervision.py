@@ -1,4 +1,4 @@
-"""When a control loop counts as dead: what a supervisor concludes from signs and polls, without processes."""
+"""When a control loop counts as dead: what a supervisor concludes from heartbeats and polls, without processes."""
 
 import os
 import socket
@@ -7,27 +7,27 @@ from collections.abc import Iterator
 
 import pytest
 
-from gcs.flight.heartbeat import TOLD_PERIOD_S, SupervisorHeartbeat
+from gcs.flight.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartbeat
 from gcs.flight.supervision import (
     ALIVE,
-    LIFELINE,
+    HEARTBEAT_VARIABLE,
     POLL_PERIOD_S,
     STOP,
-    Sign,
-    Vigil,
-    encode_sign,
+    Beat,
+    LoopMonitor,
+    encode_beat,
 )
 
 PERIOD_S = 0.1
 
 
 def tick(vehicle_id: int, due_s: float = PERIOD_S) -> bytes:
-    return encode_sign(Sign.TICK, vehicle_id, due_s)
+    return encode_beat(Beat.TICK, vehicle_id, due_s)
 
 
-def polls_to_death(vigil: Vigil, limit: int = 1000) -> int:
-    """Return how many polls without a sign it takes."""
-    return next(count for count in range(1, limit) if vigil.poll())
+def polls_to_death(monitor: LoopMonitor, limit: int = 1000) -> int:
+    """Return how many polls without a heartbeat it takes."""
+    return next(count for count in range(1, limit) if monitor.poll())
 
 
 # The supervisor's judgement
@@ -40,55 +40,55 @@ def polls_to_death(vigil: Vigil, limit: int = 1000) -> int:
 def test_a_loop_is_dead_when_its_silence_is_long_on_the_walls_clock(
     rate_hz: float, speed: float, dead_after_s: float
 ) -> None:
-    vigil = Vigil()
-    vigil.hear(tick(1, 1.0 / rate_hz / speed))
+    monitor = LoopMonitor()
+    monitor.receive(tick(1, 1.0 / rate_hz / speed))
     # One poll hears the tick, which may be a poll's period old by then; the following ones hear nothing.
-    assert polls_to_death(vigil) * POLL_PERIOD_S == pytest.approx(dead_after_s)
+    assert polls_to_death(monitor) * POLL_PERIOD_S == pytest.approx(dead_after_s)
 
 
 def test_the_dead_are_named_with_their_silence_and_the_living_are_not() -> None:
-    vigil = Vigil()
-    vigil.hear(tick(1) + tick(2) + tick(3))
+    monitor = LoopMonitor()
+    monitor.receive(tick(1) + tick(2) + tick(3))
     for _ in range(6):
-        assert vigil.poll() == {}
-        vigil.hear(tick(2))
-    assert vigil.poll() == {1: pytest.approx(0.6), 3: pytest.approx(0.6)}
-    assert vigil.flying == (1, 2, 3)
+        assert monitor.poll() == {}
+        monitor.receive(tick(2))
+    assert monitor.poll() == {1: pytest.approx(0.6), 3: pytest.approx(0.6)}
+    assert monitor.flying == (1, 2, 3)
 
 
 def test_a_tick_in_time_begins_the_count_anew() -> None:
-    vigil = Vigil()
+    monitor = LoopMonitor()
     for _ in range(50):
-        vigil.hear(tick(1))
-        assert not any(vigil.poll() for _ in range(6))
+        monitor.receive(tick(1))
+        assert not any(monitor.poll() for _ in range(6))
 
 
 def test_who_has_not_ticked_yet_or_has_ended_is_not_watched() -> None:
-    vigil = Vigil()
-    vigil.hear(encode_sign(Sign.RISING, 1) + tick(2) + encode_sign(Sign.ENDED, 2))
-    assert not any(vigil.poll() for _ in range(100))
-    assert vigil.flying == (1,), "it takes off: in no offboard, but in the air"
+    monitor = LoopMonitor()
+    monitor.receive(encode_beat(Beat.RISING, 1) + tick(2) + encode_beat(Beat.ENDED, 2))
+    assert not any(monitor.poll() for _ in range(100))
+    assert monitor.flying == (1,), "it takes off: in no offboard, but in the air"
 
 
-def test_nobody_has_flown_before_the_first_sign() -> None:
-    vigil = Vigil()
-    vigil.hear(b"")
-    assert not vigil.has_flown
-    vigil.hear(encode_sign(Sign.RISING, 1) + encode_sign(Sign.ENDED, 1))
-    assert vigil.has_flown
-    assert not vigil.flying
+def test_nobody_has_flown_before_the_first_heartbeat() -> None:
+    monitor = LoopMonitor()
+    monitor.receive(b"")
+    assert not monitor.has_flown
+    monitor.receive(encode_beat(Beat.RISING, 1) + encode_beat(Beat.ENDED, 1))
+    assert monitor.has_flown
+    assert not monitor.flying
 
 
-def test_signs_may_arrive_in_pieces() -> None:
-    vigil = Vigil()
-    for byte in tick(1) + tick(254) + encode_sign(Sign.ENDED, 1):
-        vigil.hear(bytes([byte]))
-    assert vigil.flying == (254,)
+def test_heartbeats_may_arrive_in_pieces() -> None:
+    monitor = LoopMonitor()
+    for byte in tick(1) + tick(254) + encode_beat(Beat.ENDED, 1):
+        monitor.receive(bytes([byte]))
+    assert monitor.flying == (254,)
 
 
-def test_what_is_no_sign_is_an_error() -> None:
+def test_what_is_no_heartbeat_is_an_error() -> None:
     with pytest.raises(ValueError, match="99"):
-        Vigil().hear(bytes([99, 1, 0, 0]))
+        LoopMonitor().receive(bytes([99, 1, 0, 0]))
 
 
 # The flying process's end
@@ -103,33 +103,33 @@ def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
         yield ours, theirs
 
 
-def test_signs_reach_the_supervisor(pair: tuple[socket.socket, socket.socket]) -> None:
+def test_heartbeats_reach_the_supervisor(pair: tuple[socket.socket, socket.socket]) -> None:
     ours, theirs = pair
-    signs = SupervisorHeartbeat(theirs, lambda: None).signs(7)
-    vigil = Vigil()
-    signs.rising()
-    vigil.hear(ours.recv(64))
-    assert vigil.flying == (7,)
-    signs.tick(PERIOD_S)
-    vigil.hear(ours.recv(64))
-    assert polls_to_death(vigil) == 7
-    signs.ended()
-    vigil.hear(ours.recv(64))
-    assert not vigil.flying
+    heartbeat = SupervisorHeartbeat(theirs, lambda: None).heartbeat(7)
+    monitor = LoopMonitor()
+    heartbeat.rising()
+    monitor.receive(ours.recv(64))
+    assert monitor.flying == (7,)
+    heartbeat.tick(PERIOD_S)
+    monitor.receive(ours.recv(64))
+    assert polls_to_death(monitor) == 7
+    heartbeat.ended()
+    monitor.receive(ours.recv(64))
+    assert not monitor.flying
 
 
 def test_a_fast_loop_tells_of_a_few_ticks_only(pair: tuple[socket.socket, socket.socket]) -> None:
     ours, theirs = pair
-    signs = SupervisorHeartbeat(theirs, lambda: None).signs(1)
+    heartbeat = SupervisorHeartbeat(theirs, lambda: None).heartbeat(1)
     for _ in range(100_000):
-        signs.tick(0.002)
-    assert len(ours.recv(1 << 20)) <= len(tick(1)) * (5.0 / TOLD_PERIOD_S)
+        heartbeat.tick(0.002)
+    assert len(ours.recv(1 << 20)) <= len(tick(1)) * (5.0 / TICK_PERIOD_MIN_S)
 
 
 def test_a_supervisor_that_does_not_read_blocks_nothing(pair: tuple[socket.socket, socket.socket]) -> None:
-    signs = SupervisorHeartbeat(pair[1], lambda: None).signs(1)
+    heartbeat = SupervisorHeartbeat(pair[1], lambda: None).heartbeat(1)
     for _ in range(100_000):
-        signs.rising()
+        heartbeat.rising()
 
 
 def test_a_wish_is_one_call_each_and_a_lost_supervisor_is_one_wish(pair: tuple[socket.socket, socket.socket]) -> None:
@@ -184,11 +184,11 @@ def test_a_flight_that_is_over_wants_nothing_more(pair: tuple[socket.socket, soc
     assert calls == []
 
 
-def test_the_lifeline_is_inherited_once(
+def test_the_link_to_the_supervisor_is_inherited_once(
     pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(LIFELINE, str(os.dup(pair[1].fileno())))
+    monkeypatch.setenv(HEARTBEAT_VARIABLE, str(os.dup(pair[1].fileno())))
     with SupervisorHeartbeat.inherited(lambda: None) as heartbeat:
-        assert LIFELINE not in os.environ, "processes started by this one have none"
-        heartbeat.signs(1).rising()
-    assert pair[0].recv(64) == encode_sign(Sign.RISING, 1)
+        assert HEARTBEAT_VARIABLE not in os.environ, "processes started by this one have none"
+        heartbeat.heartbeat(1).rising()
+    assert pair[0].recv(64) == encode_beat(Beat.RISING, 1)

@@ -28,7 +28,7 @@ from agents.tape import (
     Start,
     Tick,
 )
-from gcs.cli.app import main
+from gcs.cli import main
 from gcs.errors import InputError
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
@@ -552,13 +552,13 @@ def test_the_command_tells_what_is_recovered_and_overwrites_nothing(
     said = capsys.readouterr().err
     new = recovered_path(path)
     assert f"{new}: {held(read_log(new))} records of " in said
-    assert "not whole: it was never closed: it ends" in said
+    assert "incomplete: it was never closed: it ends" in said
     before = new.read_bytes()
     assert run_cli(monkeypatch, "log", "recover", str(path)) == 2
     assert "exists already" in capsys.readouterr().err
     assert new.read_bytes() == before
     assert run_cli(monkeypatch, "log", "recover", str(new)) == 0
-    assert "it is whole" in capsys.readouterr().err
+    assert "it is complete" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

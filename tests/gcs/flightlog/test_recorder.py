@@ -11,8 +11,8 @@ from foxglove import Context
 from mcap.reader import make_reader
 
 from agents.tape import Tick
-from gcs.cli.logbook import flight_log, tell_of_log
 from gcs.errors import InputError
+from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flightlog import recorder
 from gcs.flightlog.place import FOLDER_VARIABLE
 from gcs.flightlog.reader import read_log
@@ -93,8 +93,8 @@ def test_a_full_disk_ends_the_log_and_not_the_flight(
     record = record_into(writer, engaging(), duration_s=DURATION_S, flush_s=1.0)
     assert record.time_s[-1] == DURATION_S
     assert writer.fault == "No space left on device"
-    tell_of_log(writer)
-    assert "the log is not whole: No space left on device\n" in capsys.readouterr().err
+    report_log(writer)
+    assert "the log is incomplete: No space left on device\n" in capsys.readouterr().err
     assert_readable(path)
 
 
@@ -210,7 +210,7 @@ def test_a_flight_that_was_not_told_where_is_flown_without_a_log_where_there_is_
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "file"))
-    with flight_log(None, "case2", None, recorded=True, live=None) as log:
+    with flight_log(RecordingOptions(), "case2") as log:
         assert log is None
     assert "this flight is not recorded: " in capsys.readouterr().err
 
@@ -224,7 +224,7 @@ def test_a_home_that_nobody_knows_is_no_place(
     monkeypatch.delenv(FOLDER_VARIABLE)
     monkeypatch.delenv("XDG_DATA_HOME", raising=False)
     monkeypatch.setattr(Path, "home", fail)
-    with flight_log(None, "case2", None, recorded=True, live=None) as log:
+    with flight_log(RecordingOptions(), "case2") as log:
         assert log is None
     assert f"{FOLDER_VARIABLE} may name a folder for logs" in capsys.readouterr().err
 
@@ -243,7 +243,7 @@ def test_a_place_that_was_told_and_is_none_ends_in_bad_input(name: str, reason: 
     (tmp_path / "file").write_text("kept")
     with (
         pytest.raises(InputError, match=reason),
-        flight_log(tmp_path / name, "case2", None, recorded=True, live=None),
+        flight_log(RecordingOptions(tmp_path / name), "case2"),
     ):
         pass
     assert (tmp_path / "file").read_text() == "kept"

@@ -20,7 +20,7 @@ from agents.settings.sections import ExcitationSettings
 from agents.tactics import Event, Tactic
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import Telemetry, Vector
-from gcs.cli.excite import FlownExcitation, flown_excitation
+from gcs.flight.excitation import FlownExcitation, flown_excitation
 from gcs.flight.simulated import fly_simulated
 from gcs.mission.excitation import hull
 from gcs.mission.file import excitation_mission, load_mission, parse_mission

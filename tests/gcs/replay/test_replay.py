@@ -38,7 +38,7 @@ from agents.team.messages import (
     encode,
 )
 from estimation.state import Sighting, Telemetry
-from gcs.cli.app import main
+from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import (
     Decision,

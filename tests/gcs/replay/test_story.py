@@ -27,7 +27,7 @@ from agents.tape import (
 )
 from agents.team.messages import MemberState, encode
 from estimation.state import Telemetry
-from gcs.cli.app import main
+from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import (
     Decision,

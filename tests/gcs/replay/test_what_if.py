@@ -11,7 +11,7 @@ from agents.tactics import Event
 from agents.tape import TacticEvent, Tick
 from estimation.filters.own import OwnFilter
 from estimation.state import POSITION, Telemetry, Vector
-from gcs.cli.app import main
+from gcs.cli import main
 from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, GuardResult, Truth

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.cli.report_command import report_flight
+from gcs.cli.report import ReportOptions, report
 from gcs.errors import Exit
 from gcs.report.vehicle_page import distance_m, summarised, vehicle_report_html
 from gcs.vehicle_logs.vehicle_log import (
@@ -101,7 +101,7 @@ def test_a_log_without_a_position_says_so() -> None:
 @pytest.mark.parametrize("name", ["px4-quad.ulg", "arducopter.bin"])
 def test_recorded_logs_are_reported(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
-    assert report_flight([DATA / name], json=True, html=page, plot=None) is Exit.HOLDS
+    assert report([DATA / name], options=ReportOptions(json=True, html=page)) is Exit.HOLDS
     out = capsys.readouterr().out
     assert out.startswith('{"logs": [{"path": ')
     assert 0.02e6 < page.stat().st_size < 0.5e6

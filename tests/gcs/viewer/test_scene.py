@@ -21,7 +21,7 @@ from agents.ports import Setpoint
 from agents.settings.config import AgentConfig
 from agents.tape import Tick
 from estimation.state import Telemetry
-from gcs.cli.log_commands import write_layout
+from gcs.cli import log
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.recorder import Recorder
@@ -329,7 +329,7 @@ def test_a_picture_that_fails_does_not_cost_the_log(tmp_path: Path) -> None:
 
 
 def test_the_layout_shows_topics_and_fields_that_there_are(flight: Seen, tmp_path: Path) -> None:
-    write_layout(tmp_path / "layout.json")
+    log.layout(options=log.LayoutOptions(output=tmp_path / "layout.json"))
     layout = json.loads((tmp_path / "layout.json").read_text(encoding="utf-8"))
     panels = layout["configById"]
     assert sorted(_panels(layout["layout"])) == sorted(panels)

@@ -1,0 +1,38 @@
+"""`cordon check`: preflight without arming."""
+
+import asyncio
+from dataclasses import dataclass, field
+from datetime import date
+
+from cyclopts import Parameter
+
+from gcs.cli.options import Json, MissionName, loaded_mission
+from gcs.errors import Exit
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckOptions:
+    """What `cordon check` is given."""
+
+    mission: MissionName = field(kw_only=False)
+    json: Json = False
+
+
+def check(options: CheckOptions) -> Exit:
+    """Run the preflight checks of a mission and its vehicles, without arming. Parameters are only read.
+
+    Example: cordon check case2
+    """
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import STDERR
+    from gcs.preflight.findings_view import exit_code, findings_json, findings_view
+    from gcs.preflight.link_facts import gather_facts
+    from gcs.preflight.preflight import preflight
+
+    mission = loaded_mission(options.mission)
+    findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today())
+    STDERR.print(findings_view(mission.mission.name, findings))
+    if options.json:
+        print_result(findings_json(mission.mission.name, findings))
+    return exit_code(findings)

@@ -1,0 +1,98 @@
+"""`cordon command`: an operator's command to a running team."""
+
+import asyncio
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from gcs.cli.options import RunningMission, chosen_vehicle, loaded_mission
+from gcs.errors import Exit, InputError
+
+if TYPE_CHECKING:
+    from gcs.console.operator import Answer
+    from gcs.mission.mission import Mission
+
+Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
+Shape = Literal["line", "column", "wedge", "free"]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandOptions:
+    """What `cordon command` is given beside the verb and a shape."""
+
+    vehicle: Annotated[int | None, Parameter(help="Send it to this vehicle alone, in place of all.")] = None
+    mission: RunningMission = "case2"
+    yes: Annotated[bool, Parameter(negative="", help="Kill without asking for confirmation.")] = False
+
+
+_DEFAULTS = CommandOptions()
+
+
+def command(
+    verb: Verb,
+    shape: Annotated[Shape | None, Parameter(help="The formation's new shape.")] = None,
+    /,
+    *,
+    options: CommandOptions = _DEFAULTS,
+) -> Exit:
+    """Command a running team: hold, resume, land, return, abort, kill or change formation. Every answer is shown.
+
+    An abort hovers at once, and lands after `safety.abort_hover_s` unless resumed, or at a second abort. A kill cuts
+    the motors: vehicles fall. `formation` takes a shape, which all vehicles in formation change to.
+
+    Example: cordon command formation wedge --mission case2
+    """
+    from agents.ports import VehicleRefusedError
+    from gcs.cli.output import confirmed
+    from gcs.console.operator import Operator
+    from gcs.console.terminal import print_problem
+
+    mission, vehicle = loaded_mission(options.mission), options.vehicle
+    vehicles = mission.ids if vehicle is None else (chosen_vehicle(mission, vehicle, "--vehicle").id,)
+    if faults := list(_shape_faults(mission, verb, shape, vehicle)):
+        raise InputError(faults)
+    if verb == "kill" and not options.yes and not confirmed(_kill_question(vehicles, mission)):
+        print_problem("not confirmed: no command was sent")
+        return Exit.REFUSED
+    operator = Operator(mission)
+    try:
+        answers = asyncio.run(operator.command(verb, vehicles, vehicle, shape))
+    except VehicleRefusedError as refusal:
+        print_problem(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    _show(verb, answers, operator.joined_after_s)
+    return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
+
+
+def _show(verb: Verb, answers: "Mapping[int, Answer | None]", joined_after_s: float) -> None:
+    from gcs.console.terminal import STDERR, print_line
+
+    for vehicle_id, answer in answers.items():
+        result = "no answer" if answer is None else f"{answer.did} (answered after {answer.after_s * 1000:.0f} ms)"
+        print_line(f"vehicle {vehicle_id}: {verb}: {result}")
+    STDERR.print(
+        f"joining the team's bus took {joined_after_s * 1000:.0f} ms before the command was sent", highlight=False
+    )
+
+
+def _shape_faults(mission: "Mission", verb: Verb, shape: Shape | None, vehicle: int | None) -> Iterator[str]:
+    if verb != "formation":
+        if shape is not None:
+            yield f"shape: '{shape}' belongs to the verb formation, not to {verb}"
+        return
+    shapes = mission.agent_config(mission.vehicles[0]).shapes
+    if shape is None:
+        yield f"shape: this argument is missing (shapes: {', '.join(shapes)})"
+    elif shape not in shapes:
+        why = "its vehicles have no slot_m" if shape == "free" else "formation.spacing_m is less than the separation"
+        yield f"shape: not '{shape}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"
+    if vehicle is not None:
+        yield f"--vehicle: formation commands the whole team: leave this option out (given: {vehicle})"
+
+
+def _kill_question(vehicles: Sequence[int], mission: "Mission") -> str:
+    named = f"vehicle {vehicles[0]}" if len(vehicles) == 1 else f"vehicles {', '.join(map(str, vehicles))}"
+    return f"Cut the motors of {named} of {mission.mission.name}, and let them fall?"

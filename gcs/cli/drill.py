@@ -1,0 +1,60 @@
+"""`cordon drill`: injected faults and the measured reactions to them."""
+
+import asyncio
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from gcs.cli.options import RESULT, Json, MissionName, loaded_mission
+from gcs.errors import Exit, InputError
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrillOptions:
+    """What `cordon drill` is given."""
+
+    mission: MissionName = field(kw_only=False)
+    fault: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="",
+            show_default=False,
+            help="Only this fault, such as killed-agent or foreign-mode; may be repeated.",
+        ),
+    ] = ()
+    log: Annotated[
+        Path | None, Parameter(group=RESULT, help="Record the flights in this folder, one log for each flight.")
+    ] = None
+    json: Json = False
+
+
+def drill(options: DrillOptions) -> Exit:
+    """Inject faults into a simulated team and measure its reactions. No real vehicle flies.
+
+    Example: cordon drill case2 --fault killed-agent
+    """
+    from agents.ports import VehicleRefusedError
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import STDERR, print_problem
+    from gcs.drill.faults import chosen
+    from gcs.drill.run import DrillRun
+    from gcs.drill.stubs import StubFlight
+    from gcs.drill.view import DrillProgress, drill_table, drills_json
+
+    drills, mission = chosen(options.fault), loaded_mission(options.mission)
+    if options.log is not None and not options.log.is_dir():
+        raise InputError([f"--log: no folder {str(options.log)!r} for the logs of the drill's flights"])
+    fly = partial(StubFlight, logs=options.log)
+    try:
+        rows = asyncio.run(DrillRun(options.mission, fly, drills, DrillProgress(STDERR, len(drills))).run())
+    except VehicleRefusedError as refusal:
+        print_problem(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    STDERR.print(drill_table(mission.mission.name, rows))
+    if options.json:
+        print_result(drills_json(mission.mission.name, rows))
+    return Exit.VERDICT_FAILED if any(row.holds is False for row in rows) else Exit.HOLDS

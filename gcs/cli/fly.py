@@ -1,0 +1,94 @@
+"""`cordon fly`: a mission over MAVLink and Zenoh."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from gcs.cli.options import (
+    RESULT,
+    Duration,
+    Json,
+    Log,
+    MissionName,
+    Plot,
+    Recorded,
+    Speed,
+    chosen_vehicle,
+    loaded_mission,
+)
+from gcs.errors import Exit, InputError
+from gcs.signals import hold_back
+
+if TYPE_CHECKING:
+    from gcs.metrics.record import FlightRecord
+
+_LIVE_ADDRESS = "127.0.0.1:8765"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlyOptions:
+    """What `cordon fly` is given."""
+
+    mission: MissionName = field(kw_only=False)
+    sitl: Annotated[bool, Parameter(negative="", help="Start stub vehicles too: no hardware is needed.")] = False
+    speed: Speed = None
+    only: Annotated[int | None, Parameter(help="Run the agent of this vehicle alone; the others run elsewhere.")] = None
+    duration: Duration = None
+    log: Log = None
+    recorded: Recorded = True
+    live: Annotated[
+        bool,
+        Parameter(negative="", group=RESULT, help="Serve the flight to viewers: Foxglove or Lichtblick."),
+    ] = False
+    live_address: Annotated[
+        str | None,
+        Parameter(
+            group=RESULT, help=f"Where --live listens, HOST:PORT, in place of {_LIVE_ADDRESS} (this computer only)."
+        ),
+    ] = None
+    json: Json = False
+    plot: Plot = None
+
+
+def fly(options: FlyOptions) -> int:
+    """Fly a mission over MAVLink and Zenoh. Ctrl-C: hold, land, disarm; twice: land at once.
+
+    The flight runs in a process of its own. A supervisor kills that process when a control loop hangs: the autopilots'
+    failsafes then act.
+
+    Example: cordon fly case2 --sitl --speed 10 --plot flight.png
+    """
+    hold_back()
+    if options.live_address is not None and not options.live:
+        raise InputError(["--live-address: it needs --live"])
+    from gcs.flight.supervisor import is_supervised, supervise
+
+    return _fly(options) if is_supervised() else supervise()
+
+
+def _fly(options: FlyOptions) -> Exit:
+    from gcs.cli.output import check_plot, present
+    from gcs.flight.plan import FlightPlan
+    from gcs.flight.recording import RecordingOptions
+    from gcs.flight.run import run_flight
+
+    check_plot(options.plot)
+    mission = loaded_mission(options.mission)
+    if options.sitl and options.only is not None:
+        raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
+    only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
+    plan = FlightPlan(
+        mission,
+        options.duration or mission.mission.duration_s,
+        mission.vehicles if only is None else (only,),
+        options.sitl,
+        options.speed or (1.0 if options.sitl else None),
+    )
+    live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
+
+    def judge(record: "FlightRecord") -> Exit:
+        return present(mission, record, json=options.json, plot=options.plot)
+
+    return run_flight(plan, RecordingOptions(options.log, options.recorded, options.only, live_address), judge)

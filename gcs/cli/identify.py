@@ -1,0 +1,144 @@
+"""`cordon identify`: from the logs of flights to a plant file, and whether to fly by it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from gcs.cli.options import RESULT, Json
+from gcs.errors import Exit, InputError
+
+if TYPE_CHECKING:
+    from estimation.identification.identified import Identified
+    from estimation.plant.model import Plant
+    from gcs.vehicle_logs.vehicle_log import VehicleLog
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifyOptions:
+    """What `cordon identify` is given beside the logs."""
+
+    output: Annotated[
+        Path | None,
+        Parameter(name=["--output", "-o"], group=RESULT, help="The plant file to write, which must not exist yet."),
+    ] = None
+    vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, where logs hold several vehicles.")] = None
+    against: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="", show_default=False, help="Also show the fit of this plant, bundled or a file; may be repeated."
+        ),
+    ] = ()
+    json: Json = False
+    html: Annotated[Path | None, Parameter(group=RESULT, help="Write the figures as an HTML page.")] = None
+
+
+_DEFAULTS = IdentifyOptions()
+
+
+def identify(
+    logs: Annotated[list[Path], Parameter(help="Flight logs of one vehicle: .mcap, .ulg, .bin or .tlog.")],
+    /,
+    *,
+    options: IdentifyOptions = _DEFAULTS,
+) -> Exit:
+    """Identify a vehicle from its flights: a plant with confidence intervals, and whether to fly by it.
+
+    Example: cordon identify flight.ulg -o my-vehicle.toml --html my-vehicle.html
+    """
+    from estimation.identification.identify import identify as identified_from
+    from estimation.plant.provenance import Verdict
+    from gcs.cli.output import IdentifyProgress, print_result
+    from gcs.console.terminal import STDERR
+    from gcs.identify.reading import check_one_kind, recording_of
+    from gcs.identify.view import identified_dict, identified_view
+
+    _check_files(options, logs)
+    others = {name: _plant(name) for name in options.against}
+    vehicle_logs = _read(logs, options.vehicle)
+    recordings = [recording_of(log) for log in vehicle_logs]
+    check_one_kind(vehicle_logs, recordings)
+    with IdentifyProgress(f"vehicle {vehicle_logs[0].system_id}") as progress:
+        identified = identified_from(recordings, progress.update, others)
+    STDERR.print(identified_view(identified, vehicle_logs), soft_wrap=True)
+    _write_files(identified, vehicle_logs, options)
+    if options.json:
+        print_result(dumps(identified_dict(identified, vehicle_logs), allow_nan=False))
+    return Exit.VERDICT_FAILED if identified.verdict is Verdict.DO_NOT_FLY else Exit.HOLDS
+
+
+def _read(paths: Sequence[Path], vehicle: int | None) -> "list[VehicleLog]":
+    """Return the logs of one vehicle; raises InputError, and LogError with file, topic and time."""
+    from gcs.console.terminal import print_line
+    from gcs.identify.reading import chosen
+    from gcs.vehicle_logs.foreign import read_vehicle_logs
+
+    logs = chosen([log for path in paths for log in read_vehicle_logs(path)], vehicle)
+    _check_same(logs)
+    for log in logs:
+        for note in log.notes:
+            print_line(f"{log.path}: {note}", "yellow")
+    return logs
+
+
+def _plant(name: str) -> "Plant":
+    from estimation.plant.file import PlantFileError, load_plant
+
+    try:
+        return load_plant(name, Path())
+    except PlantFileError as error:
+        raise InputError([f"--against: {fault}" for fault in error.faults]) from error
+
+
+def _write_files(identified: "Identified", logs: "Sequence[VehicleLog]", options: IdentifyOptions) -> None:
+    from gcs.console.terminal import print_line
+    from gcs.identify.view import identification_of, plant_text
+
+    found = identified.found
+    if options.output is not None and found is None:
+        print_line(f"{options.output}: not written: no plant was found")
+    elif options.output is not None and found is not None:
+        identification = identification_of(identified, found, logs, date.today())
+        _write("--output", options.output, plant_text(found, identification))
+    if options.html is not None:
+        from gcs.identify.page import identified_html
+
+        _write("--html", options.html, identified_html(identified, logs))
+
+
+def _write(option: str, path: Path, text: str) -> None:
+    from gcs.cli.output import writing
+    from gcs.console.terminal import print_line
+
+    with writing(option, path):
+        path.write_text(text, encoding="utf-8")
+    print_line(f"written: {path}")
+
+
+def _check_files(options: IdentifyOptions, logs: Sequence[Path]) -> None:
+    """Refuse, before anything is read, output that could not be written."""
+    from gcs.cli.output import check_file, check_page
+
+    if len(set(logs)) < len(logs):
+        raise InputError([f"{path}: given more than once" for path in sorted(set(logs)) if logs.count(path) > 1])
+    if options.output is not None:
+        check_file("--output", options.output, (".toml",))
+        if options.output.exists():
+            raise InputError([f"--output: {str(options.output)!r} exists already"])
+    check_page(options.html)
+
+
+def _check_same(logs: "Sequence[VehicleLog]") -> None:
+    """Refuse logs of different vehicles, as far as the logs say."""
+    for what, values in (
+        ("autopilots", {log.autopilot for log in logs}),
+        ("firmwares", {log.firmware for log in logs if log.firmware}),
+    ):
+        if len(values) > 1:
+            named = "; ".join(f"{log.path}: {log.autopilot} {log.firmware}".rstrip() for log in logs)
+            raise InputError([f"the logs are of different {what}, and one plant cannot be both: {named}"])

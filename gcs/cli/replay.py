@@ -1,0 +1,117 @@
+"""`cordon replay`: the decisions of a recorded flight, computed again."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import count
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from gcs.cli.options import Json
+from gcs.errors import Exit, InputError
+
+if TYPE_CHECKING:
+    from gcs.flightlog.reader import FlightLog
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayOptions:
+    """What `cordon replay` is given."""
+
+    log: Annotated[Path, Parameter(help="A log that cordon recorded (MCAP).")] = field(kw_only=False)
+    json: Json = False
+    explain: Annotated[int | None, Parameter(help="Show the decisions of this vehicle and their reasons instead.")] = (
+        None
+    )
+    changes: Annotated[
+        tuple[str, ...],
+        Parameter(
+            name="--set",
+            negative="",
+            show_default=False,
+            help="Replay the filters alone, with another value: own_filter.KEY=VALUE or target_filter.KEY=VALUE, as in "
+            "a mission file; may be repeated.",
+        ),
+    ] = ()
+
+
+def replay(options: ReplayOptions) -> Exit:
+    """Feed a recorded flight to new agents and check that every decision is reproduced. Exit code 1 if one is not.
+
+    Example: cordon replay flight.mcap --explain 2
+    """
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_line
+    from gcs.flightlog.reader import read_log
+    from gcs.replay.playback import recorded_vehicles
+
+    log = read_log(options.log)
+    vehicles = recorded_vehicles(log)
+    if options.explain is not None and options.explain not in vehicles:
+        known = ", ".join(map(str, vehicles))
+        raise InputError([f"--explain: the log has no records of a vehicle {options.explain} (it has {known})"])
+    for fault in log.faults:
+        print_line(f"{options.log}: {fault}", "yellow")
+    result: dict[str, Any] = {"log": str(options.log)}
+    verdict = Exit.HOLDS
+    if options.changes:
+        result["what_if"] = _what_if(log, options.changes)
+    if options.explain is not None:
+        result["story"] = _story(log, options.explain)
+    if not options.changes and options.explain is None:
+        verdict, replayed = _replay(log)
+        result |= replayed
+    if options.json:
+        print_result(dumps(result, indent=2, default=bytes.hex))
+    return verdict
+
+
+def _what_if(log: "FlightLog", changes: tuple[str, ...]) -> dict[str, Any]:
+    from gcs.console.terminal import STDERR
+    from gcs.flightlog.run import mission_of
+    from gcs.replay.what_if import changed_filters, what_if
+    from gcs.replay.what_if_view import what_if_dict, what_if_view
+
+    mission = mission_of(log)
+    changed = changed_filters(mission, changes)
+    with _counting(log) as on_tick:
+        comparison = what_if(log, mission, changed, on_tick)
+    STDERR.print(what_if_view(comparison))
+    return what_if_dict(comparison)
+
+
+def _story(log: "FlightLog", vehicle_id: int) -> dict[str, Any]:
+    from gcs.console.terminal import STDERR
+    from gcs.replay.story import story_of
+    from gcs.replay.story_view import story_dict, story_view
+
+    story = story_of(log, vehicle_id)
+    STDERR.print(story_view(story))
+    return story_dict(story)
+
+
+def _replay(log: "FlightLog") -> tuple[Exit, dict[str, Any]]:
+    from gcs.console.terminal import STDERR
+    from gcs.replay.cores import replay as replayed
+    from gcs.replay.view import replay_dict, replay_view
+
+    with _counting(log) as on_tick:
+        result = replayed(log, on_tick)
+    STDERR.print(replay_view(result))
+    return Exit.HOLDS if result.same else Exit.VERDICT_FAILED, replay_dict(result)
+
+
+@contextmanager
+def _counting(log: "FlightLog") -> Iterator[Callable[[], None]]:
+    """Show a progress bar of the ticks replayed; yields what is to be called for each."""
+    from gcs.cli.output import ReplayProgress
+    from gcs.replay.playback import recorded_vehicles, tick_count
+
+    ticks = sum(tick_count(log, vehicle_id) for vehicle_id in recorded_vehicles(log))
+    done = count(1)
+    with ReplayProgress(log.run.mission, ticks) as progress:
+        yield lambda: progress.update(next(done))

@@ -1,0 +1,160 @@
+"""`cordon report`: from logs to metrics, for people, scripts and browsers."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from gcs.cli.options import RESULT, Json, Plot
+from gcs.errors import Exit, InputError
+
+if TYPE_CHECKING:
+    from gcs.metrics.result import FlightResult
+    from gcs.report.evidence.reading import LoggedFlight
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportOptions:
+    """What `cordon report` is given beside the logs."""
+
+    html: Annotated[Path | None, Parameter(group=RESULT, help="Write the report as an HTML page.")] = None
+    compare: Annotated[
+        Path | None, Parameter(group=RESULT, help="Show the flight of this log beside the other, and the differences.")
+    ] = None
+    json: Json = False
+    plot: Plot = None
+
+
+_DEFAULTS = ReportOptions()
+
+
+def report(
+    logs: Annotated[list[Path], Parameter(help="A flight's log, or several: one from each process of the flight.")],
+    /,
+    *,
+    options: ReportOptions = _DEFAULTS,
+) -> Exit:
+    """Evaluate a flight from its log: the metrics and verdicts, the paper's figures, and the events.
+
+    Example: cordon report flight.mcap --html flight.html
+    """
+    from gcs.vehicle_logs.foreign import is_foreign
+
+    if options.compare is not None:
+        return _compare_flights(logs, options.compare, options)
+    _check_outputs(options, logs)
+    return _report_vehicle_logs(logs, options) if is_foreign(logs[0]) else _report_flight(logs, options)
+
+
+def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
+    """Show the flight that the logs of its processes hold; raises InputError."""
+    from gcs.cli.output import present
+    from gcs.console.terminal import STDERR
+    from gcs.report.evidence.asked import asked_of
+    from gcs.report.evidence.plants import plant_facts
+
+    flight = _read(logs)
+    plants = plant_facts(flight.mission, flight.evidence)
+    if options.html is not None:
+        from gcs.report.page import write_report
+
+        html = options.html
+        evidence = replace(flight.evidence, facts={**flight.evidence.facts, **plants})
+        _write(html, lambda: write_report(evidence, _result(flight), asked_of(flight.mission), html))
+    verdict = present(flight.mission, flight.evidence.record, json=options.json, plot=options.plot)
+    for name, words in plants.items():
+        STDERR.print(f"{name}: {words}", style="dim", markup=False, highlight=False, soft_wrap=True)
+    return verdict
+
+
+def _compare_flights(first: Sequence[Path], second: Path, options: ReportOptions) -> Exit:
+    """Show two flights side by side; raises LogError and InputError."""
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import STDERR
+    from gcs.metrics.references import ring_reference
+    from gcs.report.compare import ComparedFlight, comparison_table, write_comparison
+
+    _check_outputs(replace(options, plot=None), [*first, second])
+    flights = [_read(first), _read([second])]
+    results = [_result(flight) for flight in flights]
+    one, other = (
+        ComparedFlight(name, result, flight.evidence.record, ring_reference(flight.mission))
+        for name, flight, result in zip(_names(first[0], second), flights, results, strict=True)
+    )
+    STDERR.print(comparison_table(one, other))
+    html = options.html
+    if html is not None:
+        _write(html, lambda: write_comparison(one, other, html))
+    if options.json:
+        print_result(dumps({"flights": [result.to_dict() for result in results]}, allow_nan=False))
+    return Exit.HOLDS if all(result.all_hold for result in results) else Exit.VERDICT_FAILED
+
+
+def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
+    """Show logs of autopilots or ground stations: they hold no mission, and so there is no verdict."""
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_line
+    from gcs.report.vehicle_page import summarised, write_vehicle_report
+    from gcs.vehicle_logs.foreign import read_vehicle_logs
+    from gcs.vehicle_logs.vehicle_log import describe
+
+    if options.plot is not None:
+        raise InputError([f"--plot: {paths[0]} was not recorded by cordon: use --html for its figures"])
+    logs = [log for path in paths for log in read_vehicle_logs(path)]
+    for log in logs:
+        for line in describe(log):
+            print_line(line)
+    html = options.html
+    if html is not None:
+        _write(html, lambda: write_vehicle_report(logs, html))
+    if options.json:
+        print_result(dumps({"logs": [summarised(log) for log in logs]}, allow_nan=False))
+    return Exit.HOLDS
+
+
+def _check_outputs(options: ReportOptions, logs: Sequence[Path]) -> None:
+    """Refuse, before anything is read, output that could not be written, or would replace a log."""
+    from gcs.cli.output import check_page, check_plot
+
+    check_plot(options.plot)
+    check_page(options.html)
+    if options.html in logs:
+        raise InputError([f"--html: {str(options.html)!r} is a log"])
+
+
+def _read(paths: Sequence[Path]) -> "LoggedFlight":
+    from gcs.console.terminal import print_line
+    from gcs.flightlog.reader import read_log
+    from gcs.report.evidence.reading import read_flight
+
+    logs = [read_log(path) for path in paths]
+    for log in logs:
+        for fault in log.faults:
+            print_line(f"{log.path}: {fault}", "yellow")
+    return read_flight(logs)
+
+
+def _result(flight: "LoggedFlight") -> "FlightResult":
+    from gcs.metrics.metrics import evaluate
+    from gcs.report.evidence.asked import asked_of
+
+    asked = asked_of(flight.mission)
+    return evaluate(flight.evidence.record, asked.ring, asked.formation, asked.tolerances)
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """Return a name for each flight: its file's, or the whole path where the files' names are the same."""
+    return (first.stem, second.stem) if first.stem != second.stem else (str(first), f"{second} (second)")
+
+
+def _write(html: Path, write: Callable[[], None]) -> None:
+    from gcs.cli.output import writing
+    from gcs.console.terminal import print_line
+
+    with writing("--html", html):
+        write()
+    print_line(f"report: {html} ({html.stat().st_size / 1e6:.1f} MB)")

@@ -1,0 +1,91 @@
+"""A flight as a command: the log is opened, the plan flown under supervision, the result judged and reported."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+from agents.ports import VehicleRefusedError
+from agents.shell.outcome import Ending, Outcome
+from gcs.console.live import LiveView, summary
+from gcs.console.terminal import STDERR, print_line, print_problem
+from gcs.errors import Exit
+from gcs.flight.flight import Flight, fly
+from gcs.flight.heartbeat import SupervisorHeartbeat
+from gcs.flight.plan import FlightPlan
+from gcs.flight.recording import RecordingOptions, flight_log, report_log
+from gcs.metrics.metrics import evaluate
+from gcs.metrics.record import FlightRecord
+from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
+from gcs.metrics.result import FlightResult
+from gcs.mission.mission import Mission
+from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.findings_view import findings_view
+
+_SPEED_REACHED_SHARE = 0.97
+_MISSED_SHARE = 0.01
+
+
+def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[FlightRecord], Exit]) -> Exit:
+    """Fly a plan, whose `log` is opened here, in the supervised process; return the exit code.
+
+    `judge` receives the record of a mission that began, shows it and returns its verdict. Raises InputError.
+    """
+    try:
+        with (
+            flight_log(recording, plan.mission.mission.name) as writer,
+            SupervisorHeartbeat.inherited(_report_supervisor_lost) as supervisor,
+            LiveView(STDERR) as view,
+        ):
+            report = partial(_report_findings, plan.mission)
+            flight = asyncio.run(fly(replace(plan, log=writer), view, report, supervisor))
+    except VehicleRefusedError as refusal:
+        print_problem(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    verdict = Exit.VERDICT_FAILED
+    if flight.record is not None:
+        verdict = judge(flight.record)
+        _warn_of_lateness(flight, flight.record)
+    report_log(writer)
+    return exit_code(flight.outcomes, verdict)
+
+
+def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
+    """Evaluate a flight against its mission and print the summary."""
+    result = evaluate(record, ring_reference(mission), formation_reference(mission), verdict_tolerances(mission))
+    STDERR.print(summary(result))
+    return result
+
+
+def verdict_of(result: FlightResult) -> Exit:
+    """Return the exit code of a flight that was flown to its end."""
+    return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED
+
+
+def _report_supervisor_lost() -> None:
+    print_problem("this flight's supervisor is gone: the vehicles hold and land")
+
+
+def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
+    """Print the findings that are not passes."""
+    if any(finding.grade is not Grade.PASS for finding in findings):
+        STDERR.print(findings_view(mission.mission.name, findings, passes=False))
+
+
+def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
+    """Report each vehicle whose flight was not completed, and return the command's exit code."""
+    failed = {i: outcome for i, outcome in outcomes.items() if outcome.ending is not Ending.COMPLETED}
+    for vehicle_id, outcome in failed.items():
+        print_problem(f"vehicle {vehicle_id} {outcome.ending.value}: {outcome.reason}", outcome.next_step)
+    if not failed:
+        return verdict
+    return Exit.ENDED_IN_FLIGHT if any(outcome.flew for outcome in outcomes.values()) else Exit.REFUSED
+
+
+def _warn_of_lateness(flight: Flight, record: FlightRecord) -> None:
+    if flight.speed_reached < _SPEED_REACHED_SHARE * flight.speed:
+        print_line(f"this computer reached speed {flight.speed_reached:.1f}, not {flight.speed:g}", "yellow")
+    missed, ticks = record.loop.missed, record.loop.ticks
+    if missed > _MISSED_SHARE * ticks:
+        late = f"{missed} of {missed + ticks} ticks were late: use a --speed below {flight.speed:g}"
+        print_line(late, "yellow")

@@ -1,0 +1,167 @@
+"""The vehicles that one process flies, and what their agents share: clock, event journal, recording."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from agents.outputs import CoreStatus
+from agents.ports import Heartbeat, VehicleRefusedError
+from agents.shell.agent import Agent
+from agents.shell.clock import MissionClock
+from agents.shell.outcome import Stop
+from agents.team.perception import Perception
+from gcs.console.live import LiveView
+from gcs.flight.equipment import Equipment
+from gcs.flight.plan import FlightPlan
+from gcs.flightlog.flight import Recording
+from gcs.flightlog.records import RunEnd, VehicleEnd
+from gcs.link.hub import MavsdkHub
+from gcs.metrics.journal import Journal
+from gcs.metrics.record import FlightRecord
+from gcs.mission.mission import MissionVehicle
+from gcs.preflight.findings import Finding
+from gcs.preflight.link_facts import CheckedLink
+from sitl.server.server import StubRecord
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One vehicle of this process."""
+
+    vehicle: MissionVehicle
+    link: CheckedLink
+    agent: Agent
+
+
+@dataclass(frozen=True, slots=True)
+class Team:
+    """The members of this process and everything that they share in one flight.
+
+    `stop` is the operator's request to end; `view` is what the terminal shows.
+    """
+
+    plan: FlightPlan
+    clock: MissionClock
+    recording: Recording
+    view: LiveView
+    journal: Journal
+    stop: Stop = field(default_factory=Stop)
+    members: list[Member] = field(default_factory=list)
+
+    @property
+    def agents(self) -> list[Agent]:
+        """The members' agents."""
+        return [member.agent for member in self.members]
+
+    @property
+    def start_s(self) -> float | None:
+        """The mission's start on the shared clock, once the agents agreed on it."""
+        return self.members[0].agent.start_s
+
+    def add(self, vehicle: MissionVehicle, hub: MavsdkHub, heartbeat: Heartbeat) -> Member:
+        """Create the link and the agent of a vehicle, not yet connected; return the new member."""
+        link = self._link(vehicle, hub)
+        member = Member(vehicle, link, self._agent(vehicle, link, heartbeat))
+        self.members.append(member)
+        return member
+
+    def _link(self, vehicle: MissionVehicle, hub: MavsdkHub) -> CheckedLink:
+        mission, clock = self.plan.mission, self.clock
+        return CheckedLink(
+            hub,
+            vehicle.section.url,
+            vehicle.system_id,
+            mission.mission_frame(),
+            clock.now_s,
+            clock.speed,
+            settings=mission.link,
+            origin_m=vehicle.origin_m,
+        )
+
+    def _agent(self, vehicle: MissionVehicle, link: CheckedLink, heartbeat: Heartbeat) -> Agent:
+        mission, equipment = self.plan.mission, self.plan.equipment or Equipment()
+        config = mission.agent_config(vehicle)
+        return Agent(
+            self.recording.core(config),
+            link,
+            equipment.bus(mission, vehicle),
+            self.clock,
+            vehicle_id=vehicle.id,
+            members=mission.ids,
+            altitude_m=config.take_off_altitude_m,
+            rate_hz=config.rate_hz,
+            sensor=partial(equipment.sensor, mission, vehicle.id),
+            observe=self._observe,
+            heartbeat=heartbeat,
+            perception=Perception(mission.mission_frame(), lambda text: self.view.say(f"vehicle {vehicle.id}: {text}")),
+        )
+
+    def _observe(self, status: CoreStatus, tick_us: float | None) -> None:
+        self.journal.note(status, tick_us)
+        if tick_us is not None:
+            self.recording.cost(status.vehicle_id, status.time_s, tick_us)
+
+    async def connect(self) -> None:
+        """Connect all links and buses; raises VehicleRefusedError with the reason of each that cannot be reached."""
+        results = await asyncio.gather(*(agent.connect() for agent in self.agents), return_exceptions=True)
+        refused: list[tuple[Member, VehicleRefusedError]] = []
+        for member, result in zip(self.members, results, strict=True):
+            if isinstance(result, VehicleRefusedError):
+                refused.append((member, result))
+            elif isinstance(result, BaseException):
+                raise result
+        if len(refused) == 1:
+            raise refused[0][1]
+        if refused:
+            raise VehicleRefusedError("\n".join(_line(member.vehicle, refusal) for member, refusal in refused), "")
+
+    async def measure_speed(self) -> None:
+        """Set the clock to the autopilots' speed: a simulator may run faster than the wall clock."""
+        self.clock.set_speed(await self.members[0].link.measure_speed())
+        for member in self.members:
+            member.link.set_speed(self.clock.speed)
+
+    async def findings(self) -> Sequence[Finding]:
+        """Return the preflight findings; the facts that they come from are recorded."""
+        from_links = (member.link.facts(member.vehicle.id) for member in self.members)
+        facts = await asyncio.gather(*from_links)
+        for each in facts:
+            self.recording.meet(each)
+        return self.plan.findings(facts)
+
+    def record(self, stubs: StubRecord | None, wall_time_s: float) -> FlightRecord | None:
+        """Return the record of the mission, None if it never began."""
+        start_s = self.start_s
+        if start_s is None or not self.journal.latest:
+            return None
+        seen_s = max(status.time_s for status in self.journal.latest.values())
+        ended_s = max((agent.ended_s or seen_s for agent in self.agents), default=seen_s)
+        flown_s = min(min(seen_s, ended_s) - start_s, self.plan.duration_s)
+        loops = [agent.loop for agent in self.agents]
+        return self.journal.record(
+            start_s,
+            max(flown_s, 0.0),
+            ticks=sum(loop.ticks for loop in loops),
+            missed=sum(loop.missed for loop in loops),
+            wall_time_s=wall_time_s,
+            source=self.plan.source(self.clock.speed),
+            truth=() if stubs is None else stubs.tracks,
+        )
+
+    def complete(self, stubs: StubRecord | None, record: FlightRecord | None) -> None:
+        """Add to the log what is known once the flight is over."""
+        true = {} if stubs is None else {track.vehicle_id: track for track in stubs.tracks}  # by system id
+        for member in self.members:
+            loop = member.agent.loop
+            self.recording.end_vehicle(member.vehicle.id, VehicleEnd(loop.ticks, loop.missed, member.agent.ended_s))
+            if member.vehicle.system_id in true:
+                self.recording.reveal(member.vehicle.id, true[member.vehicle.system_id])
+        if record is not None:
+            self.recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))
+
+
+def _line(vehicle: MissionVehicle, refusal: VehicleRefusedError) -> str:
+    """Return one line about a vehicle among several that cannot be reached."""
+    reason = refusal.reason.removeprefix(f"vehicle {vehicle.system_id} ")
+    return f"vehicle {vehicle.id}: {reason}; next: {refusal.next_step}"

@@ -1,0 +1,86 @@
+"""The live view of a flight: the team's state, its events and late findings, several times a second."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from math import degrees
+
+from agents.outputs import CoreStatus
+from gcs.console.live import LiveRow
+from gcs.flight.team import Member, Team
+from gcs.metrics.event_log import event_line
+from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.vehicle import clock_lag
+
+FindingsReport = Callable[[Sequence[Finding]], None]
+
+_PERIOD_S = 0.2
+
+
+class Watch:
+    """Shows a team in its live view. `report` receives findings, `hint` returns what is shown below the table."""
+
+    def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], str]) -> None:
+        self._team = team
+        self._report = report
+        self._hint = hint
+        self._log_fault = ""
+        self._lags_reported = {member.vehicle.id for member in team.members}  # they share this computer's clock
+
+    async def run(self) -> None:
+        """Update the view until cancelled."""
+        while True:
+            self._report_clocks()
+            self.show_events()
+            self._report_log_fault()
+            self._update()
+            await asyncio.sleep(_PERIOD_S)
+
+    def show_events(self) -> None:
+        """Print the events since the last time."""
+        for event in self._team.journal.news():
+            self._team.view.say(event_line(event, self._team.start_s))
+
+    def _update(self) -> None:
+        team = self._team
+        mission_time_s = 0.0 if team.start_s is None else max(team.clock.now_s() - team.start_s, 0.0)
+        message = "holding and landing; Ctrl-C once more: land at once" if team.stop.wanted.is_set() else ""
+        rows = [_row(member, team.journal.latest.get(member.vehicle.id)) for member in team.members]
+        team.view.update(rows, mission_time_s, message, self._hint())
+
+    def _report_log_fault(self) -> None:
+        fault = self._team.recording.fault
+        if fault and not self._log_fault:
+            self._log_fault = fault
+            self._team.view.say(f"the log is incomplete: {fault}; the flight goes on")
+
+    def _report_clocks(self) -> None:
+        """Report each other computer once whose clock differs too much from this one's."""
+        for member in self._team.members:
+            for peer, lag_s in member.agent.clock_lags_s.items():
+                finding = clock_lag(member.vehicle.id, peer, lag_s)
+                if peer not in self._lags_reported and finding.grade is not Grade.PASS:
+                    self._lags_reported.add(peer)
+                    self._report([finding])
+
+
+def _row(member: Member, status: CoreStatus | None) -> LiveRow:
+    vehicle = member.link.status
+    polar = None if status is None else status.polar
+    place = None if status is None else status.place
+    return LiveRow(
+        vehicle_id=member.vehicle.id,
+        tactic="-" if status is None else status.tactic.value,
+        mode=vehicle.mode.value,
+        connected=vehicle.connected,
+        radius_m=None if polar is None else polar.radius_m,
+        angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
+        spacing_lead_deg=None if place is None or place.lead_rad is None else degrees(place.lead_rad),
+        spacing_lag_deg=None if place is None or place.lag_rad is None else degrees(place.lag_rad),
+        battery=vehicle.battery,
+        note="" if status is None else _remark(status),
+    )
+
+
+def _remark(status: CoreStatus) -> str:
+    dropped = f"{status.messages_dropped} messages dropped" if status.messages_dropped else ""
+    return ", ".join(filter(None, [status.alert, status.slowed, dropped]))
