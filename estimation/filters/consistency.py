@@ -1,15 +1,15 @@
-"""Whether a filter's innovations are as large as it says they should be, and how much control may lean on it.
+"""Innovation consistency of a filter (normalised innovation squared, NIS), and the control authority derived from it.
 
-The squared innovation, normalised by its own covariance, is 1 per degree of freedom on average if the model is right.
+The squared innovation, normalised by its covariance, averages 1 per degree of freedom if the model is right.
 """
 
 from math import exp
 
 RISE_S, FALL_S = 1.0, 6.0
-"""Over how long the average is taken: doubt comes fast and goes slowly."""
+"""Time constants of the average: it rises fast and falls slowly."""
 TRUSTED, DOUBTED = 4.0, 16.0
-"""Averages up to which a filter has full authority, and from which it has the least. As doubt comes faster than it
-goes, errors as expected average to 1.7: these are errors of one and a half times and of three times as much."""
+"""Averages up to which a filter has full authority, and from which it has the least. As it rises faster than it falls,
+the average of a consistent filter is 1.7: these are errors 1.5 times and 3 times as large as expected."""
 AUTHORITY_LEAST = 0.1
 
 
@@ -17,11 +17,11 @@ class Consistency:
     """A running average of normalised squared innovations, and the authority that follows from it.
 
     A model that does not explain its vehicle lowers the authority, in (0, 1]: the share of feedback and compensation in
-    the setpoint. What is left then is the model's feed-forward, which no wrong model can make unstable.
+    the setpoint. The rest is the model's feed-forward, which cannot be destabilised by a wrong model.
     """
 
     def __init__(self) -> None:
-        """Begin in full trust."""
+        """Start with full authority."""
         self._mean = 1.0
 
     @property
@@ -31,15 +31,15 @@ class Consistency:
 
     @property
     def authority(self) -> float:
-        """The share of feedback and compensation that the model deserves."""
+        """The share of feedback and disturbance compensation in the setpoint."""
         share = (DOUBTED - self._mean) / (DOUBTED - TRUSTED)
         return min(max(share, AUTHORITY_LEAST), 1.0)
 
     def see(self, squared: float, step_s: float, most: float) -> None:
-        """Take in one normalised squared innovation, per degree of freedom, `step_s` after the one before.
+        """Add one normalised squared innovation, per degree of freedom, `step_s` after the one before.
 
-        One outlier says little however far out it is: more than `most` counts as `most`.
+        Outliers are clipped: more than `most` counts as `most`.
         """
-        squared = squared if squared < most else most  # nor does NaN
+        squared = squared if squared < most else most  # also NaN
         over_s = RISE_S if squared > self._mean else FALL_S
         self._mean += (1.0 - exp(-step_s / over_s)) * (squared - self._mean)

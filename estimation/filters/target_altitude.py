@@ -1,6 +1,6 @@
-"""The target's altitude: a random walk, filtered apart from its motion in the plane, by the sightings that tell one.
+"""The target's altitude: a random walk, filtered apart from its motion in the plane, from sightings with an altitude.
 
-What is believed stays as it is while nobody tells more.
+Without further sightings the estimate stays as it is.
 """
 
 from math import inf
@@ -11,47 +11,47 @@ from filterpy import kalman
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting, Vector
 
-WANDERS_M = 0.5
-"""How far an altitude wanders in the square root of a second: a climb of 1 m/s is followed half a second late."""
+RANDOM_WALK_M = 0.5
+"""Random walk of the altitude per square root of a second: a climb of 1 m/s is followed with a lag of 0.5 s."""
 _OBSERVATION = np.eye(1)
 
 
 class TargetAltitude:
-    """Filters the altitudes of everybody's sightings; outliers and what comes too late are refused."""
+    """Filters the altitudes of the team's sightings; outliers and those too late are refused."""
 
     def __init__(self, settings: TargetFilterSettings) -> None:
         self._settings = settings
         self._mean_m: Vector | None = None
         self._variance_m2 = np.zeros((1, 1))
         self._time_s = -inf
-        self._doubted_s = inf
+        self._refused_since_s = inf
 
     @property
     def mean_m(self) -> float | None:
-        """The altitude above the mission's origin, None if none was ever told."""
+        """The altitude above the mission's origin [m]; None before any sighting with an altitude."""
         return None if self._mean_m is None else self._mean_m.item()
 
     def sight(self, sighting: Sighting) -> None:
-        """Take in a sighting, if it tells an altitude; one that disagrees for a while is believed from then on."""
+        """Process a sighting that has an altitude; restart when outliers persist for the gate's timeout."""
         if sighting.altitude_m is None or sighting.time_s < self._time_s - self._settings.late_max_s:
             return
         since_s = max(sighting.time_s - self._time_s, 0.0)
         if self._mean_m is None or since_s > self._settings.stale_after_s:
             self._start(sighting.altitude_m, sighting)
             return
-        mean_m, variance_m2 = kalman.predict(self._mean_m, self._variance_m2, Q=WANDERS_M**2 * since_s)
+        mean_m, variance_m2 = kalman.predict(self._mean_m, self._variance_m2, Q=RANDOM_WALK_M**2 * since_s)
         noise_m2 = sighting.altitude_sigma_m**2
         innovation_m, expected_m2 = sighting.altitude_m - mean_m.item(), variance_m2.item() + noise_m2
         if innovation_m**2 > self._settings.gate_sigma**2 * expected_m2:
-            self._doubted_s = min(self._doubted_s, sighting.time_s)
-            if sighting.time_s - self._doubted_s > self._settings.gate_timeout_s:
+            self._refused_since_s = min(self._refused_since_s, sighting.time_s)
+            if sighting.time_s - self._refused_since_s > self._settings.gate_timeout_s:
                 self._start(sighting.altitude_m, sighting)
             return
         self._mean_m, self._variance_m2 = kalman.update(
             mean_m, variance_m2, sighting.altitude_m, noise_m2, H=_OBSERVATION
         )
-        self._time_s, self._doubted_s = max(self._time_s, sighting.time_s), inf
+        self._time_s, self._refused_since_s = max(self._time_s, sighting.time_s), inf
 
     def _start(self, altitude_m: float, sighting: Sighting) -> None:
         self._mean_m, self._variance_m2 = np.array([altitude_m]), np.array([[sighting.altitude_sigma_m**2]])
-        self._time_s, self._doubted_s = sighting.time_s, inf
+        self._time_s, self._refused_since_s = sighting.time_s, inf

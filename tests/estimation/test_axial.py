@@ -1,4 +1,4 @@
-"""The own filter's Kalman steps in plain numbers against filterpy's on arrays."""
+"""The own filter's Kalman steps against those of filterpy."""
 
 from math import cos, nan, sin
 
@@ -8,12 +8,12 @@ from filterpy import kalman
 from msgspec.structs import astuple
 
 from estimation.filters.axial import (
-    Along,
-    Spread,
+    AxisCovariance,
+    AxisEstimate,
     Step,
-    carried,
-    corrected,
-    moved,
+    predicted,
+    predicted_mean,
+    updated,
 )
 from estimation.state import Vector
 
@@ -21,40 +21,40 @@ OBSERVATION = np.eye(2, 5)
 UPPER = np.triu_indices(5)
 
 
-def drawn(seed: int) -> tuple[Along, np.random.Generator]:
-    """Return some belief, and what else is random of a seed."""
+def drawn(seed: int) -> tuple[AxisEstimate, np.random.Generator]:
+    """Return an estimate, and what else is random of a seed."""
     random = np.random.default_rng(seed)
     root = random.standard_normal((5, 5))
     covariance = root @ root.T + 0.1 * np.eye(5)
     p, v, c, s, q = random.standard_normal(5).tolist()
-    return Along(p, v, c, s, q, Spread(*covariance[UPPER].tolist())), random
+    return AxisEstimate(p, v, c, s, q, AxisCovariance(*covariance[UPPER].tolist())), random
 
 
-def mean(along: Along) -> Vector:
-    return np.array(astuple(along)[:5])
+def mean(axis: AxisEstimate) -> Vector:
+    return np.array(astuple(axis)[:5])
 
 
-def covariance(along: Along) -> Vector:
+def covariance(axis: AxisEstimate) -> Vector:
     half = np.zeros((5, 5))
-    half[UPPER] = astuple(along.spread)
+    half[UPPER] = astuple(axis.covariance)
     return half + np.triu(half, 1).T
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_belief_is_carried_as_filterpy_does(seed: int) -> None:
-    along, random = drawn(seed)
+def test_the_prediction_equals_filterpy_s(seed: int) -> None:
+    axis, random = drawn(seed)
     plant, disturbed, aimed = random.standard_normal((2, 2)), random.standard_normal(2), random.standard_normal(2)
-    turn, (pp, pv, vv, walk_c, walk_s) = 0.7, random.uniform(0.1, 1.0, 5).tolist()
+    rotation, (pp, pv, vv, walk_c, walk_s) = 0.7, random.uniform(0.1, 1.0, 5).tolist()
     transition, noise, gain = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 1))
     transition[:2, :2] = plant
     transition[:2, 2] = transition[:2, 3] = disturbed
     transition[2, 2] = 1.0
-    transition[3:, 3:] = [[cos(turn), -sin(turn)], [sin(turn), cos(turn)]]
+    transition[3:, 3:] = [[cos(rotation), -sin(rotation)], [sin(rotation), cos(rotation)]]
     gain[:2, 0] = aimed
     noise[:2, :2] = [[pp, pv], [pv, vv]]
     noise[2, 2], noise[3, 3], noise[4, 4] = walk_c, walk_s, walk_s
     expected = kalman.predict(
-        mean(along).reshape(-1, 1), covariance(along), F=transition, Q=noise, u=np.array([[1.7]]), B=gain
+        mean(axis).reshape(-1, 1), covariance(axis), F=transition, Q=noise, u=np.array([[1.7]]), B=gain
     )
     step = Step(
         pp=plant[0, 0],
@@ -74,22 +74,22 @@ def test_a_belief_is_carried_as_filterpy_does(seed: int) -> None:
         walk_s=walk_s,
     )
 
-    after = carried(along, step, (cos(turn), sin(turn)), 1.7)
+    after = predicted(axis, step, (cos(rotation), sin(rotation)), 1.7)
 
     assert mean(after) == pytest.approx(expected[0].ravel(), abs=1e-9)
     assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
-    assert moved(along, step, (cos(turn), sin(turn)), 1.7) == astuple(after)[:5]
+    assert predicted_mean(axis, step, (cos(rotation), sin(rotation)), 1.7) == astuple(after)[:5]
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_belief_is_corrected_as_filterpy_does(seed: int) -> None:
-    along, random = drawn(seed)
+def test_the_update_equals_filterpy_s(seed: int) -> None:
+    axis, random = drawn(seed)
     measured, noise = random.standard_normal(2), random.uniform(0.1, 1.0, 2)
-    expected = kalman.update(mean(along), covariance(along), measured, np.diag(noise), OBSERVATION)
-    off = measured - mean(along)[:2]
-    squared_expected = off @ np.linalg.inv(covariance(along)[:2, :2] + np.diag(noise)) @ off
+    expected = kalman.update(mean(axis), covariance(axis), measured, np.diag(noise), OBSERVATION)
+    off = measured - mean(axis)[:2]
+    squared_expected = off @ np.linalg.inv(covariance(axis)[:2, :2] + np.diag(noise)) @ off
 
-    after, squared = corrected(along, measured[0], measured[1], (noise[0], noise[1]))
+    after, squared = updated(axis, measured[0], measured[1], (noise[0], noise[1]))
 
     assert mean(after) == pytest.approx(expected[0], abs=1e-9)
     assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
@@ -98,6 +98,6 @@ def test_a_belief_is_corrected_as_filterpy_does(seed: int) -> None:
 
 @pytest.mark.parametrize("far_m", [1e200, -1e308, nan])
 def test_nothing_so_far_out_stops_the_filter(far_m: float) -> None:
-    along, _ = drawn(0)
-    _, squared = corrected(along, far_m, 0.0, (1.0, 1.0))
+    axis, _ = drawn(0)
+    _, squared = updated(axis, far_m, 0.0, (1.0, 1.0))
     assert not squared <= 1e300

@@ -1,4 +1,4 @@
-"""The target filter's Kalman steps in plain numbers against filterpy's on arrays."""
+"""The target filter's Kalman steps against those of filterpy."""
 
 from math import nan
 
@@ -7,11 +7,11 @@ import pytest
 from filterpy import kalman
 
 from estimation.filters.planar import (
-    Drift,
     Motion,
-    Spread,
-    carried,
-    corrected,
+    MotionStep,
+    PlanarCovariance,
+    predicted,
+    updated,
 )
 from estimation.state import Vector
 
@@ -20,11 +20,11 @@ UPPER = np.triu_indices(4)
 
 
 def drawn(seed: int) -> tuple[Motion, np.random.Generator]:
-    """Return some belief, and what else is random of a seed."""
+    """Return an estimate, and what else is random of a seed."""
     random = np.random.default_rng(seed)
     covariance = positive(random, 4)
     x, y, u, v = random.standard_normal(4).tolist()
-    return Motion(3.0, x, y, u, v, Spread(*covariance[UPPER].tolist())), random
+    return Motion(3.0, x, y, u, v, PlanarCovariance(*covariance[UPPER].tolist())), random
 
 
 def positive(random: np.random.Generator, size: int) -> Vector:
@@ -33,16 +33,16 @@ def positive(random: np.random.Generator, size: int) -> Vector:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_belief_is_carried_as_filterpy_does(seed: int) -> None:
+def test_the_prediction_equals_filterpy_s(seed: int) -> None:
     motion, random = drawn(seed)
-    drift = Drift(*random.uniform(0.1, 2.0, 5).tolist())
-    axis = np.array([[1.0, drift.carries_s], [0.0, drift.kept]])
-    noise = np.array([[drift.place, drift.mixed], [drift.mixed, drift.velocity]])
+    step = MotionStep(*random.uniform(0.1, 2.0, 5).tolist())
+    axis = np.array([[1.0, step.velocity_s], [0.0, step.velocity_share]])
+    noise = np.array([[step.noise_position, step.noise_cross], [step.noise_cross, step.noise_velocity]])
     mean, covariance = kalman.predict(
         motion.mean, motion.covariance, F=np.kron(axis, np.eye(2)), Q=np.kron(noise, np.eye(2))
     )
 
-    after = carried(motion, 3.5, drift)
+    after = predicted(motion, 3.5, step)
 
     assert after.time_s == 3.5
     assert after.mean == pytest.approx(mean, abs=1e-9)
@@ -50,7 +50,7 @@ def test_a_belief_is_carried_as_filterpy_does(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_belief_is_corrected_as_filterpy_does(seed: int) -> None:
+def test_the_update_equals_filterpy_s(seed: int) -> None:
     motion, random = drawn(seed)
     noise, position = positive(random, 2), random.standard_normal(2)
     mean, covariance = kalman.update(motion.mean, motion.covariance, position, noise, OBSERVATION)
@@ -58,7 +58,7 @@ def test_a_belief_is_corrected_as_filterpy_does(seed: int) -> None:
     squared = off @ np.linalg.inv(motion.covariance[:2, :2] + noise) @ off
 
     x, y = position.tolist()
-    after, innovation = corrected(motion, (x, y), (noise[0, 0], noise[0, 1], noise[1, 1]))
+    after, innovation = updated(motion, (x, y), (noise[0, 0], noise[0, 1], noise[1, 1]))
 
     assert after.time_s == 3.0
     assert after.mean == pytest.approx(mean, abs=1e-9)
@@ -69,12 +69,12 @@ def test_a_belief_is_corrected_as_filterpy_does(seed: int) -> None:
 @pytest.mark.parametrize("far_m", [1e200, -1e308, nan])
 def test_nothing_so_far_out_stops_the_filter(far_m: float) -> None:
     motion, _ = drawn(0)
-    _, innovation = corrected(motion, (0.0, far_m), (1.0, 0.0, 1.0))
+    _, innovation = updated(motion, (0.0, far_m), (1.0, 0.0, 1.0))
     assert not innovation.squared <= 1e300
 
 
 def test_a_noise_that_is_almost_a_line_leaves_a_covariance() -> None:
-    still = Motion(0.0, 0.0, 0.0, 0.0, 0.0, Spread(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
-    after, innovation = corrected(still, (1.0, 1.0), (1e4, 1e4, 1e4))
+    still = Motion(0.0, 0.0, 0.0, 0.0, 0.0, PlanarCovariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    after, innovation = updated(still, (1.0, 1.0), (1e4, 1e4, 1e4))
     assert np.isfinite(after.mean).all()
     assert np.isfinite(innovation.squared)

@@ -14,7 +14,7 @@ from agents.setpoint.altitude import Altitude
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from agents.team.messages import TargetPackage, decode
-from estimation.filters.target_altitude import WANDERS_M, TargetAltitude
+from estimation.filters.target_altitude import RANDOM_WALK_M, TargetAltitude
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting
 from gcs.flightlog.reader import read_log
@@ -73,7 +73,7 @@ def test_it_is_the_random_walk_that_fits_all_sightings_best(batch_mean: Callable
     random = np.random.default_rng(4)
     times_s = np.cumsum(random.uniform(0.05, 0.6, 12))
     heights_m, one = 7.0 + random.normal(0.0, 0.5, 12), np.eye(1)
-    steps = [(one, np.zeros(1), one * WANDERS_M**2 * step_s) for step_s in np.diff(times_s)]
+    steps = [(one, np.zeros(1), one * RANDOM_WALK_M**2 * step_s) for step_s in np.diff(times_s)]
     measured = [(np.array([height_m]), one, one * 0.25) for height_m in heights_m[1:]]
     best = batch_mean((heights_m[:1], one * 0.25), steps, measured)
     assert believed(map(told, heights_m, times_s)) == pytest.approx(best[-1])
