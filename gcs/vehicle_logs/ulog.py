@@ -1,10 +1,12 @@
-"""PX4's own log (.ulg), read through pyulog.
+"""PX4's own log (.ulg), read through pyulog's public interface.
 
-Damage is met as pyulog does: a record that makes no sense is passed over, and the rest is read.
+pyulog skips a record that it cannot parse, and reads the rest. pyulog 1.3 bounds neither its search in damaged bytes
+nor the size of the formats that a log declares; the file object given to it does.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 from io import BufferedReader, FileIO
 from typing import Any
 
@@ -36,14 +38,14 @@ SETPOINT, LOCAL, TRUTH = "trajectory_setpoint", "vehicle_local_position", "vehic
 ATTITUDE, BATTERY, STATUS = "vehicle_attitude", "battery_status", "vehicle_status"
 TOPICS = (SETPOINT, LOCAL, TRUTH, ATTITUDE, BATTERY, STATUS)
 ARMED = 2
-HEADER_BYTES = 3
+HEADER_BYTES, SUBSCRIPTION = 3, b"A"
 READ_AGAIN_MAX, READ_BYTES_MIN = 16, 1 << 24
-"""So many times a log's bytes may be read, and a small one's so many bytes."""
+"""Bound of the bytes read: this multiple of the log's size, and this many for a small log."""
 BYTES_A_READ_MIN, READS_MIN = 16, 200_000
-"""A sound log has more bytes than these for each time it is read from; zeros are read one by one."""
+"""Bound of the number of reads: an undamaged log has more bytes a read than this; pyulog reads zeros one by one."""
 
 FIELDS_MAX = 200_000
-"""All topics' fields together: a log of PX4 has a tenth of them. A few bytes of formats can claim billions."""
+"""Bound of the fields of all subscriptions together: a log of PX4 has a tenth of that."""
 DEPTH_MAX = 16
 
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
@@ -53,9 +55,7 @@ Columns = dict[str, Any]
 
 def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return the one vehicle's log; raises LogError when it cannot be read as one."""
-    with _Followed(log) as file:
-        ulog = _parsed(log, file)
-        told = file.told(ulog.file_corruption)
+    ulog, notes = _parsed(log)
     topics: dict[str, Columns] = {}
     for data in ulog.data_list:  # sorted by instance: of several, the first is what the vehicle flies by
         topics.setdefault(data.name, data.data)
@@ -66,7 +66,7 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
         autopilot="px4",
         firmware=_firmware(ulog),
         begin_us=min(int(ulog.start_timestamp), 2**62),
-        notes=told,
+        notes=notes,
     )
     _gather_motion(gathered, topics)
     _gather_battery(gathered, topics)
@@ -79,20 +79,25 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
     return (vehicle_log(gathered),)
 
 
-class _Followed(BufferedReader):
-    """The file as pyulog reads it: it tells nobody where it stopped, or that the last record was not whole.
+class _BoundedReader(BufferedReader):
+    """The log file as pyulog reads it, with bounded work.
 
-    Searching for the next record in damaged bytes it may read them again and again, and beyond the end without end:
-    for it, a file ends where that has become too much.
+    While pyulog searches damaged bytes for the next record it can read them again and again, also beyond the end of the
+    file; and a few bytes of formats can claim billions of fields. Beyond `READ_AGAIN_MAX` and the like, `read` returns
+    nothing, as at the end of the file. A subscription with too many fields raises LogError.
     """
 
-    def __init__(self, log: LogFile) -> None:
+    def __init__(self, log: LogFile, formats: Mapping[str, Any]) -> None:
         super().__init__(FileIO(str(log.path)))
-        self._size_bytes = log.size_bytes
+        self._log = log
+        self._formats = formats
+        self._counts: dict[str, int] = {}
+        self._kind = b""
         self._reached = 0
         self._cut_at: int | None = None
         self._left_bytes = READ_AGAIN_MAX * log.size_bytes + READ_BYTES_MIN
         self._left_reads = log.size_bytes // BYTES_A_READ_MIN + READS_MIN
+        self._left_fields = FIELDS_MAX
 
     def read(self, size: int | None = -1, /) -> bytes:
         begin = self.tell()
@@ -102,60 +107,78 @@ class _Followed(BufferedReader):
         data = super().read(size)
         self._left_bytes -= len(data)
         self._left_reads -= 1
-        # A record is read in two steps: three bytes of header, then what it announces. None at all is a clean end.
+        # A record is read in two steps: a header of three bytes, then the body. No bytes at all are a clean end.
         if size and len(data) < size and (data or size != HEADER_BYTES):
             self._cut_at = begin if size == HEADER_BYTES else begin - HEADER_BYTES
         elif data:
             self._cut_at = None
+        if size == HEADER_BYTES:
+            self._kind = data[2:]
+        elif self._kind == SUBSCRIPTION:
+            self._count_fields(data[3:].decode(errors="ignore"))
         return data
+
+    def _count_fields(self, topic: str) -> None:
+        """Subtract the fields of a subscription, which pyulog expands one by one."""
+        if topic not in self._counts:
+            self._counts[topic] = _field_count(self._formats, topic)
+        self._left_fields -= self._counts[topic]
+        if self._left_fields < 0:
+            raise LogError([f"{self._log.name}: its formats claim more fields than a log of PX4 can have"])
 
     def _exhausted(self) -> bool:
         return self._left_bytes < 0 or self._left_reads < 0
 
     def close(self) -> None:
-        """Remember how far the reader came."""
+        """Store the position that pyulog reached."""
         if not self.closed and not self._exhausted():
             self._reached = self.tell()
         super().close()
 
-    def told(self, corrupt: bool) -> list[str]:
-        """Return what is to be told of the file's state."""
-        notes = []
+    def notes(self, corrupt: bool) -> list[str]:
+        """Return notes about the file's state."""
+        notes, size_bytes = [], self._log.size_bytes
         if self._exhausted():
-            notes.append(f"too damaged to be read beyond byte {self._reached} of {self._size_bytes}")
-        elif self._cut_at is not None and self._reached >= self._size_bytes:
+            notes.append(f"too damaged to be read beyond byte {self._reached} of {size_bytes}")
+        elif self._cut_at is not None and self._reached >= size_bytes:
             notes.append(f"ends in the middle of a record at byte {self._cut_at}")
-        elif self._reached < self._size_bytes:
-            notes.append(f"cannot be read beyond byte {self._reached} of {self._size_bytes}")
+        elif self._reached < size_bytes:
+            notes.append(f"cannot be read beyond byte {self._reached} of {size_bytes}")
         if corrupt:
             notes.append("damaged: what could not be understood was passed over")
         return notes
 
 
-def _parsed(log: LogFile, file: _Followed) -> Any:
-    """Return what pyulog made of the file; it raises and prints all sorts of things."""
-    budget = [FIELDS_MAX]
+def _field_count(formats: Mapping[str, Any], name: str) -> int:
+    """Return how many fields and nested structures a format expands to; more than FIELDS_MAX if nested too deep."""
 
-    class Bounded(ULog._MessageAddLogged):  # type: ignore[misc]
-        """A subscription whose format cannot claim more fields than any log has."""
+    @cache
+    def count(name: str, depth: int) -> int:
+        if name not in formats:
+            return 1
+        if depth > DEPTH_MAX:
+            return FIELDS_MAX + 1
+        return 1 + sum(max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields)
 
-        def _parse_nested_type(self, prefix_str: str, type_name: str, message_formats: Any) -> None:
-            fields = message_formats[type_name].fields
-            budget[0] -= 1 + sum(max(1, array_size) for _, array_size, _ in fields)
-            if budget[0] < 0 or prefix_str.count(".") > DEPTH_MAX:
-                raise LogError([f"{log.name}: its formats claim more fields than a log of PX4 can have"])
-            super()._parse_nested_type(prefix_str, type_name, message_formats)
+    return count(name, 0)
 
-    class BoundedLog(ULog):  # type: ignore[misc]
-        _MessageAddLogged = Bounded
 
+def _parsed(log: LogFile) -> tuple[Any, list[str]]:
+    """Return pyulog's log, and notes about the file's state; raises LogError.
+
+    The formats all precede the first subscription. They are read first, to bound what the subscriptions expand to.
+    """
     try:
-        return BoundedLog(file, list(TOPICS))
+        with _BoundedReader(log, {}) as file:
+            formats = ULog(file, parse_header_only=True).message_formats
+        with _BoundedReader(log, formats) as file:
+            ulog = ULog(file, list(TOPICS))
     except LogError:
         raise
-    except Exception as error:
-        told = str(error) or type(error).__name__
-        raise LogError([f"{log.name}: cannot be read as a {FORMAT}, its beginning is damaged ({told})"]) from error
+    except Exception as error:  # pyulog raises exceptions of many types for damaged bytes
+        reason = str(error) or type(error).__name__
+        raise LogError([f"{log.name}: cannot be read as a {FORMAT}, its beginning is damaged ({reason})"]) from error
+    return ulog, file.notes(ulog.file_corruption)
 
 
 def _columns(log: str, topic: str, data: Columns, names: Sequence[str]) -> Vector:
