@@ -1,33 +1,39 @@
-"""Walking an MCAP file as far as it is whole, whatever has become of it: no length and no count in it is believed.
+"""Reading the records of an MCAP file that may be unclosed or damaged, with bounded memory and time.
 
-What is damaged is told and left out, and reading goes on at the next chunk. Everything that cordon writes is in chunks,
-each compressed by zstd and with a checksum of its own.
+A damaged part is reported and skipped; reading continues at the next chunk. cordon writes all its records in chunks,
+each compressed by zstd and with a checksum. mcap parses the records and unpacks the chunks. The walk from record to
+record is own code: mcap's `StreamReader` (1.6) ends at the first damage, trusts every length in the file (a chunk that
+claims 100 GB is allocated) and takes 2.9 us a message, this code 1.2 us. In its place it failed 22 of the 53 tests of
+damaged logs, and 25 when restarted at the next chunk.
 """
 
 import struct
 import zlib
-from collections.abc import Iterator
-from typing import BinaryIO, NamedTuple
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from typing import BinaryIO, NamedTuple, TypeVar
 
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Chunk, DataEnd, Footer, Metadata, Schema, Statistics
+from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_MAX_BYTES = 64_000_000
-"""No record of a log is larger, as it stands in the file or unpacked: a length beyond it is a damaged one's."""
+"""Bound of a record's size, packed or unpacked: a greater length is a damaged one."""
 WORK_MIN_BYTES, WORK_SHARE = 64_000_000, 32
-"""A file is read no further than until that much, or that many times its size, has been read and unpacked of it."""
+"""Bound of the bytes read and unpacked: this many, and for a large file this multiple of its size."""
 SCAN_MAX_BYTES = 2 * RECORD_MAX_BYTES
-"""Where nothing can be read for that long, nothing more is looked for."""
+"""Bound of the search for the next chunk."""
 FAULTS_MAX = 20
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQII")
-_FOOTER = struct.Struct("<QQI")
-_COMPRESSION = b"zstd"
-_CHUNK_SIGN = struct.pack("<I", len(_COMPRESSION)) + _COMPRESSION
+_FOOTER_BYTES = 20
+_COMPRESSION = "zstd"
+_CHUNK_SIGN = struct.pack("<I", len(_COMPRESSION)) + _COMPRESSION.encode()
 _SIGN_OFFSET = _HEAD.size + _CHUNK.size - 4
 _WINDOW_BYTES = 1 << 16
 
@@ -42,6 +48,7 @@ class Message(NamedTuple):
     payload: bytes
 
 
+RecordT = TypeVar("RecordT")
 Entry = Schema | Channel | Message | Metadata
 
 
@@ -50,20 +57,20 @@ class NoContainerError(ValueError):
 
 
 class DamageError(ValueError):
-    """Something in the file is not as it was written."""
+    """A part of the file is damaged."""
 
 
 class Container:
-    """An MCAP file; `faults` says what is not whole once all its entries have been gone through."""
+    """An MCAP file; `faults` lists its damage once all `entries` have been read."""
 
     def __init__(self, stream: BinaryIO, size_bytes: int) -> None:
-        """Take a file; raises NoContainerError when it is no MCAP file, OSError when it cannot be read."""
+        """Open a file; raises NoContainerError when it is no MCAP file, OSError when it cannot be read."""
         self._stream = stream
         self._work_bytes = max(WORK_MIN_BYTES, WORK_SHARE * size_bytes)
         self._crc = 0
         self._messages_written: int | None = None
         self._more_faults = 0
-        self._told: list[str] = []
+        self._faults: list[str] = []
         self.size_bytes = size_bytes
         self.offset = 0
         self.messages = 0
@@ -73,13 +80,13 @@ class Container:
 
     @property
     def faults(self) -> list[str]:
-        """What is damaged, where in the file."""
+        """The damaged places of the file."""
         more = [f"and {self._more_faults} more places are damaged"] if self._more_faults else []
-        return [*self._told, *more]
+        return [*self._faults, *more]
 
     def entries(self) -> Iterator[Entry]:
-        """Return all that is whole, in order; schemas and channels may be told twice. `offset` is how far it is."""
-        yield from self._described_at_the_end()
+        """Return all undamaged entries in order; schemas and channels may repeat. `offset` is the position reached."""
+        yield from self._summary()
         self.offset = len(MAGIC)
         self._crc = zlib.crc32(MAGIC)
         while self.offset < self.size_bytes:
@@ -89,7 +96,7 @@ class Container:
                 if opcode == Opcode.DATA_END:
                     self._end_of_data(body)
                     break
-                for entry in self._opened(opcode, body):
+                for entry in self._entries_of(opcode, body):
                     if type(entry) is Message:
                         self.messages += 1
                     yield entry
@@ -98,10 +105,10 @@ class Container:
                     break
         lost = (self._messages_written or 0) - self.messages
         if lost > 0:
-            self._tell(f"{lost} of the {self._messages_written} records that were written are lost")
+            self._report(f"{lost} of the {self._messages_written} records that were written are lost")
 
     def _record(self) -> tuple[int, bytes]:
-        """Return the next record of the file, and go on behind it."""
+        """Return the kind and body of the next record of the file, and advance behind it."""
         begin, head = self.offset, self._bytes(self.offset, _HEAD.size)
         if len(head) < _HEAD.size:
             raise DamageError("it ends within a record")
@@ -116,8 +123,8 @@ class Container:
         self.offset = begin + _HEAD.size + length
         return opcode, body
 
-    def _opened(self, opcode: int, body: bytes) -> Iterator[Entry]:
-        """Return what is in a record of the data section."""
+    def _entries_of(self, opcode: int, body: bytes) -> Iterator[Entry]:
+        """Return the entries of a record of the data section."""
         match opcode:
             case Opcode.CHUNK:
                 data = _unpacked(body)
@@ -126,33 +133,32 @@ class Container:
             case Opcode.HEADER:
                 pass
             case Opcode.METADATA:
-                fields = _Fields(body)
-                yield Metadata(name=fields.text(), metadata=fields.words())
+                yield _parsed(Metadata.read, body)
             case Opcode.SCHEMA | Opcode.CHANNEL | Opcode.MESSAGE:
                 yield from _inner(_HEAD.pack(opcode, len(body)) + body)
             case Opcode.MESSAGE_INDEX:
                 if len(body) < 6 or int.from_bytes(body[2:6], "little") != len(body) - 6:
                     raise DamageError("a message index is damaged")
             case _:
-                self._tell(
+                self._report(
                     f"at byte {self.offset - len(body)}: {len(body)} bytes of unknown kind {opcode} are left out"
                 )
 
     def _recovered_from(self, reason: str, begin: int) -> bool:
-        """Go on at the next chunk behind a damage, if there is one that can be read; say what is left out."""
+        """Advance to the next chunk behind a damage, and report what is skipped; return whether there is one."""
         self._crc = -1
         try:
             found = self._next_chunk(begin + 1)
         except DamageError as damage:
-            self._tell(f"from byte {begin} on nothing is read: {damage}")
+            self._report(f"from byte {begin} on nothing is read: {damage}")
             return False
         end = self.size_bytes if found is None else found
-        self._tell(f"at byte {begin}: {reason}; {end - begin} bytes are left out")
+        self._report(f"at byte {begin}: {reason}; {end - begin} bytes are left out")
         self.offset = end
         return found is not None
 
     def _next_chunk(self, begin: int) -> int | None:
-        """Return where the next record is that looks like a chunk."""
+        """Return the offset of the next record that has the form of a chunk."""
         sought, overlap = begin + _SIGN_OFFSET, len(_CHUNK_SIGN) - 1
         while sought < min(begin + SCAN_MAX_BYTES, self.size_bytes):
             window = self._bytes(sought, _WINDOW_BYTES)
@@ -167,7 +173,7 @@ class Container:
         return None
 
     def _is_chunk(self, begin: int) -> bool:
-        """Return whether the lengths that a chunk tells twice agree, and the file holds as much."""
+        """Return whether a chunk's two lengths agree and lie within the file."""
         fixed = _SIGN_OFFSET - _HEAD.size + len(_CHUNK_SIGN)
         head = self._bytes(begin, _HEAD.size + fixed + 8)
         if len(head) < _HEAD.size + fixed + 8:
@@ -177,34 +183,35 @@ class Container:
         fits = begin + _HEAD.size + length <= self.size_bytes
         return bool(opcode == Opcode.CHUNK and length == fixed + 8 + packed and length <= RECORD_MAX_BYTES and fits)
 
-    def _described_at_the_end(self) -> Iterator[Entry]:
-        """Return the channels that a file repeats when it is closed; they outlive a damaged beginning."""
-        end = self.size_bytes - len(MAGIC) - _FOOTER.size - _HEAD.size
-        foot = self._bytes(max(end, 0), _HEAD.size + _FOOTER.size + len(MAGIC))
-        if end < len(MAGIC) or not foot.endswith(MAGIC) or _HEAD.unpack_from(foot) != (Opcode.FOOTER, _FOOTER.size):
+    def _summary(self) -> Iterator[Entry]:
+        """Return the channels and schemas of a closed file's summary: they are needed if its beginning is damaged."""
+        end = self.size_bytes - len(MAGIC) - _FOOTER_BYTES - _HEAD.size
+        foot = self._bytes(max(end, 0), _HEAD.size + _FOOTER_BYTES + len(MAGIC))
+        if end < len(MAGIC) or not foot.endswith(MAGIC) or _HEAD.unpack_from(foot) != (Opcode.FOOTER, _FOOTER_BYTES):
             return
         self.is_closed = True
-        begin, _, crc = _FOOTER.unpack_from(foot, _HEAD.size)
+        footer = _parsed(Footer.read, foot[_HEAD.size : -len(MAGIC)])
+        begin, crc = footer.summary_start, footer.summary_crc
         if begin == 0:
             return
         summary = self._bytes(begin, end - begin) if 0 <= end - begin <= RECORD_MAX_BYTES else b""
         if not summary or (crc and zlib.crc32(foot[: -len(MAGIC) - 4], zlib.crc32(summary)) != crc):
-            self._tell(f"at byte {end}: its index is damaged")
+            self._report(f"at byte {end}: its index is damaged")
             return
         try:
             for opcode, first, last in _records(summary):
-                if opcode == Opcode.STATISTICS and last - first >= 8:
-                    self._messages_written = int.from_bytes(summary[first : first + 8], "little")
+                if opcode == Opcode.STATISTICS:
+                    self._messages_written = _parsed(Statistics.read, summary[first:last]).message_count
             yield from (entry for entry in _inner(summary) if type(entry) is not Message)
         except DamageError:
-            self._tell(f"at byte {begin}: its index is damaged")
+            self._report(f"at byte {begin}: its index is damaged")
 
     def _end_of_data(self, body: bytes) -> None:
         if len(body) != 4:
             raise DamageError("the end of the data is damaged")
-        crc = int.from_bytes(body, "little")
+        crc = _parsed(DataEnd.read, body).data_section_crc
         if crc and self._crc >= 0 and crc != self._crc:
-            self._tell("the checksum of the whole file does not fit: something beside its records is damaged")
+            self._report("the checksum of the whole file does not fit: something beside its records is damaged")
 
     def _bytes(self, begin: int, count: int) -> bytes:
         self._work(min(count, self.size_bytes))
@@ -216,76 +223,56 @@ class Container:
         if self._work_bytes < 0:
             raise DamageError("it claims to hold more than a file of its size can")
 
-    def _tell(self, fault: str) -> None:
-        if len(self._told) < FAULTS_MAX:
-            self._told.append(fault)
+    def _report(self, fault: str) -> None:
+        if len(self._faults) < FAULTS_MAX:
+            self._faults.append(fault)
         else:
             self._more_faults += 1
 
 
-class _Fields:
-    """The fields of a record, one after the other; raises DamageError where they claim more than there is."""
+class _Fields(ReadDataStream):
+    """The fields of a record; raises DamageError where mcap's own stream returns less than is asked for."""
 
     def __init__(self, body: bytes) -> None:
-        self._body = body
-        self._at = 0
+        super().__init__(BytesIO(body))
+        self._size_bytes = len(body)
 
-    def number(self, size: int) -> int:
-        return int.from_bytes(self._take(size), "little")
-
-    def data(self) -> bytes:
-        return self._take(self.number(4))
-
-    def text(self) -> str:
-        try:
-            return self.data().decode()
-        except UnicodeDecodeError as error:
-            raise DamageError("a text is damaged") from error
-
-    def words(self) -> dict[str, str]:
-        """Return a table of words."""
-        length = self.number(4)
-        end, words = self._at + length, {}
-        while self._at < end:
-            key = self.text()
-            words[key] = self.text()
-        return words
-
-    def _take(self, count: int) -> bytes:
-        begin, self._at = self._at, self._at + count
-        if self._at > len(self._body):
+    def read(self, length: int) -> bytes:
+        if length > self._size_bytes - self.count:
             raise DamageError("a record claims more than it holds")
-        return self._body[begin : self._at]
+        return super().read(length)
+
+
+def _parsed(read: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
+    """Return a record parsed by mcap; raises DamageError."""
+    try:
+        return read(_Fields(body))
+    except UnicodeDecodeError as error:
+        raise DamageError("a text is damaged") from error
 
 
 def _unpacked(body: bytes) -> bytes:
-    """Return what is in a chunk."""
-    if len(body) < _CHUNK.size + len(_COMPRESSION) + 8:
-        raise DamageError("a chunk is damaged")
-    _, _, size_bytes, crc, name_length = _CHUNK.unpack_from(body)
-    begin = _CHUNK.size + name_length + 8
-    compression = body[_CHUNK.size : _CHUNK.size + min(name_length, len(_COMPRESSION) + 1)]
-    if size_bytes > RECORD_MAX_BYTES or compression not in (_COMPRESSION, b""):
-        raise DamageError(f"a chunk claims {size_bytes} bytes of compression {compression!r}")
-    if len(body) < begin or int.from_bytes(body[begin - 8 : begin], "little") != len(body) - begin:
+    """Return the records of a chunk; what mcap unpacks is bounded here, by the sizes that the chunk claims."""
+    chunk = _parsed(Chunk.read, body)
+    if chunk.uncompressed_size > RECORD_MAX_BYTES or chunk.compression not in (_COMPRESSION, ""):
+        raise DamageError(f"a chunk claims {chunk.uncompressed_size} bytes of compression {chunk.compression!r}")
+    if _CHUNK.size + len(chunk.compression) + 8 + len(chunk.data) != len(body):
         raise DamageError("a chunk's lengths do not agree")
-    data = _decompressed(body[begin:], size_bytes) if compression else body[begin:]
-    if len(data) != size_bytes or (crc and zlib.crc32(data) != crc):
-        raise DamageError("a chunk's checksum does not fit")
-    return data
-
-
-def _decompressed(packed: bytes, size_bytes: int) -> bytes:
     try:
-        if zstandard.frame_content_size(packed) in (-1, size_bytes):
-            return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size_bytes)
+        if chunk.compression and zstandard.frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
+            raise DamageError("a chunk claims another size than it has")
+        stream, size_bytes = get_chunk_data_stream(chunk, validate_crc=True)
     except zstandard.ZstdError as error:
         raise DamageError("a chunk cannot be unpacked") from error
-    raise DamageError("a chunk claims another size than it has")
+    except CRCValidationError as error:
+        raise DamageError("a chunk's checksum does not fit") from error
+    if size_bytes != chunk.uncompressed_size:
+        raise DamageError("a chunk claims another size than it has")
+    return stream.read(size_bytes)
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Return the kind of each record, where it begins and where it ends."""
+    """Return the kind of each record, and where its body begins and ends."""
     begin, end = 0, len(data)
     while begin < end:
         if begin + _HEAD.size > end:
@@ -299,7 +286,7 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _inner(data: bytes) -> Iterator[Entry]:
-    """Return what is in the data of a chunk."""
+    """Return the entries in the data of a chunk."""
     for opcode, first, last in _records(data):
         if opcode == Opcode.MESSAGE:
             if last - first < _MESSAGE.size:
@@ -307,12 +294,6 @@ def _inner(data: bytes) -> Iterator[Entry]:
             channel_id, sequence, time_ns, published_ns = _MESSAGE.unpack_from(data, first)
             yield Message(channel_id, sequence, time_ns, published_ns, data[first + _MESSAGE.size : last])
         elif opcode == Opcode.SCHEMA:
-            fields = _Fields(data[first:last])
-            number, name, encoding = fields.number(2), fields.text(), fields.text()
-            yield Schema(id=number, name=name, encoding=encoding, data=fields.data())
+            yield _parsed(Schema.read, data[first:last])
         elif opcode == Opcode.CHANNEL:
-            fields = _Fields(data[first:last])
-            number, schema_id, topic, encoding = fields.number(2), fields.number(2), fields.text(), fields.text()
-            yield Channel(
-                id=number, schema_id=schema_id, topic=topic, message_encoding=encoding, metadata=fields.words()
-            )
+            yield _parsed(Channel.read, data[first:last])

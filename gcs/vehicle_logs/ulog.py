@@ -158,7 +158,8 @@ def _field_count(formats: Mapping[str, Any], name: str) -> int:
             return 1
         if depth > DEPTH_MAX:
             return FIELDS_MAX + 1
-        return 1 + sum(max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields)
+        nested: int = sum(max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields)
+        return 1 + nested
 
     return count(name, 0)
 

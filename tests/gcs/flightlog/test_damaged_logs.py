@@ -316,6 +316,7 @@ CLAIMS: dict[str, Callable[[], bytes]] = {
     "a record that fits the file but no memory": lambda: record(3, b"", 90_000_000),
     "a chunk of 100 GB unpacked": lambda: chunk(zstandard.compress(bytes(1000)), HUGE),
     "a chunk of 100 GB packed": lambda: chunk(zstandard.compress(bytes(1000)), 1000, packed_claimed=HUGE),
+    "a chunk of 2^64 bytes packed": lambda: chunk(zstandard.compress(bytes(1000)), 1000, packed_claimed=2**64 - 1),
     "a chunk that unpacks to more than it says": lambda: chunk(zstandard.compress(bytes(400_000_000)), 1000),
     "a chunk that unpacks without end": lambda: sizeless(400_000_000),
     "a bomb": lambda: bomb(400_000_000),
