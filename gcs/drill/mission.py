@@ -1,6 +1,5 @@
 """The mission that a drill flies: the given one, with stub vehicles on free ports, and the target in reach."""
 
-import json
 import os
 import socket
 import tomllib
@@ -9,6 +8,8 @@ from contextlib import ExitStack
 from math import sqrt
 from pathlib import Path
 from typing import Any
+
+import tomli_w
 
 from gcs.errors import InputError
 from gcs.mission.file import load_mission, mission_path, parse_mission
@@ -32,10 +33,10 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
     _move_apart(content, path.parent)
     near = {**content, "target": {**content["target"], "start_m": _near_m(mission)}}
     try:
-        parse_mission(_toml(near), path.parent)
+        parse_mission(tomli_w.dumps(near), path.parent)
     except InputError:
-        return _toml(content)
-    return _toml(near)
+        return tomli_w.dumps(content)
+    return tomli_w.dumps(near)
 
 
 def _near_m(mission: Mission) -> list[float]:
@@ -77,23 +78,3 @@ def _free_ports(count: int) -> list[int]:
                 continue
             ports.append(tcp.getsockname()[1])
     return ports
-
-
-def _toml(content: _Content) -> str:
-    """Return a mission's content as TOML."""
-    lines: list[str] = []
-    for name, section in content.items():
-        if isinstance(section, list):
-            for each in section:
-                lines += [f"[[{name}]]", *(f"{key} = {_value(value)}" for key, value in each.items())]
-        else:
-            lines += [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in section.items())]
-    return "\n".join([*lines, ""])
-
-
-def _value(value: object) -> str:
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_value(each)}' for key, each in value.items())} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    return json.dumps(value, ensure_ascii=False)  # of strings, numbers and truths, JSON is TOML

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date
-from json import dumps
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import tomli_w
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -194,11 +194,6 @@ def plant_text(found: Found, told: Identification) -> str:
 
 
 def _toml(value: object) -> str:
-    match value:
-        case Verdict():
-            return dumps(value.value)
-        case str():
-            return dumps(value, ensure_ascii=False)
-        case tuple():
-            return f"[{', '.join(map(_toml, value))}]"
-    return str(value)
+    """Return a value as TOML. The rest of the file is own text: its intervals are comments, which tomli-w cannot write."""
+    plain = value.value if isinstance(value, Verdict) else value
+    return tomli_w.dumps({"value": plain}).removeprefix("value = ").rstrip()
