@@ -7,11 +7,11 @@ from estimation.frames import Triple
 
 @dataclass(slots=True)
 class VehicleFaults:
-    """Nothing, until somebody sets it.
+    """The injected faults of one vehicle; none by default.
 
     With its link cut nothing passes in either direction; a delay [wall s] is that of each direction. A vehicle whose
     motion is silent tells everything but where it is. An estimate that is off by an offset in the mission frame is off
-    for the autopilot as well: it flies to where it believes a setpoint to be.
+    for the autopilot as well: it flies to the setpoint in its own estimate.
     """
 
     link_cut: bool = False

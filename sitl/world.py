@@ -89,10 +89,10 @@ def _pieces(motion: TargetMotion) -> list[_Piece]:
 
 @dataclass(frozen=True, slots=True)
 class SensorModel:
-    """A sensor of the target: how far and how often it sees, its noise per axis, and how it rates the target.
+    """A sensor of the target: its range, rate and noise per axis, and how it rates the target.
 
-    A share of its sightings are outliers, off by `outlier_m` to some side. What it sees is told `delay_s` later, and
-    from one mission time to another it is blind. `altitude_m` is the target's where it tells that as well.
+    A share of its sightings are outliers, off by `outlier_m` in a random direction. Sightings arrive `delay_s` late;
+    the sensor is blind in an interval of mission time. `altitude_m` is the target's, if the sensor measures it.
     """
 
     range_m: float

@@ -3,10 +3,10 @@
 from math import inf
 
 from gcs.mission.mission import Mission
-from sitl.vehicle.cadence import TelemetryTiming
+from sitl.vehicle.estimator_drift import EstimatorDriftModel
 from sitl.vehicle.imperfections import Imperfections
 from sitl.vehicle.shaping import ShapeLimits
-from sitl.vehicle.wander import WanderModel
+from sitl.vehicle.telemetry_schedule import TelemetryTiming
 from sitl.world import SensorModel, SimulatedSensor
 
 _SEES_NOTHING_M = -1.0
@@ -40,6 +40,6 @@ def simulated_imperfections(mission: Mission) -> Imperfections:
         ShapeLimits(*(inf if bound is None else bound for bound in bounds)) if bounded else None,
         simulation.wind_m_s,
         simulation.gusts,
-        wander=WanderModel(simulation.wander_m) if simulation.wander_m > 0.0 else None,
-        cadence=None if rate_hz is None else TelemetryTiming(rate_hz),
+        estimator_drift=EstimatorDriftModel(simulation.wander_m) if simulation.wander_m > 0.0 else None,
+        telemetry_timing=None if rate_hz is None else TelemetryTiming(rate_hz),
     )

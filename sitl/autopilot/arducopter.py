@@ -15,7 +15,7 @@ from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import Conditions, NavMode
 from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
-from sitl.autopilot.px4 import Autopilot, Verdict
+from sitl.autopilot.px4 import Autopilot, CommandResult
 from sitl.vehicle.shaping import ShapeLimits
 
 CM = 0.01
@@ -62,7 +62,7 @@ class ArduCopter(Autopilot):
 
     @property
     def conditions(self) -> Conditions:
-        """What the flight modes may count on now: GUIDED waits for nobody, and a local position does for all."""
+        """The conditions of the flight modes: GUIDED needs no setpoints, and all modes need only a local position."""
         return Conditions(estimator_ready=self.estimator_ready, setpoints_flow=True)
 
     @property
@@ -70,13 +70,13 @@ class ArduCopter(Autopilot):
         """Whether the pre-arm checks pass: whatever the mode, which is looked at on arming."""
         return self.estimator_ready
 
-    def take_off(self, altitude_m: float | None = None) -> Verdict:
+    def take_off(self, altitude_m: float | None = None) -> CommandResult:
         """Take off to a mission altitude: armed, in GUIDED, from the ground, and nowhere else; there is no default."""
         if altitude_m is None or not (self.armed and self.landed and self.mode is NavMode.OFFBOARD):
-            return Verdict.REJECTED
+            return CommandResult.REJECTED
         x, y, _ = self.airframe.position_m
         self._applied = PositionTarget((x, y, altitude_m))
-        return Verdict.ACCEPTED
+        return CommandResult.ACCEPTED
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take a setpoint that arrived at `time_s`; outside GUIDED, and on the ground, it is passed over."""

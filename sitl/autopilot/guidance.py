@@ -122,8 +122,8 @@ class Guidance:
     def _climb_limit_m_s(self, mode: NavMode, altitude_m: float, *, time_s: float, motors_s: float) -> float:
         """Allow no climb while the motors come up, then a ramp, then the mode's own speed."""
         if self._airframe.on_ground:
-            wished = altitude_m > self._airframe.position_m[2] + LIFT_OFF_MARGIN_M
-            self._climb_from_s = min(self._climb_from_s, time_s) if wished else inf
+            lifts_off = altitude_m > self._airframe.position_m[2] + LIFT_OFF_MARGIN_M
+            self._climb_from_s = min(self._climb_from_s, time_s) if lifts_off else inf
         limits = self._limits
         spooled_s = motors_s + limits.spool_up_s
         ramp_s = time_s - max(self._climb_from_s, spooled_s) - HOVER_THRUST_S

@@ -139,7 +139,7 @@ PX4_TABLE = ParameterTable(DEFAULTS, _px4_limits)
 ARDUCOPTER_TABLE = ParameterTable(ARDUCOPTER_DEFAULTS, _arducopter_limits)
 
 REAL_MAX = 1e4
-"""Reals outside 0 to this are refused: the stub flies by what it is told, and has to stay on the map."""
+"""Reals outside 0 to this are refused: the stub applies its parameters, and must stay near its origin."""
 
 
 class Parameters:

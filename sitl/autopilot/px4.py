@@ -41,8 +41,8 @@ SETPOINTS_PENDING_MAX = 1000
 MODES_BY_SEVERITY = {NavMode.HOLD: 1, NavMode.RETURN: 2, NavMode.LAND: 3}
 
 
-class Verdict(Enum):
-    """What became of a command."""
+class CommandResult(Enum):
+    """The result of a command, as in COMMAND_ACK."""
 
     ACCEPTED = "accepted"
     REJECTED = "temporarily rejected"
@@ -166,10 +166,10 @@ class Autopilot:
         texts, self._texts = self._texts, []
         return texts
 
-    def arm(self) -> Verdict:
+    def arm(self) -> CommandResult:
         """Arm if the preflight checks pass; already armed is fine. As on PX4, no client can force it."""
         if self.armed:
-            return Verdict.ACCEPTED
+            return CommandResult.ACCEPTED
         fault = self._arming_fault()
         if fault is not None:
             return self._reject(fault)
@@ -177,39 +177,39 @@ class Autopilot:
         self._armed_s = self.time_s
         self._guidance.on_arm()
         self._say(self.ARMED_TEXT)
-        return Verdict.ACCEPTED
+        return CommandResult.ACCEPTED
 
-    def disarm(self, *, force: bool = False) -> Verdict:
+    def disarm(self, *, force: bool = False) -> CommandResult:
         """Disarm on the ground; `force` does so anywhere, and the vehicle drops."""
         if self.armed and not (self.landed or force):
             return self._reject("Disarming denied: not landed")
         if self.armed:
             self._disarm("external command")
-        return Verdict.ACCEPTED
+        return CommandResult.ACCEPTED
 
-    def select(self, mode: NavMode) -> Verdict:
+    def select(self, mode: NavMode) -> CommandResult:
         """Ask for a flight mode."""
         if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
             return self._reject(self.MODE_REFUSED_TEXT and self.MODE_REFUSED_TEXT.format(mode=mode.label))
-        self._breach_mode = None  # whoever chooses a mode may fly on outside
+        self._breach_mode = None  # choosing a mode permits flight outside the fence
         self._update_mode()
-        return Verdict.ACCEPTED
+        return CommandResult.ACCEPTED
 
-    def take_off(self, altitude_m: float | None = None) -> Verdict:
+    def take_off(self, altitude_m: float | None = None) -> CommandResult:
         """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above here; disarmed, wait to be armed."""
-        verdict = self.select(NavMode.TAKE_OFF)
-        if verdict is Verdict.ACCEPTED:
+        result = self.select(NavMode.TAKE_OFF)
+        if result is CommandResult.ACCEPTED:
             self._guidance.plan_take_off(altitude_m)
             if altitude_m is None:
                 self._say(self.DEFAULT_ALTITUDE_TEXT.format(altitude_m=self.parameters["MIS_TAKEOFF_ALT"]))
-        return verdict
+        return result
 
-    def land(self) -> Verdict:
+    def land(self) -> CommandResult:
         """Land where the vehicle is."""
-        verdict = self.select(NavMode.LAND)
-        if verdict is Verdict.ACCEPTED:
+        result = self.select(NavMode.LAND)
+        if result is CommandResult.ACCEPTED:
             self._say(self.LAND_TEXT)
-        return verdict
+        return result
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""
@@ -292,9 +292,9 @@ class Autopilot:
         self._on_disarmed()
         self._say(self.DISARMED_TEXT.format(reason=reason))
 
-    def _reject(self, why: str | None) -> Verdict:
+    def _reject(self, why: str | None) -> CommandResult:
         self._say(why, Severity.CRITICAL)
-        return Verdict.REJECTED
+        return CommandResult.REJECTED
 
     def _say(self, text: str | None, severity: Severity = Severity.INFO) -> None:
         if text is not None:

@@ -6,7 +6,7 @@ from math import isfinite
 
 from estimation.frames import MissionFrame
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.px4 import Autopilot, Verdict
+from sitl.autopilot.px4 import Autopilot, CommandResult
 from sitl.mavlink.dialects import Dialect
 from sitl.mavlink.plans import Sender
 from sitl.mavlink.reports import Reporter
@@ -102,8 +102,8 @@ class Commander:
             return Result.DENIED, []
         return self._result(self._autopilot.take_off(altitude_m)), []
 
-    def _result(self, verdict: Verdict) -> Result:
-        return Result.ACCEPTED if verdict is Verdict.ACCEPTED else self._dialect.refused
+    def _result(self, result: CommandResult) -> Result:
+        return Result.ACCEPTED if result is CommandResult.ACCEPTED else self._dialect.refused
 
     def _arm_or_disarm(self, params: Params) -> tuple[Result, list[Outgoing]]:
         if params[0] == 1.0:

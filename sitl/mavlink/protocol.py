@@ -1,7 +1,7 @@
 """A stub vehicle as MAVLink bytes: bytes in, bytes out, no sockets and no clock.
 
-The only importer of pymavlink that speaks; the readers of flight logs import it, too. What is malformed, foreign or
-not understood is counted and dropped, never raised.
+The only importer of pymavlink that sends messages; the readers of flight logs parse with it. Messages that are
+malformed, for another system or unknown are counted and dropped, never raised.
 """
 
 import struct
@@ -34,10 +34,10 @@ POSITION_IGNORED = 0b111
 VELOCITY_IGNORED = 0b111 << 3
 YAW_IGNORED = 1 << 10
 REACH_MAX_M = 100e3
-"""A setpoint farther than this from the vehicle's origin is not believed."""
+"""A setpoint farther than this from the vehicle's origin is dropped."""
 DEG_E7 = 1e7
 TEXT_MAX = 50
-"""What one STATUSTEXT holds; a longer text comes in several."""
+"""The longest text of one STATUSTEXT; a longer one is sent in several."""
 
 _SPOKEN = {message: mavlink.mavlink_map[message] for message in MessageId}
 
@@ -84,7 +84,7 @@ class MavlinkVehicle:
         rng: np.random.Generator | None = None,
         faults: VehicleFaults | None = None,
     ) -> None:
-        """Speak for `autopilot`, in its dialect; `origin_m` is its estimator's origin in the mission frame."""
+        """Serve `autopilot` in its dialect; `origin_m` is its estimator's origin in the mission frame."""
         self._faults = faults or VehicleFaults()
         self.autopilot = autopilot
         self.autopilot.parameters.set(dialect.system_id_parameter, system_id)
@@ -113,7 +113,11 @@ class MavlinkVehicle:
         self._outbox = _Outbox()
         self._writer = mavlink.MAVLink(self._outbox, system_id, AUTOPILOT_COMPONENT)
         self._parser = _new_parser()
-        self._handlers: dict[str, Callable[[Any, float], list[Outgoing]]] = {
+        self._handlers = self._message_handlers()
+
+    def _message_handlers(self) -> dict[str, Callable[[Any, float], list[Outgoing]]]:
+        """Return what handles each message, by its name."""
+        return {
             "COMMAND_INT": self._on_command_int,
             "COMMAND_LONG": self._on_command_long,
             "HEARTBEAT": lambda _message, _time_s: [],
@@ -132,7 +136,7 @@ class MavlinkVehicle:
         }
 
     def receive(self, data: bytes, time_s: float) -> list[bytes]:
-        """Take a datagram that arrived at `time_s` (simulated, since boot); return the packets that answer it."""
+        """Process a datagram that arrived at `time_s` (simulated, since boot); return the packets of its answer."""
         for message in self._parse(data):
             for answer in self._handle(message, time_s):
                 self._send(answer)
@@ -164,7 +168,7 @@ class MavlinkVehicle:
         self._writer.send(_SPOKEN[message](*fields))
 
     def _parse(self, data: bytes) -> list[Any]:
-        """Return the messages of one datagram; no garbage in one can swallow the next."""
+        """Return the messages of one datagram; damage in one does not affect the next."""
         messages = self._parser.parse_buffer(data) or []
         if self._parser.buf_len() > 0:
             self.dropped[Drop.GARBAGE] += 1
@@ -211,21 +215,21 @@ class MavlinkVehicle:
         return answers
 
     def _raise_fence(self) -> None:
-        """Let the autopilot fly by the fence that is stored now."""
+        """Pass the stored fence to the autopilot if it has changed."""
         items = self.plans.items(FENCE_PLAN)
         if items != self._fence:
             self._fence = items
             self.autopilot.zones = zones_of(items, self._frame)
 
     def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
-        """Take a local position setpoint, with its velocity if it has one; its acceleration is left aside."""
+        """Process a local position setpoint, with its velocity if it has one; its acceleration is ignored."""
         if m.coordinate_frame != LOCAL_NED:
             return self._drop(Drop.FRAME)
         if m.type_mask & POSITION_IGNORED:
             return self._drop(Drop.POSITION_MASKED)
-        # To PX4 a yaw of NaN means: keep the present one.
+        # PX4 keeps its present yaw when the field is NaN.
         heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
-        # To both, one that is masked is none, and to PX4 one of NaN as well.
+        # A masked velocity is none; to PX4 also one of NaN.
         fed = not m.type_mask & VELOCITY_IGNORED and not any(map(isnan, (m.vx, m.vy, m.vz)))
         numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz) if fed else (m.x, m.y, m.z)
         if not all(map(isfinite, numbers)):
@@ -234,7 +238,7 @@ class MavlinkVehicle:
             return self._drop(Drop.OUT_OF_REACH)
         x, y, z = self._frame.mission_from_ned((m.x, m.y, m.z))
         x0, y0, z0 = self._origin_m
-        # It flies to where it believes the setpoint to be.
+        # The vehicle flies to the setpoint in its own, possibly shifted, estimate.
         dx, dy, dz = self._faults.estimate_offset_m
         velocity = self._frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
         target = PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading, velocity)
@@ -306,7 +310,7 @@ def _encoded(value: Value, *, bytewise: bool) -> tuple[float, int]:
 
 
 def _decoded(field: float, kind: int) -> Value | None:
-    """Return the parameter in a float field; None for a type that PX4 has not got."""
+    """Return the parameter in a float field; None for a type that PX4 does not have."""
     if kind == INT32:
         return int(struct.unpack("<i", struct.pack("<f", field))[0])
     return field if kind == REAL32 else None

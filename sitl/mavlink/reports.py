@@ -57,7 +57,7 @@ class EstimatorNoise:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What the estimator believes at one time: mission position and velocity."""
+    """The estimate at one time: position and velocity in the mission frame."""
 
     time_s: float
     position_m: Triple

@@ -106,7 +106,7 @@ class StubRecord:
 
 
 class _Endpoint(asyncio.DatagramProtocol):
-    """One vehicle's socket: sends to its client, and to whoever else has spoken to it."""
+    """One vehicle's socket: sends to its client and to every other address that has sent to it."""
 
     def __init__(self, receive: Callable[[bytes], list[bytes]], client: Address, faults: VehicleFaults) -> None:
         self._receive = receive

@@ -24,9 +24,9 @@ from estimation.state import (
 )
 from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
 from sitl.vehicle.body import Body
-from sitl.vehicle.cadence import Cadence
+from sitl.vehicle.estimator_drift import EstimatorDrift
 from sitl.vehicle.imperfections import IDEAL, Imperfections
-from sitl.vehicle.wander import Wander
+from sitl.vehicle.telemetry_schedule import TelemetrySchedule
 
 
 class Sensor(Protocol):
@@ -155,9 +155,11 @@ class SimulatedVehicle(Generic[OutputT]):
         self._sensor = sensor
         self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
         self._random = np.random.default_rng(seed)
-        wander, cadence = imperfections.wander, imperfections.cadence
-        self._wander = None if wander is None else Wander(wander, np.random.default_rng([*seed, _WANDER]))
-        self._cadence = None if cadence is None else Cadence(cadence, np.random.default_rng([*seed, _CADENCE]))
+        drift, timing = imperfections.estimator_drift, imperfections.telemetry_timing
+        self._estimator_drift = None if drift is None else EstimatorDrift(drift, np.random.default_rng([*seed, _DRIFT]))
+        self._telemetry_schedule = (
+            None if timing is None else TelemetrySchedule(timing, np.random.default_rng([*seed, _TELEMETRY]))
+        )
         self._samples: list[Telemetry] = []
 
     @property
@@ -194,11 +196,11 @@ class SimulatedVehicle(Generic[OutputT]):
         The sensor sees the target from the vehicle: what the vehicle takes for its own place is in the sighting too.
         """
         samples, self._samples = self._samples, []
-        if self._cadence is None or now_s == 0.0:
+        if self._telemetry_schedule is None or now_s == 0.0:
             samples.append(self._sample(now_s))
         true_x, true_y = self.motion[POSITION].tolist()
         sighting = self._sensor.sight(now_s, (true_x, true_y))
-        if sighting is not None and self._wander is not None:
+        if sighting is not None and self._estimator_drift is not None:
             (x, y), (off_x, off_y) = sighting.position_m, self._off_m(now_s)
             sighting = msgspec.structs.replace(sighting, position_m=(x + off_x, y + off_y))
         return samples, sighting
@@ -220,7 +222,7 @@ class SimulatedVehicle(Generic[OutputT]):
 
     def advance(self, from_s: float, to_s: float) -> None:
         """Move the true vehicle, changing setpoints when they take effect, and take the samples that are due."""
-        for due_s in [] if self._cadence is None else self._cadence.due_s(to_s):
+        for due_s in [] if self._telemetry_schedule is None else self._telemetry_schedule.due_s(to_s):
             if due_s > from_s:
                 self._move(from_s, due_s)
                 from_s = due_s
@@ -236,7 +238,7 @@ class SimulatedVehicle(Generic[OutputT]):
         return self._wanted_altitude_m - self.altitude_m
 
     def _off_m(self, at_s: float) -> tuple[float, float]:
-        return (0.0, 0.0) if self._wander is None else self._wander.error_m(at_s)
+        return (0.0, 0.0) if self._estimator_drift is None else self._estimator_drift.error_m(at_s)
 
     def _sample(self, at_s: float) -> Telemetry:
         x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
@@ -246,7 +248,7 @@ class SimulatedVehicle(Generic[OutputT]):
 
 CLIMB_PER_S = 0.62
 """Climb rate per metre that the altitude is off, as of the stub vehicles (sitl/autopilot/airframe.py)."""
-_WIND, _WANDER, _CADENCE = range(3)
+_WIND, _DRIFT, _TELEMETRY = range(3)
 """Each kind of chance has its own generator: one that is switched off leaves the others as they were."""
 _ROUNDING_S = 1e-9
 """A delay of whole ticks arrives on a tick, whatever its last binary digit says."""

@@ -1,4 +1,4 @@
-"""The dynamics of a simulated vehicle: body, shaping, wind, estimator wander and telemetry times.
+"""The dynamics of a simulated vehicle: body, shaping, wind, drift of its estimator and telemetry timing.
 
 It imports estimation only.
 """

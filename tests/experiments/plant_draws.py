@@ -10,10 +10,10 @@ from math import cos, pi, sin
 import numpy as np
 
 from estimation.plant.model import Plant, PlantAxis
-from sitl.vehicle.cadence import TelemetryTiming
+from sitl.vehicle.estimator_drift import EstimatorDriftModel
 from sitl.vehicle.imperfections import Imperfections
 from sitl.vehicle.shaping import ShapeLimits
-from sitl.vehicle.wander import WanderModel
+from sitl.vehicle.telemetry_schedule import TelemetryTiming
 
 PARAMETER_SHARE = 0.5
 DELAY_MAX_S = 0.4
@@ -54,8 +54,8 @@ def relative(nominal: Plant, wind_m_s: tuple[float, float], random: np.random.Ge
         ShapeLimits(speed_m_s, acceleration_m_s2, JERK_M_S3),
         wind_m_s,
         gusts=True,
-        wander=WanderModel(WANDER_M / 2.0, WANDER_CORRELATION_S, JUMPS_EVERY_S, JUMP_M),
-        cadence=TelemetryTiming(float(random.uniform(*CADENCE_HZ)), JITTER, GAPS_EVERY_S, GAP_S),
+        estimator_drift=EstimatorDriftModel(WANDER_M / 2.0, WANDER_CORRELATION_S, JUMPS_EVERY_S, JUMP_M),
+        telemetry_timing=TelemetryTiming(float(random.uniform(*CADENCE_HZ)), JITTER, GAPS_EVERY_S, GAP_S),
     )
     return Relative(plant, imperfections)
 

@@ -22,10 +22,10 @@ from estimation.state import POSITION, Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, simulate
-from sitl.vehicle.cadence import TelemetryTiming
+from sitl.vehicle.estimator_drift import EstimatorDriftModel
 from sitl.vehicle.imperfections import IDEAL, Imperfections
 from sitl.vehicle.shaping import ShapeLimits
-from sitl.vehicle.wander import WanderModel
+from sitl.vehicle.telemetry_schedule import TelemetryTiming
 from tests.experiments.plant_draws import (
     ACCELERATION_M_S2,
     GAP_S,
@@ -131,8 +131,8 @@ def _with_truth(name: str, mission: Content, family: dict[int, Relative], settle
 Scale = tuple[float, float, float, float]
 _SAME: Scale = (1.0, 1.0, 1.0, 1.0)
 _SHAPE = ShapeLimits(SPEED_M_S[0], ACCELERATION_M_S2[0], JERK_M_S3)
-_WANDER = WanderModel(WANDER_M / 2.0, WANDER_CORRELATION_S)
-_JUMPS = WanderModel(0.0, WANDER_CORRELATION_S, JUMPS_EVERY_S, JUMP_M)
+_DRIFT = EstimatorDriftModel(WANDER_M / 2.0, WANDER_CORRELATION_S)
+_JUMPS = EstimatorDriftModel(0.0, WANDER_CORRELATION_S, JUMPS_EVERY_S, JUMP_M)
 _WIND = (0.0, WIND_MAX_M_S)
 MANOEUVRES: dict[str, tuple[Scale, float, Imperfections]] = {
     "nominal": (_SAME, 0.0, IDEAL),
@@ -144,12 +144,12 @@ MANOEUVRES: dict[str, tuple[Scale, float, Imperfections]] = {
     "2 m/s, 1 m/s2": (_SAME, 0.0, Imperfections(_SHAPE)),
     "wind 8 m/s": (_SAME, 0.0, Imperfections(wind_m_s=_WIND)),
     "wind 8 m/s, gusts": (_SAME, 0.0, Imperfections(wind_m_s=_WIND, gusts=True)),
-    "estimator wanders": (_SAME, 0.0, Imperfections(wander=_WANDER)),
-    "estimator jumps": (_SAME, 0.0, Imperfections(wander=_JUMPS)),
+    "estimator wanders": (_SAME, 0.0, Imperfections(estimator_drift=_DRIFT)),
+    "estimator jumps": (_SAME, 0.0, Imperfections(estimator_drift=_JUMPS)),
     "telemetry 10 Hz, jitter, gaps": (
         _SAME,
         0.0,
-        Imperfections(cadence=TelemetryTiming(10.0, JITTER, GAPS_EVERY_S, GAP_S)),
+        Imperfections(telemetry_timing=TelemetryTiming(10.0, JITTER, GAPS_EVERY_S, GAP_S)),
     ),
 }
 """Shares of a0 and a1 on x and on y, the true delay (the plant file says none), and what else is not ideal."""

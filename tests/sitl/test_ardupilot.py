@@ -22,7 +22,7 @@ from sitl.autopilot.arducopter import ArduCopter
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
-from sitl.autopilot.px4 import Verdict
+from sitl.autopilot.px4 import CommandResult
 from sitl.mavlink.dialects import ARDUCOPTER, AutopilotKind
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
 from sitl.server.process import StubProcess
@@ -124,9 +124,9 @@ def is_armed(copter: ArduCopter) -> bool:
 def guided(height_m: float = 8.0, plant: Plant = PLANT, **parameters: float) -> ArduCopter:
     """Take off and hover in GUIDED."""
     copter = ready(plant, **parameters)
-    assert copter.select(NavMode.OFFBOARD) is Verdict.ACCEPTED
-    assert copter.arm() is Verdict.ACCEPTED
-    assert copter.take_off(height_m) is Verdict.ACCEPTED
+    assert copter.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
+    assert copter.arm() is CommandResult.ACCEPTED
+    assert copter.take_off(height_m) is CommandResult.ACCEPTED
     wait(copter, 25.0)
     assert copter.airframe.position_m == pytest.approx((0.0, 0.0, height_m), abs=0.05)
     return copter
@@ -139,28 +139,28 @@ def texts(copter: ArduCopter) -> list[str]:
 def test_it_boots_in_stabilize_and_arms_once_it_knows_where_it_is() -> None:
     copter = ArduCopter(PLANT)
     assert mode_of(copter) is NavMode.STABILIZED
-    assert copter.arm() is Verdict.REJECTED
+    assert copter.arm() is CommandResult.REJECTED
     assert texts(copter) == ["PreArm: Need Position Estimate"]
     wait(copter, 3.0)
     assert copter.armable
-    assert copter.arm() is Verdict.ACCEPTED
+    assert copter.arm() is CommandResult.ACCEPTED
     assert texts(copter) == ["Arming motors"]
 
 
 def test_take_off_is_for_vehicles_armed_in_guided_on_the_ground() -> None:
     copter = ready()
     copter.select(NavMode.OFFBOARD)
-    assert copter.take_off(5.0) is Verdict.REJECTED
+    assert copter.take_off(5.0) is CommandResult.REJECTED
     copter.select(NavMode.POSITION)
     copter.arm()
-    assert copter.take_off(5.0) is Verdict.REJECTED
+    assert copter.take_off(5.0) is CommandResult.REJECTED
     copter.select(NavMode.OFFBOARD)
-    assert copter.take_off(None) is Verdict.REJECTED
-    assert copter.take_off(5.0) is Verdict.ACCEPTED
+    assert copter.take_off(None) is CommandResult.REJECTED
+    assert copter.take_off(5.0) is CommandResult.ACCEPTED
     wait(copter, 20.0)
     assert mode_of(copter) is NavMode.OFFBOARD
     assert copter.airframe.position_m[2] == pytest.approx(5.0, abs=0.05)
-    assert copter.take_off(9.0) is Verdict.REJECTED
+    assert copter.take_off(9.0) is CommandResult.REJECTED
 
 
 def test_a_position_is_held_for_ever_and_its_silence_is_no_failsafe() -> None:
@@ -212,14 +212,14 @@ def test_guided_entered_anew_stays_where_it_is() -> None:
 @pytest.mark.parametrize("mode", [NavMode.LAND, NavMode.RETURN])
 def test_landed_as_told_it_disarms_at_once_stays_in_the_mode_and_cannot_be_armed_in_it(mode: NavMode) -> None:
     copter = guided()
-    assert copter.select(mode) is Verdict.ACCEPTED
+    assert copter.select(mode) is CommandResult.ACCEPTED
     while not copter.landed:
         wait(copter, STEP_S)
     wait(copter, STEP_S)
     assert not is_armed(copter)
     assert mode_of(copter) is mode
     assert copter.armable
-    assert copter.arm() is Verdict.REJECTED
+    assert copter.arm() is CommandResult.REJECTED
     assert texts(copter)[-2:] == ["Disarming motors", "Arm: mode not armable"]
 
 
@@ -227,13 +227,13 @@ def test_armed_anew_it_does_not_follow_the_last_flights_setpoint() -> None:
     copter = guided()
     copter.receive_setpoint(copter.time_s, PositionTarget((6.0, 0.0, 8.0)))
     wait(copter, 1.0)
-    assert copter.disarm(force=True) is Verdict.ACCEPTED
+    assert copter.disarm(force=True) is CommandResult.ACCEPTED
     wait(copter, 10.0)
     assert copter.landed
-    assert copter.arm() is Verdict.ACCEPTED
+    assert copter.arm() is CommandResult.ACCEPTED
     wait(copter, 8.0)
     assert copter.airframe.on_ground
-    assert copter.take_off(4.0) is Verdict.ACCEPTED
+    assert copter.take_off(4.0) is CommandResult.ACCEPTED
     wait(copter, 20.0)
     assert copter.airframe.position_m[2] == pytest.approx(4.0, abs=0.05)
 

@@ -24,7 +24,7 @@ from sitl.autopilot.modes import (
     can_run,
 )
 from sitl.autopilot.parameters import DEFAULTS, Parameters
-from sitl.autopilot.px4 import Autopilot, LandedState, Verdict
+from sitl.autopilot.px4 import Autopilot, CommandResult, LandedState
 from sitl.mavlink.schedule import Schedule
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
@@ -58,8 +58,8 @@ def wait(autopilot: Autopilot, seconds: float) -> None:
 
 def hovering(height_m: float = 5.0, **parameters: float) -> Autopilot:
     autopilot = ready(MIS_TAKEOFF_ALT=height_m, **parameters)
-    assert autopilot.arm() is Verdict.ACCEPTED
-    assert autopilot.take_off() is Verdict.ACCEPTED
+    assert autopilot.arm() is CommandResult.ACCEPTED
+    assert autopilot.take_off() is CommandResult.ACCEPTED
     wait(autopilot, 25.0)
     assert mode_of(autopilot) is NavMode.HOLD
     assert autopilot.airframe.position_m[2] == pytest.approx(height_m, abs=0.01)
@@ -76,7 +76,7 @@ def stream(autopilot: Autopilot, target: PositionTarget, seconds: float) -> None
 def offboard(height_m: float = 5.0, **parameters: float) -> Autopilot:
     autopilot = hovering(height_m, **parameters)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, height_m)))
-    assert autopilot.select(NavMode.OFFBOARD) is Verdict.ACCEPTED
+    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
     stream(autopilot, PositionTarget((0.0, 0.0, height_m)), 2.0)
     return autopilot
 
@@ -193,27 +193,27 @@ def test_heading_turns_the_short_way_at_a_bounded_rate() -> None:
 def test_arming_waits_for_the_estimator() -> None:
     autopilot = Autopilot(PLANT)
     autopilot.step(1.9)
-    assert autopilot.arm() is Verdict.REJECTED
+    assert autopilot.arm() is CommandResult.REJECTED
     assert not autopilot.armed
     autopilot.step(2.1)
-    assert autopilot.arm() is Verdict.ACCEPTED
+    assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 @pytest.mark.parametrize("mode", [NavMode.LAND, NavMode.RETURN, NavMode.OFFBOARD, NavMode.POSITION])
 def test_arming_is_refused_in_modes_that_cannot_start_a_flight(mode: NavMode) -> None:
     autopilot = ready()
-    assert autopilot.select(mode) is Verdict.ACCEPTED  # disarmed, any mode may be chosen
+    assert autopilot.select(mode) is CommandResult.ACCEPTED  # disarmed, any mode may be chosen
     assert not autopilot.armable
-    assert autopilot.arm() is Verdict.REJECTED
+    assert autopilot.arm() is CommandResult.REJECTED
     autopilot.select(NavMode.HOLD)
-    assert autopilot.arm() is Verdict.ACCEPTED
+    assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 def test_arming_in_offboard_takes_a_flowing_stream() -> None:
     autopilot = ready()
     autopilot.select(NavMode.OFFBOARD)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
-    assert autopilot.arm() is Verdict.ACCEPTED
+    assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 def test_an_armed_vehicle_that_never_takes_off_disarms() -> None:
@@ -242,7 +242,7 @@ def test_take_off_to_four_metres_takes_as_long_as_measured() -> None:
 
 def test_take_off_to_a_stated_altitude_and_before_arming() -> None:
     autopilot = ready()
-    assert autopilot.take_off(7.0) is Verdict.ACCEPTED
+    assert autopilot.take_off(7.0) is CommandResult.ACCEPTED
     wait(autopilot, 2.0)
     assert autopilot.landed
     autopilot.arm()
@@ -260,15 +260,15 @@ def test_landing_takes_as_long_as_measured_and_disarms_two_seconds_later() -> No
     assert 10.5 < landing_s + idle_s < 13.0
     wait(autopilot, STEP_S)
     assert mode_of(autopilot) is NavMode.HOLD
-    assert autopilot.arm() is Verdict.ACCEPTED
+    assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 def test_disarming_in_the_air_is_refused_and_killing_drops_the_vehicle() -> None:
     autopilot = hovering(5.0)
-    assert autopilot.disarm() is Verdict.REJECTED
+    assert autopilot.disarm() is CommandResult.REJECTED
     assert autopilot.armed
     height_m = autopilot.airframe.height_m
-    assert autopilot.disarm(force=True) is Verdict.ACCEPTED
+    assert autopilot.disarm(force=True) is CommandResult.ACCEPTED
     assert not autopilot.armed
     fall_s = until(autopilot, lambda: autopilot.airframe.on_ground)
     assert fall_s == pytest.approx(sqrt(2 * height_m / 9.81), abs=2 * STEP_S)
@@ -330,10 +330,10 @@ def test_what_it_says() -> None:
 
 def test_offboard_is_refused_in_flight_without_setpoints_and_one_is_enough() -> None:
     autopilot = hovering()
-    assert autopilot.select(NavMode.OFFBOARD) is Verdict.REJECTED
+    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.REJECTED
     assert mode_of(autopilot) is NavMode.HOLD
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 5.0)))
-    assert autopilot.select(NavMode.OFFBOARD) is Verdict.ACCEPTED
+    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
     assert mode_of(autopilot) is NavMode.OFFBOARD
 
 
@@ -378,7 +378,7 @@ def test_without_anybody_at_the_sticks_it_sinks_from_five_metres_in_eight_second
     assert until(autopilot, lambda: not autopilot.armed) == pytest.approx(2.0, abs=0.1)
     wait(autopilot, STEP_S)
     assert mode_of(autopilot) is NavMode.OFFBOARD
-    assert autopilot.arm() is Verdict.REJECTED
+    assert autopilot.arm() is CommandResult.REJECTED
 
 
 def test_the_hold_failsafe_stays_up() -> None:
@@ -426,9 +426,9 @@ def test_landing_out_of_offboard_leaves_the_vehicle_resting_in_offboard(keep_str
         assert mode_of(autopilot) is NavMode.LAND or not autopilot.armed
     wait(autopilot, 2.0)
     assert mode_of(autopilot) is NavMode.OFFBOARD
-    assert autopilot.arm() is Verdict.REJECTED
+    assert autopilot.arm() is CommandResult.REJECTED
     autopilot.select(NavMode.HOLD)
-    assert autopilot.arm() is Verdict.ACCEPTED
+    assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 def test_a_setpoint_below_the_ground_lands_and_disarms() -> None:
@@ -511,7 +511,7 @@ def test_one_of_several_inclusions_is_enough_and_whoever_chooses_a_mode_flies_on
     assert mode_of(autopilot) is NavMode.HOLD  # between the two
     stream(autopilot, PositionTarget((10.0, 0.0, 5.0)), 3.0)
     assert mode_of(autopilot) is NavMode.HOLD
-    assert autopilot.select(NavMode.OFFBOARD) is Verdict.ACCEPTED
+    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
     stream(autopilot, PositionTarget((10.0, 0.0, 5.0)), 8.0)
     assert mode_of(autopilot) is NavMode.OFFBOARD
     assert autopilot.airframe.position_m[0] == pytest.approx(10.0, abs=0.1)
@@ -538,13 +538,13 @@ def indoors(**parameters: float) -> Autopilot:
 
 def test_without_gps_it_arms_for_take_off_and_offboard_but_not_in_hold() -> None:
     autopilot = indoors()
-    assert autopilot.arm() is Verdict.REJECTED
+    assert autopilot.arm() is CommandResult.REJECTED
     assert [text for _, text in autopilot.take_texts()] == ["Arming denied: Resolve system health failures first"]
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
     for mode, verdict in (
-        (NavMode.RETURN, Verdict.REJECTED),
-        (NavMode.OFFBOARD, Verdict.ACCEPTED),
-        (NavMode.TAKE_OFF, Verdict.ACCEPTED),
+        (NavMode.RETURN, CommandResult.REJECTED),
+        (NavMode.OFFBOARD, CommandResult.ACCEPTED),
+        (NavMode.TAKE_OFF, CommandResult.ACCEPTED),
     ):
         autopilot.select(mode)
         assert autopilot.arm() is verdict
@@ -558,9 +558,9 @@ def test_without_gps_it_hovers_on_in_take_off_refuses_hold_and_lands() -> None:
     wait(autopilot, 20.0)
     assert mode_of(autopilot) is NavMode.TAKE_OFF
     assert autopilot.airframe.position_m[2] == pytest.approx(2.5, abs=0.01)
-    assert autopilot.select(NavMode.HOLD) is Verdict.REJECTED
+    assert autopilot.select(NavMode.HOLD) is CommandResult.REJECTED
     assert autopilot.take_texts()[-1][1] == "Switching to Hold is currently not available"
-    assert autopilot.land() is Verdict.ACCEPTED
+    assert autopilot.land() is CommandResult.ACCEPTED
     until(autopilot, lambda: not autopilot.armed)
 
 
@@ -581,7 +581,7 @@ def test_not_localised_it_arms_in_no_mode() -> None:
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
     for mode in NavMode:
         autopilot.select(mode)
-        assert autopilot.arm() is Verdict.REJECTED
+        assert autopilot.arm() is CommandResult.REJECTED
 
 
 # Values

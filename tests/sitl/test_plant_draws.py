@@ -43,7 +43,11 @@ def test_draws_fill_their_bounds_axis_by_axis_and_stay_within() -> None:
     assert 11.8 < speeds[-1] <= 12.0
     winds = [float(np.hypot(*each.imperfections.wind_m_s)) for each in family]
     assert 7.9 < max(winds) <= 8.0
-    rates = [each.imperfections.cadence.rate_hz for each in family if each.imperfections.cadence is not None]
+    rates = [
+        each.imperfections.telemetry_timing.rate_hz
+        for each in family
+        if each.imperfections.telemetry_timing is not None
+    ]
     assert 10.0 <= min(rates) < 11.0
     assert 49.0 < max(rates) <= 50.0
 
@@ -53,8 +57,8 @@ def test_the_linear_part_is_another_plant_in_a_steady_wind_and_nothing_else() ->
     assert (
         each.imperfections.shape,
         each.imperfections.gusts,
-        each.imperfections.wander,
-        each.imperfections.cadence,
+        each.imperfections.estimator_drift,
+        each.imperfections.telemetry_timing,
     ) == (None, False, None, None)
     assert each.imperfections.wind_m_s == (3.0, 4.0)
 

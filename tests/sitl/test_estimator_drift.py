@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
-from sitl.vehicle.wander import Wander, WanderModel
+from sitl.vehicle.estimator_drift import EstimatorDrift, EstimatorDriftModel
 
 
-def wandered(model: WanderModel, step_s: float, steps: int, seed: int = 3) -> Vector:
-    wander = Wander(model, np.random.default_rng(seed))
-    return np.array([wander.error_m(step_s * step) for step in range(steps)])
+def drifted(model: EstimatorDriftModel, step_s: float, steps: int, seed: int = 3) -> Vector:
+    drift = EstimatorDrift(model, np.random.default_rng(seed))
+    return np.array([drift.error_m(step_s * step) for step in range(steps)])
 
 
 @pytest.mark.parametrize("step_s", [2.0, 9.0])
 def test_the_error_has_its_deviation_and_forgets_at_its_rate(step_s: float) -> None:
-    errors = wandered(WanderModel(0.25, 20.0), step_s, 40000)
+    errors = drifted(EstimatorDriftModel(0.25, 20.0), step_s, 40000)
     assert np.std(errors, axis=0) == pytest.approx([0.25, 0.25], rel=0.05)
     for lag in (1, 5):
         kept = np.mean(errors[:-lag] * errors[lag:]) / np.var(errors)
@@ -25,7 +25,7 @@ def test_the_error_has_its_deviation_and_forgets_at_its_rate(step_s: float) -> N
 
 
 def test_it_jumps_as_far_and_as_often_as_told_in_any_direction() -> None:
-    errors = wandered(WanderModel(0.0, 1e9, jumps_every_s=50.0, jump_m=1.0), 0.5, 100000)
+    errors = drifted(EstimatorDriftModel(0.0, 1e9, jumps_every_s=50.0, jump_m=1.0), 0.5, 100000)
     steps = np.diff(errors, axis=0)
     jumps = steps[np.hypot(*steps.T) > 0.1]
     single = jumps[np.abs(np.hypot(*jumps.T) - 1.0) < 1e-6]
@@ -35,7 +35,7 @@ def test_it_jumps_as_far_and_as_often_as_told_in_any_direction() -> None:
 
 
 def test_a_jump_fades_as_all_of_the_error_does() -> None:
-    errors = wandered(WanderModel(0.0, 20.0, jumps_every_s=400.0), 1.0, 4000)
+    errors = drifted(EstimatorDriftModel(0.0, 20.0, jumps_every_s=400.0), 1.0, 4000)
     sizes = np.hypot(*errors.T)
     first = int(np.flatnonzero(sizes > 0.0)[0])
     assert sizes[first] == pytest.approx(1.0)
@@ -43,6 +43,8 @@ def test_a_jump_fades_as_all_of_the_error_does() -> None:
 
 
 def test_the_same_time_is_the_same_error_and_a_seed_one_wander() -> None:
-    wander = Wander(WanderModel(0.5), np.random.default_rng(0))
-    assert wander.error_m(3.0) == wander.error_m(3.0) != wander.error_m(3.1)
-    np.testing.assert_array_equal(wandered(WanderModel(0.5), 1.0, 20), wandered(WanderModel(0.5), 1.0, 20))
+    drift = EstimatorDrift(EstimatorDriftModel(0.5), np.random.default_rng(0))
+    assert drift.error_m(3.0) == drift.error_m(3.0) != drift.error_m(3.1)
+    np.testing.assert_array_equal(
+        drifted(EstimatorDriftModel(0.5), 1.0, 20), drifted(EstimatorDriftModel(0.5), 1.0, 20)
+    )

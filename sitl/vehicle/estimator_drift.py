@@ -1,4 +1,4 @@
-"""How a vehicle's own estimator wanders: its position is off by a slow random error that at times jumps."""
+"""Drift of a vehicle's position estimate: a slow random error with occasional jumps."""
 
 from dataclasses import dataclass
 from math import cos, exp, inf, pi, sin, sqrt
@@ -7,10 +7,10 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
-class WanderModel:
-    """The error's standard deviation per axis, how long it remembers, and how often by how much it jumps.
+class EstimatorDriftModel:
+    """The error's standard deviation per axis, its correlation time, and the mean interval and size of its jumps.
 
-    Each axis is a Gauss-Markov process. A jump, as of an estimator that is reset, fades as all of the error does.
+    Each axis is a first-order Gauss-Markov process. A jump, as after a reset of the estimator, decays with the error.
     """
 
     sigma_m: float
@@ -19,11 +19,11 @@ class WanderModel:
     jump_m: float = 1.0
 
 
-class Wander:
-    """One vehicle's error, by time; seeded."""
+class EstimatorDrift:
+    """The estimation error of one vehicle over time."""
 
-    def __init__(self, model: WanderModel, random: np.random.Generator) -> None:
-        """Begin at time 0 with an error as large as at any other time."""
+    def __init__(self, model: EstimatorDriftModel, random: np.random.Generator) -> None:
+        """Start at time 0 with an error of the stationary distribution."""
         self._model = model
         self._random = random
         x, y = (model.sigma_m * random.standard_normal(2)).tolist()
@@ -32,7 +32,7 @@ class Wander:
         self._jumps_s = self._next_jump_s(0.0)
 
     def error_m(self, time_s: float) -> tuple[float, float]:
-        """Return how far off the estimate (x, y) is at a time not before the last one asked for."""
+        """Return the error (x, y) of the estimate [m]; times must not decrease from call to call."""
         if time_s > self._time_s:
             kept = exp((self._time_s - time_s) / self._model.correlation_s)
             push_x, push_y = (self._model.sigma_m * sqrt(1.0 - kept**2) * self._random.standard_normal(2)).tolist()

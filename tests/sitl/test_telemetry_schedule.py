@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
-from sitl.vehicle.cadence import Cadence, TelemetryTiming
+from sitl.vehicle.telemetry_schedule import TelemetrySchedule, TelemetryTiming
 
 
 def times_s(model: TelemetryTiming, until_s: float, seed: int = 5) -> Vector:
-    cadence = Cadence(model, np.random.default_rng(seed))
-    return np.concatenate([cadence.due_s(at_s) for at_s in np.arange(0.0, until_s, 0.1)])
+    telemetry_timing = TelemetrySchedule(model, np.random.default_rng(seed))
+    return np.concatenate([telemetry_timing.due_s(at_s) for at_s in np.arange(0.0, until_s, 0.1)])
 
 
 def test_without_jitter_or_gaps_samples_are_even() -> None:

@@ -1,4 +1,4 @@
-"""When telemetry comes: at a rate, with jitter, and at times not at all."""
+"""When a vehicle samples telemetry: at a rate, with jitter and gaps."""
 
 from dataclasses import dataclass
 from math import inf
@@ -8,9 +8,9 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class TelemetryTiming:
-    """Samples a second, by what share of a period each strays from its time, and how often they stop for how long.
+    """The rate, the jitter as a share of the period, and the mean interval and duration of gaps.
 
-    Raises ValueError when samples could come in another order than they were taken.
+    Raises ValueError when samples could get out of order.
     """
 
     rate_hz: float
@@ -25,11 +25,11 @@ class TelemetryTiming:
             raise ValueError(f"jitter = {self.jitter}: it must be less than half a period")
 
 
-class Cadence:
-    """One vehicle's times of telemetry; seeded."""
+class TelemetrySchedule:
+    """The sample times of one vehicle's telemetry."""
 
     def __init__(self, model: TelemetryTiming, random: np.random.Generator) -> None:
-        """Begin with a sample at time 0."""
+        """Start with a sample at time 0."""
         self._model = model
         self._random = random
         self._count = 0
@@ -37,7 +37,7 @@ class Cadence:
         self._due_s = 0.0
 
     def due_s(self, until_s: float) -> list[float]:
-        """Return the times of all samples that are due by then and have not been taken."""
+        """Return the times of all samples up to `until_s` that were not returned before."""
         due_s = []
         while self._due_s <= until_s:
             due_s.append(self._due_s)
