@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.identification.response import (
-    Asked,
+    AxisInput,
     Between,
     Steps,
     steps_of,
@@ -87,18 +87,18 @@ class Excerpt:
         velocity_m_s = self.recording.velocity_m_s
         return self._held(np.zeros_like(self.recording.setpoint_m) if velocity_m_s is None else velocity_m_s)
 
-    def asked(self, between: Between) -> tuple[Asked, Asked]:
-        """Return what each axis was asked, as sums of steps or ramps."""
-        x, y = (self._asked(axis, between) for axis in range(2))
+    def inputs(self, between: Between) -> tuple[AxisInput, AxisInput]:
+        """Return the input of each axis, as sums of steps or ramps."""
+        x, y = (self._inputs(axis, between) for axis in range(2))
         return x, y
 
-    def _asked(self, axis: int, between: Between) -> Asked:
+    def _inputs(self, axis: int, between: Between) -> AxisInput:
         recording = self.recording
         times_s, velocity_m_s = recording.setpoint_time_s, recording.velocity_m_s
         velocity: Steps | None = None
         if velocity_m_s is not None:
             velocity = steps_of(times_s, velocity_m_s[:, axis], between)
-        return Asked(steps_of(times_s, recording.setpoint_m[:, axis], between), velocity)
+        return AxisInput(steps_of(times_s, recording.setpoint_m[:, axis], between), velocity)
 
     def _held(self, values: Vector) -> Vector:
         at = np.searchsorted(self.recording.setpoint_time_s, self.time_s, side="right") - 1

@@ -8,7 +8,7 @@ from estimation.identification.output_error import Fit
 from estimation.identification.response import Between
 from estimation.identification.shaping import Shaping
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
-from estimation.plant.provenance import Verdict
+from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 
 METHOD = "output error 1"
@@ -109,7 +109,7 @@ class Found:
 class Identified:
     """The verdict with its reasons, how much was used, and what was found if anything could be."""
 
-    verdict: Verdict
+    verdict: PlantGrade
     reasons: tuple[str, ...]
     duration_s: float
     excerpts: int

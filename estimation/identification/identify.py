@@ -36,7 +36,7 @@ from estimation.identification.output_error import (
 from estimation.identification.response import Between
 from estimation.identification.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.identification.simulated import FORETOLD_S, fit_percent, simulated
-from estimation.identification.trust import judged, refused
+from estimation.identification.trust import graded, refused
 from estimation.plant.model import Plant
 
 TRAINED_SHARE = 0.7
@@ -144,7 +144,7 @@ def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool
     if best.parameters[4] >= 0.0:
         return best
     at_zero = fit(excerpts, replace(best.model, delayed=False), best.parameters, share, whitened)
-    return replace(at_zero, covariance=best.covariance, wished_delay_s=float(best.parameters[4]))
+    return replace(at_zero, covariance=best.covariance, unbounded_delay_s=float(best.parameters[4]))
 
 
 def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
@@ -176,8 +176,8 @@ def _result(parts: _Parts) -> Identified:
     half = best.deviations95
     logs = best.parameters[:4]
     a0_x, a1_x, a0_y, a1_y = (_positive(value, spread) for value, spread in zip(logs, half[:4], strict=True))
-    delay_s, wished_s = float(best.parameters[4]), best.wished()
-    delay = Interval(delay_s, max(0.0, wished_s - float(half[4])), max(delay_s, wished_s + float(half[4])))
+    delay_s, unbounded_s = float(best.parameters[4]), best.unbounded_delay()
+    delay = Interval(delay_s, max(0.0, unbounded_s - float(half[4])), max(delay_s, unbounded_s + float(half[4])))
     fits = _foretold(parts.excerpts, trained)
     axes = []
     for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
@@ -208,7 +208,7 @@ def _result(parts: _Parts) -> Identified:
         validation=Validation(tuple(parts.excerpts), best, trained),
         feedforward=_gain(best) if best.model.feedforward else None,
     )
-    verdict, reasons = judged(found, wished_s, float(half[4]) / 2.0)
+    verdict, reasons = graded(found, unbounded_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
     return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)
 

@@ -74,7 +74,7 @@ class Fit:
     """What was fitted: parameters (k,) as fitted, their covariance from so many blocks, and the noise of each axis.
 
     `errors` are the whitened errors, one array for each axis and excerpt; `score` is -2 times the logarithm of their
-    likelihood. `wished_delay_s` is the delay that would have fitted best where it is less than any plant's.
+    likelihood. `unbounded_delay_s` is the delay that would have fitted best where it is less than any plant's.
     """
 
     model: Model
@@ -83,7 +83,7 @@ class Fit:
     whitening: tuple[Vector, Vector]
     errors: tuple[tuple[Vector, ...], ...]
     blocks: int
-    wished_delay_s: float | None = None
+    unbounded_delay_s: float | None = None
 
     @property
     def score(self) -> float:
@@ -103,9 +103,9 @@ class Fit:
         """How many standard deviations a 95 % interval reaches to either side, by Student's distribution."""
         return float(student.ppf(0.975, max(self.blocks - 1, 1)))
 
-    def wished(self) -> float:
+    def unbounded_delay(self) -> float:
         """Return the delay that fitted best [s], of a plant or not."""
-        return float(self.parameters[4]) if self.wished_delay_s is None else self.wished_delay_s
+        return float(self.parameters[4]) if self.unbounded_delay_s is None else self.unbounded_delay_s
 
     @property
     def count(self) -> int:
@@ -182,7 +182,7 @@ class _Problem:
         self._rows = []
         for excerpt in excerpts:
             count = max(_TRAINING_MIN, round(share * excerpt.position_m.shape[0]))
-            self._rows.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.asked(model.between)))
+            self._rows.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.inputs(model.between)))
 
     def residuals(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
         return np.concatenate([each for axis in self.errors(parameters, filters) for each in axis])
@@ -195,9 +195,9 @@ class _Problem:
             longest = max(position_m.shape[0] for _, position_m, _ in self._rows)
             free = _regressors(response, longest)
             one_axis = []
-            for begin_s, position_m, asked in self._rows:
+            for begin_s, position_m, inputs in self._rows:
                 count = position_m.shape[0]
-                answered = response.answer(asked[axis], leads_s[axis], delay_s, begin_s, GRID_S, count)
+                answered = response.answer(inputs[axis], leads_s[axis], delay_s, begin_s, GRID_S, count)
                 error = whitened(filters[axis], position_m[:, axis] - answered)
                 basis, _ = np.linalg.qr(whitened(filters[axis], free[:count]))
                 one_axis.append(error - basis @ (basis.T @ error))

@@ -22,7 +22,7 @@ _JUMP_S, _JUMP_SHARE = 1e-3, 0.2
 
 
 class Between(Enum):
-    """What is taken to happen between two setpoints of a log."""
+    """The assumption about the input between two setpoints of a log."""
 
     HELD = "held from each until the next"
     MIDWAY = "changed halfway between two"
@@ -44,8 +44,8 @@ class Steps:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What one axis of a vehicle was asked: its setpoints, and the velocities beside them if there were any."""
+class AxisInput:
+    """The input of one axis: its setpoints, and the feed-forward velocities sent with them, if any."""
 
     position: Steps
     velocity: Steps | None = None
@@ -126,12 +126,14 @@ class Response:
         change.size[0] = 0.0  # it stirs nothing: the plant begins at rest
         return level + self._decaying(change, np.ones_like(self.poles), 0.0, step_s, count)
 
-    def answer(self, asked: Asked, lead_s: float, delay_s: float, begin_s: float, step_s: float, count: int) -> Vector:
+    def answer(
+        self, inputs: AxisInput, lead_s: float, delay_s: float, begin_s: float, step_s: float, count: int
+    ) -> Vector:
         """Return the response (count,) to setpoints, and to velocities that put the aim `lead_s` ahead of them."""
-        answered = self.forced(asked.position, delay_s, begin_s, step_s, count)
-        if asked.velocity is None or lead_s == 0.0:
+        answered = self.forced(inputs.position, delay_s, begin_s, step_s, count)
+        if inputs.velocity is None or lead_s == 0.0:
             return answered
-        return answered + lead_s * self.forced(asked.velocity, delay_s, begin_s, step_s, count)
+        return answered + lead_s * self.forced(inputs.velocity, delay_s, begin_s, step_s, count)
 
     def _decaying(self, change: "_Changes", weights: Poles, slope: Vector | float, step_s: float, count: int) -> Vector:
         """Return what the changes still stir: sum over i of c_i w_i (sum of changes exp(p_i t) - slope), (count,)."""

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from estimation.identification.excerpts import GRID_S, Excerpt
 from estimation.identification.output_error import Fit
-from estimation.identification.response import Asked, Steps
+from estimation.identification.response import AxisInput, Steps
 from estimation.state import Vector
 
 _FINE = 1
@@ -80,7 +80,9 @@ class _Bounded:
             count = min(left, excerpt.position_m.shape[0])
             left -= count
             if count > 1.0 / GRID_S:
-                self._flights.append((excerpt.begin_s, excerpt.position_m[:count], excerpt.asked(linear.model.between)))
+                self._flights.append(
+                    (excerpt.begin_s, excerpt.position_m[:count], excerpt.inputs(linear.model.between))
+                )
         filtered = [_smoothed_speed(position_m) for _, position_m, _ in self._flights]
         speed = max(float(np.quantile(np.abs(each), 0.98)) for each in filtered)
         change = max(float(np.quantile(np.abs(np.diff(each, axis=0)), 0.98)) / GRID_S for each in filtered)
@@ -103,8 +105,8 @@ class _Bounded:
 
     def _errors(self, rows: Vector) -> Vector:
         parts = []
-        for begin_s, position_m, asked in self._flights:
-            path_m, _ = _flown(rows, self._leads_s, begin_s, position_m, asked)
+        for begin_s, position_m, inputs in self._flights:
+            path_m, _ = _flown(rows, self._leads_s, begin_s, position_m, inputs)
             apart = position_m.T[None, :, :] - path_m
             parts.append((apart - apart.mean(axis=2, keepdims=True)).reshape(rows.shape[0], -1))
         return np.concatenate(parts, axis=1)
@@ -115,7 +117,7 @@ def _smoothed_speed(position_m: Vector) -> Vector:
 
 
 def _flown(
-    rows: Vector, leads_s: tuple[float, float], begin_s: float, position_m: Vector, parts: tuple[Asked, Asked]
+    rows: Vector, leads_s: tuple[float, float], begin_s: float, position_m: Vector, parts: tuple[AxisInput, AxisInput]
 ) -> tuple[Vector, Vector]:
     """Simulate K parameter sets (K, 7) side by side; velocities beside setpoints put the aims `leads_s` ahead of them.
 
@@ -124,10 +126,10 @@ def _flown(
     count = position_m.shape[0]
     a0, a1 = np.exp(rows[:, [0, 2]]), np.exp(rows[:, [1, 3]])
     speed_max, force_max = np.exp(rows[:, 5:6]), np.exp(rows[:, 6:7])
-    asked = _asked(rows[:, 4], begin_s, count, [part.position for part in parts])
+    inputs = _inputs(rows[:, 4], begin_s, count, [part.position for part in parts])
     velocities = [part.velocity for part in parts if part.velocity is not None]
     if velocities and leads_s != (0.0, 0.0):
-        asked += leads_s * _asked(rows[:, 4], begin_s, count, velocities)
+        inputs += leads_s * _inputs(rows[:, 4], begin_s, count, velocities)
     ratio, keep = a0 / a1, np.exp(-a1 * _STEP_S)
     change_max = force_max * _STEP_S
     position = np.repeat(position_m[None, 0], rows.shape[0], axis=0)
@@ -137,21 +139,21 @@ def _flown(
     for at in range(count * _FINE):
         if at % _FINE == 0:
             paths[:, :, at // _FINE] = position
-        wished = ratio * (asked[at] - position - velocity * (_STEP_S / 2.0))
-        bounded = np.minimum(np.maximum(wished, -speed_max), speed_max)
+        unlimited = ratio * (inputs[at] - position - velocity * (_STEP_S / 2.0))
+        bounded = np.minimum(np.maximum(unlimited, -speed_max), speed_max)
         change = (bounded - velocity) * (1.0 - keep)
         limited = np.minimum(np.maximum(change, -change_max), change_max)
         if at % _FINE == 0:
-            held[at // _FINE] = (bounded[0] != wished[0]).any(), (limited[0] != change[0]).any()
+            held[at // _FINE] = (bounded[0] != unlimited[0]).any(), (limited[0] != change[0]).any()
         position = position + (velocity + limited / 2.0) * _STEP_S
         velocity = velocity + limited
     return paths, held
 
 
-def _asked(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps]) -> Vector:
+def _inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps]) -> Vector:
     """Return the mean of each axis' setpoint over each fine step, for K delays: (F, K, 2)."""
     edges_s = begin_s + np.arange(count * _FINE + 1) * _STEP_S
-    asked = np.empty((count * _FINE, delays_s.size, 2))
+    inputs = np.empty((count * _FINE, delays_s.size, 2))
     for axis, each in enumerate(steps):
         # The integral of the setpoint is exact between its knots: straight for steps, and for ramps nearly so.
         knots_s = np.concatenate(([min(begin_s - 2.0, each.time_s.min(initial=begin_s) - 1.0)], each.time_s))
@@ -161,8 +163,8 @@ def _asked(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps])
         knots_s = np.append(knots_s, knots_s[-1] + 1e6)
         total = np.concatenate(([0.0], np.cumsum(levels * np.diff(knots_s))))
         for column, delay_s in enumerate(delays_s):
-            asked[:, column, axis] = np.diff(np.interp(edges_s - delay_s, knots_s, total)) / _STEP_S
-    return asked
+            inputs[:, column, axis] = np.diff(np.interp(edges_s - delay_s, knots_s, total)) / _STEP_S
+    return inputs
 
 
 def _levels(steps: Steps, knots_s: Vector) -> Vector:

@@ -51,8 +51,8 @@ def simulated(
     for excerpt in excerpts:
         measured_m = excerpt.position_m[:, axis]
         count, trained = measured_m.size, round(share * measured_m.size)
-        asked, lead_s = excerpt.asked(plant.model.between)[axis], plant.model.leads_s(plant.parameters)[axis]
-        simulated_m = response.answer(asked, lead_s, float(plant.parameters[4]), excerpt.begin_s, GRID_S, count)
+        inputs, lead_s = excerpt.inputs(plant.model.between)[axis], plant.model.leads_s(plant.parameters)[axis]
+        simulated_m = response.answer(inputs, lead_s, float(plant.parameters[4]), excerpt.begin_s, GRID_S, count)
         free = np.column_stack((np.ones(count), response.free(grid_s(count))))
         apart_m = measured_m - simulated_m
         known = slice(0, trained)

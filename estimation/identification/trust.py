@@ -8,7 +8,7 @@ from estimation.identification.excerpts import Excerpt, Recording
 from estimation.identification.identified import Found, Identified
 from estimation.identification.output_error import DELAY_MAX_S
 from estimation.plant.model import FEEDFORWARD_MAX
-from estimation.plant.provenance import Verdict
+from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 
 DURATION_MIN_S = 30.0
@@ -20,14 +20,14 @@ FIT_GOOD_PERCENT, FIT_USABLE_PERCENT = 70.0, 40.0
 SPEED_SHARE_MAX, SATURATED_RATIO = 0.1, 0.6
 _AXES = ("x", "y")
 
-Reasons = list[tuple[Verdict, str]]
+Reasons = list[tuple[PlantGrade, str]]
 
 
 def refused(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> Identified | None:
     """Return the verdict on flights that nothing can be learnt from, None if something can."""
     duration_s = sum(excerpt.duration_s for excerpt in excerpts)
     reason = _refusal(recordings, excerpts, duration_s)
-    return None if reason is None else Identified(Verdict.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
+    return None if reason is None else Identified(PlantGrade.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
 
 
 def _refusal(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], duration_s: float) -> str | None:
@@ -38,18 +38,18 @@ def _refusal(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], durat
             f"too short: {duration_s:.0f} s were flown by position setpoints without a break or a reset of the "
             f"estimator; {DURATION_MIN_S:.0f} s are the least, and some minutes are better"
         )
-    asked_m = np.sqrt(np.mean(np.concatenate([_centred(each.setpoint_m()) for each in excerpts]) ** 2, axis=0))
+    setpoint_m = np.sqrt(np.mean(np.concatenate([_centred(each.setpoint_m()) for each in excerpts]) ** 2, axis=0))
     moved_m = np.sqrt(np.mean(np.concatenate([_centred(each.position_m) for each in excerpts]) ** 2, axis=0))
-    for name, asked, moved in zip(_AXES, asked_m.tolist(), moved_m.tolist(), strict=True):
-        if asked < SETPOINT_MOTION_MIN_M:
+    for name, setpoint, moved in zip(_AXES, setpoint_m.tolist(), moved_m.tolist(), strict=True):
+        if setpoint < SETPOINT_MOTION_MIN_M:
             return (
-                f"too little excitation: along {name} the setpoint moved by {asked:.2f} m rms; fly steps of metres "
+                f"too little excitation: along {name} the setpoint moved by {setpoint:.2f} m rms; fly steps of metres "
                 "along both axes"
             )
-        if moved < MOTION_SHARE_MIN * asked:
+        if moved < MOTION_SHARE_MIN * setpoint:
             return (
                 f"the vehicle hardly moved: along {name} by {moved:.2f} m rms, with setpoints that moved by "
-                f"{asked:.2f} m rms: it was not flown by them"
+                f"{setpoint:.2f} m rms: it was not flown by them"
             )
     return None
 
@@ -58,25 +58,28 @@ def _centred(values: Vector) -> Vector:
     return np.asarray(values - values.mean(axis=0), dtype=np.float64)
 
 
-def judged(found: Found, wished_delay_s: float, delay_deviation_s: float) -> tuple[Verdict, tuple[str, ...]]:
+def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> tuple[PlantGrade, tuple[str, ...]]:
     """Return whether to fly by what was found, with the reasons, the gravest first."""
-    reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, wished_delay_s, delay_deviation_s)]
+    reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, unbounded_delay_s, delay_deviation_s)]
     reasons += _of_feedforward(found)
     if not found.order.second_is_enough:
         reasons.append(
             (
-                Verdict.USABLE,
+                PlantGrade.USABLE,
                 f"a second order is not quite enough: with a lag of {found.order.lag_s:.2f} s more, the fit would be "
                 f"{found.order.fit_third_percent:.0f} % instead of {found.order.fit_second_percent:.0f} %",
             )
         )
     if not found.consistent:
         reasons.append(
-            (Verdict.USABLE, "the vehicle is not quite of this kind: slow and quick motions ask for different numbers")
+            (
+                PlantGrade.USABLE,
+                "the vehicle is not quite of this kind: slow and quick motions ask for different numbers",
+            )
         )
-    gravity = list(Verdict)
+    gravity = list(PlantGrade)
     reasons.sort(key=lambda reason: -gravity.index(reason[0]))
-    verdict = reasons[0][0] if reasons else Verdict.GOOD
+    verdict = reasons[0][0] if reasons else PlantGrade.GOOD
     return verdict, tuple(words for _, words in reasons)
 
 
@@ -89,7 +92,7 @@ def _of_shaping(found: Found) -> Reasons:
         grave = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
         reasons.append(
             (
-                Verdict.DO_NOT_FLY if grave else Verdict.USABLE,
+                PlantGrade.DO_NOT_FLY if grave else PlantGrade.USABLE,
                 f"saturation: speed was held at {shaping.speed_max_m_s:.1f} m/s for {100 * shaping.speed_share:.0f} % "
                 "of the time; fly smaller or slower setpoints",
             )
@@ -97,7 +100,7 @@ def _of_shaping(found: Found) -> Reasons:
     if shaping.acceleration_share > 0.03:
         reasons.append(
             (
-                Verdict.USABLE,
+                PlantGrade.USABLE,
                 f"acceleration was held at {shaping.acceleration_max_m_s2:.1f} m/s2 for "
                 f"{100 * shaping.acceleration_share:.0f} % of the time: true of motions like these only",
             )
@@ -105,22 +108,22 @@ def _of_shaping(found: Found) -> Reasons:
     return reasons
 
 
-def _of_delay(found: Found, wished_s: float, deviation_s: float) -> Reasons:
+def _of_delay(found: Found, unbounded_s: float, deviation_s: float) -> Reasons:
     delay = found.delay_s
     if delay.value > DELAY_MAX_S - 0.01:
         words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
-        return [(Verdict.DO_NOT_FLY, f"{words}: other clocks, or a vehicle that was not flown by these setpoints")]
-    if wished_s < min(-0.05, -3.0 * deviation_s):
+        return [(PlantGrade.DO_NOT_FLY, f"{words}: other clocks, or a vehicle that was not flown by these setpoints")]
+    if unbounded_s < min(-0.05, -3.0 * deviation_s):
         return [
             (
-                Verdict.USABLE,
-                f"the vehicle seems to move {-wished_s:.2f} s before it is asked to: its log stamps setpoints late, "
+                PlantGrade.USABLE,
+                f"the vehicle seems to move {-unbounded_s:.2f} s before it is asked to: its log stamps setpoints late, "
                 "or it is shaped; the delay was taken as 0",
             )
         ]
     half_s = max(delay.high - delay.value, delay.value - delay.low)
     if half_s > DELAY_WIDE_GOOD_S:
-        verdict = Verdict.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else Verdict.USABLE
+        verdict = PlantGrade.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else PlantGrade.USABLE
         return [(verdict, f"{_why_wide(found)}: the delay is known to {half_s:.2f} s")]
     return []
 
@@ -132,11 +135,11 @@ def _of_feedforward(found: Found) -> Reasons:
     words = f"the feed-forward is {gain.value:.2f} ({gain.low:.2f} to {gain.high:.2f})"
     if gain.low <= 0.0:
         step = "see that the autopilot takes them, or fly position setpoints alone"
-        return [(Verdict.DO_NOT_FLY, f"{words}: the velocities beside the setpoints show no effect; {step}")]
+        return [(PlantGrade.DO_NOT_FLY, f"{words}: the velocities beside the setpoints show no effect; {step}")]
     if gain.low > FEEDFORWARD_MAX:
-        return [(Verdict.DO_NOT_FLY, f"{words}, and no autopilot has more than {FEEDFORWARD_MAX:g}: other units")]
+        return [(PlantGrade.DO_NOT_FLY, f"{words}, and no autopilot has more than {FEEDFORWARD_MAX:g}: other units")]
     if gain.relative > WIDE_GOOD:
-        verdict = Verdict.DO_NOT_FLY if gain.relative > WIDE_USABLE else Verdict.USABLE
+        verdict = PlantGrade.DO_NOT_FLY if gain.relative > WIDE_USABLE else PlantGrade.USABLE
         return [(verdict, f"{_why_wide(found)}: {words}")]
     return []
 
@@ -157,10 +160,10 @@ def _of_axes(found: Found) -> Reasons:
             if interval.relative > WIDE_GOOD
         ]
         if axis.fit_percent < FIT_GOOD_PERCENT:
-            verdict = Verdict.DO_NOT_FLY if axis.fit_percent < FIT_USABLE_PERCENT else Verdict.USABLE
+            verdict = PlantGrade.DO_NOT_FLY if axis.fit_percent < FIT_USABLE_PERCENT else PlantGrade.USABLE
             reasons.append((verdict, f"along {name} the fit on what was not fitted is {axis.fit_percent:.0f} %"))
     if wide:
-        verdict = Verdict.DO_NOT_FLY if max(relative for relative, _ in wide) > WIDE_USABLE else Verdict.USABLE
+        verdict = PlantGrade.DO_NOT_FLY if max(relative for relative, _ in wide) > WIDE_USABLE else PlantGrade.USABLE
         words = ", ".join(words for _, words in wide)
         reasons.insert(0, (verdict, f"{_why_wide(found)}: known are {words}"))
     return reasons

@@ -17,7 +17,7 @@ def covariance_of(*, feedforward: bool) -> tuple[str, ...]:
     return (*COVARIANCE_OF, FEEDFORWARD) if feedforward else COVARIANCE_OF
 
 
-class Verdict(Enum):
+class PlantGrade(Enum):
     """Whether a controller may be built on what was identified."""
 
     GOOD = "good"
@@ -31,7 +31,7 @@ def _tuples(value: object) -> object:
 
 
 def _verdict(value: object) -> object:
-    return next((verdict for verdict in Verdict if verdict.value == value), value)
+    return next((verdict for verdict in PlantGrade if verdict.value == value), value)
 
 
 def _iso(value: object) -> object:
@@ -65,7 +65,7 @@ class Identification(Settings):
     duration_s: float = Field(gt=0.0)
     fit_x_percent: float = Field(le=100.0)
     fit_y_percent: float = Field(le=100.0)
-    verdict: Annotated[Verdict, BeforeValidator(_verdict)]
+    verdict: Annotated[PlantGrade, BeforeValidator(_verdict)]
     reasons: Annotated[tuple[str, ...], BeforeValidator(_tuples)] = ()
     covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]
 

@@ -52,7 +52,7 @@ def identify(
     Example: cordon identify flight.ulg -o my-vehicle.toml --html my-vehicle.html
     """
     from estimation.identification.identify import identify as identified_from
-    from estimation.plant.provenance import Verdict
+    from estimation.plant.provenance import PlantGrade
     from gcs.cli.output import IdentifyProgress, print_result
     from gcs.console.terminal import STDERR
     from gcs.identify.reading import check_one_kind, recording_of
@@ -69,7 +69,7 @@ def identify(
     _write_files(identified, vehicle_logs, options)
     if options.json:
         print_result(dumps(identified_dict(identified, vehicle_logs), allow_nan=False))
-    return Exit.VERDICT_FAILED if identified.verdict is Verdict.DO_NOT_FLY else Exit.HOLDS
+    return Exit.VERDICT_FAILED if identified.verdict is PlantGrade.DO_NOT_FLY else Exit.HOLDS
 
 
 def _read(paths: Sequence[Path], vehicle: int | None) -> "list[VehicleLog]":

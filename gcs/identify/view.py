@@ -21,12 +21,12 @@ from estimation.identification.identified import (
 from estimation.plant.provenance import (
     Identification,
     IdentifiedLog,
-    Verdict,
+    PlantGrade,
     covariance_of,
 )
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
-_STYLES = {Verdict.GOOD: "bold green", Verdict.USABLE: "bold yellow", Verdict.DO_NOT_FLY: "bold red"}
+_STYLES = {PlantGrade.GOOD: "bold green", PlantGrade.USABLE: "bold yellow", PlantGrade.DO_NOT_FLY: "bold red"}
 _COLUMNS = ("", "x", "95 %", "y", "95 %")
 
 
@@ -194,6 +194,6 @@ def plant_text(found: Found, told: Identification) -> str:
 
 
 def _toml(value: object) -> str:
-    """Return a value as TOML. The rest of the file is own text: its intervals are comments, which tomli-w cannot write."""
-    plain = value.value if isinstance(value, Verdict) else value
+    """Return a value as TOML. The rest of the file is own text: tomli-w writes no comments, as the intervals are."""
+    plain = value.value if isinstance(value, PlantGrade) else value
     return tomli_w.dumps({"value": plain}).removeprefix("value = ").rstrip()

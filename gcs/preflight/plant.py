@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from datetime import date
 
-from estimation.plant.provenance import Identification, Verdict
+from estimation.plant.provenance import Identification, PlantGrade
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
 
@@ -26,7 +26,7 @@ def plant_file(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, t
 
 
 def _doubts(identified: Identification, facts: VehicleFacts, today: date | None) -> Iterator[str]:
-    if identified.verdict is Verdict.DO_NOT_FLY:
+    if identified.verdict is PlantGrade.DO_NOT_FLY:
         reasons = "".join(f", {reason}" for reason in identified.reasons)
         yield f"its own verdict is '{identified.verdict.value}'{reasons}"
     days = 0 if today is None else (today - date.fromisoformat(identified.date)).days

@@ -10,7 +10,7 @@ from estimation.identification.identified import Found, Identified
 from estimation.identification.identify import identify
 from estimation.identification.response import Between
 from estimation.identification.simulated import fit_percent, simulated
-from estimation.plant.provenance import Verdict
+from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 from tests.experiments.identification_draws import drawn, intervals_of
 from tests.support.synthetic_flights import (
@@ -50,7 +50,7 @@ def test_the_share_of_the_velocities_that_is_fed_forward_is_found() -> None:
     recording = recorded(fed, 1, noise_m=1e-3, setpoints_hz=25.0, sampled=False, fed=True)
     identified = identify([recording])
     found = found_in(identified)
-    assert identified.verdict is Verdict.GOOD
+    assert identified.verdict is PlantGrade.GOOD
     assert values(found) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2, 0.8], rel=0.01)
     assert found.plant.feedforward == pytest.approx(0.8, rel=0.01)
     assert found.covariance.shape == (6, 6)
@@ -60,7 +60,7 @@ def test_the_share_of_the_velocities_that_is_fed_forward_is_found() -> None:
 
 def test_a_vehicle_that_leaves_the_velocities_aside_is_not_to_be_flown_with_them() -> None:
     identified = identify([recorded(TRUTH, 13, fed=True)])
-    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert "the velocities beside the setpoints show no effect" in identified.reasons[0]
 
 
@@ -116,7 +116,7 @@ def test_several_flights_are_one_identification() -> None:
 
 def test_a_good_flight_is_called_good() -> None:
     identified = identify([recorded(TRUTH, 5, noise_m=0.05)])
-    assert (identified.verdict, identified.reasons) == (Verdict.GOOD, ())
+    assert (identified.verdict, identified.reasons) == (PlantGrade.GOOD, ())
 
 
 def test_progress_rises_to_the_end() -> None:
@@ -149,7 +149,7 @@ def unmoved(recording: Recording) -> Recording:
 )
 def test_nothing_is_learnt_from_a_bad_flight_and_the_reason_is_told(recording: Recording, reason: str) -> None:
     identified = identify([recording])
-    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert identified.found is None
     assert len(identified.reasons) == 1
     assert identified.reasons[0].startswith(reason)
@@ -157,7 +157,7 @@ def test_nothing_is_learnt_from_a_bad_flight_and_the_reason_is_told(recording: R
 
 def test_a_vehicle_at_its_greatest_speed_is_noticed_and_the_speed_told() -> None:
     identified = identify([saturated(TRUTH, 7, speed_max_m_s=1.0)])
-    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert identified.reasons[0].startswith("saturation: speed was held at 1.0 m/s for ")
     shaping = found_in(identified).shaping
     assert shaping.speed_max_m_s == pytest.approx(1.0, rel=0.05)
@@ -167,7 +167,7 @@ def test_a_vehicle_at_its_greatest_speed_is_noticed_and_the_speed_told() -> None
 def test_a_delay_beyond_any_plants_is_noticed() -> None:
     late = recorded(replace(TRUTH, delay_s=0.9), 8, noise_m=0.02)
     identified = identify([late])
-    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert any(reason.startswith("the delay is at its bound of 0.6 s") for reason in identified.reasons)
 
 
@@ -175,7 +175,7 @@ def test_a_vehicle_that_moves_before_it_is_asked_is_noticed() -> None:
     """The log stamps setpoints 0.2 s late: the plant is found all the same, without a delay."""
     flight = recorded(replace(TRUTH, delay_s=0.0), 9, noise_m=0.02, setpoints_hz=25.0, sampled=False)
     identified = identify([replace(flight, setpoint_time_s=flight.setpoint_time_s + 0.2)])
-    assert identified.verdict is Verdict.USABLE
+    assert identified.verdict is PlantGrade.USABLE
     assert any("before it is asked to" in reason for reason in identified.reasons)
     assert found_in(identified).delay_s.value == 0.0
 
@@ -184,7 +184,7 @@ def test_a_flight_with_little_in_it_leaves_little_certainty() -> None:
     """One slow ramp: no wish of a plant's can be told from another's."""
     ramp_m = np.column_stack([np.linspace(0.0, 20.0, round(60.0 / SENT_S))] * 2)
     identified = identify([recorded(TRUTH, 10, noise_m=0.1, setpoint_m=ramp_m)])
-    assert identified.verdict is Verdict.DO_NOT_FLY
+    assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert identified.reasons[0].startswith("too little excitation for so much noise: known are a0 along x to ")
 
 

@@ -11,7 +11,7 @@ from estimation.plant.file import (
     load_plant,
 )
 from estimation.plant.model import Plant, PlantAxis
-from estimation.plant.provenance import IdentifiedLog, Verdict
+from estimation.plant.provenance import IdentifiedLog, PlantGrade
 
 AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1\n"
 IDENTIFIED = f"""
@@ -94,7 +94,7 @@ def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
     assert file.plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1))
     identified = file.identified
     assert identified is not None
-    assert (identified.verdict, identified.date, identified.vehicle) == (Verdict.USABLE, "2026-11-21", 3)
+    assert (identified.verdict, identified.date, identified.vehicle) == (PlantGrade.USABLE, "2026-11-21", 3)
     assert identified.logs == (IdentifiedLog(name="flight.ulg", sha256="0a" * 32),)
     assert [identified.covariance[at][at] for at in range(5)] == [0.01] * 5
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimation.identification.identified import Found, Interval
 from estimation.identification.identify import identify
-from estimation.plant.provenance import Verdict
+from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 from tests.support.synthetic_flights import Truth, recorded
 
@@ -31,7 +31,7 @@ class Draw:
 
     noise_m: float
     setpoints_hz: float
-    verdict: Verdict
+    verdict: PlantGrade
     errors: Vector
     covered: Vector
 

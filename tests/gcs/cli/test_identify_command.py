@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from estimation.plant.file import PlantShelf
-from estimation.plant.provenance import COVARIANCE_OF, Verdict
+from estimation.plant.provenance import COVARIANCE_OF, PlantGrade
 from estimation.state import Vector
 from gcs.cli import main
 from gcs.mission.file import excitation_mission
@@ -113,7 +113,7 @@ def test_a_flight_becomes_a_plant_file_that_flies_and_says_where_it_is_from(ran:
         date.today().isoformat(),
     )
     assert [(each.name, each.sha256) for each in told.logs] == [(log.path, log.sha256)]
-    assert told.verdict is Verdict.GOOD
+    assert told.verdict is PlantGrade.GOOD
     deviations = np.sqrt([told.covariance[at][at] for at in range(len(COVARIANCE_OF))])
     assert (np.abs(np.subtract((*plant, file.plant.delay_s), (1.5, 1.9, 1.1, 1.6, 0.2))) < 4.0 * deviations).all()
     assert result["verdict"] == "good"

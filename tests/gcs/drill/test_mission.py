@@ -39,6 +39,10 @@ def test_everything_but_ports_team_and_target_is_kept(name: str) -> None:
     assert flown.target.model_copy(update={"start_m": given.target.start_m}) == given.target
 
 
+def test_any_text_of_a_mission_is_kept() -> None:
+    assert drilled("case1", ("mission", "name", 'a"b\x7f\\é')).mission.name == 'a"b\x7f\\é'
+
+
 def test_the_target_is_in_reach_of_those_who_want_it() -> None:
     case1, case2 = drilled("case1"), drilled("case2")
     assert [Roles(case2).tactic(i) for i in case2.ids] == ["encircle"] * 3
