@@ -1,13 +1,13 @@
-"""The file that a log is written into, which no fault of a disk can stop: what flies must not notice."""
+"""The file of a log. Disk errors are stored and never raised, so that they cannot disturb a flight."""
 
 import os
 from pathlib import Path
 
 
 class Disk:
-    """A file for writing that never raises once it is open: after the first fault it swallows what it is given.
+    """A file for writing that never raises once it is open: after the first error it discards its input.
 
-    `fault` says what went wrong, empty if nothing did; `size_bytes` is how much has been written.
+    `fault` is the first error, empty if there was none; `size_bytes` is the number of bytes written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -18,7 +18,7 @@ class Disk:
         self.fault = ""
 
     def write(self, data: bytes) -> int:
-        """Write all of it, or note why that failed."""
+        """Write all of it, or store the error."""
         rest = memoryview(data)
         try:
             while rest and not self.fault:
@@ -32,7 +32,7 @@ class Disk:
         return len(data)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go where it is told to, on a file that failed as well."""
+        """Set the position, also after an error."""
         base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._end}[whence]
         self._position = base + offset
         if not self.fault:
@@ -43,7 +43,7 @@ class Disk:
         return self._position
 
     def flush(self) -> None:
-        """There is nothing to do: what is written is with the operating system already."""
+        """Do nothing: the file is unbuffered."""
 
     def close(self) -> None:
         """Close the file."""

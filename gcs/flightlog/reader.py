@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 from mcap.records import Channel, Schema
 
-from gcs.flightlog.census import Census
 from gcs.flightlog.container import (
     Container,
     Entry,
@@ -21,6 +20,7 @@ from gcs.flightlog.container import (
 )
 from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.log_error import LogError
+from gcs.flightlog.record_counter import RecordCounter
 from gcs.flightlog.records import (
     FORMAT,
     RUN_TOPICS,
@@ -107,7 +107,7 @@ def read_log(path: Path) -> FlightLog:
     damaged all the same raises LogError then. A log of a newer version is decoded at once, to leave out what this one
     does not know.
     """
-    log, census = FlightLog(path), Census()
+    log, counter = FlightLog(path), RecordCounter()
     with open_container(path) as container:
         topics = _Topics(path)
         for entry in container.entries():
@@ -115,14 +115,14 @@ def read_log(path: Path) -> FlightLog:
                 topics.take(entry)
             elif (topic := topics.known.get(entry.channel_id)) is not None:
                 kind, vehicle_id, decoder = topic
-                if census.note(vehicle_id, entry.time_ns, entry.payload):
+                if counter.note(vehicle_id, entry.time_ns, entry.payload):
                     records = log.vehicles.setdefault(vehicle_id, []) if vehicle_id else log.run_records
                     records.append(LogRecord(kind, entry.time_ns, entry.payload, decoder))
             else:
                 topics.miss(entry.channel_id)
-    if not census.total:
+    if not counter.total:
         raise LogError([f"{path}: it holds no record of cordon's", *(f"{path}: {fault}" for fault in container.faults)])
-    log.faults.extend(faults_of(container, census) + topics.faults)
+    log.faults.extend(faults_of(container, counter) + topics.faults)
     if log.run.format > FORMAT:
         log.faults.append(f"it was written by a newer version of cordon (format {log.run.format}, known is {FORMAT})")
         _leave_out_unknown(log)
@@ -143,10 +143,10 @@ def open_container(path: Path) -> Iterator[Container]:
         raise LogError([f"{path}: {error}"]) from error
 
 
-def faults_of(container: Container, census: Census) -> list[str]:
+def faults_of(container: Container, counter: RecordCounter) -> list[str]:
     """Return what is not as it should be in a log that has been gone through."""
-    unclosed = f"it was never closed: it ends {census.seconds:.1f} s after its first record"
-    return [*([] if container.is_closed else [unclosed]), *container.faults, *census.faults]
+    unclosed = f"it was never closed: it ends {counter.seconds:.1f} s after its first record"
+    return [*([] if container.is_closed else [unclosed]), *container.faults, *counter.faults]
 
 
 def _leave_out_unknown(log: FlightLog) -> None:

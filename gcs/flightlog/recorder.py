@@ -1,7 +1,7 @@
-"""The flight recorder: tapes for the cores, and what brings their contents into a log beside the flight.
+"""The flight recorder: tapes for the cores, and a thread that writes them to a log.
 
-Writing onto a tape only puts an item into a queue. Encoding and the disk are the business of `drain`, which a thread of
-its own calls while something flies: a disk that is slow, full or gone disturbs nobody.
+A tape only appends to a queue. `drain` encodes and writes, in a thread of its own during a flight: a slow, full or
+missing disk does not disturb it.
 """
 
 import threading
@@ -18,9 +18,9 @@ from gcs.flightlog.writer import LogWriter, Picture
 
 CLOSING_TIMEOUT_S = 10.0
 DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 0.8
-"""A killed process loses what it did since the last flush, which may be one draining late: less than a second."""
+"""A killed process loses the records since the last flush, which may be late by one drain: less than a second."""
 QUEUE_MAX = 100_000
-"""Items: minutes of a team's. More wait only for a disk that hangs; what comes then is lost, and its number missing."""
+"""Items, several minutes of a team. The queue is full only if the disk hangs; further items are lost and detected."""
 
 
 _Item = tuple[int, int, float, object]
@@ -28,7 +28,7 @@ _Item = tuple[int, int, float, object]
 
 
 class Recorder:
-    """Takes what the cores of this process do, and writes it when told to."""
+    """Collects the records of this process' cores and writes them."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Recorder:
 
     @property
     def fault(self) -> str:
-        """Why the log ends before the flight does, empty if it does not."""
+        """The reason why the log ends before the flight does, empty if it does not."""
         return self._writer.fault
 
     def tape(self, vehicle_id: int) -> "VehicleTape":
@@ -55,15 +55,15 @@ class Recorder:
         return VehicleTape(vehicle_id, self._queue, self._now_s, self._overflow)
 
     def note(self, vehicle_id: int, number: int, record: object, time_s: float | None = None) -> None:
-        """Take a record, of now unless a time is given; never blocks, never raises."""
+        """Add a record, with the present time by default; never blocks, never raises."""
         self._queue.append((vehicle_id, number, self._now_s() if time_s is None else time_s, record))
 
     def fail(self, reason: str) -> None:
-        """Note why the log will not be whole; the first reason counts."""
+        """Store the reason why the log will be incomplete; the first one is kept."""
         self._writer.fail(reason)
 
     def drain(self) -> None:
-        """Write all that has been taken so far; what people are told of outlives this process from then on."""
+        """Write all records so far, and flush after a decision with notes."""
         self._drain()
         if self._eventful:
             self._eventful = False
@@ -76,16 +76,16 @@ class Recorder:
             try:
                 self._write(vehicle_id, number, round(max(time_s, 0.0) / speed * 1e9), item)
             except Exception as error:  # a bug with one record must not cost the others, and never a flight
-                self.fail(f"a {type(item).__name__} could not be written: {_words(error)}")
+                self.fail(f"a {type(item).__name__} could not be written: {_error_text(error)}")
 
     def flush(self) -> None:
-        """Write all that has been taken so far, so that it outlives this process."""
+        """Write and flush all records so far, so that they survive this process."""
         self._drain()
         self._eventful = False
         self._writer.flush()
 
     def close(self) -> None:
-        """Write what is left, and complete the log."""
+        """Write the remaining records and close the log."""
         self._drain()
         self._writer.close()
 
@@ -99,15 +99,16 @@ class Recorder:
             self._picture(vehicle_id, time_ns, record)
         except Exception as error:  # a bug in what only viewers need must not cost the log
             self._picture = None
-            self.fail(f"what only viewers need ended: {_words(error)}")
+            self.fail(f"what only viewers need ended: {_error_text(error)}")
 
     def _overflow(self) -> None:
         self.fail("its disk is too slow: records are missing")
 
 
 class RecorderThread:
-    """Lets a recorder write beside a flight, and makes what it wrote outlive this process: every second, and at once
-    after every event. Use it as a context manager.
+    """Writes a recorder's records in a thread, and flushes them every second and after every event.
+
+    Use it as a context manager.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -123,7 +124,7 @@ class RecorderThread:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write what is left, and complete the log, unless the disk hangs for seconds."""
+        """Write the remaining records and close the log, unless the disk hangs for CLOSING_TIMEOUT_S."""
         self._ended.set()
         self._thread.join(CLOSING_TIMEOUT_S)
         if self._thread.is_alive():
@@ -132,8 +133,8 @@ class RecorderThread:
     def _run(self) -> None:
         try:
             self._record()
-        except BaseException as error:  # a bug must be told of, not only end this thread
-            self._recorder.fail(f"the recorder ended: {_words(error)}")
+        except BaseException as error:  # a bug must be reported, not only end this thread
+            self._recorder.fail(f"the recorder ended: {_error_text(error)}")
 
     def _record(self) -> None:
         flushed_s = monotonic()
@@ -146,7 +147,7 @@ class RecorderThread:
 
 
 class VehicleTape:
-    """The tape of one vehicle's core, and what is noted of the vehicle beside it."""
+    """The tape of one vehicle's core, with further records of the vehicle."""
 
     def __init__(
         self,
@@ -162,7 +163,7 @@ class VehicleTape:
         self._number = 0
 
     def write(self, item: CoreInput | TickOutput) -> None:
-        """Take the next item; never blocks, never raises."""
+        """Add the next item; never blocks, never raises."""
         self._number += 1
         queue = self._queue
         if len(queue) < QUEUE_MAX:
@@ -171,7 +172,7 @@ class VehicleTape:
             self._overflow()
 
     def note(self, record: object, time_s: float | None = None) -> None:
-        """Take any record, of now unless a time is given."""
+        """Add any record, with the present time by default."""
         self._number += 1
         if len(self._queue) < QUEUE_MAX:
             time_s = self._now_s() if time_s is None else time_s
@@ -180,5 +181,5 @@ class VehicleTape:
             self._overflow()
 
 
-def _words(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"

@@ -1,4 +1,4 @@
-"""Making a log that was never closed, or was damaged since, a whole one again: a copy of all that can be read of it."""
+"""Recovery of an unclosed or damaged log: a closed, indexed copy of all that can be read of it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,21 +10,21 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from gcs.errors import InputError
-from gcs.flightlog.census import Census
 from gcs.flightlog.container import Container, Entry, Message
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import faults_of, open_container, topic_of
+from gcs.flightlog.record_counter import RecordCounter
 from gcs.flightlog.records import PROFILE
 
 _CHUNK_BYTES = 1 << 20
 _PROGRESS_STEP_BYTES = 1_000_000
 Progress = Callable[[float], None]
-"""Is told which share of the log has been gone through."""
+"""Called with the share of the log that has been processed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What was recovered: how many records, lasting how long; `faults` says what was not, empty when all is whole."""
+    """The records recovered, their duration, and in `faults` what was not recovered."""
 
     records: int
     seconds: float
@@ -32,16 +32,16 @@ class Recovery:
 
 
 def examine(path: Path, progress: Progress) -> Recovery:
-    """Go through a log and change nothing; raises LogError when nothing of cordon's can be read in it."""
+    """Check a log without a copy; raises LogError when it holds no readable record of cordon's."""
     with open_container(path) as container:
         return _gone_through(path, container, lambda _entry: None, progress)
 
 
 def recover(path: Path, target: Path, progress: Progress) -> Recovery:
-    """Write all that is whole of a log into another, which is closed and indexed.
+    """Copy all undamaged records of a log into another, which is closed and indexed.
 
-    Raises LogError when nothing of cordon's can be read, InputError when the target cannot be written or exists:
-    nothing is left of it then.
+    Raises LogError when it holds no readable record of cordon's, InputError when the target exists or cannot be
+    written; an incomplete target is removed.
     """
     with open_container(path) as container, _new_file(target) as stream:
         copy = _Copy(stream)
@@ -51,12 +51,12 @@ def recover(path: Path, target: Path, progress: Progress) -> Recovery:
 
 
 def recovered_path(path: Path) -> Path:
-    """Return where the recovered log goes unless told otherwise."""
+    """Return the default path of the recovered log."""
     return path.with_name(f"{path.stem}-recovered.mcap")
 
 
 def _gone_through(path: Path, container: Container, take: Callable[[Entry], None], progress: Progress) -> Recovery:
-    census, undescribed, told_bytes = Census(), 0, 0
+    counter, undescribed, told_bytes = RecordCounter(), 0, 0
     vehicles: dict[int, int | None] = {}
     for entry in container.entries():
         take(entry)
@@ -67,16 +67,16 @@ def _gone_through(path: Path, container: Container, take: Callable[[Entry], None
             vehicle_id = vehicles.get(entry.channel_id)
             undescribed += entry.channel_id not in vehicles
             if vehicle_id is not None:
-                census.note(vehicle_id, entry.time_ns, entry.payload)
+                counter.note(vehicle_id, entry.time_ns, entry.payload)
         if container.offset - told_bytes > _PROGRESS_STEP_BYTES:
             told_bytes = container.offset
             progress(told_bytes / container.size_bytes)
-    faults = faults_of(container, census)
-    if not census.total:
+    faults = faults_of(container, counter)
+    if not counter.total:
         raise LogError([f"{path}: it holds no record of cordon's", *(f"{path}: {fault}" for fault in container.faults)])
     if undescribed:
         faults.append(f"{undescribed} records are lost with the description of their channel")
-    return Recovery(census.total, census.seconds, tuple(faults))
+    return Recovery(counter.total, counter.seconds, tuple(faults))
 
 
 @contextmanager
@@ -97,7 +97,7 @@ def _new_file(path: Path) -> Iterator[BinaryIO]:
 
 
 class _Copy:
-    """A log in the making: the same schemas, channels, records and words about it, numbered anew."""
+    """The copy: the same schemas, channels, records and metadata, with new ids."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
@@ -106,7 +106,7 @@ class _Copy:
         self._channels: dict[int, int] = {}
 
     def take(self, entry: Entry) -> None:
-        """Take what comes next; leave out what nobody could read without what is lost."""
+        """Write the next entry; leave out entries whose schema or channel is lost."""
         match entry:
             case Message():
                 if entry.channel_id in self._channels:
@@ -127,5 +127,5 @@ class _Copy:
                 self._writer.add_metadata(entry.name, entry.metadata)
 
     def finish(self) -> None:
-        """Complete it."""
+        """Write the index and close the log."""
         self._writer.finish()  # type: ignore[no-untyped-call]  # it takes and returns nothing

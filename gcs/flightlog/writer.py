@@ -1,4 +1,4 @@
-"""Writing records to an MCAP file and, if asked for, to whoever looks on through the Foxglove WebSocket."""
+"""Writes records to an MCAP file and to the live viewers of the Foxglove WebSocket."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,17 +13,17 @@ from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS
 from gcs.flightlog.schema import Codec
 
 SIZE_MAX_BYTES = 2_000_000_000
-"""A log that has grown to this ends there: eight hours of three vehicles at 20 Hz."""
+"""The largest log; it ends there. Eight hours of three vehicles at 20 Hz."""
 
 Picture = Callable[[int, int, Any], None]
-"""Shows a record as viewers know it: the vehicle, the time [ns], and the record."""
+"""Draws a record for viewers: the vehicle, the time [ns], and the record."""
 
 
 class LogWriter:
-    """Writes records; once open it never raises: `fault` says what became of the file, empty if all is well."""
+    """Writes records; once open it never raises: `fault` is the first error, empty if there was none."""
 
     def __init__(self, path: Path | None, context: Context, size_max_bytes: int = SIZE_MAX_BYTES) -> None:
-        """Open the file, or write only to what else listens to the context; raises OSError when that fails."""
+        """Open the file, or with None write to the context's other sinks only; raises OSError when that fails."""
         self.path = path
         self.context = context
         self._disk = None if path is None else Disk(path)
@@ -37,16 +37,16 @@ class LogWriter:
 
     @property
     def fault(self) -> str:
-        """Why the file does not hold the whole flight."""
+        """The reason why the file does not hold the whole flight."""
         return self._failure or ("" if self._disk is None else self._disk.fault)
 
     def fail(self, reason: str) -> None:
-        """Note why the file will not hold the whole flight; the first reason counts."""
+        """Store the reason why the file will not hold the whole flight; the first one is kept."""
         self._failure = self._failure or reason
 
     @property
     def size_bytes(self) -> int:
-        """How much has been written to the file."""
+        """The bytes written to the file."""
         return 0 if self._disk is None else self._disk.size_bytes
 
     def write(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
@@ -59,7 +59,7 @@ class LogWriter:
             self.fail(f"it has reached {self._size_max_bytes / 1e6:g} MB and ends there")
 
     def flush(self) -> None:
-        """Let the operating system have all that has been written."""
+        """Pass all that has been written to the operating system."""
         if self._mcap is not None:
             self._mcap.flush()
 

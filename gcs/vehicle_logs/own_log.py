@@ -12,15 +12,15 @@ from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, Truth, Vehicle
 from gcs.flightlog.run import mission_of
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.vehicle_logs.gathered import (
+from gcs.vehicle_logs.log_file import LogFile
+from gcs.vehicle_logs.mode_names import CORDON
+from gcs.vehicle_logs.raw_log import (
     US,
-    Gathered,
+    RawLog,
     Samples,
     Stamps,
     vehicle_log,
 )
-from gcs.vehicle_logs.log_file import LogFile
-from gcs.vehicle_logs.mode_names import CORDON
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 FORMAT = "log of cordon (.mcap)"
@@ -38,7 +38,7 @@ def read_own_log(log: LogFile) -> tuple[VehicleLog, ...]:
 
 def _vehicle(log: LogFile, flight: FlightLog, mission: Mission, vehicle: MissionVehicle) -> VehicleLog:
     facts = next(flight.of_kind(vehicle.id, Vehicle), None)
-    gathered = Gathered(
+    raw = RawLog(
         path=log.name,
         format=FORMAT,
         sha256=log.sha256,
@@ -49,13 +49,13 @@ def _vehicle(log: LogFile, flight: FlightLog, mission: Mission, vehicle: Mission
         notes=list(flight.faults),
     )
     if facts is not None:
-        gathered.parameters.update({parameter.name: parameter.value for parameter in facts.parameters})
-    _gather_setpoints(gathered, flight, vehicle.id, mission.mission_frame())
-    _gather_motion(gathered, flight, vehicle.id, mission.mission_frame())
-    return vehicle_log(gathered)
+        raw.parameters.update({parameter.name: parameter.value for parameter in facts.parameters})
+    _add_setpoints(raw, flight, vehicle.id, mission.mission_frame())
+    _add_motion(raw, flight, vehicle.id, mission.mission_frame())
+    return vehicle_log(raw)
 
 
-def _gather_setpoints(gathered: Gathered, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
+def _add_setpoints(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
     """Take what was sent, and when it flew the vehicle: its autopilot's word counts, where it has one."""
     sent: list[tuple[float, Triple]] = []
     fed: list[tuple[float, Triple]] = []
@@ -66,36 +66,34 @@ def _gather_setpoints(gathered: Gathered, flight: FlightLog, vehicle_id: int, fr
         elif record.kind is Decision:
             decision = record.read(Decision)
             flown = decision.setpoint is not None and mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
-            gathered.modes.append((_stamp(decision.time_s), CORDON if flown else mode.value))
+            raw.modes.append((_stamp(decision.time_s), CORDON if flown else mode.value))
             if decision.setpoint is not None:
                 sent.append((decision.time_s, decision.setpoint.position_m))
                 if decision.setpoint.velocity_m_s:
                     x, y, z = decision.setpoint.velocity_m_s
                     fed.append((decision.time_s, (x, y, z)))
-    _gather(gathered, "setpoint", DECISION, sent, frame)
+    _add(raw, "setpoint", DECISION, sent, frame)
     if fed:
-        _gather(gathered, "setpoint_velocity", DECISION, fed, frame)
+        _add(raw, "setpoint_velocity", DECISION, fed, frame)
 
 
-def _gather_motion(gathered: Gathered, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
+def _add_motion(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
     told = list(flight.of_kind(vehicle_id, Telemetry))
-    _gather(gathered, "position", TELEMETRY, [(each.time_s, each.position_m) for each in told], frame)
-    _gather(gathered, "velocity", TELEMETRY, [(each.time_s, each.velocity_m_s) for each in told], frame)
+    _add(raw, "position", TELEMETRY, [(each.time_s, each.position_m) for each in told], frame)
+    _add(raw, "velocity", TELEMETRY, [(each.time_s, each.velocity_m_s) for each in told], frame)
     true = list(flight.of_kind(vehicle_id, Truth))
     if true:
-        _gather(gathered, "true_position", TRUTH, [(each.time_s, each.position_m) for each in true], frame)
-        _gather(gathered, "true_velocity", TRUTH, [(each.time_s, each.velocity_m_s) for each in true], frame)
+        _add(raw, "true_position", TRUTH, [(each.time_s, each.position_m) for each in true], frame)
+        _add(raw, "true_velocity", TRUTH, [(each.time_s, each.velocity_m_s) for each in true], frame)
 
 
-def _gather(
-    gathered: Gathered, name: str, topic: str, rows: Sequence[tuple[float, Triple]], frame: MissionFrame
-) -> None:
+def _add(raw: RawLog, name: str, topic: str, rows: Sequence[tuple[float, Triple]], frame: MissionFrame) -> None:
     if not rows:
-        gathered.missing.append(topic)
+        raw.missing.append(topic)
         return
     stamps: Stamps = np.array([_stamp(time_s) for time_s, _ in rows], dtype=np.int64)
     values: Vector = up_from_ned(np.array([frame.ned_from_mission(row) for _, row in rows]))
-    gathered.samples[name] = Samples(topic, stamps, values)
+    raw.samples[name] = Samples(topic, stamps, values)
 
 
 def _stamp(time_s: float) -> int:

@@ -21,16 +21,16 @@ from estimation.frames import (
 )
 from estimation.state import Vector
 from gcs.flightlog.log_error import LogError
-from gcs.vehicle_logs.gathered import (
+from gcs.vehicle_logs.log_file import LogFile
+from gcs.vehicle_logs.mode_names import px4_state
+from gcs.vehicle_logs.raw_log import (
     US,
-    Gathered,
+    RawLog,
     Samples,
     Stamps,
     stamps_us,
     vehicle_log,
 )
-from gcs.vehicle_logs.log_file import LogFile
-from gcs.vehicle_logs.mode_names import px4_state
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 FORMAT = "PX4 log (.ulg)"
@@ -59,7 +59,7 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
     topics: dict[str, Columns] = {}
     for data in ulog.data_list:  # sorted by instance: of several, the first is what the vehicle flies by
         topics.setdefault(data.name, data.data)
-    gathered = Gathered(
+    raw = RawLog(
         path=log.name,
         format=FORMAT,
         sha256=log.sha256,
@@ -68,15 +68,15 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
         begin_us=min(int(ulog.start_timestamp), 2**62),
         notes=notes,
     )
-    _gather_motion(gathered, topics)
-    _gather_battery(gathered, topics)
-    _gather_status(gathered, topics)
-    _gather_texts(gathered, ulog)
-    gathered.parameters.update(_parameters(ulog))
-    gathered.system_id = _system_id(topics, gathered)
-    if not gathered.samples and not gathered.modes:
+    _add_motion(raw, topics)
+    _add_battery(raw, topics)
+    _add_status(raw, topics)
+    _add_texts(raw, ulog)
+    raw.parameters.update(_parameters(ulog))
+    raw.system_id = _system_id(topics, raw)
+    if not raw.samples and not raw.modes:
         raise LogError([f"{log.name}: holds none of the topics {', '.join(TOPICS)}"])
-    return (vehicle_log(gathered),)
+    return (vehicle_log(raw),)
 
 
 class _BoundedReader(BufferedReader):
@@ -196,16 +196,16 @@ def _stamps(log: str, topic: str, data: Columns) -> Stamps:
         raise LogError([f"{log}: {topic} has no timestamp"]) from None
 
 
-def _gather_motion(gathered: Gathered, topics: dict[str, Columns]) -> None:
-    log = gathered.path
+def _add_motion(raw: RawLog, topics: dict[str, Columns]) -> None:
+    log = raw.path
     if (data := topics.get(SETPOINT)) is not None:
         names = ("x", "y", "z", "vx", "vy", "vz")
         if "position[0]" in data:
             names = ("position[0]", "position[1]", "position[2]", "velocity[0]", "velocity[1]", "velocity[2]")
         places, rates = (up_from_ned(_columns(log, SETPOINT, data, three)) for three in (names[:3], names[3:]))
-        gathered.ask(SETPOINT, _stamps(log, SETPOINT, data), places, rates)
+        raw.add_setpoints(SETPOINT, _stamps(log, SETPOINT, data), places, rates)
     else:
-        gathered.missing.append(SETPOINT)
+        raw.missing.append(SETPOINT)
     if (data := topics.get(LOCAL)) is not None:
         stamps = _stamps(log, LOCAL, data)
         for name, fields, flags in (
@@ -214,30 +214,30 @@ def _gather_motion(gathered: Gathered, topics: dict[str, Columns]) -> None:
         ):
             values = up_from_ned(_columns(log, LOCAL, data, fields))
             values[_columns(log, LOCAL, data, flags).min(axis=1) < 1.0] = np.nan
-            gathered.samples[name] = Samples(LOCAL, stamps, values)
+            raw.samples[name] = Samples(LOCAL, stamps, values)
         resets = _columns(log, LOCAL, data, ("xy_reset_counter", "z_reset_counter"))
-        gathered.resets_us += stamps[1:][(np.diff(resets, axis=0) != 0.0).any(axis=1)].tolist()
+        raw.resets_us += stamps[1:][(np.diff(resets, axis=0) != 0.0).any(axis=1)].tolist()
     else:
-        gathered.missing.append(LOCAL)
+        raw.missing.append(LOCAL)
     if (data := topics.get(TRUTH)) is not None:
         stamps = _stamps(log, TRUTH, data)
-        shift_m = _origin_of_truth_m(gathered, data, topics.get(LOCAL))
+        shift_m = _origin_of_truth_m(raw, data, topics.get(LOCAL))
         position = up_from_ned(_columns(log, TRUTH, data, ("x", "y", "z")) + shift_m)
-        gathered.samples["true_position"] = Samples(TRUTH, stamps, position)
+        raw.samples["true_position"] = Samples(TRUTH, stamps, position)
         velocity = up_from_ned(_columns(log, TRUTH, data, ("vx", "vy", "vz")))
-        gathered.samples["true_velocity"] = Samples(TRUTH, stamps, velocity)
+        raw.samples["true_velocity"] = Samples(TRUTH, stamps, velocity)
     if (data := topics.get(ATTITUDE)) is not None:
         quaternions = _columns(log, ATTITUDE, data, ("q[0]", "q[1]", "q[2]", "q[3]"))
         values = up_from_ned(euler_from_quaternion_rad(quaternions))
-        gathered.samples["attitude"] = Samples(ATTITUDE, _stamps(log, ATTITUDE, data), values)
+        raw.samples["attitude"] = Samples(ATTITUDE, _stamps(log, ATTITUDE, data), values)
 
 
-def _origin_of_truth_m(gathered: Gathered, truth: Columns, local: Columns | None) -> Vector:
+def _origin_of_truth_m(raw: RawLog, truth: Columns, local: Columns | None) -> Vector:
     """Return where the simulator's local origin lies in the estimator's local NED [m]; the two are not the same."""
-    simulator = _origin(gathered.path, TRUTH, truth)
-    estimator = _origin(gathered.path, LOCAL, local) if local is not None else None
+    simulator = _origin(raw.path, TRUTH, truth)
+    estimator = _origin(raw.path, LOCAL, local) if local is not None else None
     if simulator is None or estimator is None:
-        gathered.notes.append(f"{TRUTH} is about the simulator's own origin: where that lies is not in the log")
+        raw.notes.append(f"{TRUTH} is about the simulator's own origin: where that lies is not in the log")
         return np.zeros(3)
     place = np.array([(simulator.latitude_deg, simulator.longitude_deg, simulator.altitude_m)])
     return MissionFrame(estimator).ned_from_geodetics(*place.T).reshape(3)
@@ -254,35 +254,35 @@ def _origin(log: str, topic: str, data: Columns) -> Geodetic | None:
         raise LogError([f"{log}: {topic} at {at_s:.3f} s since boot: its origin, {error}: other units"]) from None
 
 
-def _gather_battery(gathered: Gathered, topics: dict[str, Columns]) -> None:
+def _add_battery(raw: RawLog, topics: dict[str, Columns]) -> None:
     if (data := topics.get(BATTERY)) is None:
         return
-    values = _columns(gathered.path, BATTERY, data, ("voltage_v", "current_a", "remaining"))
+    values = _columns(raw.path, BATTERY, data, ("voltage_v", "current_a", "remaining"))
     values[:, 1:][values[:, 1:] < 0.0] = np.nan  # how PX4 says that it does not know
-    gathered.samples["battery"] = Samples(BATTERY, _stamps(gathered.path, BATTERY, data), values)
+    raw.samples["battery"] = Samples(BATTERY, _stamps(raw.path, BATTERY, data), values)
 
 
-def _gather_status(gathered: Gathered, topics: dict[str, Columns]) -> None:
-    gathered.mode_topic = STATUS
+def _add_status(raw: RawLog, topics: dict[str, Columns]) -> None:
+    raw.mode_topic = STATUS
     if (data := topics.get(STATUS)) is None:
-        gathered.missing.append(STATUS)
+        raw.missing.append(STATUS)
         return
-    stamps = _stamps(gathered.path, STATUS, data).tolist()
-    states = _columns(gathered.path, STATUS, data, ("nav_state", "arming_state")).tolist()
-    gathered.modes += [(stamp, px4_state(int(state))) for stamp, (state, _) in zip(stamps, states, strict=True)]
-    gathered.armed += [(stamp, arming == ARMED) for stamp, (_, arming) in zip(stamps, states, strict=True)]
+    stamps = _stamps(raw.path, STATUS, data).tolist()
+    states = _columns(raw.path, STATUS, data, ("nav_state", "arming_state")).tolist()
+    raw.modes += [(stamp, px4_state(int(state))) for stamp, (state, _) in zip(stamps, states, strict=True)]
+    raw.armed += [(stamp, arming == ARMED) for stamp, (_, arming) in zip(stamps, states, strict=True)]
 
 
-def _gather_texts(gathered: Gathered, ulog: Any) -> None:
+def _add_texts(raw: RawLog, ulog: Any) -> None:
     tagged = [message for messages in ulog.logged_messages_tagged.values() for message in messages]
     for message in sorted([*ulog.logged_messages, *tagged], key=lambda message: int(message.timestamp)):
         severity = message.log_level - ord("0")
         text = _COLOURS.sub("", message.message).strip()
-        gathered.texts.append((int(message.timestamp), severity if 0 <= severity <= 7 else None, text))
+        raw.texts.append((int(message.timestamp), severity if 0 <= severity <= 7 else None, text))
     dropouts = ulog.dropouts
     if dropouts:
         lost_s = sum(dropout.duration for dropout in dropouts) / 1e3
-        gathered.notes.append(f"the logger dropped out {len(dropouts)} times, {lost_s:.2f} s in all")
+        raw.notes.append(f"the logger dropped out {len(dropouts)} times, {lost_s:.2f} s in all")
 
 
 def _parameters(ulog: Any) -> dict[str, int | float]:
@@ -291,9 +291,9 @@ def _parameters(ulog: Any) -> dict[str, int | float]:
     return {name: value for name, value in named.items() if isinstance(value, int | float)}
 
 
-def _system_id(topics: dict[str, Columns], gathered: Gathered) -> int:
+def _system_id(topics: dict[str, Columns], raw: RawLog) -> int:
     told = topics.get(STATUS, {}).get("system_id")
-    return int(told[-1]) if told is not None else int(gathered.parameters.get("MAV_SYS_ID", 0))
+    return int(told[-1]) if told is not None else int(raw.parameters.get("MAV_SYS_ID", 0))
 
 
 def _firmware(ulog: Any) -> str:

@@ -1,4 +1,4 @@
-"""From what a reader gathered of one vehicle to its log: one clock, every value plausible, every fault named."""
+"""The raw log of one vehicle as a reader found it, and its conversion: one clock, values checked, faults named."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimation.state import Vector
 from gcs.flightlog.log_error import LogError
 from gcs.vehicle_logs.mode_names import EXTERNAL
-from gcs.vehicle_logs.plausible import unit_faults
+from gcs.vehicle_logs.unit_check import unit_faults
 from gcs.vehicle_logs.vehicle_log import (
     COLUMNS,
     SECONDS_MAX,
@@ -30,7 +30,7 @@ Stamps = NDArray[np.int64]
 US = 1e6
 STAMP_MAX_US = 2**62
 FAULTS_MAX = 8
-"""So many faults are told of one log."""
+"""The most faults that are reported of one log."""
 
 REACH_MAX_M, SPEED_MAX_M_S = 100e3, 300.0
 LIMITS = MappingProxyType(
@@ -45,10 +45,10 @@ LIMITS = MappingProxyType(
         "battery": (5000.0, "V, A or share"),
     }
 )
-"""No quadrotor that cordon flies reaches these: a log that says so was written in other units, or was damaged."""
+"""Bounds of plausible values: a log beyond them is in other units, or damaged."""
 NAN_TOLERATED = frozenset({"setpoint", "battery"})
 SUPPORTING = frozenset({"attitude", "battery"})
-"""A fault in one of these does not make the others wrong: the series is left out, and that is noted."""
+"""A faulty one of these series is left out and noted; the others remain valid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +61,10 @@ class Samples:
 
 
 @dataclass(slots=True)
-class Gathered:
-    """All that a reader found of one vehicle; stamps are microseconds on the vehicle's clock.
+class RawLog:
+    """The data of one vehicle as a reader found it; stamps are microseconds on the vehicle's clock.
 
-    `begin_us` is when the log itself began, if it tells: what is stamped earlier was only latched, not sampled.
+    `begin_us` is when logging began, if the log holds it: values stamped earlier were latched, not sampled.
     """
 
     path: str
@@ -84,8 +84,8 @@ class Gathered:
     missing: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def ask(self, topic: str, stamps: Stamps, setpoint_m: Vector, velocity_m_s: Vector) -> None:
-        """Take setpoints (T, 3), and the velocities beside them (T, 3), which are NaN where there were none."""
+    def add_setpoints(self, topic: str, stamps: Stamps, setpoint_m: Vector, velocity_m_s: Vector) -> None:
+        """Add setpoints (T, 3), and the velocities sent with them (T, 3), which are NaN where there were none."""
         self.samples["setpoint"] = Samples(topic, stamps, setpoint_m)
         given = np.isfinite(velocity_m_s[:, :2]).all(axis=1)
         if given.any():
@@ -93,75 +93,75 @@ class Gathered:
 
 
 def stamps_us(raw: NDArray[Any]) -> Stamps:
-    """Return stamps of any integer type as signed microseconds; what does not fit is far out of any range instead."""
+    """Return stamps of any integer type as signed microseconds, limited to STAMP_MAX_US."""
     if raw.dtype.kind not in "iu":
         raise ValueError(f"stamps are {raw.dtype}, not integers")
     return raw.astype(np.int64) if raw.dtype != np.uint64 else np.minimum(raw, STAMP_MAX_US).astype(np.int64)
 
 
-def vehicle_log(gathered: Gathered) -> VehicleLog:
-    """Return the log of what was gathered.
+def vehicle_log(raw: RawLog) -> VehicleLog:
+    """Return the log made of the raw one.
 
     Raises LogError, naming topic and time, where time goes backwards or values are out of any plausible range.
     """
-    origin_us = _origin_us(gathered)
+    origin_us = _origin_us(raw)
     faults: list[str] = []
     series: dict[str, Series] = {}
-    for name, samples in gathered.samples.items():
-        made, found = _series(name, samples, origin_us, gathered.notes)
+    for name, samples in raw.samples.items():
+        made, found = _series(name, samples, origin_us, raw.notes)
         if made is not None:
             series[name] = made
         elif found and name in SUPPORTING:
-            gathered.notes.append(f"{name} left out: {found[0]}")
+            raw.notes.append(f"{name} left out: {found[0]}")
             found = []
         faults += found
-    stamps = [min(stamp_us, STAMP_MAX_US) for stamp_us, _ in gathered.modes]
-    faults += _clock_faults(gathered.mode_topic, np.array(stamps, dtype=np.int64), origin_us)
+    stamps = [min(stamp_us, STAMP_MAX_US) for stamp_us, _ in raw.modes]
+    faults += _clock_faults(raw.mode_topic, np.array(stamps, dtype=np.int64), origin_us)
     # A log without positions may still tell modes and texts.
     faults += [] if faults else unit_faults(series)
     if faults:
-        raise LogError([f"{gathered.path}: {fault}" for fault in faults[:FAULTS_MAX]])
-    return _assembled(gathered, series, origin_us)
+        raise LogError([f"{raw.path}: {fault}" for fault in faults[:FAULTS_MAX]])
+    return _assembled(raw, series, origin_us)
 
 
-def _origin_us(gathered: Gathered) -> int:
-    if gathered.begin_us is not None:
-        return gathered.begin_us
-    first = [int(samples.stamps_us.min()) for samples in gathered.samples.values() if samples.stamps_us.size]
-    first += [stamp_us for stamp_us, _ in gathered.modes[:1]]
-    first += [stamp_us for stamp_us, _, _ in gathered.texts[:1]] if not first else []
+def _origin_us(raw: RawLog) -> int:
+    if raw.begin_us is not None:
+        return raw.begin_us
+    first = [int(samples.stamps_us.min()) for samples in raw.samples.values() if samples.stamps_us.size]
+    first += [stamp_us for stamp_us, _ in raw.modes[:1]]
+    first += [stamp_us for stamp_us, _, _ in raw.texts[:1]] if not first else []
     return min(first, default=0)
 
 
-def _assembled(gathered: Gathered, series: Mapping[str, Series], origin_us: int) -> VehicleLog:
-    modes = [(_seconds(stamp_us, origin_us), name) for stamp_us, name in gathered.modes]
-    armed = [(_seconds(stamp_us, origin_us), state) for stamp_us, state in gathered.armed]
+def _assembled(raw: RawLog, series: Mapping[str, Series], origin_us: int) -> VehicleLog:
+    modes = [(_seconds(stamp_us, origin_us), name) for stamp_us, name in raw.modes]
+    armed = [(_seconds(stamp_us, origin_us), state) for stamp_us, state in raw.armed]
     ends = [float(one.time_s[-1]) for one in series.values()] + [time_s for time_s, _ in modes]
     end_s = max(ends, default=0.0)
-    texts = [Text(_seconds(stamp_us, origin_us), severity, text) for stamp_us, severity, text in gathered.texts]
+    texts = [Text(_seconds(stamp_us, origin_us), severity, text) for stamp_us, severity, text in raw.texts]
     if not series:
         end_s = max([end_s, *(text.time_s for text in texts if text.time_s <= SECONDS_MAX)])
     kept = tuple(text for text in texts if text.time_s <= min(end_s + 60.0, SECONDS_MAX))
     if len(kept) < len(texts):
-        gathered.notes.append(f"{len(texts) - len(kept)} texts left out: stamped long after everything else")
+        raw.notes.append(f"{len(texts) - len(kept)} texts left out: stamped long after everything else")
     return VehicleLog(
-        path=gathered.path,
-        format=gathered.format,
-        sha256=gathered.sha256,
-        autopilot=gathered.autopilot,
-        firmware=gathered.firmware,
-        system_id=gathered.system_id,
+        path=raw.path,
+        format=raw.format,
+        sha256=raw.sha256,
+        autopilot=raw.autopilot,
+        firmware=raw.firmware,
+        system_id=raw.system_id,
         duration_s=end_s,
         **series,
         modes=tuple(ModeSegment(span, str(name), name in EXTERNAL) for span, name in _spans(modes, end_s)),
         position_resets_s=tuple(
-            time_s for stamp_us in gathered.resets_us if 0.0 < (time_s := _seconds(stamp_us, origin_us)) <= end_s
+            time_s for stamp_us in raw.resets_us if 0.0 < (time_s := _seconds(stamp_us, origin_us)) <= end_s
         ),
         armed=tuple(span for span, is_armed in _spans(armed, end_s) if is_armed),
         texts=kept,
-        parameters=MappingProxyType(dict(gathered.parameters)),
-        missing=tuple(gathered.missing),
-        notes=tuple(gathered.notes),
+        parameters=MappingProxyType(dict(raw.parameters)),
+        missing=tuple(raw.missing),
+        notes=tuple(raw.notes),
     )
 
 
@@ -179,7 +179,7 @@ def _series(name: str, samples: Samples, origin_us: int, notes: list[str]) -> tu
     if faults:
         return None, faults
     stamps, values = samples.stamps_us, samples.values.astype(np.float64)
-    # Of two samples with one stamp, the later one was the truth from then on.
+    # Of two samples with the same stamp, the later one is kept.
     usable = np.append(np.diff(stamps) > 0, True)[: stamps.size] & (stamps >= origin_us)
     if name not in NAN_TOLERATED:
         finite = np.isfinite(values).all(axis=1)

@@ -1,7 +1,7 @@
-"""Whether a log's series agree about their units: what moves, moves as fast as its velocity and as far as asked.
+"""Check of a log's units: positions must move as fast as the velocities, and as far as the setpoints.
 
-Ranges alone do not tell millimetres from metres. Two series that move alike, but one of them hundreds of times as far,
-do. Series that do not move alike prove nothing, and pass.
+Ranges alone cannot distinguish millimetres from metres. Two correlated series can, if one moves hundreds of times as
+far as the other. Series that are not correlated pass.
 """
 
 from collections.abc import Mapping
@@ -16,15 +16,15 @@ WINDOW_S = 0.5
 GAP_MAX_S = 2.0
 WINDOWS_MIN = 10
 LAGS_S = tuple(np.arange(0.0, 3.1, 0.5).tolist())
-"""How long after a setpoint the vehicle may follow."""
+"""Lags of the position behind the setpoint that are tried."""
 ALIKE_MIN = 0.6
-"""Correlation from which two series are said to move alike."""
+"""Correlation above which two series are compared."""
 VELOCITY_FACTOR_MAX, SETPOINT_FACTOR_MAX = 5.0, 20.0
-"""Beyond these it is no filter's lag, nor a vehicle that follows badly."""
+"""Factors beyond these cannot be caused by a filter's lag or by bad tracking."""
 
 
 def unit_faults(series: Mapping[str, Series]) -> list[str]:
-    """Return what shows that series of one log are not all in metres and seconds, naming topic and time."""
+    """Return the faults that show series not in metres and seconds, with topic and time."""
     faults = []
     for moved, velocity in (("position", "velocity"), ("true_position", "true_velocity")):
         if moved in series and velocity in series:

@@ -1,16 +1,16 @@
-"""Counting the records of a log: how many there are, how long they last, and which are missing between them."""
+"""Counts a log's records: their number, their duration, and those missing between them."""
 
 from collections import defaultdict
 
 
-class Census:
-    """What has been seen of a log's records. Those of a vehicle are numbered, so that none can be missing unnoticed."""
+class RecordCounter:
+    """The counts of a log's records. A vehicle's records are numbered, so that missing ones are detected."""
 
     def __init__(self) -> None:
         self.records: defaultdict[int, int] = defaultdict(int)
         self.damaged = 0
         self._seen: dict[int, tuple[int, int]] = {}
-        self._gaps: dict[int, _Gap] = {}
+        self._missing_ranges: dict[int, _MissingRange] = {}
         self._first_ns: int | None = None
         self._last_ns = 0
 
@@ -33,40 +33,46 @@ class Census:
 
     @property
     def total(self) -> int:
-        """How many records there are."""
+        """The number of records."""
         return sum(self.records.values())
 
     @property
     def seconds(self) -> float:
-        """How long they last, on the log's clock."""
+        """The duration on the log's clock [s]."""
         return (self._last_ns - (self._first_ns or 0)) / 1e9
 
     @property
     def faults(self) -> list[str]:
-        """What is missing, in a line for each vehicle; times count from the log's first record."""
+        """The missing records, in a line per vehicle; times count from the log's first record."""
         damaged = [f"{self.damaged} records are damaged and left out"] if self.damaged else []
-        return [*damaged, *(self._missing(vehicle_id, gap) for vehicle_id, gap in sorted(self._gaps.items()))]
+        return [
+            *damaged,
+            *(
+                self._missing(vehicle_id, missing_range)
+                for vehicle_id, missing_range in sorted(self._missing_ranges.items())
+            ),
+        ]
 
     def _miss(self, vehicle_id: int, count: int, begin_ns: int, end_ns: int) -> None:
-        gap = self._gaps.setdefault(vehicle_id, _Gap(begin_ns, end_ns))
-        gap.places += 1
-        gap.end_ns = max(gap.end_ns, end_ns)
+        missing_range = self._missing_ranges.setdefault(vehicle_id, _MissingRange(begin_ns, end_ns))
+        missing_range.places += 1
+        missing_range.end_ns = max(missing_range.end_ns, end_ns)
         if count > 0:
-            gap.missing += count
+            missing_range.missing += count
         else:
-            gap.disordered += 1
+            missing_range.disordered += 1
 
-    def _missing(self, vehicle_id: int, gap: "_Gap") -> str:
+    def _missing(self, vehicle_id: int, missing_range: "_MissingRange") -> str:
         first_ns = self._first_ns or 0
-        begin_s, end_s = max(gap.begin_ns - first_ns, 0) / 1e9, max(gap.end_ns - first_ns, 0) / 1e9
-        order = f", {gap.disordered} are out of order" if gap.disordered else ""
-        places = f" in {gap.places} places" if gap.places > 1 else ""
+        begin_s, end_s = max(missing_range.begin_ns - first_ns, 0) / 1e9, max(missing_range.end_ns - first_ns, 0) / 1e9
+        order = f", {missing_range.disordered} are out of order" if missing_range.disordered else ""
+        places = f" in {missing_range.places} places" if missing_range.places > 1 else ""
         when = f"between {begin_s:.1f} and {end_s:.1f} s of the log"
-        return f"vehicle {vehicle_id}: {gap.missing} records are missing{places}{order}, {when}"
+        return f"vehicle {vehicle_id}: {missing_range.missing} records are missing{places}{order}, {when}"
 
 
-class _Gap:
-    """What is missing of a vehicle's records, and between when and when."""
+class _MissingRange:
+    """The number of a vehicle's missing records, and the times between which they are missing."""
 
     def __init__(self, begin_ns: int, end_ns: int) -> None:
         self.begin_ns = begin_ns
