@@ -17,13 +17,13 @@ from estimation.identification.response import (
 from estimation.state import Vector
 
 GRID_S = 0.1
-"""Plants of vehicles move by tenths of radians in that time; noise of estimators is no whiter when asked more often."""
+"""A vehicle's plant moves by tenths of a radian in that time; faster sampling does not whiten an estimator's noise."""
 GAP_MAX_S = 0.5
 SETTLE_S = 1.0
 """After a mode has changed, setpoints of the mode before may still have their effect."""
 EXCERPT_MIN_S = 8.0
 EXCERPT_MAX_S = 60.0
-"""Longer parts are cut: each has a last third that is foretold, and begins anew where an estimator has wandered to."""
+"""Longer parts are cut: the last third of each is predicted, and each starts from the drifted estimate of its time."""
 FED_MIN_M_S = 0.05
 """Velocities beside the setpoints that vary by less (rms, along both axes) tell nothing of what becomes of them."""
 

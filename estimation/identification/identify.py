@@ -4,7 +4,7 @@ The plant is fitted by its output error (Ljung, System Identification, 1999, ch.
 alone. Two weightings are tried. Whitening of the errors is efficient if the plant is of the assumed kind and the rest
 is noise; equal weights give the plant that simulates best even where it is not, but take the slow wander of an
 estimator for motion. They are used where they foretell markedly better what was not fitted. That the two disagree by
-more than their uncertainty allows (Hausman 1978) is told: slow and quick motions then ask for different numbers.
+more than their uncertainty allows (Hausman 1978) is reported: slow and quick motions then ask for different numbers.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from estimation.identification.coloured_noise import whiteness
 from estimation.identification.excerpts import Excerpt, Recording, excerpts_of
+from estimation.identification.grading import graded, refused
 from estimation.identification.identified import (
     AxisResult,
     Found,
@@ -35,8 +36,7 @@ from estimation.identification.output_error import (
 )
 from estimation.identification.response import Between
 from estimation.identification.shaping import UNSHAPED, Shaping, shaping_of
-from estimation.identification.simulated import FORETOLD_S, fit_percent, simulated
-from estimation.identification.trust import graded, refused
+from estimation.identification.simulated import PREDICTION_HORIZON_S, fit_percent, simulated
 from estimation.plant.model import Plant
 
 TRAINED_SHARE = 0.7
@@ -49,7 +49,7 @@ _STAGES = 8
 
 @dataclass(slots=True)
 class _Counter:
-    """How much of the work is done, told as a share."""
+    """Called with the share of the work that is done."""
 
     on_progress: Callable[[float], None]
     done: int = 0
@@ -107,7 +107,7 @@ class _Parts:
 
 
 def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
-    """Return the whitened fit, with what is known to have happened between setpoints, or what makes it likeliest."""
+    """Return the whitened fit, with the given behaviour between setpoints, or the most likely one."""
     sampled = any(recording.sampled for recording in recordings)
     candidates = (Between.MIXED, Between.LINEAR, Between.MIDWAY) if sampled else (Between.HELD,)
     fed = any(excerpt.fed for excerpt in excerpts)
@@ -130,7 +130,7 @@ def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Ch
     apart = white.parameters - plain.parameters
     statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
     left_plain, left_white = (
-        100.0 - np.mean(_foretold(excerpts, each, inf)) for each in (plain_trained, white_trained)
+        100.0 - np.mean(_prediction_fits(excerpts, each, inf)) for each in (plain_trained, white_trained)
     )
     whitened = bool(left_plain > _PLAIN_ERRORS_MAX * left_white)
     best, trained = (white, white_trained) if whitened else (plain, plain_trained)
@@ -140,7 +140,7 @@ def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Ch
 
 
 def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
-    """Return a fit whose delay is not below 0: no plant answers before it is asked."""
+    """Return a fit whose delay is not below 0: plants are causal."""
     if best.parameters[4] >= 0.0:
         return best
     at_zero = fit(excerpts, replace(best.model, delayed=False), best.parameters, share, whitened)
@@ -151,7 +151,7 @@ def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
     """Return what a third order - a lag of the actuators - would give beyond the second."""
     model = replace(plain.model, lag=True)
     third = fit(excerpts, model, np.append(plain.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
-    second_percent, third_percent = (float(np.mean(_foretold(excerpts, each))) for each in (plain, third))
+    second_percent, third_percent = (float(np.mean(_prediction_fits(excerpts, each))) for each in (plain, third))
     return Order(
         lag_s=float(np.exp(third.parameters[-1])),
         fit_second_percent=second_percent,
@@ -162,11 +162,13 @@ def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
 
 def _is_misfit(excerpts: Sequence[Excerpt], chosen: _Chosen) -> bool:
     """Return whether the plant explains so little that it is worth looking for bounds of speed and acceleration."""
-    return not chosen.whitened or min(_foretold(excerpts, chosen.trained)) < _MISFIT_PERCENT
+    return not chosen.whitened or min(_prediction_fits(excerpts, chosen.trained)) < _MISFIT_PERCENT
 
 
-def _foretold(excerpts: Sequence[Excerpt], trained: Fit, window_s: float = FORETOLD_S) -> tuple[float, float]:
-    """Return the fits, x and y, on what was not fitted: foretold so far at a time."""
+def _prediction_fits(
+    excerpts: Sequence[Excerpt], trained: Fit, window_s: float = PREDICTION_HORIZON_S
+) -> tuple[float, float]:
+    """Return the validation fits along x and y, predicted over windows of `window_s`."""
     x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE, window_s)) for axis in range(2))
     return x, y
 
@@ -178,7 +180,7 @@ def _result(parts: _Parts) -> Identified:
     a0_x, a1_x, a0_y, a1_y = (_positive(value, spread) for value, spread in zip(logs, half[:4], strict=True))
     delay_s, unbounded_s = float(best.parameters[4]), best.unbounded_delay()
     delay = Interval(delay_s, max(0.0, unbounded_s - float(half[4])), max(delay_s, unbounded_s + float(half[4])))
-    fits = _foretold(parts.excerpts, trained)
+    fits = _prediction_fits(parts.excerpts, trained)
     axes = []
     for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
         own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
@@ -216,7 +218,7 @@ def _result(parts: _Parts) -> Identified:
 def _of_another(parts: _Parts, plant: Plant) -> tuple[float, float]:
     """Return the fit of another plant on what was not fitted."""
     trained = parts.chosen.trained
-    return _foretold(parts.excerpts, replace(trained, parameters=parameters_of(plant, trained.model)))
+    return _prediction_fits(parts.excerpts, replace(trained, parameters=parameters_of(plant, trained.model)))
 
 
 def _gain(best: Fit) -> Interval:

@@ -14,7 +14,7 @@ from estimation.plant.model import Plant
 from estimation.state import Vector
 
 DELAY_MIN_S, DELAY_MAX_S = -0.3, 0.6
-"""A delay below zero is no plant's, but a fit that wants one tells of clocks or sampling: it may say so."""
+"""A delay below zero is not causal, but it shows faulty clocks or sampling: the fit may have one."""
 _NO_DELAY_S = 1e-5
 A0_RANGE, A1_RANGE, LAG_RANGE_S, FEEDFORWARD_RANGE = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
 PLANT_NAMES = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
@@ -248,7 +248,7 @@ class _Problem:
 
 
 def _at_least(covariance: Vector, jacobian: Vector) -> Vector:
-    """Return a covariance that is large where the flight told nothing: leaving out blocks does not show that."""
+    """Return a covariance that is large where the flight has no excitation, which the jackknife does not show."""
     prior = np.eye(covariance.shape[0]) / _PRIOR_DEVIATION**2
     expected = np.diag(np.linalg.inv(jacobian.T @ jacobian + prior))
     found = np.diag(covariance)

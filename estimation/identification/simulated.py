@@ -11,8 +11,8 @@ from estimation.identification.excerpts import GRID_S, Excerpt, grid_s
 from estimation.identification.output_error import Fit
 from estimation.state import Vector
 
-FORETOLD_S = 10.0
-"""How far ahead a plant has to foretell: what an estimator wanders in longer than that says nothing about the plant."""
+PREDICTION_HORIZON_S = 10.0
+"""Prediction horizon of the validation: over longer times the estimator's drift dominates the error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

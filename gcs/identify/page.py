@@ -12,7 +12,7 @@ from estimation.identification.excerpts import GRID_S, grid_s
 from estimation.identification.identified import Found, Identified
 from estimation.identification.identify import TRAINED_SHARE
 from estimation.identification.response import response_of
-from estimation.identification.simulated import FORETOLD_S, Simulated, simulated
+from estimation.identification.simulated import PREDICTION_HORIZON_S, Simulated, simulated
 from estimation.state import Vector
 from gcs.identify.view import (
     bounds_words,
@@ -81,7 +81,10 @@ def _verdict(identified: Identified) -> Section:
 
 def _held_out(found: Found) -> Section:
     validation = found.validation
-    flights = [simulated(validation.excerpts, validation.trained, axis, TRAINED_SHARE, FORETOLD_S) for axis in range(2)]
+    flights = [
+        simulated(validation.excerpts, validation.trained, axis, TRAINED_SHARE, PREDICTION_HORIZON_S)
+        for axis in range(2)
+    ]
     longest = max(range(len(validation.excerpts)), key=lambda at: validation.excerpts[at].duration_s)
     setpoint_m = validation.excerpts[longest].setpoint_m()
     charts = []
@@ -97,7 +100,7 @@ def _held_out(found: Found) -> Section:
     share = f"{100 * TRAINED_SHARE:.0f} %"
     lead = (
         f"A plant fitted to the first {share} of each part of the flight alone foretells the rest from setpoints only, "
-        f"{FORETOLD_S:g} s at a time; seconds of the log."
+        f"{PREDICTION_HORIZON_S:g} s at a time; seconds of the log."
     )
     return Section("held-out", "On what was not fitted", lead, tuple(charts))
 

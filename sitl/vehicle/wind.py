@@ -1,11 +1,11 @@
 """The wind at a vehicle: a steady part, and Dryden turbulence at low altitude (MIL-F-8785C, section 3.7.2.5).
 
-Turbulence is a frozen pattern that is carried past the vehicle. Its pace is the speed of the air about a vehicle that
-hardly moves, which is the wind's own.
+Turbulence is a frozen pattern that the wind carries past the vehicle (Taylor's hypothesis). The vehicle's own speed is
+neglected.
 """
 
 from dataclasses import dataclass
-from math import hypot, pi, sqrt
+from math import hypot, sqrt
 
 import numpy as np
 from scipy.linalg import expm
@@ -14,7 +14,7 @@ from estimation.state import Vector
 
 FEET_M = 0.3048
 SPEED_LEAST_M_S = 1.0
-"""Below this speed of the wind the pattern is carried past by the vehicle's own motion."""
+"""Lower bound of the pattern's speed: in less wind the vehicle's own motion carries it past."""
 _BLOCK = 512
 
 
@@ -26,17 +26,6 @@ class Turbulence:
     intensity_m_s: float
     speed_m_s: float
 
-    def along_density(self, angular_rad_s: Vector) -> Vector:
-        """Return the one-sided spectral density along the wind, over angular frequency [m²/s² per rad/s]."""
-        span = self.length_m / self.speed_m_s
-        return np.asarray(self.intensity_m_s**2 * 2.0 * span / pi / (1.0 + (span * angular_rad_s) ** 2))
-
-    def across_density(self, angular_rad_s: Vector) -> Vector:
-        """Return the one-sided spectral density across the wind, over angular frequency [m²/s² per rad/s]."""
-        span = self.length_m / self.speed_m_s
-        reduced = (span * angular_rad_s) ** 2
-        return np.asarray(self.intensity_m_s**2 * span / pi * (1.0 + 3.0 * reduced) / (1.0 + reduced) ** 2)
-
 
 def low_altitude(wind_m_s: float, height_m: float) -> Turbulence:
     """Return the turbulence below 1000 ft in a wind of `wind_m_s` at 20 ft; below 10 ft it is that of 10 ft."""
@@ -47,12 +36,12 @@ def low_altitude(wind_m_s: float, height_m: float) -> Turbulence:
 
 
 class Wind:
-    """The wind at one vehicle, step by step [m/s, mission frame]; its turbulence has always been there."""
+    """The wind at one vehicle, step by step [m/s, mission frame]; its turbulence starts in the stationary state."""
 
     def __init__(
         self, steady_m_s: tuple[float, float], gusts: Turbulence | None, step_s: float, random: np.random.Generator
     ) -> None:
-        """Blow steadily, with gusts along and across that wind, or without."""
+        """Set a steady wind, with gusts along and across it, or without."""
         speed_m_s = hypot(*steady_m_s)
         along = (steady_m_s[0] / speed_m_s, steady_m_s[1] / speed_m_s) if speed_m_s > 0.0 else (1.0, 0.0)
         self._steady = steady_m_s

@@ -1,4 +1,4 @@
-"""Whether to fly by an identified plant, and the reasons in words."""
+"""The grade of an identified plant, with the reasons in words."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ Reasons = list[tuple[PlantGrade, str]]
 
 
 def refused(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> Identified | None:
-    """Return the verdict on flights that nothing can be learnt from, None if something can."""
+    """Return the result for flights without enough excitation, None if there is enough."""
     duration_s = sum(excerpt.duration_s for excerpt in excerpts)
     reason = _refusal(recordings, excerpts, duration_s)
     return None if reason is None else Identified(PlantGrade.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
@@ -59,7 +59,7 @@ def _centred(values: Vector) -> Vector:
 
 
 def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> tuple[PlantGrade, tuple[str, ...]]:
-    """Return whether to fly by what was found, with the reasons, the gravest first."""
+    """Return the grade of an identified plant, with the reasons, the gravest first."""
     reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, unbounded_delay_s, delay_deviation_s)]
     reasons += _of_feedforward(found)
     if not found.order.second_is_enough:
