@@ -87,14 +87,13 @@ class MavlinkVehicle:
         """Serve `autopilot` in its dialect; `origin_m` is its estimator's origin in the mission frame."""
         self._faults = faults or VehicleFaults()
         self.autopilot = autopilot
-        self.autopilot.parameters.set(dialect.system_id_parameter, system_id)
+        autopilot.parameters.set(dialect.system_id_parameter, system_id)
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
         self._dialect = dialect
         self._system_id = system_id
-        self._frame = frame
-        self._origin_m = origin_m
-        reporter = Reporter(
+        self._frame, self._origin_m = frame, origin_m
+        self._reporter = Reporter(
             autopilot,
             dialect,
             system_id=system_id,
@@ -104,9 +103,8 @@ class MavlinkVehicle:
             rng=rng or np.random.default_rng(0),
             faults=self._faults,
         )
-        self._reporter = reporter
-        self._schedule = Schedule(dialect.rates_hz, reporter.known)
-        self._commander = Commander(autopilot, dialect, frame=frame, reporter=reporter, schedule=self._schedule)
+        self._schedule = Schedule(dialect.rates_hz, self._reporter.known)
+        self._commander = Commander(autopilot, dialect, frame=frame, reporter=self._reporter, schedule=self._schedule)
         self._listing: list[int] = []
         self._texts_chunked = 0
         self._fence: tuple[Fields, ...] = ()
