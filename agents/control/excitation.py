@@ -4,7 +4,7 @@ Steps between random levels excite delay and stiffness most, swept sines the dam
 out. Each axis is excited alone, then both together by signals of their own. A plant with feed-forward gets
 the sines with their velocities beside them, and the steps with none: apart they identify both. The plant
 is linear, and so one simulated flight at unit amplitude gives how large a part may be for box and speed - also where
-the plant file is wrong.
+the profile is wrong.
 """
 
 from bisect import bisect_right
@@ -123,7 +123,7 @@ class Motion(msgspec.Struct, frozen=True):
 
 
 class Preview(msgspec.Struct, frozen=True):
-    """What the programme is predicted to take, with the plant of the plant file; `reach_m` is from the box's middle."""
+    """What the programme is predicted to take, with the profile's plant; `reach_m` is from the box's middle."""
 
     duration_s: float
     reach_m: float

@@ -87,7 +87,8 @@ TABLE = (
     Row(
         Condition.ESTIMATOR_JUMPED,
         "the autopilot's position is a metre or more from one sample to the next where its velocity does not lead, and "
-        "stays there for `own_filter.gate_timeout_s`: the filter begins anew; it lasts until `failsafe.settle_s` after",
+        "stays there for the profile's `own_filter.gate_timeout_s`: the filter starts again; it lasts until "
+        "`tuning.failsafe.settle_s` after",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -123,7 +124,7 @@ TABLE = (
     ),
     Row(
         Condition.TOO_CLOSE,
-        "for all the guard does, a peer at the same height is nearer than `failsafe.separation_share` of "
+        "for all the guard does, a peer at the same height is nearer than `tuning.failsafe.separation_share` of "
         "`safety.separation_m`",
         "failsafe.separation_s",
         _GRADUALLY,
@@ -138,8 +139,8 @@ TABLE = (
     ),
     Row(
         Condition.TARGET_JUMPED,
-        "on the ring, and all sightings have disagreed with the estimate for `target_filter.gate_timeout_s`: the "
-        "filter begins anew; it lasts until `failsafe.settle_s` after the last time",
+        "on the ring, and all sightings have disagreed with the estimate for `tuning.target_filter.gate_timeout_s`: "
+        "the filter starts again; it lasts until `tuning.failsafe.settle_s` after the last time",
         "",
         _GRADUALLY,
         RESUME,
@@ -178,7 +179,7 @@ TABLE = (
     ),
     Row(
         Condition.CLOCK_STEPPED,
-        "all messages of a peer are dated more than `failsafe.clock_step_s` off what was usual",
+        "all messages of a peer are dated more than `tuning.failsafe.clock_step_s` off what was usual",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,

@@ -1,6 +1,6 @@
 """The last step before the wire: an aim becomes a setpoint and a velocity beside it.
 
-By the plant file any pair with the same aim does the same: what the guard allowed holds whatever velocity is chosen. It
+By the plant any pair with the same aim does the same: what the guard allowed holds whatever velocity is chosen. It
 is where the vehicle differs from its file that the choice matters. The velocity sent is the one that the plant reaches
 under the aim, half the time constant of its damping from now: at a steady speed the setpoint then needs no lead, and no
 error of a0 or a1 is seen; while it accelerates, errors of either count by half. It follows the aim that the guard left:

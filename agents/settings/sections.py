@@ -1,10 +1,11 @@
-"""The sections of a mission file that an agent obeys."""
+"""The sections of a mission file that configure an agent: what a user decides, with how it is tuned."""
 
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
 from agents.settings.shapes import Shape
+from agents.settings.tuning import SETPOINTS_FASTER, EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
 from estimation.settings import Settings
 
 
@@ -18,12 +19,12 @@ def pairs(value: object) -> object:
     return tuple(map(pair, value)) if isinstance(value, list) else value
 
 
-class FormationSettings(Settings):
-    """Spacing between neighbours, the leader and its speed along x, and the weights of (13). The `shape` is a "line"
-    abreast, a "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, and that unless told
-    otherwise where they have one; `cordon command formation` changes it in flight. The line of the mission begins at
-    `start_m`, the leader's own start unless told otherwise. A vehicle keeps station on its "predecessor", the next one
-    towards the leader, or on the mission's "line" itself. Noses point along x ("fixed"), or along the "path" flown.
+class FormationSection(Settings):
+    """`[formation]`: spacing between neighbours, the leader and its speed along x. The `shape` is a "line" abreast, a
+    "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, and the default where they have one;
+    `cordon command formation` changes it in flight. The line of the mission begins at `start_m`, the leader's own start
+    unless given. A vehicle keeps station on its "predecessor", the next one towards the leader, or on the mission's
+    "line" itself. Noses point along x ("fixed"), or along the "path" flown.
     """
 
     spacing_m: float = Field(gt=0.0, le=1000.0)
@@ -33,20 +34,18 @@ class FormationSettings(Settings):
     shape: Shape | None = None
     station: Literal["predecessor", "line"] = "predecessor"
     yaw: Literal["fixed", "path"] = "fixed"
-    position_weight: float = Field(1.0, gt=0.0, le=1e6)
-    velocity_weight: float = Field(1.0, ge=0.0, le=1e6)
-    increment_weight: float = Field(0.5, gt=0.0, le=1e6)
     speed_max_m_s: float = Field(2.0, gt=0.0, le=20.0)
-    prediction_step_s: float = Field(0.5, gt=0.0, le=5.0)
-    horizon: int = Field(8, ge=2, le=50)
-    control_horizon: int = Field(2, ge=1, le=10)
 
 
-class EncirclementSettings(Settings):
-    """The ring: radius and angular rate, the spacing gain of (22), the weights of (24), the bounds of the LMPC. On it
-    a vehicle's nose points along x ("fixed"), or at the "target". It flies at its `altitude_m` ("layers"), or follows
-    the altitude of the "target" at `climb_max_m_s` at most: the lowest vehicle `altitude_offset_m` above it, the others
-    as much higher as their `altitude_m` are.
+class FormationSettings(FormationSection, FormationTuning):
+    """All settings of the formation: `[formation]` and `[tuning.formation]`."""
+
+
+class EncirclementSection(Settings):
+    """`[encirclement]`: radius and angular rate of the ring, and the speed and acceleration that its LMPC may plan. On
+    it a vehicle's nose points along x ("fixed"), or at the "target". It flies at its `altitude_m` ("layers"), or
+    follows the altitude of the "target" at `climb_max_m_s` at most: the lowest vehicle `altitude_offset_m` above it,
+    the others as much higher as their `altitude_m` are.
     """
 
     radius_m: float = Field(gt=0.0, le=1000.0)
@@ -55,21 +54,12 @@ class EncirclementSettings(Settings):
     altitude: Literal["layers", "target"] = "layers"
     altitude_offset_m: float | None = Field(None, ge=-200.0, le=200.0)
     climb_max_m_s: float = Field(1.0, ge=0.5, le=5.0)
-    smoothing_time_s: float = Field(3.5, ge=0.0, le=60.0)
-    spacing_gain_per_s: float = Field(0.3, ge=0.0, le=2.0)
-    radius_weight: float = Field(1.0, gt=0.0, le=1e6)
-    rate_weight: float = Field(10.0, gt=0.0, le=1e6)
-    lag_weight: float = Field(12.0, ge=0.0, le=1e6)
-    lead_weight: float = Field(12.0, ge=0.0, le=1e6)
-    radial_increment_weight: float = Field(0.2, gt=0.0, le=1e6)
-    angular_increment_weight: float = Field(2.0, gt=0.0, le=1e6)
     speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0)
     acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0)
-    radius_min_m: float = Field(1.0, gt=0.0, le=1000.0)
-    radius_far_m: float = Field(60.0, gt=0.0, le=10000.0)
-    prediction_step_s: float = Field(0.3, gt=0.0, le=5.0)
-    horizon: int = Field(8, ge=2, le=50)
-    control_horizon: int = Field(2, ge=1, le=10)
+
+
+class EncirclementSettings(EncirclementSection, EncirclementTuning):
+    """All settings of the encirclement: `[encirclement]` and `[tuning.encirclement]`."""
 
 
 class DecisionSettings(Settings):
@@ -80,19 +70,14 @@ class DecisionSettings(Settings):
     distance_max_m: float = Field(12.0, gt=0.0, le=10000.0)
 
 
-_SETPOINTS_FASTER = 2.0
-"""Times the speed limit: a setpoint moves with its vehicle, and before it when the vehicle is to speed up or turn."""
-
-
-class SafetySettings(Settings):
-    """What is never to be exceeded, whatever a tactic wishes: the guard changes setpoints so that vehicles keep
-    `separation_m` from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the
-    target (0: none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two
-    altitudes; and below the speed. `uncertainty_sigmas` is how much of the estimates' uncertainty is added,
-    `barrier_rate_per_s` how fast a distance may shrink, relative to what is left of it; `lost_avoided_s` is how long
-    the last place of a silent vehicle is avoided. `yaw_rate_max_deg_s` is how fast noses are turned, where they are.
-    Wishes move the setpoint by `setpoint_speed_max_m_s` at most, twice `speed_max_m_s` unless told otherwise; the guard
-    may move it faster. `guard = false` switches the guard off: for simulations.
+class SafetySection(Settings):
+    """`[safety]`: limits that hold for every tactic. The guard changes setpoints so that vehicles keep `separation_m`
+    from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the target (0:
+    none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes;
+    and below the speed. `lost_avoided_s` is how long the last place of a silent vehicle is avoided.
+    `yaw_rate_max_deg_s` is how fast noses turn. Without telemetry for `telemetry_timeout_s` a vehicle holds.
+    `abort_hover_s` is how long it hovers after an abort before it lands. `guard = false` switches the guard off: for
+    simulations.
     """
 
     guard: bool = True
@@ -105,41 +90,37 @@ class SafetySettings(Settings):
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)
     acceleration_max_m_s2: float = Field(4.0, gt=0.0, le=20.0)
     yaw_rate_max_deg_s: float = Field(45.0, gt=0.0, le=360.0)
-    barrier_rate_per_s: float = Field(1.3, gt=0.0, le=5.0)
-    uncertainty_sigmas: float = Field(3.0, ge=0.0, le=10.0)
     lost_avoided_s: float = Field(60.0, ge=0.0, le=3600.0)
-    setpoint_lead_max_m: float = Field(6.0, gt=0.0, le=50.0)
-    setpoint_speed_max_m_s: float | None = Field(None, gt=0.0, le=100.0)
     telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
     abort_hover_s: float = Field(5.0, ge=0.0, le=60.0)
 
+
+class SafetySettings(SafetySection, SafetyTuning):
+    """All settings of the safety: `[safety]` and `[tuning.safety]`."""
+
     @property
     def setpoint_speed_bound_m_s(self) -> float:
-        """How fast wishes may move the setpoint."""
-        told_m_s = self.setpoint_speed_max_m_s
-        return _SETPOINTS_FASTER * self.speed_max_m_s if told_m_s is None else told_m_s
+        """How fast plans may move the setpoint: ahead of the vehicle as well when that speeds up or turns."""
+        given_m_s = self.setpoint_speed_max_m_s
+        return SETPOINTS_FASTER * self.speed_max_m_s if given_m_s is None else given_m_s
 
 
-class FailsafeSettings(Settings):
-    """How long a condition of the failsafe table (safety.md) is borne before a vehicle reacts, and what counts as one.
-    What persists for `escalation_s` more is met by a graver reaction; the batteries' are shares of a full one.
+class FailsafeSection(Settings):
+    """`[failsafe]`: when a condition of the failsafe table (safety.md) counts, and how long until a graver reaction. A
+    condition that lasts `escalation_s` longer leads to the next reaction; the batteries' are shares of a full one; the
+    others are how long the bus, all peers or one of them may be silent.
     """
 
     escalation_s: float = Field(30.0, ge=1.0, le=3600.0)
-    settle_s: float = Field(5.0, gt=0.0, le=600.0)
     battery_low: float = Field(0.2, ge=0.0, lt=1.0)
     battery_critical: float = Field(0.1, ge=0.0, lt=1.0)
-    battery_s: float = Field(5.0, ge=0.0, le=60.0)
-    fence_s: float = Field(0.5, ge=0.0, le=60.0)
-    separation_share: float = Field(0.8, ge=0.0, le=1.0)
-    separation_s: float = Field(0.3, ge=0.0, le=60.0)
-    plan_s: float = Field(1.0, ge=0.0, le=60.0)
     bus_lost_s: float = Field(2.0, ge=0.0, le=600.0)
     peers_silent_s: float = Field(3.0, ge=1.0, le=600.0)
     peer_silent_s: float = Field(2.0, ge=1.0, le=600.0)
-    late_s: float = Field(2.0, ge=0.0, le=60.0)
-    clock_step_s: float = Field(0.5, ge=0.1, le=10.0)
-    clock_s: float = Field(1.0, ge=0.0, le=60.0)
+
+
+class FailsafeSettings(FailsafeSection, FailsafeTuning):
+    """All settings of the failsafe: `[failsafe]` and `[tuning.failsafe]`."""
 
 
 def _ids(value: object) -> object:
@@ -163,8 +144,8 @@ class ChoreographySettings(Settings):
 class ExcitationSettings(Settings):
     """The flight for identification (`cordon excite`): steps between random levels, then swept sines, on x, on y and on
     both. It stays in a box, `half_width_m` to all four sides of its middle, which is `offset_m` from the vehicle's
-    start, and below `speed_max_m_s`, also on a plant whose numbers are `plant_doubt` (a share) off the plant file; with
-    the plant file's it stays below the acceleration. A level lasts between its two times; `rest_s` pass before a part.
+    start, and below `speed_max_m_s`, also on a plant whose numbers are `plant_doubt` (a share) off the profile's; with
+    the profile's it stays below the acceleration. A level lasts between its two times; `rest_s` pass before a part.
     """
 
     offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = (12.0, 0.0)

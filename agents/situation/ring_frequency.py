@@ -1,6 +1,6 @@
 """The rate at which a vehicle goes around the target: the disturbance of a wrong plant swings at that rate.
 
-On the ring that is the ring's rate in steady state. But a vehicle whose plant file is wrong goes around more slowly
+On the ring that is the ring's rate in steady state. But a vehicle whose plant is wrong goes around more slowly
 until its disturbance is estimated, and an oscillator faster than it flies estimates that late.
 """
 

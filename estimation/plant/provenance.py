@@ -1,4 +1,4 @@
-"""Where the numbers of a plant file come from: what was identified, from which logs, and how far it can be trusted."""
+"""Where the numbers of a plant come from: what was identified, from which logs, and how far it can be trusted."""
 
 from enum import Enum
 from typing import Annotated
@@ -47,7 +47,7 @@ class IdentifiedLog(Settings):
 
 
 class Identification(Settings):
-    """The section `[identified]` of a plant file.
+    """`[identified]`: how the plant of a profile was identified.
 
     `method` names the method and its version, `date` is the ISO date; `setpoints` says what was taken to happen between
     two logged setpoints; `vehicle` is the system id. `fit_x_percent` and `fit_y_percent` are the fit on a part of the

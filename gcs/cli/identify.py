@@ -1,4 +1,4 @@
-"""`cordon identify`: from the logs of flights to a plant file, and whether to fly by it."""
+"""`cordon identify`: from the logs of flights to a profile, and whether to fly by it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class IdentifyOptions:
 
     output: Annotated[
         Path | None,
-        Parameter(name=["--output", "-o"], group=RESULT, help="The plant file to write, which must not exist yet."),
+        Parameter(name=["--output", "-o"], group=RESULT, help="The profile to write, which must not exist yet."),
     ] = None
     vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, where logs hold several vehicles.")] = None
     against: Annotated[
@@ -87,24 +87,25 @@ def _read(paths: Sequence[Path], vehicle: int | None) -> "list[VehicleLog]":
 
 
 def _plant(name: str) -> "Plant":
-    from estimation.plant.file import PlantFileError, load_plant
+    from estimation.profile.profile import ProfileError
+    from estimation.profile.shelf import ProfileShelf
 
     try:
-        return load_plant(name, Path())
-    except PlantFileError as error:
+        return ProfileShelf(Path()).load(name).plant
+    except ProfileError as error:
         raise InputError([f"--against: {fault}" for fault in error.faults]) from error
 
 
 def _write_files(identified: "Identified", logs: "Sequence[VehicleLog]", options: IdentifyOptions) -> None:
     from gcs.console.terminal import print_line
-    from gcs.identify.view import identification_of, plant_text
+    from gcs.identify.view import identification_of, profile_text
 
     found = identified.found
     if options.output is not None and found is None:
         print_line(f"{options.output}: not written: no plant was found")
     elif options.output is not None and found is not None:
         identification = identification_of(identified, found, logs, date.today())
-        _write("--output", options.output, plant_text(found, identification))
+        _write("--output", options.output, profile_text(found, identification))
     if options.html is not None:
         from gcs.identify.page import identified_html
 

@@ -1,5 +1,6 @@
 """Options that several verbs share, and how their values are looked up. Light: `--help` imports this file."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,10 +52,16 @@ Recorded = Annotated[
 
 
 def loaded_mission(name: str) -> "Mission":
-    """Return the mission that a verb was given, bundled or a file; raises InputError with every fault."""
+    """Return the mission that a verb was given, bundled or a file; its warnings go to standard error.
+
+    Raises InputError with every fault.
+    """
     from gcs.mission.file import load_mission
 
-    return load_mission(name)
+    mission = load_mission(name)
+    for warning in mission.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return mission
 
 
 def chosen_vehicle(mission: "Mission", vehicle_id: int, option: str) -> "MissionVehicle":

@@ -78,7 +78,7 @@ class Drill(Generic[Flight]):
         """Return why a mission cannot have this drill, empty if it can."""
         if len(mission.ids) < self.vehicles_min:
             return f"takes {self.vehicles_min} vehicles"
-        if self.by_autopilot and any(each.section.autopilot != "px4" for each in mission.vehicles):
+        if self.by_autopilot and any(each.autopilot != "px4" for each in mission.vehicles):
             return "ArduPilot's stub does not play the failsafe for a silent ground station (FS_GCS_ENABLE)"
         return ""
 
@@ -112,7 +112,7 @@ def _reaction(condition: Condition) -> str:
 
 
 def _jump(roles: Roles, speed: float) -> Expectation:
-    within_s = roles.mission.own_filter.gate_timeout_s
+    within_s = roles.mission.vehicle(roles.subject).own_filter.gate_timeout_s
     return by_table(Condition.ESTIMATOR_JUMPED, the_subject, found_within_s=within_s)(roles, speed)
 
 

@@ -52,15 +52,16 @@ def _near_m(mission: Mission) -> list[float]:
 
 
 def _move_apart(content: _Content, folder: Path) -> None:
-    """Give every vehicle free ports and the team a name of its own; make the paths of plant files absolute."""
+    """Give every vehicle free ports and the team a name of its own; make the paths of profiles absolute."""
     vehicles = content["vehicles"]
     ports = iter(_free_ports(2 * len(vehicles)))
     for vehicle in vehicles:
         vehicle["url"] = f"udpin://{_LOOPBACK}:{next(ports)}"
         vehicle["endpoint"] = f"tcp/{_LOOPBACK}:{next(ports)}"
-        plant = folder / vehicle.get("plant", "")
-        if plant.is_file():
-            vehicle["plant"] = str(plant.resolve())
+        for key in ("profile", "plant"):  # the second is of earlier versions
+            profile = folder / vehicle.get(key, "")
+            if profile.is_file():
+                vehicle[key] = str(profile.resolve())
     content.setdefault("network", {})["team"] = f"drill-{os.getpid()}"
 
 

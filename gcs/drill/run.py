@@ -148,7 +148,9 @@ class DrillRun(Generic[Flight]):
         if not drill.ends_flight:
             flight.clear_faults()
             if drill.waits_for_estimate:
-                quiet_s = roles.mission.own_filter.gate_timeout_s + roles.mission.failsafe.settle_s
+                quiet_s = (
+                    roles.mission.vehicle(roles.subject).own_filter.gate_timeout_s + roles.mission.failsafe.settle_s
+                )
                 await asyncio.sleep(quiet_s / self._speed + LINGER_S)
             if drill.lands_subject:
                 roles.landed.add(roles.subject)

@@ -30,9 +30,9 @@ def preview_view(mission: Mission, planned: Preview) -> RenderableType:
     vehicle, settings = mission.vehicles[0], mission.excitation
     (x_low, y_low), _, (x_high, y_high), _ = box_m(settings, vehicle.section.start_m)
     start_x, start_y = vehicle.section.start_m
-    limits = f"at most {settings.speed_max_m_s:g} m/s, also where the plant file is {settings.plant_doubt:.0%} off"
+    limits = f"at most {settings.speed_max_m_s:g} m/s, also where the plant is {settings.plant_doubt:.0%} off"
     rows = {
-        "vehicle": f"{vehicle.id}, plant file '{vehicle.section.plant}', which starts at ({start_x:g}, {start_y:g}) m",
+        "vehicle": f"{vehicle.id}, profile '{vehicle.section.profile}', which starts at ({start_x:g}, {start_y:g}) m",
         "box": f"x from {x_low:g} to {x_high:g} m, y from {y_low:g} to {y_high:g} m, "
         f"{vehicle.section.altitude_m:g} m high; the guard's fence is around it and the way there",
         "time": f"{planned.duration_s:.0f} s, take-off and landing not counted",
@@ -111,7 +111,7 @@ def preview_dict(mission: Mission, planned: Preview) -> Mapping[str, object]:
     return {
         "mission": mission.mission.name,
         "vehicle": vehicle.id,
-        "plant": vehicle.section.plant,
+        "profile": vehicle.section.profile,
         "box_m": box_m(mission.excitation, vehicle.section.start_m),
         "altitude_m": vehicle.section.altitude_m,
         "speed_max_m_s": mission.excitation.speed_max_m_s,

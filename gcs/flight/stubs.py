@@ -50,7 +50,7 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
             noise=noise,
             wind_m_s2=simulation.wind_m_s2,
             seed=mission.mission.seed,
-            autopilot=AutopilotKind(vehicle.section.autopilot),
+            autopilot=AutopilotKind(vehicle.autopilot),
         )
         for vehicle in mission.vehicles
     ]

@@ -37,7 +37,7 @@ FORMAT = 2
 
 
 class PlantText(msgspec.Struct, frozen=True):
-    """A plant file as it was flown with."""
+    """A profile as it was flown with; an earlier version's plant file."""
 
     name: str
     text: str

@@ -37,7 +37,7 @@ def run_of(
     duration_s: float,
 ) -> Run:
     """Return what is to be said of a run; `began_s` is Unix time."""
-    plants = tuple(PlantText(name, text) for name, text in sorted(mission.plant_texts.items()))
+    plants = tuple(PlantText(name, text) for name, text in sorted(mission.profile_texts.items()))
     return Run(
         format=FORMAT,
         mission=mission.mission.name,

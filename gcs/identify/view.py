@@ -1,11 +1,11 @@
-"""What people, machines and the next flight see of an identification: a table, JSON, a plant file."""
+"""The result of an identification: a table for people, JSON for scripts, and a profile for the next flight."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import tomli_w
 from rich.console import Group, RenderableType
@@ -24,6 +24,8 @@ from estimation.plant.provenance import (
     PlantGrade,
     covariance_of,
 )
+from estimation.profile.profile import Autopilot
+from estimation.profile.shelf import ProfileShelf
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 _STYLES = {PlantGrade.GOOD: "bold green", PlantGrade.USABLE: "bold yellow", PlantGrade.DO_NOT_FLY: "bold red"}
@@ -147,7 +149,7 @@ def _found_dict(found: Found) -> dict[str, Any]:
 
 
 def identification_of(identified: Identified, found: Found, logs: Sequence[VehicleLog], today: date) -> Identification:
-    """Return where a plant comes from, as its file tells."""
+    """Return where a plant comes from: `[identified]` of its profile."""
     return Identification(
         method=METHOD,
         date=today.isoformat(),
@@ -165,12 +167,23 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
     )
 
 
-def plant_text(found: Found, told: Identification) -> str:
-    """Return a plant file."""
+def profile_text(found: Found, identified: Identification) -> str:
+    """Return a profile: the plant as it was identified, and what else the bundled profile of the autopilot holds."""
+    autopilot = next((name for name in get_args(Autopilot) if name == identified.autopilot.lower()), None)
+    lines = ["# Written by `cordon identify`; x points north, y west."]
+    if autopilot is not None:
+        lines.append(f"autopilot = {_toml(autopilot)}")
+    lines += _plant_lines(found)
+    if autopilot is not None:
+        lines += _bundled_lines(autopilot)
+    return "\n".join([*lines, *_identified_lines(identified)]) + "\n"
+
+
+def _plant_lines(found: Found) -> list[str]:
     (x, y), gain = found.axes, found.feedforward
     equation = "a0 (X_d - x) - a1 x'" if gain is None else "a0 (X_d - x) + a1 (feedforward V_d - x')"
     lines = [
-        f"# x'' = {equation}, identified by `cordon identify`; x points north, y west.",
+        f"# The plant as identified: x'' = {equation}.",
         f"delay_s = {found.delay_s.value:.4g}  # {bounds_words(found.delay_s, 3)} (95 %)",
     ]
     if gain is not None:
@@ -181,16 +194,32 @@ def plant_text(found: Found, told: Identification) -> str:
             f"a0_per_s2 = {axis.a0_per_s2.value:.4g}  # {bounds_words(axis.a0_per_s2, 3)}",
             f"a1_per_s = {axis.a1_per_s.value:.4g}  # {bounds_words(axis.a1_per_s, 3)}",
         ]
-    lines.append("\n[identified]")
-    for name, value in told.model_dump().items():
+    return lines
+
+
+def _bundled_lines(autopilot: Autopilot) -> list[str]:
+    """Return what is not identified, as far as the bundled profile differs from the defaults."""
+    bundled = ProfileShelf(Path()).load(autopilot)
+    lines = []
+    for section, settings in (("own_filter", bundled.own_filter), ("limits", bundled.limits)):
+        values = settings.model_dump(exclude_unset=True)
+        if values:
+            lines += [f"\n# Not identified: from the bundled profile '{autopilot}'.", f"[{section}]"]
+            lines += [f"{name} = {_toml(value)}" for name, value in values.items()]
+    return lines
+
+
+def _identified_lines(identified: Identification) -> list[str]:
+    lines = ["\n[identified]"]
+    for name, value in identified.model_dump().items():
         if name == "covariance":
-            lines += [f"# of {', '.join(covariance_of(feedforward=told.feeds))}", "covariance = ["]
+            lines += [f"# of {', '.join(covariance_of(feedforward=identified.feeds))}", "covariance = ["]
             lines += [f"  [{', '.join(f'{number:.6g}' for number in row)}]," for row in value] + ["]"]
         elif name != "logs":
             lines.append(f"{name} = {_toml(value)}")
-    for log in told.logs:
+    for log in identified.logs:
         lines += ["\n[[identified.logs]]", f"name = {_toml(log.name)}", f"sha256 = {_toml(log.sha256)}"]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _toml(value: object) -> str:

@@ -8,16 +8,16 @@ from gcs.mission.mission import LinkSection, Mission, MissionSection
 from gcs.mission.stability import loops
 
 _NEUTRAL = 1e-6
-"""A loop that neither settles nor grows is a wish, as of a ring whose members are not to be spaced."""
+"""A loop that neither settles nor grows is intended, as of a ring whose members are not to be spaced."""
 _ADVICE = {
-    "formation": "raise increment_weight, lower position_weight, or raise mission.rate_hz",
-    "encirclement": "weights and gains of the same section, prediction_step_s and mission.rate_hz go together: "
+    "formation": "raise increment_weight or lower position_weight of [tuning.formation], or raise mission.rate_hz",
+    "encirclement": "weights, gains and prediction_step_s of [tuning.encirclement] and mission.rate_hz go together: "
     "begin with their defaults",
 }
 
 
 def unstable_loops(mission: Mission) -> Iterator[str]:
-    """Check every loop on every plant of the mission: the worst of each section is told, with its margin."""
+    """Return the worst unstable loop of each section on every plant of the mission, with its margin."""
     checked: set[Plant] = set()
     for index, vehicle in enumerate(mission.vehicles):
         if vehicle.plant in checked:

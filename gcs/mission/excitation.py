@@ -11,7 +11,7 @@ from estimation.settings import Settings
 from gcs.mission.mission import Mission, MissionVehicle
 
 ACCELERATION_NOISE_M_S2 = 1.0
-"""What is flown to find out a plant must not rest on it: the filter believes what is measured instead."""
+"""The flight that identifies a plant must not rely on a plant: the filter relies on the measurements."""
 PLACE_TOLERANCE_M = 2.0
 """How far from its place in the mission file a vehicle may stand without a remark."""
 UNSEEN_M = 1e-3
@@ -81,7 +81,8 @@ def excited(mission: Mission, vehicle: MissionVehicle) -> Mission:
     about_start = [(start_m[0] + x, start_m[1] + y) for x in (-beside, beside) for y in (-beside, beside)]
     formation = mission.formation
     slowly = {"speed_max_m_s": min(formation.speed_max_m_s, APPROACH_SHARE * settings.speed_max_m_s)}
-    noise = {"acceleration_noise_m_s2": max(mission.own_filter.acceleration_noise_m_s2, ACCELERATION_NOISE_M_S2)}
+    noise = {"acceleration_noise_m_s2": max(vehicle.own_filter.acceleration_noise_m_s2, ACCELERATION_NOISE_M_S2)}
+    vehicle = replace(vehicle, own_filter=vehicle.own_filter.model_copy(update=noise))
     limits = {
         "fence_m": hull((*about_start, *box_m(settings, start_m))),
         "speed_max_m_s": settings.speed_max_m_s,
@@ -94,7 +95,6 @@ def excited(mission: Mission, vehicle: MissionVehicle) -> Mission:
         target=mission.target.model_copy(update={"sensor": unseen}),
         formation=formation.model_copy(update={**slowly, "leader": vehicle.id, "start_m": None}),
         safety=mission.safety.model_copy(update=limits),
-        own_filter=mission.own_filter.model_copy(update=noise),
         choreography=mission.choreography.model_copy(update={"layer_m": 0.0, "landing_order": ()}),
         vehicles=(vehicle,),
         excites=True,

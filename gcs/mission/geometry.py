@@ -64,8 +64,8 @@ def limits_agree(
     setpoints_m_s = safety.setpoint_speed_max_m_s
     if setpoints_m_s is not None and setpoints_m_s < safety.speed_max_m_s:
         yield (
-            f"safety.setpoint_speed_max_m_s: at {setpoints_m_s} m/s setpoints cannot keep up with vehicles at "
-            f"speed_max_m_s = {safety.speed_max_m_s} m/s"
+            f"tuning.safety.setpoint_speed_max_m_s: at {setpoints_m_s} m/s setpoints cannot keep up with vehicles at "
+            f"safety.speed_max_m_s = {safety.speed_max_m_s} m/s"
         )
     if ring is not None and safety.keep_out_m >= ring.radius_m:
         yield (

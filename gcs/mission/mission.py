@@ -21,8 +21,8 @@ from agents.settings.sections import (
 )
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant
-from estimation.plant.provenance import Identification
-from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
+from estimation.profile.profile import Autopilot, Profile
+from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
 from sitl.world import Leg, TargetMotion
 
 
@@ -114,12 +114,17 @@ class LegSection(Settings):
     pause_s: float = Field(0.0, ge=0.0, le=3600.0)
 
 
-class TargetSection(Settings):
+class TargetSection(TargetBehaviour):
     """`[target]`: where the target is, how it moves, and how important and dangerous it is held to be. It moves at one
     velocity, or along its `legs` one after the other, `rounds` times, and then stays. With source "external" nobody
     simulates it: sightings come over the bus (docs/target.md), and its motion here is only planned with. With "mavlink"
     it is the vehicle `system_id` on `url`; how often and how well that knows its place is the sensor's rate and noise.
-    With `altitude_m`, above the mission's origin, simulated sensors tell that as well.
+    With `altitude_m`, above the mission's origin, simulated sensors report that as well. The last six keys are what is
+    known of the target: it is expected to keep its velocity but for `acceleration_noise_m_s2`, a density per root
+    second; when sightings disagree with that, its velocity may have changed by `manoeuvre_speed_m_s`, and for some time
+    after it may accelerate by `manoeuvre_acceleration_m_s2`. `velocity_prior_m_s` is the standard deviation of its
+    velocity before the first sightings. Out of sight it keeps its velocity for about `coast_s`; after `stale_after_s`
+    without a sighting its place counts as unknown, and vehicles on the ring hold.
     """
 
     source: Literal["simulated", "external", "mavlink"] = "simulated"
@@ -163,8 +168,8 @@ class LinkSection(Settings):
     """`[link]`: how often a vehicle tells its motion, its attitude while its clock is measured, and its status; and how
     often setpoints are handed to MAVSDK: every tick (none), or less often. MAVSDK itself repeats the last setpoint at
     20 Hz: a lower setpoint rate makes setpoints older, but the link no emptier than 20 of them a second.
-    Velocities go with the setpoints of vehicles whose plant file has `feedforward`; said here as well, true or false,
-    plant files of the other kind are refused.
+    Velocities go with the setpoints of vehicles whose profile has `feedforward`; given here as well, true or false,
+    profiles of the other kind are refused.
     """
 
     telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
@@ -204,7 +209,7 @@ class VerdictSection(Settings):
 
 
 class TrueScale(Settings):
-    """How far a simulated vehicle's true plant is off its plant file."""
+    """How far a simulated vehicle's true plant is off its profile's."""
 
     a0: float = Field(1.0, ge=0.1, le=10.0)
     a1: float = Field(1.0, ge=0.1, le=10.0)
@@ -212,7 +217,8 @@ class TrueScale(Settings):
 
 
 class VehicleSection(Settings):
-    """`[[vehicles]]`: one vehicle; `system_id` is its id unless told otherwise; `autopilot` is what its stub plays.
+    """`[[vehicles]]`: one vehicle; `system_id` is its id unless given. `profile` is the name of a bundled profile or a
+    file beside the mission. `autopilot` is what a stub in its place flies as, the profile's unless given.
     `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
     `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
     """
@@ -225,8 +231,8 @@ class VehicleSection(Settings):
     origin_m: Metres3 | None = None
     slot_m: Metres2 | None = None
     altitude_m: float = Field(8.0, ge=1.0, le=500.0)
-    plant: str = "stub"
-    autopilot: Literal["px4", "ardupilot"] = "px4"
+    profile: str = "stub"
+    autopilot: Autopilot | None = None
     true_scale: TrueScale = TrueScale()
     decision: DecisionSettings | None = None
     sensor: SensorChange | None = None
@@ -234,16 +240,18 @@ class VehicleSection(Settings):
 
 @dataclass(frozen=True, slots=True)
 class MissionVehicle:
-    """A vehicle of the mission with its plant loaded: what its agent believes, and what the simulation flies.
+    """A vehicle of the mission with its profile: the plant its controller assumes, and the one a simulation flies.
 
-    `identified` is where that plant is from, None where its file does not say.
+    `own_filter` are the settings of its own-state filter, `autopilot` is what it, or a stub in its place, flies as.
     """
 
     section: VehicleSection
     plant: Plant
     true_plant: Plant
     decision: DecisionSettings
-    identified: Identification | None = None
+    own_filter: OwnFilterSettings
+    autopilot: Autopilot
+    profile: Profile
 
     @property
     def id(self) -> int:
@@ -263,9 +271,10 @@ class MissionVehicle:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A whole mission, checked: every section, and the vehicles with their plants; and what it was read from.
+    """A whole mission, checked: every section, and the vehicles with their profiles; and what it was read from.
 
-    One that `excites` is the flight by which its only vehicle is identified.
+    `warnings` name the keys that stand where an earlier version had them, and where each stands today. A mission that
+    `excites` is the flight by which its only vehicle is identified.
     """
 
     mission: MissionSection
@@ -274,7 +283,6 @@ class Mission:
     encirclement: EncirclementSettings
     safety: SafetySettings
     failsafe: FailsafeSettings
-    own_filter: OwnFilterSettings
     target_filter: TargetFilterSettings
     target: TargetSection
     network: NetworkSection
@@ -285,7 +293,8 @@ class Mission:
     verdicts: VerdictSection
     vehicles: tuple[MissionVehicle, ...]
     text: str = field(compare=False)
-    plant_texts: Mapping[str, str] = field(compare=False)
+    profile_texts: Mapping[str, str] = field(compare=False)
+    warnings: tuple[str, ...] = field(default=(), compare=False)
     excites: bool = False
 
     @property
@@ -313,7 +322,7 @@ class Mission:
         return MissionFrame(origin, radians(frame.x_bearing_deg))
 
     def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
-        """Return what one vehicle's agent is told."""
+        """Return the configuration of one vehicle's agent."""
         return AgentConfig(
             vehicle_id=vehicle.id,
             slots=self.ids,
@@ -327,7 +336,7 @@ class Mission:
             decision=vehicle.decision,
             safety=self.safety,
             failsafe=self.failsafe,
-            own_filter=self.own_filter,
+            own_filter=vehicle.own_filter,
             target_filter=self.target_filter,
             choreography=self.choreography,
             home_m=vehicle.section.start_m,

@@ -118,8 +118,8 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, wider: str) -> F
 
 
 def _distance_error_m(mission: Mission) -> float:
-    """Return the error of a distance: both vehicles err, it is that of two positions."""
-    return SIGMAS * sqrt(2.0) * mission.own_filter.position_noise_m
+    """Return the error of a distance between the two vehicles whose positions are the noisiest."""
+    return SIGMAS * hypot(*sorted(each.own_filter.position_noise_m for each in mission.vehicles)[-2:])
 
 
 def _target_speed(mission: Mission) -> Finding:
@@ -173,9 +173,9 @@ def _lead(mission: Mission, vehicle: MissionVehicle) -> Finding:
         f"vehicle {vehicle.id}",
         "setpoint lead",
         f"by its plant it flies {speed_m_s:.2f} m/s with the setpoint {lead_m:.2f} m ahead; "
-        f"safety.setpoint_lead_max_m is {limit_m:g} m",
+        f"tuning.safety.setpoint_lead_max_m is {limit_m:g} m",
         "with its setpoint held nearer than that the vehicle never reaches the speed",
-        "lower the speed of ring or line, or raise safety.setpoint_lead_max_m",
+        "lower the speed of ring or line, or raise tuning.safety.setpoint_lead_max_m",
     )
 
 
@@ -189,7 +189,7 @@ def _within(facts: VehicleFacts, check: str, needed: float, unit: str, names: tu
                 facts.subject,
                 f"{check} limit",
                 f"the mission takes {needed:.2f} {unit}; its autopilot is limited to {limit:.2f} {unit} by {name}",
-                "beyond its limit the autopilot falls behind its setpoints, whatever the plant file says",
+                "beyond its limit the autopilot falls behind its setpoints, whatever its profile says",
                 f"lower the mission's, or raise {name} to {needed / RESERVE / scale:.3g} or more, if it can fly that",
             )
     either = " or ".join(name for name, _ in names)
@@ -198,6 +198,6 @@ def _within(facts: VehicleFacts, check: str, needed: float, unit: str, names: tu
         facts.subject,
         f"{check} limit",
         f"{either} could not be read: the mission takes {needed:.2f} {unit}, and whether it may fly that is not known",
-        "beyond its limit the autopilot falls behind its setpoints, whatever the plant file says",
+        "beyond its limit the autopilot falls behind its setpoints, whatever its profile says",
         f"look at {either} with a ground station, and check the link",
     )

@@ -1,4 +1,4 @@
-"""The preflight: from a mission and what its vehicles say of themselves to graded findings."""
+"""The preflight: from a mission and what its vehicles report to graded findings."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import date
@@ -14,7 +14,7 @@ from gcs.preflight.parameters import (
     fence,
     station,
 )
-from gcs.preflight.plant import plant_file
+from gcs.preflight.profile import profile
 from gcs.preflight.vehicle import (
     at_rest,
     battery,
@@ -39,7 +39,7 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, _vehicle: telemetry(facts),
     lambda facts, _mission, _vehicle: clock(facts),
 )
-"""What is asked of every vehicle that is heard."""
+"""The checks of every vehicle whose messages arrive."""
 AUTOPILOT_CHECKS: tuple[Check, ...] = (
     lambda facts, mission, _vehicle: estimator(facts, mission),
     lambda facts, _mission, _vehicle: failsafes(facts),
@@ -48,14 +48,14 @@ AUTOPILOT_CHECKS: tuple[Check, ...] = (
     fence_areas,
     lambda facts, mission, _vehicle: autopilot_limits(mission, facts),
 )
-"""What is asked of every autopilot whose parameters and reports cordon understands."""
+"""The checks of every autopilot whose parameters and reports cordon understands."""
 _ORDER = list(Grade)
 
 
 def preflight(mission: Mission, team: Sequence[VehicleFacts], today: date | None = None) -> tuple[Finding, ...]:
     """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not.
 
-    Without `today` nobody knows how old a plant file is.
+    Without `today` no profile is too old.
     """
     findings = [*feasibility(mission), *together(mission, team)]
     for facts in team:
@@ -81,4 +81,4 @@ def _of_vehicle(
     )
     for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot in JUDGES else ()):
         yield from check(facts, mission, vehicle)
-    yield from plant_file(facts, mission, vehicle, today)
+    yield from profile(facts, mission, vehicle, today)

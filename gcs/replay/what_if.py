@@ -5,8 +5,9 @@ setpoints that were truly sent. Nothing is decided anew.
 """
 
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from agents.team.inbox import Inbox
 from agents.team.messages import OperatorCommand, TargetPackage
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
-from estimation.settings import OwnFilterSettings, TargetFilterSettings
+from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from estimation.state import (
     MOTION,
     POSITION,
@@ -37,8 +38,8 @@ from estimation.state import (
 from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
-from gcs.mission.file import unknown_key, validated
 from gcs.mission.mission import Mission
+from gcs.mission.validation import unknown_key, validated
 from gcs.replay.estimates import FilterFigures, Track, rms_difference
 from gcs.replay.playback import (
     Gap,
@@ -49,6 +50,7 @@ from gcs.replay.playback import (
 )
 
 FILTERS = ("own_filter", "target_filter")
+_S = TypeVar("_S", bound=Settings)
 
 Fed = Telemetry | Sighting | TacticEvent | Command | OperatorCommand
 
@@ -63,7 +65,10 @@ class FilterSettings:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A parameter by its path in a mission file, as it was flown with and as it is tried."""
+    """A setting of a filter, as it was flown with and as it is tried.
+
+    Where vehicles flew with different values, `recorded` holds them by the vehicles' ids.
+    """
 
     key: str
     recorded: object
@@ -92,10 +97,15 @@ class WhatIf:
     gaps: tuple[str, ...]
 
 
-def changed_filters(mission: Mission, changes: Sequence[str]) -> FilterSettings:
-    """Return a mission's filters with values of KEY=VALUE changed; raises InputError with every fault."""
+def recorded_filters(mission: Mission) -> dict[int, FilterSettings]:
+    """Return the settings of both filters with which each vehicle of a mission flies, by the vehicles' ids."""
+    return {each.id: FilterSettings(each.own_filter, mission.target_filter) for each in mission.vehicles}
+
+
+def changed_filters(mission: Mission, changes: Sequence[str]) -> dict[int, FilterSettings]:
+    """Return the same with values of KEY=VALUE changed for every vehicle; raises InputError with every fault."""
     faults: list[str] = []
-    contents = {name: getattr(mission, name).model_dump() for name in FILTERS}
+    values: dict[str, dict[str, object]] = {name: {} for name in FILTERS}
     for change in changes:
         key, is_set, text = change.partition("=")
         section, _, name = key.strip().partition(".")
@@ -105,25 +115,36 @@ def changed_filters(mission: Mission, changes: Sequence[str]) -> FilterSettings:
             faults.append(unknown_key("", section, list(FILTERS)))
         else:
             try:
-                (contents[section][name],) = tomllib.loads(f"value = {text}").values()
+                (values[section][name],) = tomllib.loads(f"value = {text}").values()
             except (ValueError, RecursionError):  # also more than one value
                 faults.append(f"{section}.{name}: {text!r} is no value")
-    own = validated(OwnFilterSettings, contents["own_filter"], "own_filter", faults)
-    target = validated(TargetFilterSettings, contents["target_filter"], "target_filter", faults)
+    own = validated(OwnFilterSettings, values["own_filter"], "own_filter", faults)
+    target = validated(TargetFilterSettings, values["target_filter"], "target_filter", faults)
     if faults or own is None or target is None:
         raise InputError([f"--set: {fault}" for fault in faults])
-    return FilterSettings(own, target)
+    return {
+        vehicle_id: FilterSettings(_with_set(recorded.own_filter, own), _with_set(recorded.target_filter, target))
+        for vehicle_id, recorded in recorded_filters(mission).items()
+    }
+
+
+def _with_set(settings: _S, changes: _S) -> _S:
+    """Return settings with those of `changes` that are set there."""
+    return settings.model_copy(update={key: getattr(changes, key) for key in changes.model_fields_set})
 
 
 def what_if(
-    log: FlightLog, mission: Mission, tried: FilterSettings, on_tick: Callable[[], None] = lambda: None
+    log: FlightLog, mission: Mission, tried: Mapping[int, FilterSettings], on_tick: Callable[[], None] = lambda: None
 ) -> WhatIf:
     """Run every vehicle's filters again, as they were and as they are tried; raises LogError."""
     outcomes, gaps = list[Outcome](), list[str]()
-    recorded = FilterSettings(mission.own_filter, mission.target_filter)
+    recorded = recorded_filters(mission)
     for vehicle_id in recorded_vehicles(log):
         config = config_of(log, mission, vehicle_id)
-        feed, runs = Feed(config), [FilterRun(config, settings) for settings in (recorded, tried)]
+        feed, runs = (
+            Feed(config),
+            [FilterRun(config, settings) for settings in (recorded[vehicle_id], tried[vehicle_id])],
+        )
         for turn in turns(log, vehicle_id):
             if isinstance(turn, Gap):
                 gaps.append(f"vehicle {vehicle_id}: {turn.reason}")
@@ -271,9 +292,15 @@ def _outcomes(
         )
 
 
-def _changes(recorded: FilterSettings, tried: FilterSettings) -> Iterator[Change]:
-    for section in FILTERS:
-        before, after = getattr(recorded, section).model_dump(), getattr(tried, section).model_dump()
-        for name, value in after.items():
-            if value != before[name]:
-                yield Change(f"{section}.{name}", before[name], value)
+def _changes(recorded: Mapping[int, FilterSettings], tried: Mapping[int, FilterSettings]) -> Iterator[Change]:
+    """Return the settings that differ for any vehicle; tried is one value for all of them."""
+    for section, model in (("own_filter", OwnFilterSettings), ("target_filter", TargetFilterSettings)):
+        for name in model.model_fields:
+            before, after = (
+                {vehicle_id: getattr(getattr(each, section), name) for vehicle_id, each in settings.items()}
+                for settings in (recorded, tried)
+            )
+            if before != after:
+                values = list(before.values())
+                same = all(value == values[0] for value in values)
+                yield Change(f"{section}.{name}", values[0] if same else before, next(iter(after.values())))

@@ -7,12 +7,12 @@ import pytest
 
 from estimation.identification.identified import Found
 from estimation.identification.identify import identify
-from estimation.plant.file import PlantShelf
 from estimation.plant.model import Plant
+from estimation.profile.shelf import ProfileShelf
 from gcs.identify.reading import recording_of
 from gcs.vehicle_logs.foreign import read_vehicle_logs
 from tests.experiments.identification_draws import intervals_of
-from tests.support.paths import DATA, PLANTS
+from tests.support.paths import DATA, PROFILES
 
 LOGS = {"px4": "px4-quad-excitation.ulg", "ardupilot": "arducopter-excitation.bin", "stub": "stub-excitation.mcap"}
 
@@ -31,11 +31,11 @@ class Bundled:
 
 
 def bundled(name: str) -> Bundled:
-    file = PlantShelf(Path()).open(name)
+    file = ProfileShelf(Path()).load(name)
     [log] = read_vehicle_logs(DATA / LOGS[name])
     found = identify([recording_of(log)]).found
     assert found is not None
-    assert log.sha256 in (PLANTS / f"{name}.toml").read_text(encoding="utf-8"), "the plant file names another log"
+    assert log.sha256 in (PROFILES / f"{name}.toml").read_text(encoding="utf-8"), "the profile names another log"
     return Bundled(file.plant, found)
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.plant.file import load_plant
+from estimation.profile.shelf import ProfileShelf
 from gcs.flight.simulated import fly_simulated
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
@@ -49,8 +49,9 @@ def _without(sections: Mapping[str, Mapping[str, object]]) -> Switch:
 
 
 def _undelayed(mission: Content) -> Content:
-    """Let the plant file say that there is no delay: the truth keeps its own."""
-    return mission | {"vehicles": [each | {"plant": f"{each['plant']}-undelayed.toml"} for each in mission["vehicles"]]}
+    """Let the profile say that there is no delay: the truth keeps its own."""
+    undelayed = [each | {"profile": f"{each['profile']}-undelayed.toml"} for each in mission["vehicles"]]
+    return mission | {"vehicles": undelayed}
 
 
 SWITCHES: dict[str, Switch] = {
@@ -63,20 +64,21 @@ SWITCHES: dict[str, Switch] = {
 }
 
 
-def undelayed_plant(name: str) -> str:
-    """Return the text of a bundled plant's file without its delay."""
-    plant = load_plant(name, MISSIONS)
+def undelayed_profile(name: str) -> str:
+    """Return the text of a bundled profile without its delay."""
+    profile = ProfileShelf(MISSIONS).load(name)
+    plant, own_filter = profile.plant, profile.own_filter.model_dump()
     axes = {
         key: {"a0_per_s2": axis.a0_per_s2, "a1_per_s": axis.a1_per_s} for key, axis in (("x", plant.x), ("y", plant.y))
     }
-    return f"delay_s = 0.0\nx = {toml(axes['x'])}\ny = {toml(axes['y'])}\n"
+    return f"delay_s = 0.0\nx = {toml(axes['x'])}\ny = {toml(axes['y'])}\nown_filter = {toml(own_filter)}\n"
 
 
 def ablated(mission_name: str, switch: str) -> Mission:
     """Return a bundled mission with one part off, whose vehicles truly are what they were."""
     text = content((MISSIONS / f"{mission_name}.toml").read_text(encoding="utf-8"))
-    plants = {vehicle["plant"] for vehicle in text["vehicles"]}
-    texts = {f"{name}-undelayed.toml": undelayed_plant(name) for name in plants}
+    profiles = {vehicle["profile"] for vehicle in text["vehicles"]}
+    texts = {f"{name}-undelayed.toml": undelayed_profile(name) for name in profiles}
     given = texts if switch == "no delay prediction" else None
     changed = parse_mission(text_of(SWITCHES[switch](text)), MISSIONS, given)
     pairs = zip(changed.vehicles, parsed(text).vehicles, strict=True)
@@ -115,12 +117,12 @@ def _worst(figures: Iterable[float | None]) -> float:
 
 
 def write(folder: Path) -> None:
-    """Write every mission with every part off, and the plant files that they need."""
+    """Write every mission with every part off, and the profiles that they need."""
     for name, (switch, change) in product((*SIMULATED, *FLOWN), SWITCHES.items()):
         text = content((MISSIONS / f"{name}.toml").read_text(encoding="utf-8"))
         for vehicle in text["vehicles"]:
-            plant = folder / f"{vehicle['plant']}-undelayed.toml"
-            plant.write_text(undelayed_plant(vehicle["plant"]), encoding="utf-8")
+            profile = folder / f"{vehicle['profile']}-undelayed.toml"
+            profile.write_text(undelayed_profile(vehicle["profile"]), encoding="utf-8")
         path = folder / f"{name}-{switch.replace(' ', '-').replace(chr(39), '')}.toml"
         path.write_text(text_of(change(text)) + "\n", encoding="utf-8")
         print(path)

@@ -24,7 +24,7 @@ BIAS_MAX_M, RATE_MAX = 0.005, 0.001
 
 def flown(plant: str, a0: float, a1: float, gain: float = 1.0, *, estimates: bool = True) -> tuple[float, float, float]:
     """Fly case2; return the radius' rms error and mean error [m], and the rate's as a share of what is wanted."""
-    told: dict[str, object] = {"plant": plant, "true_scale": {"a0": a0, "a1": a1, "feedforward": gain}}
+    told: dict[str, object] = {"profile": plant, "true_scale": {"a0": a0, "a1": a1, "feedforward": gain}}
     mission = content()
     for index, (key, value) in product(range(3), told.items()):
         mission = put(mission, ("vehicles", index, key), value)

@@ -119,7 +119,8 @@ def field(
     """Return case2-field with this many vehicles, which all see the target and want to encircle it."""
     mission = content(FIELD)
     course_rad, speed_m_s = float(random.uniform(0.0, tau)), float(random.uniform(0.0, 0.2))
-    mission["encirclement"] |= {"radius_m": radius_m, "angular_rate_rad_s": rate_rad_s, "radius_far_m": 3.0 * radius_m}
+    mission["encirclement"] |= {"radius_m": radius_m, "angular_rate_rad_s": rate_rad_s}
+    mission["tuning"] = {"encirclement": {"radius_far_m": 3.0 * radius_m}}
     mission["decision"]["distance_max_m"] = 200.0
     mission["target"] |= {
         "start_m": list(target_m),

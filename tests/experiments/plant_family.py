@@ -18,6 +18,7 @@ import numpy as np
 
 from agents.outputs import TickOutput
 from estimation.plant.model import Plant, PlantAxis
+from estimation.settings import OwnFilterSettings
 from estimation.state import POSITION, Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
@@ -48,6 +49,11 @@ from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
 NOMINALS = ("stub", "px4")
+# The noise of case2-field, the disturbance that the wrong plant amounts to, and a gate that takes a jump of the
+# estimator for what it is, and leaves no vehicle to a wrong plant for long.
+OWN_FILTER = OwnFilterSettings(
+    position_noise_m=0.1, velocity_noise_m_s=0.05, disturbance_max_m_s2=7.0, gate_sigma=8.0, gate_timeout_s=0.3
+)
 DURATION_S, SETTLED_S = 240.0, 90.0
 LINEAR_DURATION_S, LINEAR_SETTLED_S = 270.0, 120.0
 RADIUS_RMS_M, RATE_SHARE, HELD_SHARE = 0.3, 0.02, 0.95
@@ -108,23 +114,24 @@ def _norm(wind_m_s: tuple[float, float]) -> str:
 def _field(nominal: str) -> Content:
     """Return case2-field with three vehicles of one plant file, about a target in sight, with room for this family."""
     mission = content(FIELD)
-    mission["vehicles"] = [vehicle | {"plant": nominal} for vehicle in mission["vehicles"]]
+    mission["vehicles"] = [vehicle | {"profile": nominal} for vehicle in mission["vehicles"]]
     for vehicle in mission["vehicles"]:
         del vehicle["true_scale"]
     mission["mission"] |= {"name": "family", "duration_s": DURATION_S}
     mission["decision"] |= {"distance_max_m": 100.0}
     mission["target"] |= {"start_m": [14.0, 0.0]}
     mission["target"]["sensor"] |= {"range_m": 60.0, "noise_m": 0.3}
-    # The lead that the softest vehicle needs at full speed, the disturbance that the wrong plant file amounts to, and a
-    # gate that takes a jump of the estimator for what it is, and leaves no vehicle to a wrong plant file for long.
-    mission["safety"] |= {"separation_m": 2.0, "setpoint_lead_max_m": 10.0}
-    mission["own_filter"] |= {"disturbance_max_m_s2": 7.0, "gate_sigma": 8.0, "gate_timeout_s": 0.3}
+    # The lead that the softest vehicle needs at full speed.
+    mission["safety"] |= {"separation_m": 2.0}
+    mission["tuning"] = {"safety": {"setpoint_lead_max_m": 10.0}}
     return mission
 
 
 def _with_truth(name: str, mission: Content, family: dict[int, Relative], settled_s: float) -> Draw:
     loaded = parsed(mission)
-    vehicles = tuple(replace(vehicle, true_plant=family[vehicle.id].plant) for vehicle in loaded.vehicles)
+    vehicles = tuple(
+        replace(vehicle, true_plant=family[vehicle.id].plant, own_filter=OWN_FILTER) for vehicle in loaded.vehicles
+    )
     return Draw(name, replace(loaded, vehicles=vehicles), family, settled_s)
 
 

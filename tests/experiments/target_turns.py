@@ -63,7 +63,7 @@ def mission(flight: Flight) -> Mission:
         for vehicle in text["vehicles"]:
             vehicle.pop("sensor", None)
     if flight is Flight.AWAITED:
-        text["target_filter"] = {"stale_after_s": PATIENCE_S}
+        text["target"]["stale_after_s"] = PATIENCE_S
     return parsed(text)
 
 

@@ -5,8 +5,9 @@ from pydantic_core import PydanticUndefined
 
 from agents.safety.failsafe import TABLE, Reaction, Row
 from agents.tactics import diagram
-from estimation.settings import Settings
-from gcs.mission.file import SECTIONS
+from estimation.plant.provenance import Identification
+from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
+from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.mission import (
     LegSection,
     SensorChange,
@@ -14,6 +15,7 @@ from gcs.mission.mission import (
     TrueScale,
     VehicleSection,
 )
+from gcs.mission.sections import SECTIONS, TUNED, TUNING
 from tests.support.paths import DOCS
 
 _TABLES: dict[str, type[Settings]] = {
@@ -24,12 +26,29 @@ _TABLES: dict[str, type[Settings]] = {
     "true_scale of a vehicle": TrueScale,
     "sensor of a vehicle": SensorChange,
 }
+_PROFILE_TABLES: dict[str, type[Settings]] = {
+    "Above all sections": ProfileFile,
+    "[x], [y]": AxisSection,
+    "[own_filter]": OwnFilterSettings,
+    "[limits]": LimitsSection,
+    "[identified]": Identification,
+}
 _LIMITS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
 
 
 def key_tables() -> str:
     """Return every section of a mission file with its keys, defaults and ranges, as Markdown."""
     return "\n\n".join(_table(title, model) for title, model in _TABLES.items())
+
+
+def profile_tables() -> str:
+    """Return every section of a profile with its keys, defaults and ranges, as Markdown."""
+    return "\n\n".join(_table(title, model) for title, model in _PROFILE_TABLES.items())
+
+
+def tuning_tables() -> str:
+    """Return every table of `[tuning]` with its keys: symbol, default, range, and the reason for the default."""
+    return "\n\n".join(_tuning_table(f"[tuning.{name}]", model) for name, model in TUNING.items())
 
 
 def tactic_diagram() -> str:
@@ -44,19 +63,21 @@ def failsafe_table() -> str:
 
 
 GENERATED = {
-    "missions.md": ("keys", key_tables),
-    "design.md": ("tactics", tactic_diagram),
-    "safety.md": ("failsafes", failsafe_table),
+    "missions.md": {"keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
+    "design.md": {"tactics": tactic_diagram},
+    "safety.md": {"failsafes": failsafe_table},
 }
 
 
 def renewed(name: str) -> str:
-    """Return a document's text with its generated part made anew."""
-    mark, generate = GENERATED[name]
-    begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
-    before, _, rest = (DOCS / name).read_text(encoding="utf-8").partition(begin)
-    _, _, after = rest.partition(end)
-    return f"{before}{begin}\n{generate()}\n{end}{after}"
+    """Return a document's text with its generated parts made anew."""
+    text = (DOCS / name).read_text(encoding="utf-8")
+    for mark, generate in GENERATED[name].items():
+        begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
+        before, _, rest = text.partition(begin)
+        _, _, after = rest.partition(end)
+        text = f"{before}{begin}\n{generate()}\n{end}{after}"
+    return text
 
 
 def _failsafe(row: Row) -> str:
@@ -74,9 +95,11 @@ def _failsafe(row: Row) -> str:
 def _grace(row: Row) -> str:
     if not row.grace:
         return "none"
-    section, key = row.grace.split(".")
+    name, key = row.grace.split(".")
+    section, model = TUNED[name]
+    place = f"tuning.{row.grace}" if key in TUNING[name].model_fields else f"{section}.{key}"
     wall = ", wall" if row.by_wall else ""
-    return f"{SECTIONS[section].model_fields[key].default:g} s{wall} (`{row.grace}`)"
+    return f"{model.model_fields[key].default:g} s{wall} (`{place}`)"
 
 
 def _descending(row: Row) -> str:
@@ -87,9 +110,35 @@ def _descending(row: Row) -> str:
 
 
 def _table(title: str, model: type[Settings]) -> str:
-    purpose = " ".join((model.__doc__ or "").split()).replace("|", "\\|")
-    rows = [f"| `{name}` | {_default(field)} | {_range(field)} |" for name, field in model.model_fields.items()]
-    return "\n".join([f"### `{title}`", "", purpose, "", "| key | default | range |", "|---|---|---|", *rows])
+    own = [name for name in model.model_fields if name in model.__annotations__]
+    names = [*own, *(name for name in model.model_fields if name not in own)]  # inherited keys last
+    fields = ((name, model.model_fields[name]) for name in names)
+    if any(field.description for field in model.model_fields.values()):
+        return _tuning_table(title, model)
+    rows = [f"| `{name}` | {_default(field)} | {_range(field)} |" for name, field in fields]
+    return "\n".join([*_head(title, model), "| key | default | range |", "|---|---|---|", *rows])
+
+
+def _tuning_table(title: str, model: type[Settings]) -> str:
+    fields = model.model_fields
+    symbols = any(map(_symbol, fields.values()))
+    rows = []
+    for name, field in fields.items():
+        cells = [f"`{name}`", *([_symbol(field)] if symbols else []), _default(field), _range(field), field.description]
+        rows.append(f"| {' | '.join(map(str, cells))} |")
+    head = ["key", *(["symbol"] if symbols else []), "default", "range", "reason for the default"]
+    return "\n".join([*_head(title, model), f"| {' | '.join(head)} |", "|---" * len(head) + "|", *rows])
+
+
+def _head(title: str, model: type[Settings]) -> list[str]:
+    purpose = " ".join((model.__doc__ or "").split()).replace("|", "\\|").removeprefix(f"`{title}`: ")
+    heading = title if title[0].isupper() else f"`{title}`"
+    return [f"### {heading}", "", purpose[:1].upper() + purpose[1:], ""]
+
+
+def _symbol(field: FieldInfo) -> str:
+    extra = field.json_schema_extra
+    return str(extra["symbol"]) if isinstance(extra, dict) else ""
 
 
 def _default(field: FieldInfo) -> str:

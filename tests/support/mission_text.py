@@ -47,13 +47,13 @@ def text_of(mission: Content) -> str:
 
 
 def drawn_vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float], most_off: float) -> Content:
-    """Draw a vehicle on the stub's plant file, whose true numbers are each up to a share off the file's."""
+    """Draw a vehicle with the noisy stub's profile, whose true plant is up to a share off the profile's."""
     a0, a1 = random.uniform(1.0 - most_off, 1.0 + most_off, 2).tolist()
     return {
         "id": slot + 1,
         "url": f"udpin://127.0.0.1:{14540 + slot}",
         "endpoint": f"tcp/127.0.0.1:{7461 + slot}",
-        "plant": "stub-delayed",
+        "profile": "stub-noisy",
         "true_scale": {"a0": a0, "a1": a1},
         "start_m": list(start_m),
     }

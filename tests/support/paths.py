@@ -6,4 +6,4 @@ ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data"
 DOCS = ROOT / "docs"
 MISSIONS = ROOT / "gcs" / "mission" / "missions"
-PLANTS = ROOT / "estimation" / "plant" / "plants"
+PROFILES = ROOT / "estimation" / "profile" / "profiles"

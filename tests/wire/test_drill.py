@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.alone]
 REACTIONS_OFF = (
     ("safety", "telemetry_timeout_s", 30.0),
     ("own_filter", "gate_timeout_s", 60.0),
-    ("target_filter", "stale_after_s", 600.0),
+    ("target", "stale_after_s", 600.0),
     ("failsafe", "battery_s", 60.0),
     ("failsafe", "peers_silent_s", 600.0),
     ("failsafe", "peer_silent_s", 600.0),

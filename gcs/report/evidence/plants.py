@@ -1,4 +1,4 @@
-"""Whether the plant files still explain how the vehicles flew, and when to identify one again."""
+"""Whether the profiles' plants still explain how the vehicles flew, and when to identify one again."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
 
 AGAIN_SHARE = 0.7
-"""Where another plant leaves less than this of what the plant file leaves (rms), it is time to identify again: half of
+"""Where another plant leaves less than this of what the profile's leaves (rms), it is time to identify again: half of
 the variance. In closed loop noise alone makes a somewhat softer plant look better: PX4's wander makes that 0.9."""
 
 
 def plant_facts(mission: Mission, evidence: FlightEvidence) -> dict[str, str]:
-    """Return what is to be said of each vehicle's plant file, by name; nothing where nobody recorded the vehicle."""
+    """Return a sentence on each recorded vehicle's plant, by its profile's name."""
     return {
         f"plant of vehicle {each.vehicle_id}": _told(mission.vehicle(each.vehicle_id), each)
         for each in evidence.vehicles
@@ -25,7 +25,7 @@ def plant_facts(mission: Mission, evidence: FlightEvidence) -> dict[str, str]:
 def _told(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
     loop, plant = evidence.loop, vehicle.plant
     sent = [loop.time_s, loop.setpoint_m[:, POSITION]] + [loop.velocity_m_s[:, POSITION]] * (plant.feedforward > 0.0)
-    watched, name = watch(plant, np.column_stack(sent), evidence.samples), f"'{vehicle.section.plant}'"
+    watched, name = watch(plant, np.column_stack(sent), evidence.samples), f"'{vehicle.section.profile}'"
     if watched is None:
         return f"{name}; too little was asked of the vehicle to tell whether it still explains it"
     left = f"{name} leaves {watched.unexplained_m:.2f} m unexplained (rms over {watched.windows} windows)"

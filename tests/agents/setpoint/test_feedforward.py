@@ -141,7 +141,7 @@ def test_a_circle_is_followed_with_the_lag_of_the_transfer_function(gain: float,
 
 def feeding(name: str, plant: str, true_a0: float, true_a1: float, *changes: tuple[Place, object]) -> Mission:
     """Return a mission that engages at once, whose vehicles' plants are off their files."""
-    told: dict[str, object] = {"plant": plant, "true_scale": {"a0": true_a0, "a1": true_a1}}
+    told: dict[str, object] = {"profile": plant, "true_scale": {"a0": true_a0, "a1": true_a1}}
     off = ((("vehicles", i, key), value) for i in range(3) for key, value in told.items())
     return engaging(name, *off, *changes)
 
@@ -166,7 +166,8 @@ def test_a_ring_keeps_radius_and_rate_on_plants_30_percent_off_even_without_an_e
 
 def test_the_log_holds_the_velocities_and_is_replayed_bit_by_bit(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("log") / "flight.mcap"
-    record_simulation(feeding("case2-field", "stub-feedforward", 1.2, 0.8), path, duration_s=20.0)
+    noisy = ("own_filter",), {"position_noise_m": 0.1, "velocity_noise_m_s": 0.05}
+    record_simulation(feeding("case2-field", "stub-feedforward", 1.2, 0.8, noisy), path, duration_s=20.0)
     log = read_log(path)
     sent = [each.setpoint.velocity_m_s for each in log.of_kind(1, Decision) if each.setpoint is not None]
     assert {len(each) for each in sent} == {3}

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimation.plant.file import PlantShelf
 from estimation.plant.provenance import COVARIANCE_OF, PlantGrade
+from estimation.profile.profile import LimitsSection
+from estimation.profile.shelf import ProfileShelf
+from estimation.settings import OwnFilterSettings
 from estimation.state import Vector
 from gcs.cli import main
 from gcs.mission.file import excitation_mission
@@ -95,12 +97,12 @@ class Runner:
         return ended.value.code, out, err
 
 
-def test_a_flight_becomes_a_plant_file_that_flies_and_says_where_it_is_from(ran: Runner) -> None:
+def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Runner) -> None:
     ran.hold(log := log_of())
     code, out, err = ran(log.path, "-o", "own.toml", "--json", "--html", "own.html")
     assert code == 0
     assert "verdict: good" in err
-    file = PlantShelf(ran.folder).open("own.toml")
+    file = ProfileShelf(ran.folder).load("own.toml")
     told, result = file.identified, json.loads(out)
     assert told is not None
     plant = (file.plant.x.a0_per_s2, file.plant.x.a1_per_s, file.plant.y.a0_per_s2, file.plant.y.a1_per_s)
@@ -116,6 +118,8 @@ def test_a_flight_becomes_a_plant_file_that_flies_and_says_where_it_is_from(ran:
     assert told.verdict is PlantGrade.GOOD
     deviations = np.sqrt([told.covariance[at][at] for at in range(len(COVARIANCE_OF))])
     assert (np.abs(np.subtract((*plant, file.plant.delay_s), (1.5, 1.9, 1.1, 1.6, 0.2))) < 4.0 * deviations).all()
+    bundled = ProfileShelf(ran.folder).load("px4")
+    assert (file.autopilot, file.own_filter, file.limits) == ("px4", bundled.own_filter, bundled.limits)
     assert result["verdict"] == "good"
     assert result["plant"]["x"]["a0_per_s2"]["value"] == pytest.approx(plant[0], rel=1e-3)
     assert re.search(rf"a0 \[1/s²\] +{result['plant']['x']['a0_per_s2']['value']:.3f} ", err)
@@ -141,13 +145,13 @@ def test_other_plants_are_held_against_the_same_flight(ran: Runner) -> None:
     assert f"{stub[0]:.1f}" in (ran.folder / "own.html").read_text(encoding="utf-8")
     code, _, err = ran(log.path, "--against", "missing.toml")
     assert code == 2
-    assert err.startswith("--against: no plant file 'missing.toml'")
+    assert err.startswith("--against: no profile 'missing.toml'")
 
 
 def test_an_excitation_with_velocities_becomes_a_plant_file_of_that_kind(ran: Runner) -> None:
     """Flown by a plant file that is 20 to 25 % off; the vehicle feeds 0.8 of what it is sent forward."""
     flying: dict[str, object] = {
-        "plant": "stub-feedforward",
+        "profile": "stub-feedforward",
         "true_scale": {"a0": 1.2, "a1": 0.75, "feedforward": 0.8},
     }
     mission = put(content(), ("simulation",), {"position_noise_m": 0.03, "velocity_noise_m_s": 0.03})
@@ -164,7 +168,7 @@ def test_an_excitation_with_velocities_becomes_a_plant_file_of_that_kind(ran: Ru
     assert np.median(np.abs(moved - read.setpoint_velocity.values[swept, :2])) < 0.05
     code, out, err = ran("own.mcap", "-o", "own.toml", "--json", "--html", "own.html")
     assert code == 0, err
-    file, result = PlantShelf(ran.folder).open("own.toml"), json.loads(out)
+    file, result = ProfileShelf(ran.folder).load("own.toml"), json.loads(out)
     assert file.plant.feedforward == pytest.approx(0.8, abs=0.03)
     assert file.plant.x.a0_per_s2 == pytest.approx(1.2 * 0.80, rel=0.05)
     assert file.plant.y.a1_per_s == pytest.approx(0.75 * 0.87, rel=0.05)
@@ -232,3 +236,10 @@ def test_one_of_several_vehicles_is_chosen(ran: Runner) -> None:
     code, _, err = ran("a.ulg", "b.ulg", "--vehicle", "4")
     assert code == 1
     assert "vehicle 4, px4" in err
+
+
+def test_a_profile_of_an_unknown_autopilot_is_for_any_with_the_filters_defaults(ran: Runner) -> None:
+    ran.hold(log := log_of(autopilot="simulation"))
+    assert ran(log.path, "-o", "own.toml")[0] == 0
+    profile = ProfileShelf(ran.folder).load("own.toml")
+    assert (profile.autopilot, profile.own_filter, profile.limits) == (None, OwnFilterSettings(), LimitsSection())

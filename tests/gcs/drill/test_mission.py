@@ -18,7 +18,7 @@ from gcs.mission.file import (
     parse_mission,
 )
 from gcs.mission.mission import Mission
-from tests.support.paths import PLANTS
+from tests.support.paths import PROFILES
 
 
 def drilled(name: str, *changes: tuple[str, str, object]) -> Mission:
@@ -71,8 +71,8 @@ def test_changes_are_made_to_sections_that_are_there_or_not() -> None:
 
 
 def test_a_plant_file_beside_the_mission_is_found(mission_file: Callable[..., str]) -> None:
-    name = mission_file("case2", ("endpoint =", 'plant = "own.toml"\nendpoint ='))
-    text = (PLANTS / "px4.toml").read_text(encoding="utf-8")
+    name = mission_file("case2", ("endpoint =", 'profile = "own.toml"\nendpoint ='))
+    text = (PROFILES / "px4.toml").read_text(encoding="utf-8")
     (Path(name).parent / "own.toml").write_text(text, encoding="utf-8")
     assert [each.plant for each in drilled(name).vehicles] == [each.plant for each in load_mission("px4-trio").vehicles]
 

@@ -208,6 +208,16 @@ def section(name: str, **values: Any) -> Change:
     return lambda mission: replace(mission, **{name: getattr(mission, name).model_copy(update=values)})
 
 
+def own_filter(**values: Any) -> Change:
+    """A change of the own-state filter of every vehicle."""
+    return lambda mission: replace(
+        mission,
+        vehicles=tuple(
+            replace(each, own_filter=each.own_filter.model_copy(update=values)) for each in mission.vehicles
+        ),
+    )
+
+
 def plants(*changes: tuple[float, float, float]) -> Change:
     """Scale a0 and a1 of the vehicles' true plants and add to their delays; one change for all, or one for each."""
 
@@ -343,7 +353,7 @@ def test_without_messages_nobody_keeps_distance_on_the_ring() -> None:
 
 
 def test_without_an_estimate_of_the_wind_the_ring_is_blown_away() -> None:
-    deaf = flown(manoeuvre(WIND, section("own_filter", disturbance_max_m_s2=0.0)), duration_s=DURATION_S)
+    deaf = flown(manoeuvre(WIND, own_filter(disturbance_max_m_s2=0.0)), duration_s=DURATION_S)
     blown = np.abs(ring_errors(deaf.record, ids=(1, 2, 3), from_s=WATCHED_S).radius_m).max()
     held = np.abs(ring_errors(manoeuvred("wind").record, ids=(1, 2, 3), from_s=WATCHED_S).radius_m).max()
     assert blown > 0.15
@@ -357,7 +367,7 @@ def test_without_an_estimate_of_the_wind_the_formation_is_blown_off_its_line() -
         line = np.column_stack([0.2 * record.time_s[-100:], np.zeros(100)])
         return float(np.hypot(*(leader - line).T).mean())
 
-    held, blown = off_line_m(), off_line_m(section("own_filter", disturbance_max_m_s2=0.0))
+    held, blown = off_line_m(), off_line_m(own_filter(disturbance_max_m_s2=0.0))
     assert blown > 0.05
     assert blown > 10.0 * held
 

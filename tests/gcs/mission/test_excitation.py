@@ -285,7 +285,7 @@ def test_a_vehicle_that_is_not_there_in_time_is_not_excited_elsewhere() -> None:
 
 def test_the_mission_of_the_log_is_the_mission_that_flew() -> None:
     mission = excited("px4-trio", 3)
-    again = parse_mission(mission.text, MISSIONS, mission.plant_texts)
+    again = parse_mission(mission.text, MISSIONS, mission.profile_texts)
     assert again == mission
     assert config_of(again) == config_of(mission)
     assert again.ids == (3,)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import inf, isfinite, nan, pi
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
 import pytest
 from hypothesis import example, given, settings
@@ -16,13 +16,12 @@ from pydantic import BaseModel
 from agents.settings.sections import DecisionSettings
 from estimation.frames import Geodetic
 from estimation.plant.model import PlantAxis
-from gcs.mission.file import (
-    MissionError,
-    bundled_missions,
-    load_mission,
-    parse_mission,
-)
+from estimation.profile.shelf import ProfileShelf
+from estimation.settings import OwnFilterSettings
+from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
 from gcs.mission.mission import Mission, VehicleSection
+from gcs.mission.sections import OLD_OWN_FILTER, TUNING
+from gcs.mission.sections import SECTIONS as FILE_SECTIONS
 from tests.support.mission_text import (
     CASE2,
     Content,
@@ -75,13 +74,10 @@ def _keys(path: Place, annotation: Any) -> Iterator[tuple[Place, object]]:
         yield path, get_args(annotation)[0] if hasattr(annotation, "__metadata__") else annotation
 
 
-SECTIONS: dict[str, type[BaseModel]] = {
-    name: kind
-    for name, kind in get_type_hints(Mission).items()
-    if name not in ("vehicles", "text", "plant_texts", "excites")
-} | {"decision": DecisionSettings}
+SECTIONS: dict[str, type[BaseModel]] = {**FILE_SECTIONS, OLD_OWN_FILTER: OwnFilterSettings}
 KEYS = [
     *(key for name, model in SECTIONS.items() for key in keys(model, (name,))),
+    *(key for name, model in TUNING.items() for key in keys(model, ("tuning", name))),
     *keys(VehicleSection, ("vehicles", 1)),
 ]
 NUMBERS = [path for path, kind in KEYS if kind is float]
@@ -99,6 +95,8 @@ def test_every_key_is_found() -> None:
         ("simulation", "wind_m_s2", 1),
         ("decision", "threat_max"),
         ("own_filter", "gate_sigma"),
+        ("tuning", "encirclement", "lag_weight"),
+        ("target", "coast_s"),
         ("vehicles", 1, "start_m", 1),
         ("vehicles", 1, "true_scale", "a0"),
         ("vehicles", 1, "decision", "distance_max_m"),
@@ -156,7 +154,7 @@ def test_a_file_is_loaded_by_its_path_and_its_plants_from_its_folder(tmp_path: P
     (tmp_path / "plants" / "mine.toml").write_text(
         "delay_s = 0.1\nx = { a0_per_s2 = 1.5, a1_per_s = 1.9 }\ny = { a0_per_s2 = 1.9, a1_per_s = 2.4 }\n"
     )
-    mission = put(content(), ("vehicles", 1, "plant"), "plants/mine.toml")
+    mission = put(content(), ("vehicles", 1, "profile"), "plants/mine.toml")
     mission = put(mission, ("vehicles", 1, "true_scale"), {"a0": 0.5, "a1": 2.0})
     path = tmp_path / "my.toml"
     path.write_text(text_of(mission))
@@ -381,28 +379,28 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         [("vehicles[0].endpoint", "tcp/127.0.0.1:7461"), ("vehicles[1].endpoint", "70000")],
     ),
     "a plant that is not there": (
-        changed((("vehicles", 2, "plant"), "stubb")),
-        [("vehicles[2].plant", "bundled plants: ardupilot, px4, stub, stub-delayed")],
+        changed((("vehicles", 2, "profile"), "stubb")),
+        [("vehicles[2].profile", "bundled profiles: ardupilot, px4, stub, stub-delayed")],
     ),
     "velocities told of that a plant does not take": (
-        changed((("link",), {"feedforward": True}), (("vehicles", 0, "plant"), "stub-feedforward")),
+        changed((("link",), {"feedforward": True}), (("vehicles", 0, "profile"), "stub-feedforward")),
         [
-            ("vehicles[1].plant", "'stub' takes no velocities, and link.feedforward = true"),
-            ("vehicles[2].plant", "'stub' takes no velocities, and link.feedforward = true"),
+            ("vehicles[1].profile", "'stub' takes no velocities, and link.feedforward = true"),
+            ("vehicles[2].profile", "'stub' takes no velocities, and link.feedforward = true"),
         ],
     ),
     "no velocities told of, and a plant that takes them": (
-        changed((("link",), {"feedforward": False}), (("vehicles", 1, "plant"), "stub-feedforward")),
-        [("vehicles[1].plant", "(feedforward = 1), and link.feedforward = false: name one identified without")],
+        changed((("link",), {"feedforward": False}), (("vehicles", 1, "profile"), "stub-feedforward")),
+        [("vehicles[1].profile", "(feedforward = 1), and link.feedforward = false: name one identified without")],
     ),
     "a ring too tight for the separation": (changed((RADIUS, 1.7)), [("encirclement.radius_m", "2.94 m apart")]),
     "a ring within its own smallest radius": (
-        changed((("encirclement", "radius_min_m"), 12.0)),
-        [("encirclement.radius_min_m", "radius_m")],
+        changed((("tuning", "encirclement", "radius_min_m"), 12.0)),
+        [("tuning.encirclement.radius_min_m", "encirclement.radius_m")],
     ),
     "a ring beyond its own largest radius": (
-        changed((("encirclement", "radius_far_m"), 9.0)),
-        [("encirclement.radius_far_m", "radius_m")],
+        changed((("tuning", "encirclement", "radius_far_m"), 9.0)),
+        [("tuning.encirclement.radius_far_m", "encirclement.radius_m")],
     ),
     "a line too tight for the separation": (
         changed((("formation", "spacing_m"), 2.9)),
@@ -492,13 +490,13 @@ def test_all_faults_are_told_at_once() -> None:
             (("decision", "importance_min"), 2.0),
             (("safety", "separation_m"), 4.5),
             (("own_filter", "gate_sigma"), inf),
-            (("target_filter", "gate_sigma"), 0.5),
+            (("tuning", "target_filter", "gate_sigma"), 0.5),
             (("target", "sensor", "noise_m"), -1.0),
             (("network", "loss"), 1.0),
             (("simulation", "wind_m_s2"), [0.0, nan]),
             (("verdicts", "radius_error_rms_m"), 0.0),
             (("vehicles", 0, "url"), "udpin://127.0.0.1:14541"),
-            (("vehicles", 2, "plant"), "nowhere"),
+            (("vehicles", 2, "profile"), "nowhere"),
         ),
         ("mission", "duration_s"),
     )
@@ -511,14 +509,14 @@ def test_all_faults_are_told_at_once() -> None:
             "encirclement.radius_mm",
             "decision.importance_min",
             "own_filter.gate_sigma",
-            "target_filter.gate_sigma",
+            "tuning.target_filter.gate_sigma",
             "target.sensor.noise_m",
             "network.loss",
             "simulation.wind_m_s2[1]",
             "verdicts.radius_error_rms_m",
             "vehicles[1].start_m",
             "vehicles[1].url",
-            "vehicles[2].plant",
+            "vehicles[2].profile",
         ]
     )
 
@@ -581,22 +579,22 @@ BAD_PLANTS: dict[str, tuple[Content | str, list[str]]] = {
 def test_a_bad_plant_is_refused_with_its_place_in_both_files(name: str, tmp_path: Path) -> None:
     plant, expected = BAD_PLANTS[name]
     (tmp_path / "mine.toml").write_text(plant if isinstance(plant, str) else text_of(plant))
-    mission = changed((("vehicles", 1, "plant"), "mine.toml"), (("vehicles", 1, "true_scale"), {"a0": 10.0}))
+    mission = changed((("vehicles", 1, "profile"), "mine.toml"), (("vehicles", 1, "true_scale"), {"a0": 10.0}))
     found = faults(mission, tmp_path)
     assert len(found) == len(expected)
     for fault, place in zip(sorted(found), sorted(expected), strict=True):
-        assert fault.startswith("vehicles[1].plant: ")
+        assert fault.startswith("vehicles[1].profile: ")
         assert re.search(rf"mine\.toml'?:? {re.escape(place)}", fault), fault
 
 
 def test_a_plant_is_told_for_every_vehicle_that_asks_for_it(tmp_path: Path) -> None:
-    mission = changed(*((("vehicles", index, "plant"), "nowhere.toml") for index in range(3)))
-    assert places(mission, tmp_path) == [f"{vehicle}.plant" for vehicle in VEHICLES]
+    mission = changed(*((("vehicles", index, "profile"), "nowhere.toml") for index in range(3)))
+    assert places(mission, tmp_path) == [f"{vehicle}.profile" for vehicle in VEHICLES]
 
 
 @pytest.mark.parametrize("name", ["", ".", "a\0b", "a" * 5000, "../../..", "~"])
 def test_a_plant_name_that_is_no_file_is_a_fault(name: str, tmp_path: Path) -> None:
-    assert places(changed((("vehicles", 0, "plant"), name)), tmp_path) == ["vehicles[0].plant"]
+    assert places(changed((("vehicles", 0, "profile"), name)), tmp_path) == ["vehicles[0].profile"]
 
 
 # Files that are no missions
@@ -677,10 +675,11 @@ def sound(mission: Mission) -> None:
     assert len(set(mission.ids)) == len(mission.ids) > 0
     assert len({vehicle.system_id for vehicle in mission.vehicles}) == len(mission.vehicles)
     assert mission.formation.leader in mission.ids
-    for name in SECTIONS.keys() - {"decision"}:
+    for name in SECTIONS.keys() - {"decision", OLD_OWN_FILTER}:
         assert all(map(isfinite, numbers(getattr(mission, name).model_dump())))
     for vehicle in mission.vehicles:
         assert all(map(isfinite, numbers(vehicle.section.model_dump())))
+        assert all(map(isfinite, numbers(vehicle.own_filter.model_dump())))
         assert mission.agent_config(vehicle).vehicle_id == vehicle.id
 
 
@@ -728,7 +727,7 @@ def mutated(draw: st.DrawFn) -> str:
 
 @settings(max_examples=200)
 @given(mutated())
-@example(text_of(changed((("vehicles", 0, "plant"), "a\0b"))))
+@example(text_of(changed((("vehicles", 0, "profile"), "a\0b"))))
 @example(text_of(changed((("vehicles", 0), 5))))
 def test_no_value_anywhere_raises_anything_else(text: str) -> None:
     refused_or_sound(text)
@@ -759,3 +758,47 @@ def test_missions_are_frozen() -> None:
     with pytest.raises(ValueError, match="frozen"):
         setattr(mission.encirclement, "radius_m", 3.0)  # noqa: B010  # mypy would refuse it, too
     assert replace(mission, vehicles=mission.vehicles[:1]).ids == (1,)
+
+
+# Profiles
+
+
+def test_every_vehicle_flies_with_its_own_profile() -> None:
+    mission = load_mission("mixed-team")
+    names = [vehicle.section.profile for vehicle in mission.vehicles]
+    profiles = [ProfileShelf(MISSIONS).load(name) for name in names]
+    assert names == ["px4", "ardupilot", "px4"]
+    configs = [mission.agent_config(vehicle) for vehicle in mission.vehicles]
+    assert [config.plant for config in configs] == [profile.plant for profile in profiles]
+    assert [config.own_filter for config in configs] == [profile.own_filter for profile in profiles]
+    assert [vehicle.autopilot for vehicle in mission.vehicles] == names
+    assert configs[0].own_filter != configs[1].own_filter
+
+
+def test_a_stub_is_of_the_profiles_autopilot_unless_the_mission_says_otherwise() -> None:
+    mission = changed(
+        (("vehicles", 0, "profile"), "ardupilot"),
+        (("vehicles", 1, "profile"), "ardupilot"),
+        (("vehicles", 1, "autopilot"), "px4"),
+    )
+    assert [vehicle.autopilot for vehicle in parsed(mission).vehicles] == ["ardupilot", "px4", "px4"]
+
+
+@pytest.mark.parametrize(
+    ("limits", "key"),
+    [
+        ({"speed_max_m_s": 0.59}, "limits.speed_max_m_s"),  # the ring takes 0.5 m/s, and the target 0.1 m/s
+        ({"acceleration_max_m_s2": 0.024}, "limits.acceleration_max_m_s2"),  # 10 m * (0.05 rad/s)^2
+    ],
+)
+def test_a_mission_beyond_a_profiles_limits_is_refused(limits: dict[str, float], key: str, tmp_path: Path) -> None:
+    (tmp_path / "slow.toml").write_text(text_of(GOOD_PLANT | {"limits": limits}))
+    mission = changed((("vehicles", 1, "profile"), "slow.toml"))
+    (fault,) = faults(mission, tmp_path)
+    assert fault.startswith("vehicles[1].profile: ")
+    assert key in fault
+    assert "'slow.toml'" in fault
+    (tmp_path / "slow.toml").write_text(
+        text_of(GOOD_PLANT | {"limits": {name: 1.05 * value for name, value in limits.items()}})
+    )
+    assert parsed(mission, tmp_path).ids == (1, 2, 3)

@@ -190,8 +190,11 @@ LIMITS: dict[str, tuple[Changes, list[str]]] = {
         ["safety.acceleration_max_m_s2: 0.02 m/s² is less than v²/R = 0.03 m/s² of the ring"],
     ),
     "setpoints slower than vehicles": (
-        {("safety", "speed_max_m_s"): 4.0, ("safety", "setpoint_speed_max_m_s"): 3.9},
-        ["safety.setpoint_speed_max_m_s: at 3.9 m/s setpoints cannot keep up with vehicles at speed_max_m_s = 4.0 m/s"],
+        {("safety", "speed_max_m_s"): 4.0, ("tuning", "safety", "setpoint_speed_max_m_s"): 3.9},
+        [
+            "tuning.safety.setpoint_speed_max_m_s: at 3.9 m/s setpoints cannot keep up with vehicles at "
+            "safety.speed_max_m_s = 4.0 m/s"
+        ],
     ),
     "an altitude band upside down": (
         {("safety", "altitude_min_m"): 8.0, ("safety", "altitude_max_m"): 8.0},
@@ -223,7 +226,7 @@ def test_limits_that_just_do_are_accepted() -> None:
         changed(
             {
                 ("safety", "speed_max_m_s"): 0.5,
-                ("safety", "setpoint_speed_max_m_s"): 0.5,
+                ("tuning", "safety", "setpoint_speed_max_m_s"): 0.5,
                 ("safety", "acceleration_max_m_s2"): 0.026,
                 ("safety", "keep_out_m"): 9.9,
                 ("safety", "altitude_min_m"): 8.0,

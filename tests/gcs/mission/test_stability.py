@@ -99,13 +99,13 @@ def test_a_ring_that_is_spaced_by_nobody_is_neutral_and_one_vehicle_has_no_spaci
 
 def test_gains_that_make_a_loop_unstable_are_refused_with_the_margin() -> None:
     slow = put(content(CASE2), ("mission", "rate_hz"), 2.0)
-    stiff = put(put(slow, ("encirclement", "radius_weight"), 1e6), ("encirclement", "radial_increment_weight"), 1e-6)
+    stiff = put(slow, ("tuning", "encirclement"), {"radius_weight": 1e6, "radial_increment_weight": 1e-6})
     (fault,) = faults(stiff)
     assert fault.startswith("encirclement: keeping the radius along x is unstable with the plant of vehicles[0]: ")
     assert "has modulus 2.233, a margin of -1.233 to 1" in fault
-    hard = put(put(slow, ("formation", "position_weight"), 1e6), ("formation", "increment_weight"), 1e-6)
+    hard = put(slow, ("tuning", "formation"), {"position_weight": 1e6, "increment_weight": 1e-6})
     (fault,) = faults(hard)
     assert fault.startswith("formation: keeping its place along x is unstable")
-    lopsided = put(put(slow, ("encirclement", "lag_weight"), 1e4), ("encirclement", "lead_weight"), 0.0)
+    lopsided = put(slow, ("tuning", "encirclement"), {"lag_weight": 1e4, "lead_weight": 0.0})
     (fault,) = faults(lopsided)
     assert fault.startswith("encirclement: mode 1 of the spacing along x is unstable")

@@ -91,6 +91,17 @@ def changed(**sections: dict[str, Any]) -> Mission:
     return replace(CASE2, **{n: getattr(CASE2, n).model_copy(update=u) for n, u in sections.items()})
 
 
+def noisy(mission: Mission, *noise_m: float) -> Mission:
+    """Return a mission whose vehicles' positions are that noisy."""
+    return replace(
+        mission,
+        vehicles=tuple(
+            replace(each, own_filter=each.own_filter.model_copy(update={"position_noise_m": each_m}))
+            for each, each_m in zip(mission.vehicles, noise_m, strict=True)
+        ),
+    )
+
+
 def graded(mission: Mission, check: str) -> Finding:
     (found,) = (each for each in preflight(mission, ()) if each.check == check)
     return found
@@ -375,9 +386,9 @@ def test_the_extent_reaches_around_the_target_at_its_end_or_to_the_end_of_the_li
 
 def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
     chord = 2.0 * 10.0 * sin(pi / 3.0)
-    roomy = changed(safety={"separation_m": 12.0}, own_filter={"position_noise_m": 0.1})
-    tight = changed(safety={"separation_m": 17.0}, own_filter={"position_noise_m": 0.1})
-    worse = changed(safety={"separation_m": 17.0}, own_filter={"position_noise_m": 0.2})
+    roomy = noisy(changed(safety={"separation_m": 12.0}), 0.1, 0.1, 0.1)
+    tight = noisy(changed(safety={"separation_m": 17.0}), 0.1, 0.1, 0.1)
+    worse = noisy(changed(safety={"separation_m": 17.0}), 0.2, 0.02, 0.2)
     assert [graded(each, "ring spacing").grade for each in (roomy, tight, worse)] == [
         Grade.PASS,
         Grade.WARNING,

@@ -56,7 +56,7 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> Flight:
 def run(flight: Flight, *changes: str, vehicle_id: int = 2) -> FilterRun:
     log, mission = flight
     config = config_of(log, mission, vehicle_id)
-    feed, filters = Feed(config), FilterRun(config, changed_filters(mission, changes))
+    feed, filters = Feed(config), FilterRun(config, changed_filters(mission, changes)[vehicle_id])
     for turn in turns(log, vehicle_id):
         assert isinstance(turn, Turn)
         filters.take(turn, list(feed.inputs(turn)))
@@ -98,7 +98,7 @@ def test_a_disturbance_turns_no_more_once_the_vehicle_is_told_to_leave_the_ring(
     """Told between two ticks, it has left the ring before the next samples."""
     log, mission = turning
     config = config_of(log, mission, 2)
-    filters, own = FilterRun(config, changed_filters(mission, [])), OwnFilter(config.plant, config.own_filter)
+    filters, own = FilterRun(config, changed_filters(mission, [])[2]), OwnFilter(config.plant, config.own_filter)
     recorded = next(each for each in log.of_kind(2, Decision) if each.tactic == "encircle")
     # It stands still though its setpoint is beside it: there is a disturbance.
     rate_rad_s = config.encirclement.angular_rate_rad_s
@@ -201,9 +201,12 @@ def test_tracks_are_compared_where_both_know() -> None:
 def test_values_are_those_of_a_mission_file(field: Flight) -> None:
     mission = field[1]
     tried = changed_filters(mission, ["own_filter.disturbance_turns=true", "target_filter.late_max_s = 2"])
-    assert tried.own_filter == mission.own_filter.model_copy(update={"disturbance_turns": True})
-    assert tried.target_filter == mission.target_filter.model_copy(update={"late_max_s": 2.0})
-    assert changed_filters(mission, []) == FilterSettings(mission.own_filter, mission.target_filter)
+    assert list(tried) == list(mission.ids)
+    for vehicle in mission.vehicles:
+        assert tried[vehicle.id].own_filter == vehicle.own_filter.model_copy(update={"disturbance_turns": True})
+        assert tried[vehicle.id].target_filter == mission.target_filter.model_copy(update={"late_max_s": 2.0})
+        unchanged = changed_filters(mission, [])[vehicle.id]
+        assert unchanged == FilterSettings(vehicle.own_filter, mission.target_filter)
     with pytest.raises(InputError, match="disturbance_turns"):
         changed_filters(mission, ["own_filter.disturbance_turns=3"])
 

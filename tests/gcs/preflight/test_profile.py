@@ -1,4 +1,4 @@
-"""What the preflight says of a plant file that tells where it is from, and of a flight for identification."""
+"""What the preflight finds about a vehicle's profile, and about a flight for identification."""
 
 from dataclasses import replace
 from datetime import date, timedelta
@@ -8,6 +8,7 @@ import pytest
 
 from agents.control.excitation import preview
 from estimation.plant.provenance import COVARIANCE_OF, Identification
+from estimation.profile.profile import Autopilot, Profile
 from gcs.mission.file import excitation_mission, load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.fence import route
@@ -39,18 +40,21 @@ def identified(**changes: Any) -> Identification:
 
 
 def flown_with(plant: Identification | None, mission: Mission = CASE2) -> Mission:
-    return replace(mission, vehicles=tuple(replace(each, identified=plant) for each in mission.vehicles))
+    def of_plant(profile: Profile) -> Profile:
+        return replace(profile, identified=plant)
+
+    return replace(mission, vehicles=tuple(replace(each, profile=of_plant(each.profile)) for each in mission.vehicles))
 
 
 def found(mission: Mission, today: date | None = TODAY, **facts: Any) -> list[Finding]:
     about = [well(2, **({"firmware": "1.17.0-alpha+0f1e2d3c"} | facts))]
-    return [each for each in preflight(mission, about, today) if each.check == "plant"]
+    return [each for each in preflight(mission, about, today) if each.check == "profile"]
 
 
 def test_a_good_plant_of_this_firmware_is_well() -> None:
     (finding,) = found(flown_with(identified()))
     assert finding.grade is Grade.PASS
-    assert finding.found == "its plant file 'stub', identified on 2026-11-01 on its firmware, is good"
+    assert finding.found == "its profile 'stub', identified on 2026-11-01 on its firmware, is good"
 
 
 def test_a_file_that_does_not_say_where_it_is_from_is_not_judged() -> None:
@@ -120,6 +124,49 @@ def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(size: int, gai
     (finding,) = found(replace(mission, vehicles=tuple(changed)))
     assert finding.grade is (Grade.WARNING if doubt else Grade.PASS)
     assert finding.found.endswith(f": {doubt}" if doubt else "is good")
+
+
+def profiled(autopilot: Autopilot | None, chosen: Autopilot | None = None) -> Mission:
+    """Case 2 with profiles for one autopilot, and what the mission itself says its vehicles fly as."""
+    vehicles = tuple(
+        replace(
+            each,
+            profile=replace(each.profile, autopilot=autopilot),
+            section=each.section.model_copy(update={"autopilot": chosen}),
+        )
+        for each in CASE2.vehicles
+    )
+    return replace(CASE2, vehicles=vehicles)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "chosen", "flies", "grades"),
+    [
+        ("px4", None, AutopilotKind.PX4, []),
+        ("ardupilot", None, AutopilotKind.ARDUPILOT, []),
+        (None, None, AutopilotKind.ARDUPILOT, []),
+        ("px4", None, AutopilotKind.ARDUPILOT, [Grade.REFUSE]),
+        ("ardupilot", None, AutopilotKind.PX4, [Grade.REFUSE]),
+        ("ardupilot", "ardupilot", AutopilotKind.PX4, [Grade.REFUSE]),
+        ("ardupilot", "px4", AutopilotKind.PX4, [Grade.WARNING]),
+        ("px4", None, AutopilotKind.OTHER, []),  # which is refused for that already
+    ],
+)
+def test_a_profile_of_another_autopilot_is_refused_unless_the_mission_means_it(
+    autopilot: Autopilot | None, chosen: Autopilot | None, flies: AutopilotKind, grades: list[Grade]
+) -> None:
+    findings = found(profiled(autopilot, chosen), autopilot=flies)
+    assert [each.grade for each in findings] == grades
+    for finding in findings:
+        assert finding.subject == "vehicle 2"
+        assert f"'stub' is for {'PX4' if autopilot == 'px4' else 'ArduPilot'}" in finding.found
+        assert finding.found.endswith(f"it is {flies.value}")
+
+
+def test_another_autopilot_is_reported_once() -> None:
+    mission = flown_with(identified(autopilot="px4"), profiled("px4"))
+    refused, rest = found(mission, autopilot=AutopilotKind.ARDUPILOT)
+    assert (refused.grade, rest.grade) == (Grade.REFUSE, Grade.PASS)
 
 
 EXCITED = excitation_mission(CASE2, 2)

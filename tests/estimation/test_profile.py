@@ -1,17 +1,14 @@
-"""Plant files: what is bundled, what a user's own may say, and how its faults are told."""
+"""Profiles: what is bundled, what a user's own may say, and how its faults are reported."""
 
 from pathlib import Path
 
 import pytest
 
-from estimation.plant.file import (
-    PlantFileError,
-    PlantShelf,
-    bundled_plants,
-    load_plant,
-)
 from estimation.plant.model import Plant, PlantAxis
 from estimation.plant.provenance import IdentifiedLog, PlantGrade
+from estimation.profile.profile import LimitsSection, ProfileError
+from estimation.profile.shelf import ProfileShelf, bundled_profiles
+from estimation.settings import OwnFilterSettings
 
 AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1\n"
 IDENTIFIED = f"""
@@ -35,24 +32,51 @@ sha256 = "{"0a" * 32}"
 """
 
 
-def test_the_bundled_plants_load(tmp_path: Path) -> None:
+def test_the_bundled_profiles_load(tmp_path: Path) -> None:
     axis = PlantAxis(0.80, 0.87)
-    assert bundled_plants() == ["ardupilot", "px4", "stub", "stub-delayed", "stub-feedforward"]
-    assert load_plant("stub", tmp_path) == Plant(axis, axis)
-    assert load_plant("stub-delayed", tmp_path) == Plant(axis, axis, 0.15)
-    assert load_plant("stub-feedforward", tmp_path) == Plant(axis, axis, 0.0, 1.0)
+    assert bundled_profiles() == ["ardupilot", "px4", "stub", "stub-delayed", "stub-feedforward", "stub-noisy"]
+    assert ProfileShelf(tmp_path).load("stub").plant == Plant(axis, axis)
+    assert ProfileShelf(tmp_path).load("stub-delayed").plant == Plant(axis, axis, 0.15)
+    assert ProfileShelf(tmp_path).load("stub-feedforward").plant == Plant(axis, axis, 0.0, 1.0)
+
+
+def test_the_bundled_profiles_hold_the_numbers_of_their_autopilots(tmp_path: Path) -> None:
+    px4, ardupilot, noisy, stub = (ProfileShelf(tmp_path).load(n) for n in ("px4", "ardupilot", "stub-noisy", "stub"))
+    assert [each.autopilot for each in (px4, ardupilot, noisy, stub)] == ["px4", "ardupilot", None, None]
+    assert px4.own_filter == OwnFilterSettings(
+        position_noise_m=0.05, velocity_noise_m_s=0.3, disturbance_noise_m_s2=0.05, disturbance_max_m_s2=1.5
+    )
+    assert noisy.own_filter == OwnFilterSettings(position_noise_m=0.1, velocity_noise_m_s=0.05)
+    assert (ardupilot.own_filter, stub.own_filter) == (OwnFilterSettings(), OwnFilterSettings())
+    assert noisy.plant == ProfileShelf(tmp_path).load("stub-delayed").plant
+    assert px4.limits == LimitsSection(speed_max_m_s=12.0, acceleration_max_m_s2=3.0)
+
+
+def test_a_plant_file_of_earlier_versions_is_a_profile_with_the_filters_defaults(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
+    profile = ProfileShelf(tmp_path).load("own.toml")
+    assert (profile.autopilot, profile.own_filter, profile.limits) == (None, OwnFilterSettings(), LimitsSection())
+
+
+def test_texts_that_were_read_load_the_same_profiles_anywhere(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(AXES + "[own_filter]\ngate_sigma = 6.0\n")
+    here = ProfileShelf(tmp_path)
+    profiles = here.load("own.toml"), here.load("px4")
+    there = ProfileShelf(Path("/nowhere"), here.texts)
+    assert (there.load("own.toml"), there.load("px4")) == profiles
+    assert profiles[0].own_filter.gate_sigma == 6.0
 
 
 def test_a_file_of_the_users_own_is_found_beside_the_mission(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text("delay_s = 0.2\nfeedforward = 0.9\n" + AXES)
-    assert load_plant("own.toml", tmp_path) == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1), 0.2, 0.9)
+    assert ProfileShelf(tmp_path).load("own.toml").plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1), 0.2, 0.9)
 
 
 def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
     with pytest.raises(
-        PlantFileError, match=r"no plant file 'stubb' .*bundled plants: ardupilot, px4, stub, stub-delayed"
+        ProfileError, match=r"no profile 'stubb' .*bundled profiles: ardupilot, px4, stub, stub-delayed"
     ):
-        load_plant("stubb", tmp_path)
+        ProfileShelf(tmp_path).load("stubb")
 
 
 @pytest.mark.parametrize(
@@ -66,13 +90,17 @@ def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
         (b"delay_s = 1.5\n" + AXES.encode(), "own.toml: delay_s: Input should be less than or equal to 1"),
         (AXES.replace("0.6", "nan").encode(), "own.toml: y.a0_per_s2: Input should be a finite number"),
         (AXES.replace("0.6", "'0.6'").encode(), "own.toml: y.a0_per_s2: Input should be a valid number"),
+        (b"autopilot = 'mine'\n" + AXES.encode(), "own.toml: autopilot: Input should be 'px4' or 'ardupilot'"),
+        (AXES.encode() + b"[own_filter]\ngate_sigma = 0.5", "own.toml: own_filter.gate_sigma: Input should be greater"),
+        (AXES.encode() + b"[own_filter]\ngate = 5", "own.toml: own_filter.gate: Extra inputs are not permitted"),
+        (AXES.encode() + b"[limits]\nspeed_max_m_s = inf", "own.toml: limits.speed_max_m_s: Input should be a finite"),
         (AXES.replace("0.6", "-0.6").encode(), "own.toml: y: a0_per_s2 = -0.6 makes the plant unstable"),
     ],
 )
 def test_a_fault_is_told_with_its_place(content: bytes, fault: str, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_bytes(content)
-    with pytest.raises(PlantFileError) as caught:
-        load_plant("own.toml", tmp_path)
+    with pytest.raises(ProfileError) as caught:
+        ProfileShelf(tmp_path).load("own.toml")
     assert len(caught.value.faults) == 1
     assert caught.value.faults[0].startswith(fault)
 
@@ -83,14 +111,14 @@ def test_all_faults_are_told_at_once(wrong: dict[str, str], tmp_path: Path) -> N
     for right, fault in wrong.items():
         content = content.replace(right, fault)
     (tmp_path / "own.toml").write_text(content)
-    with pytest.raises(PlantFileError) as caught:
-        load_plant("own.toml", tmp_path)
+    with pytest.raises(ProfileError) as caught:
+        ProfileShelf(tmp_path).load("own.toml")
     assert [fault.split(":")[1].strip()[0] for fault in caught.value.faults] == ["x", "y"]
 
 
 def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
-    file = PlantShelf(tmp_path).open("own.toml")
+    file = ProfileShelf(tmp_path).load("own.toml")
     assert file.plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1))
     identified = file.identified
     assert identified is not None
@@ -101,7 +129,7 @@ def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
 
 def test_a_file_without_that_section_tells_nothing_of_it(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES)
-    assert PlantShelf(tmp_path).open("own.toml").identified is None
+    assert ProfileShelf(tmp_path).load("own.toml").identified is None
 
 
 @pytest.mark.parametrize(
@@ -120,6 +148,6 @@ def test_a_fault_in_how_it_was_identified_is_told_with_its_place(
 ) -> None:
     assert right in IDENTIFIED
     (tmp_path / "own.toml").write_text(AXES + IDENTIFIED.replace(right, wrong, 1))
-    with pytest.raises(PlantFileError) as caught:
-        load_plant("own.toml", tmp_path)
+    with pytest.raises(ProfileError) as caught:
+        ProfileShelf(tmp_path).load("own.toml")
     assert [each.startswith(f"own.toml: {fault}") for each in caught.value.faults] == [True]

@@ -1,0 +1,196 @@
+"""What concerns more than one section of a mission: ids, places, limits and the order of things."""
+
+from collections.abc import Callable, Iterator
+from itertools import combinations
+from math import hypot
+
+from agents.control.encirclement import chord_m
+from agents.settings.sections import (
+    ChoreographySettings,
+    EncirclementSettings,
+    FailsafeSettings,
+    FormationSettings,
+    SafetySettings,
+)
+from estimation.settings import Settings
+from gcs.mission.control_loops import kept_up
+from gcs.mission.excitation import limits_rise
+from gcs.mission.geometry import (
+    IndexedVehicles,
+    altitudes_fit,
+    fence_fits,
+    follows_fit,
+    limits_agree,
+    slots_fit,
+)
+from gcs.mission.mission import (
+    FrameSection,
+    LinkSection,
+    MissionSection,
+    TargetSection,
+    VehicleSection,
+)
+from gcs.mission.profiles import LoadedVehicle, beyond_limits, of_another_kind
+
+LAYER_LEAST_M = 1.0
+
+
+def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVehicle | None]) -> Iterator[str]:
+    """Check what concerns more than one section, as far as those sections hold."""
+    known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
+    yield from _all_distinct(known)
+    formation, ring, safety = sections.get("formation"), sections.get("encirclement"), sections.get("safety")
+    if isinstance(formation, FormationSettings) and len(known) == len(vehicles) and known:
+        ids = [vehicle.id for _, vehicle in known]
+        if formation.leader not in ids:
+            yield f"formation.leader: no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
+    if isinstance(safety, SafetySettings):
+        yield from _separated(known, safety, ring, len(vehicles))
+        yield from _inside_limits(sections, known, safety)
+    frame = sections.get("frame")
+    if isinstance(frame, FrameSection):
+        yield from _located(frame, known)
+    link = sections.get("link")
+    yield from kept_up(sections.get("mission"), link)
+    if isinstance(link, LinkSection):
+        yield from of_another_kind(link, vehicles)
+    yield from _way_home(known, sections.get("choreography"))
+    yield from _in_order(sections.get("failsafe"))
+    yield from limits_rise(sections.get("excitation"))
+    yield from _fast_enough(vehicles, formation, ring, sections.get("target"))
+
+
+def _all_distinct(vehicles: IndexedVehicles) -> Iterator[str]:
+    yield from _distinct(vehicles, "id", lambda v: v.id)
+    yield from _distinct(vehicles, "system_id", lambda v: v.system_id or v.id)
+    yield from _distinct(vehicles, "url", lambda v: _exclusive_part(v.url))
+    yield from _distinct(vehicles, "endpoint", lambda v: v.endpoint)
+
+
+def _inside_limits(
+    sections: dict[str, Settings | None], vehicles: IndexedVehicles, safety: SafetySettings
+) -> Iterator[str]:
+    mission, formation, ring, target = (
+        sections.get(name) for name in ("mission", "formation", "encirclement", "target")
+    )
+    ring = ring if isinstance(ring, EncirclementSettings) else None
+    target = target if isinstance(target, TargetSection) else None
+    mission = mission if isinstance(mission, MissionSection) else None
+    formation = formation if isinstance(formation, FormationSettings) else None
+    yield from slots_fit(vehicles, safety, formation, sections.get("network"))
+    yield from limits_agree(safety, ring, formation)
+    layers = sections.get("choreography")
+    layer_m = layers.layer_m if isinstance(layers, ChoreographySettings) else 0.0
+    yield from altitudes_fit(vehicles, safety, layer_m)
+    yield from follows_fit(vehicles, safety, ring, target)
+    yield from fence_fits(safety, vehicles, ring, target, mission)
+
+
+def _exclusive_part(url: str) -> str:
+    """Return what no other vehicle can use: the port listened on, the device, or the host and port called."""
+    scheme, _, rest = url.partition("://")
+    if scheme in ("udpin", "tcpin"):
+        return rest.rpartition(":")[2]
+    return rest.partition(":")[0] if scheme == "serial" else rest
+
+
+def _distinct(vehicles: IndexedVehicles, key: str, value: Callable[[VehicleSection], object]) -> Iterator[str]:
+    for (i, one), (k, other) in combinations(vehicles, 2):
+        if value(one) == value(other):
+            # An id that is doubled doubles the system id: one fault, not two.
+            if key == "system_id" and one.id == other.id:
+                continue
+            yield f"vehicles[{k}].{key}: {value(other)} is vehicles[{i}]'s already"
+
+
+def _separated(
+    vehicles: list[tuple[int, VehicleSection]],
+    safety: SafetySettings,
+    ring: Settings | None,
+    count: int,
+) -> Iterator[str]:
+    least = safety.separation_m
+    for (i, one), (k, other) in combinations(vehicles, 2):
+        distance = hypot(one.start_m[0] - other.start_m[0], one.start_m[1] - other.start_m[1])
+        if distance < least:
+            yield (
+                f"vehicles[{k}].start_m: {distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m"
+            )
+    if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
+        yield (
+            f"encirclement.radius_m: {count} vehicles on a ring of {ring.radius_m} m are "
+            f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m"
+        )
+
+
+def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings | None) -> Iterator[str]:
+    if not isinstance(choreography, ChoreographySettings):
+        return
+    order, ids = choreography.landing_order, [vehicle.id for _, vehicle in vehicles]
+    for i, vehicle_id in enumerate(order):
+        if vehicle_id not in ids:
+            known = ", ".join(map(str, ids))
+            yield f"choreography.landing_order[{i}]: no vehicle has the id {vehicle_id} (ids: {known})"
+        if vehicle_id in order[:i]:
+            yield f"choreography.landing_order[{i}]: vehicle {vehicle_id} is in the order already"
+    if choreography.landing == "return" and choreography.layer_m < LAYER_LEAST_M and len(vehicles) > 1:
+        yield (
+            f"choreography.layer_m: {choreography.layer_m} m; vehicles that return cross each other's paths, and need "
+            f"layers of at least {LAYER_LEAST_M} m"
+        )
+
+
+def _in_order(failsafe: Settings | None) -> Iterator[str]:
+    """Check that what is grave comes after what is less so."""
+    if not isinstance(failsafe, FailsafeSettings):
+        return
+    low, critical = failsafe.battery_low, failsafe.battery_critical
+    if critical >= low and critical > 0.0:
+        yield f"failsafe.battery_critical: {critical} must be less than battery_low = {low}"
+    one_s, all_s = failsafe.peer_silent_s, failsafe.peers_silent_s
+    if all_s < one_s:
+        yield f"failsafe.peers_silent_s: {all_s} s, for all peers, is less than peer_silent_s = {one_s} s, for one"
+
+
+def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[str]:
+    """Check that the frame lies somewhere on Earth, or else that nothing refers to where."""
+    place = {name: getattr(frame, name) for name in ("latitude_deg", "longitude_deg", "altitude_m")}
+    for name, value in place.items():
+        if frame.local and value is not None:
+            yield f"frame.{name}: with local = true it lies nowhere on Earth: leave one of them out (given: {value})"
+        if not frame.local and value is None:
+            yield f"frame.{name}: this key is missing; indoors, without GPS, write local = true instead"
+    for i, vehicle in vehicles:
+        if vehicle.origin_m is not None and not frame.local:
+            yield f"vehicles[{i}].origin_m: with a [frame] on Earth the vehicle says itself where its origin is"
+
+
+def _within_reach(ring: EncirclementSettings) -> Iterator[str]:
+    near_m, far_m, ring_m = ring.radius_min_m, ring.radius_far_m, ring.radius_m
+    if near_m >= ring_m:
+        yield f"tuning.encirclement.radius_min_m: {near_m} m must be less than encirclement.radius_m = {ring_m} m"
+    if far_m <= ring_m:
+        yield f"tuning.encirclement.radius_far_m: {far_m} m must be more than encirclement.radius_m = {ring_m} m"
+
+
+def _fast_enough(
+    vehicles: list[LoadedVehicle | None], formation: Settings | None, ring: Settings | None, target: Settings | None
+) -> Iterator[str]:
+    """Check that ring and line are within their own speeds, and within the limits of every vehicle's profile."""
+    if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
+        highest = formation.speed_max_m_s
+        yield f"formation.speed_m_s: {formation.speed_m_s} m/s is more than speed_max_m_s = {highest} m/s"
+    if not isinstance(ring, EncirclementSettings):
+        return
+    yield from _within_reach(ring)
+    if not isinstance(target, TargetSection):
+        return
+    along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
+    needed_m_s = along_m_s + target.motion.speed_max_m_s
+    if needed_m_s > ring.speed_max_m_s:
+        yield (
+            f"encirclement.angular_rate_rad_s: {ring.angular_rate_rad_s} rad/s at {ring.radius_m} m about this target "
+            f"takes {needed_m_s:.2f} m/s, more than speed_max_m_s = {ring.speed_max_m_s} m/s"
+        )
+    elif isinstance(formation, FormationSettings):
+        yield from beyond_limits(vehicles, max(needed_m_s, formation.speed_m_s), along_m_s**2 / ring.radius_m)

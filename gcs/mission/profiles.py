@@ -1,0 +1,77 @@
+"""A mission's vehicles with their profiles: what each controller assumes, and what the simulation flies."""
+
+from collections.abc import Iterator, Sequence
+
+from agents.settings.sections import DecisionSettings
+from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
+from estimation.profile.profile import Profile
+from estimation.settings import OwnFilterSettings
+from gcs.mission.mission import LinkSection, MissionVehicle, VehicleSection
+
+LoadedVehicle = tuple[VehicleSection, Profile]
+
+
+def resolved(section: VehicleSection, profile: Profile, own_filter: OwnFilterSettings | None) -> MissionVehicle:
+    """Return a vehicle with its profile, and the plant that a simulation flies: off by its `true_scale`.
+
+    The keys that are set in `own_filter`, which missions of earlier versions hold, replace the profile's.
+    """
+    changes = {} if own_filter is None else {key: getattr(own_filter, key) for key in own_filter.model_fields_set}
+    return MissionVehicle(
+        section,
+        profile.plant,
+        true_plant(section, profile.plant),
+        section.decision or DecisionSettings(),
+        profile.own_filter.model_copy(update=changes),
+        section.autopilot or profile.autopilot or "px4",
+        profile,
+    )
+
+
+def true_plant(section: VehicleSection, plant: Plant) -> Plant:
+    """Return a plant off by the `true_scale` of a vehicle."""
+    scale = section.true_scale
+
+    def true(axis: PlantAxis) -> PlantAxis:
+        return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
+
+    gain = min(plant.feedforward * scale.feedforward, FEEDFORWARD_MAX)
+    return Plant(true(plant.x), true(plant.y), plant.delay_s, gain)
+
+
+def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None]) -> Iterator[str]:
+    """Return the faults of profiles that are not for the kind of setpoints that `link.feedforward` states."""
+    if link.feedforward is None:
+        return
+    for index, vehicle in enumerate(vehicles):
+        if vehicle is None:
+            continue
+        section, gain = vehicle[0], vehicle[1].plant.feedforward
+        if (gain > 0.0) is link.feedforward:
+            continue
+        kind = f"takes velocities beside its setpoints (feedforward = {gain:g})" if gain else "takes no velocities"
+        stated, wanted = ("true", "with velocities") if link.feedforward else ("false", "without")
+        yield (
+            f"vehicles[{index}].profile: '{section.profile}' {kind}, and link.feedforward = {stated}: "
+            f"name one identified {wanted}, or leave link.feedforward out, and each profile decides"
+        )
+
+
+def beyond_limits(
+    vehicles: Sequence[LoadedVehicle | None], speed_m_s: float, acceleration_m_s2: float
+) -> Iterator[str]:
+    """Return the faults of vehicles whose profile limits them to less speed or acceleration than the mission takes."""
+    for index, vehicle in enumerate(vehicles):
+        if vehicle is None:
+            continue
+        section, limits = vehicle[0], vehicle[1].limits
+        for key, needed, unit in (
+            ("speed_max_m_s", speed_m_s, "m/s"),
+            ("acceleration_max_m_s2", acceleration_m_s2, "m/s²"),
+        ):
+            limit = getattr(limits, key)
+            if limit is not None and needed > limit:
+                yield (
+                    f"vehicles[{index}].profile: the mission takes {needed:.2f} {unit}, more than limits.{key} = "
+                    f"{limit:g} {unit} of '{section.profile}'"
+                )

@@ -1,0 +1,65 @@
+"""The names of a mission file's sections and of the tables of `[tuning]`, with the models of what stands in them."""
+
+from agents.settings.sections import (
+    ChoreographySettings,
+    DecisionSettings,
+    EncirclementSection,
+    EncirclementSettings,
+    ExcitationSettings,
+    FailsafeSection,
+    FailsafeSettings,
+    FormationSection,
+    FormationSettings,
+    SafetySection,
+    SafetySettings,
+)
+from agents.settings.tuning import EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
+from estimation.settings import Settings, TargetFilterSettings, TargetFilterTuning
+from gcs.mission.mission import (
+    FrameSection,
+    LinkSection,
+    MissionSection,
+    NetworkSection,
+    SimulationSection,
+    TargetSection,
+    VerdictSection,
+)
+
+EXCITES = "excite"
+"""The key above all sections by which a mission is the flight for identification of the vehicle of that id."""
+OLD_OWN_FILTER = "own_filter"
+"""The section by which missions of earlier versions change the own-state filter of every vehicle."""
+SECTIONS: dict[str, type[Settings]] = {
+    "mission": MissionSection,
+    "frame": FrameSection,
+    "formation": FormationSection,
+    "encirclement": EncirclementSection,
+    "decision": DecisionSettings,
+    "safety": SafetySection,
+    "failsafe": FailsafeSection,
+    "target": TargetSection,
+    "network": NetworkSection,
+    "link": LinkSection,
+    "choreography": ChoreographySettings,
+    "excitation": ExcitationSettings,
+    "simulation": SimulationSection,
+    "verdicts": VerdictSection,
+}
+"""The sections of a mission file: what a user decides."""
+TUNING: dict[str, type[Settings]] = {
+    "formation": FormationTuning,
+    "encirclement": EncirclementTuning,
+    "safety": SafetyTuning,
+    "failsafe": FailsafeTuning,
+    "target_filter": TargetFilterTuning,
+}
+"""The tables of `[tuning]`: what no mission has to choose."""
+TUNED: dict[str, tuple[str, type[Settings]]] = {
+    "formation": ("formation", FormationSettings),
+    "encirclement": ("encirclement", EncirclementSettings),
+    "safety": ("safety", SafetySettings),
+    "failsafe": ("failsafe", FailsafeSettings),
+    "target_filter": ("target", TargetFilterSettings),
+}
+"""The settings that are made of a section and a table of `[tuning]`, by the name of that table."""
+REQUIRED = ("mission", "frame", "formation", "encirclement", "target")

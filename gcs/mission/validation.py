@@ -1,0 +1,69 @@
+"""A section of a TOML file against its model: the settings, or every fault with its place in a user's words."""
+
+import difflib
+from collections.abc import Sequence
+from typing import TypeVar, get_args
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from estimation.settings import Settings
+
+_PLAIN_WORDS = {
+    "missing": "this key is missing",
+    "model_type": "it must be a table",
+    "tuple_type": "it must be a list of numbers",
+    "too_long": "it holds too many numbers",
+}
+
+_S = TypeVar("_S", bound=Settings)
+
+
+def validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
+    """Return a section of a mission file, or None and add everything that is wrong with it to the faults."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        faults += [_plain(model, path, fault) for fault in error.errors()]
+        return None
+
+
+def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
+    """Return a fault of a section in a user's words."""
+    *parents, last = fault["loc"] or ("",)
+    if fault["type"] == "extra_forbidden":
+        return unknown_key(_place(path, parents), str(last), _known_keys(model, parents))
+    reason = _PLAIN_WORDS.get(fault["type"]) or fault["msg"].removeprefix("Value error, ").replace(
+        "Input should be", "it must be"
+    )
+    given = "" if fault["type"] == "missing" else f" (given: {shown(fault['input'])})"
+    return f"{_place(path, fault['loc'])}: {reason}{given}"
+
+
+def _place(path: str, below: Sequence[int | str]) -> str:
+    return path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in below)
+
+
+def _known_keys(model: type[Settings], parents: Sequence[int | str]) -> list[str]:
+    """Return the keys of a table somewhere below a section."""
+    for key in filter(lambda part: isinstance(part, str), parents):
+        annotation = model.model_fields[str(key)].annotation
+        kinds = (annotation, *get_args(annotation))
+        model = next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Settings))
+    return list(model.model_fields)
+
+
+def shown(value: object) -> str:
+    """Return a value in at most 60 characters."""
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def unknown_key(parent: str, key: str, known: list[str]) -> str:
+    """Return what to say of a key that is none of the known."""
+    near = difflib.get_close_matches(key, known, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else f"; known keys: {', '.join(sorted(known))}"
+    return f"{parent}{'.' if parent else ''}{key}: unknown key{hint}"

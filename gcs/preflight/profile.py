@@ -1,0 +1,79 @@
+"""Preflight, the profile: whether it is for this autopilot, and whether its plant was identified from this vehicle."""
+
+import re
+from collections.abc import Iterator
+from datetime import date
+
+from estimation.plant.provenance import Identification, PlantGrade
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.findings import AutopilotKind, Finding, Grade, VehicleFacts
+
+OLD_DAYS = 180
+_NUMBERS = re.compile(r"(\d+)\.(\d+)")
+_WHY = "the controller is only as good as its plant: on the ring the vehicle would be off in radius and in rate"
+_STEP = "identify it anew (cordon excite, cordon identify), and name the new file as its profile"
+_AUTOPILOTS = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
+
+
+def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, today: date | None) -> Iterator[Finding]:
+    """Check a vehicle's profile against what the vehicle reports.
+
+    The flight for identification does not rely on the profile, and is not checked. Without `today` no profile is old.
+    """
+    if mission.excites:
+        return
+    other = list(_other_autopilot(facts, vehicle))
+    yield from other
+    identified = vehicle.profile.identified
+    if identified is None:
+        return
+    doubts = [*_doubts(identified, facts, today), *_other_kind(identified, vehicle)]
+    if not other and identified.autopilot.lower() != facts.autopilot.value.lower():
+        doubts.append(f"it is of {identified.autopilot}, and the vehicle flies {facts.autopilot.value}")
+    what = f"its profile '{vehicle.section.profile}', identified on {identified.date}"
+    found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} on its firmware, is {identified.verdict.value}"
+    yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
+
+
+def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Refuse a profile of another autopilot; where the mission itself names this autopilot, it is a warning."""
+    key = vehicle.profile.autopilot
+    if key is None or facts.autopilot in (_AUTOPILOTS[key], AutopilotKind.OTHER):
+        return
+    chosen = vehicle.section.autopilot
+    meant = chosen is not None and _AUTOPILOTS[chosen] is facts.autopilot
+    yield Finding(
+        Grade.WARNING if meant else Grade.REFUSE,
+        facts.subject,
+        "profile",
+        f"its profile '{vehicle.section.profile}' is for {_AUTOPILOTS[key].value} (autopilot = \"{key}\"), and the "
+        f"vehicle says it is {facts.autopilot.value}",
+        "plant, filter and limits of another autopilot do not describe this vehicle",
+        f"name a profile for {facts.autopilot.value} in the mission, or check the url",
+    )
+
+
+def _doubts(identified: Identification, facts: VehicleFacts, today: date | None) -> Iterator[str]:
+    if identified.verdict is PlantGrade.DO_NOT_FLY:
+        reasons = "".join(f", {reason}" for reason in identified.reasons)
+        yield f"its own verdict is '{identified.verdict.value}'{reasons}"
+    days = 0 if today is None else (today - date.fromisoformat(identified.date)).days
+    if days > OLD_DAYS:
+        yield f"it is {days} days old"
+    same = identified.autopilot.lower() == facts.autopilot.value.lower()
+    if same and _release(identified.firmware) != _release(facts.firmware) and identified.firmware and facts.firmware:
+        yield f"it is of firmware {identified.firmware}, and the vehicle's is {facts.firmware}"
+
+
+def _other_kind(identified: Identification, vehicle: MissionVehicle) -> Iterator[str]:
+    gain = vehicle.plant.feedforward
+    if identified.feeds and not gain:
+        yield "it is of setpoints with velocities beside them, and with its feedforward = 0 none are sent"
+    if gain and not identified.feeds:
+        yield f"it is of setpoints alone, and with its feedforward = {gain:g} velocities are sent beside them"
+
+
+def _release(firmware: str) -> tuple[str, ...] | str:
+    """Return what may change how a vehicle flies: the first two numbers of a version, or all of what is none."""
+    numbers = _NUMBERS.search(firmware)
+    return firmware if numbers is None else numbers.groups()
