@@ -1,11 +1,11 @@
-"""How every figure looks: colours, lines and what marks what; the paper's figures and the report share it."""
+"""Style of all figures: colours, lines and markers, shared by the paper's figures, the report and the viewers."""
 
 from typing import Any
 
-# Vehicles 1, 2, 3 are blue, red and green as in the paper, in shades that stay apart for colour-blind eyes.
+# Vehicles 1, 2, 3 are blue, red and green as in the paper, in shades that are distinguishable with colour blindness.
 COLOURS = ("#0077BB", "#CC3311", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#882255", "#8A8A2A")
 DASHES = ("-", (0, (5, 1.2, 1, 1.2)), (0, (1, 1)), (0, (7, 1, 1, 1, 1, 1)))
-# Tol's light scheme, made for fills behind dark words.
+# Paul Tol's light scheme, for areas behind dark text.
 TACTIC_COLOURS = {
     "standby": "#DDDDDD",
     "formation": "#99DDFF",
@@ -36,13 +36,13 @@ STYLE: dict[Any, Any] = {
     "text.color": INK,
     "xtick.color": INK,
     "ytick.color": INK,
-    # With the date left out of the metadata, the same flight gives the same file.
+    # With no date in the metadata, the same flight gives the same file.
     "svg.hashsalt": "cordon",
 }
 
 
 def vehicle_style(row: int, vehicles: int) -> dict[str, Any]:
-    """Return how the lines of one of several vehicles look: the colours in turn, then the same in another dash."""
+    """Return the line style of one of several vehicles: the colours in turn, then again with another dash."""
     return {
         "color": COLOURS[row % len(COLOURS)],
         "linestyle": DASHES[row // len(COLOURS) % len(DASHES)],

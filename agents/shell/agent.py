@@ -30,7 +30,7 @@ from agents.shell.start_agreement import StartAgreement
 from agents.shell.ticker import Ticker, TickerStatistics
 from agents.tactics import Event, Tactic
 from agents.team.messages import TOPICS, OperatorCommand, encode
-from agents.team.perception import Perception, is_told_from_outside
+from agents.team.perception import Perception, is_external_sighting
 from estimation.state import Sighting, Telemetry
 
 ARMED_HEARD_AFTER_S = 2.5
@@ -361,7 +361,7 @@ class Agent:
             self._core.on_telemetry(telemetry)
 
     def _hear(self, payload: bytes) -> None:
-        if is_told_from_outside(payload):
+        if is_external_sighting(payload):
             seen = self._perception.take(payload, self._clock.now_s(), max(self._clock.speed, 1.0))
             if seen is not None:
                 self.see(seen)

@@ -1,7 +1,6 @@
 """Sightings from outside the team - a camera on a mast, another vehicle, an operator - as JSON on the team's bus.
 
-docs/target.md describes the message. This is the edge: what no sighting can be is refused here, with the reason, which
-is counted, and told the first time.
+docs/target.md describes the message. Invalid sightings are refused here; each reason is counted, and reported once.
 """
 
 from collections import Counter
@@ -20,12 +19,12 @@ SOURCES_FROM = 1000
 """The sensor id of source 0: vehicles' own sensors have the vehicles' ids."""
 AHEAD_MAX_S = 1.0
 AWAY_MAX_M = 1e6
-"""No farther than peers can tell of: numbers beyond are no places, and would spoil what is computed from them."""
+"""Limit of the distance, as in peers' messages: larger numbers are invalid positions."""
 _FIRST_BYTE = b"{"
 
 
 class Frame(Enum):
-    """In which frame a position is told: metres in the mission's, or degrees of latitude and longitude."""
+    """The frame of a position: metres in the mission frame, or degrees of latitude and longitude."""
 
     MISSION = "mission"
     GEODETIC = "geodetic"
@@ -34,22 +33,22 @@ class Frame(Enum):
 class Refusal(Enum):
     """Why a sighting from outside was refused."""
 
-    MALFORMED = "it is not what docs/target.md describes"
-    FRAME = "its frame is not known"
-    NOWHERE = "it is geodetic, and the mission's frame lies nowhere on Earth"
-    AWAY = "it is too far away"
-    FUTURE = "it is from the future"
-    COVARIANCE = "its covariance is not positive definite"
+    MALFORMED = "malformed message, see docs/target.md"
+    FRAME = "unknown frame"
+    NOWHERE = "geodetic position in a mission with a local frame"
+    AWAY = "position too far away"
+    FUTURE = "time in the future"
+    COVARIANCE = "covariance not positive definite"
 
 
 _Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
 
 
-class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A sighting as it is told: covariance (xx, xy, yy) in the frame's axes, which are north and east if geodetic.
+class ExternalSighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A sighting message: covariance (xx, xy, yy) in the axes of the frame, north and east if geodetic.
 
-    `time_s` is when, on the team's clock (Unix time, but in faster simulations); None is on arrival. `altitude_m` is
-    above the mission's origin, in either frame; None is not known.
+    `time_s` is on the team's clock (Unix time, except in faster simulations); None is the time of reception.
+    `altitude_m` is above the mission's origin, in either frame; None is unknown.
     """
 
     frame: str
@@ -63,16 +62,16 @@ class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
     altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
 
 
-_decoder = msgspec.json.Decoder(Seen)
+_decoder = msgspec.json.Decoder(ExternalSighting)
 
 
-def is_told_from_outside(payload: bytes) -> bool:
-    """Return whether a payload on the bus is meant to be a sighting from outside: no peer's message begins like it."""
+def is_external_sighting(payload: bytes) -> bool:
+    """Return whether a payload on the bus is an external sighting: no peer message begins with the same byte."""
     return payload.startswith(_FIRST_BYTE)
 
 
 class SightingRefusedError(Exception):
-    """A sighting from outside is refused: why, and by which of its values."""
+    """An external sighting is refused: the reason and the offending value."""
 
     def __init__(self, refusal: Refusal, detail: str) -> None:
         super().__init__(f"{refusal.value} ({detail})")
@@ -80,24 +79,24 @@ class SightingRefusedError(Exception):
 
 
 class Perception:
-    """Takes what one agent hears of sightings from outside; `tell` is told each reason for a refusal once."""
+    """Decodes and validates the external sightings of one agent; calls `report` once for each reason of refusal."""
 
-    def __init__(self, frame: MissionFrame, tell: Callable[[str], None]) -> None:
+    def __init__(self, frame: MissionFrame, report: Callable[[str], None]) -> None:
         self._frame = frame
-        self._tell = tell
+        self._report = report
         self.refused: Counter[Refusal] = Counter()
 
     def take(self, payload: bytes, now_s: float, time_scale: float) -> Sighting | None:
         """Return the sighting in a payload in the mission frame, None if it is refused.
 
-        `patience` is how many times as fast as the wall's clock the team's passes.
+        `time_scale` is in mission seconds per wall second.
         """
         try:
             return self.read(payload, now_s, time_scale)
         except SightingRefusedError as error:
             self.refused[error.refusal] += 1
             if self.refused[error.refusal] == 1:
-                self._tell(f"a sighting from outside is refused, and so will be others: {error}")
+                self._report(f"external sighting refused, reported once: {error}")
         return None
 
     def read(self, payload: bytes, now_s: float, time_scale: float) -> Sighting:
@@ -111,24 +110,24 @@ class Perception:
         except (msgspec.MsgspecError, RecursionError, ValueError) as error:
             raise SightingRefusedError(Refusal.MALFORMED, str(error)) from error
 
-    def _frame_of(self, seen: Seen) -> Frame:
+    def _frame_of(self, seen: ExternalSighting) -> Frame:
         try:
             frame = Frame(seen.frame)
         except ValueError as error:
             known = ", ".join(each.value for each in Frame)
-            raise SightingRefusedError(Refusal.FRAME, f"{seen.frame[:32]!r} is none of {known}") from error
+            raise SightingRefusedError(Refusal.FRAME, f"{seen.frame[:32]!r}, known: {known}") from error
         if frame is Frame.GEODETIC and self._frame.is_local:
-            raise SightingRefusedError(Refusal.NOWHERE, "tell it in the mission's frame")
+            raise SightingRefusedError(Refusal.NOWHERE, "use the mission frame")
         return frame
 
-    def _sighting(self, seen: Seen, frame: Frame, time_s: float) -> Sighting:
+    def _sighting(self, seen: ExternalSighting, frame: Frame, time_s: float) -> Sighting:
         xx, xy, yy = covariance_m2 = seen.covariance_m2
         if not (xx > 0.0 and xx * yy - xy**2 > 0.0):
             raise SightingRefusedError(Refusal.COVARIANCE, str(covariance_m2))
         x, y, z = *seen.position, 0.0
         if frame is Frame.GEODETIC and self._frame.origin is not None:
             x, y, z = self._frame.mission_from_geodetic(Geodetic(*seen.position, self._frame.origin.altitude_m))
-            covariance_m2 = self._turned(covariance_m2)
+            covariance_m2 = self._rotated(covariance_m2)
         if hypot(x, y, z) > AWAY_MAX_M:
             raise SightingRefusedError(Refusal.AWAY, f"{hypot(x, y, z) / 1e3:g} km, at most {AWAY_MAX_M / 1e3:g}")
         return Sighting(
@@ -142,8 +141,8 @@ class Perception:
             seen.altitude_sigma_m,
         )
 
-    def _turned(self, covariance_m2: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Return a covariance of north and east in the mission's axes."""
+    def _rotated(self, covariance_m2: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Rotate a covariance from north and east into the mission's axes."""
         nn, ne, ee = covariance_m2
         (xn, yn, _), (xe, ye, _) = (self._frame.mission_from_ned(axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
         return (
@@ -153,6 +152,6 @@ class Perception:
         )
 
 
-def encode_seen(seen: Seen) -> bytes:
-    """Return a sighting as it goes over the bus."""
+def encode_sighting(seen: ExternalSighting) -> bytes:
+    """Return the payload of a sighting."""
     return msgspec.json.encode(seen)

@@ -11,7 +11,7 @@ from gcs.cli.options import RunningMission, chosen_vehicle, loaded_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
-    from gcs.console.operator import Answer
+    from gcs.console.command_client import CommandResult
     from gcs.mission.mission import Mission
 
 Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
@@ -47,7 +47,7 @@ def command(
     """
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import confirmed
-    from gcs.console.operator import Operator
+    from gcs.console.command_client import CommandClient
     from gcs.console.terminal import print_problem
 
     mission, vehicle = loaded_mission(options.mission), options.vehicle
@@ -57,7 +57,7 @@ def command(
     if verb == "kill" and not options.yes and not confirmed(_kill_question(vehicles, mission)):
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
-    operator = Operator(mission)
+    operator = CommandClient(mission)
     try:
         answers = asyncio.run(operator.command(verb, vehicles, vehicle, shape))
     except VehicleRefusedError as refusal:
@@ -67,7 +67,7 @@ def command(
     return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
 
 
-def _show(verb: Verb, answers: "Mapping[int, Answer | None]", joined_after_s: float) -> None:
+def _show(verb: Verb, answers: "Mapping[int, CommandResult | None]", joined_after_s: float) -> None:
     from gcs.console.terminal import STDERR, print_line
 
     for vehicle_id, answer in answers.items():

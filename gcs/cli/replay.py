@@ -86,18 +86,18 @@ def _what_if(log: "FlightLog", changes: tuple[str, ...]) -> dict[str, Any]:
 
 def _story(log: "FlightLog", vehicle_id: int) -> dict[str, Any]:
     from gcs.console.terminal import STDERR
-    from gcs.replay.story import story_of
-    from gcs.replay.story_view import story_dict, story_view
+    from gcs.replay.timeline import timeline_of
+    from gcs.replay.timeline_view import timeline_dict, timeline_view
 
-    story = story_of(log, vehicle_id)
-    STDERR.print(story_view(story))
-    return story_dict(story)
+    story = timeline_of(log, vehicle_id)
+    STDERR.print(timeline_view(story))
+    return timeline_dict(story)
 
 
 def _replay(log: "FlightLog") -> tuple[Exit, dict[str, Any]]:
     from gcs.console.terminal import STDERR
     from gcs.replay.cores import replay as replayed
-    from gcs.replay.view import replay_dict, replay_view
+    from gcs.replay.replay_view import replay_dict, replay_view
 
     with _counting(log) as on_tick:
         result = replayed(log, on_tick)

@@ -54,7 +54,7 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     """Show the flight that the logs of its processes hold; raises InputError."""
     from gcs.cli.output import present
     from gcs.console.terminal import STDERR
-    from gcs.report.evidence.asked import asked_of
+    from gcs.report.evidence.criteria import criteria_of
     from gcs.report.evidence.plants import plant_facts
 
     flight = _read(logs)
@@ -64,7 +64,7 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
 
         html = options.html
         evidence = replace(flight.evidence, facts={**flight.evidence.facts, **plants})
-        _write(html, lambda: write_report(evidence, _result(flight), asked_of(flight.mission), html))
+        _write(html, lambda: write_report(evidence, _result(flight), criteria_of(flight.mission), html))
     verdict = present(flight.mission, flight.evidence.record, json=options.json, plot=options.plot)
     for name, words in plants.items():
         STDERR.print(f"{name}: {words}", style="dim", markup=False, highlight=False, soft_wrap=True)
@@ -140,10 +140,10 @@ def _read(paths: Sequence[Path]) -> "LoggedFlight":
 
 def _result(flight: "LoggedFlight") -> "FlightResult":
     from gcs.metrics.metrics import evaluate
-    from gcs.report.evidence.asked import asked_of
+    from gcs.report.evidence.criteria import criteria_of
 
-    asked = asked_of(flight.mission)
-    return evaluate(flight.evidence.record, asked.ring, asked.formation, asked.tolerances)
+    criteria = criteria_of(flight.mission)
+    return evaluate(flight.evidence.record, criteria.ring, criteria.formation, criteria.tolerances)
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:

@@ -13,7 +13,7 @@ from gcs.cli.options import RunningMission, loaded_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
-    from agents.team.perception import Seen
+    from agents.team.perception import ExternalSighting
     from gcs.mission.mission import Mission
 
 Share = Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))]
@@ -88,11 +88,11 @@ def _position_faults(position: tuple[float, ...], mission: "Mission", *, geodeti
         yield f"--lat: {first}, {second} is not a position on Earth"
 
 
-def _sighting(position: tuple[float, ...], options: TargetOptions) -> "Seen":
-    from agents.team.perception import Seen
+def _sighting(position: tuple[float, ...], options: TargetOptions) -> "ExternalSighting":
+    from agents.team.perception import ExternalSighting
 
     first, second = position
-    return Seen(
+    return ExternalSighting(
         "geodetic" if options.is_geodetic else "mission",
         (first, second),
         (options.sigma**2, 0.0, options.sigma**2),
@@ -103,19 +103,19 @@ def _sighting(position: tuple[float, ...], options: TargetOptions) -> "Seen":
     )
 
 
-def _publish(sighting: "Seen", mission: "Mission", lasting_s: float) -> Exit:
+def _publish(sighting: "ExternalSighting", mission: "Mission", lasting_s: float) -> Exit:
     """Publish a sighting for some seconds; one that the vehicles would reject is rejected here."""
     from agents.ports import VehicleRefusedError
-    from agents.team.perception import Perception, SightingRefusedError, encode_seen
-    from gcs.console.operator import Operator
+    from agents.team.perception import Perception, SightingRefusedError, encode_sighting
+    from gcs.console.command_client import CommandClient
     from gcs.console.terminal import STDERR, print_problem
 
     try:
-        Perception(mission.mission_frame(), lambda _: None).read(encode_seen(sighting), now_s=0.0, time_scale=1.0)
+        Perception(mission.mission_frame(), lambda _: None).read(encode_sighting(sighting), now_s=0.0, time_scale=1.0)
     except SightingRefusedError as refused:
         raise InputError([f"target: {refused}"]) from refused
     try:
-        reached = asyncio.run(Operator(mission).point_out(sighting, lasting_s))
+        reached = asyncio.run(CommandClient(mission).send_sighting(sighting, lasting_s))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED

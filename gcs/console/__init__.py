@@ -1,4 +1,4 @@
-"""The operator's terminal: the live table, keys, the view of a running team, and commands sent to it.
+"""The operator console: live table, keyboard, view of a running team, and commands to it.
 
 It may import metrics and mission.
 """

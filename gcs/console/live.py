@@ -1,4 +1,4 @@
-"""What people see in the terminal: a table while a team flies, and a summary of what it achieved."""
+"""Terminal output of a flight: the live table of the team, and the summary of the result."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ LIVE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
 )
 VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("", "right"),
-    ("tactic\nat the end", "left"),
+    ("final\ntactic", "left"),
     ("engaged\n[s]", "right"),
     ("radius\nrms [m]", "right"),
     ("radius\nmax [m]", "right"),
@@ -46,7 +46,7 @@ VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class LiveRow:
-    """One vehicle at one moment; None is what does not apply or is not known.
+    """One vehicle at one time; None where a value does not apply or is not known.
 
     `spacing_lead_deg` and `spacing_lag_deg` are the angles to the neighbours on the ring; `battery` is a fraction.
     """
@@ -64,9 +64,9 @@ class LiveRow:
 
 
 class TableView(Generic[RowT]):
-    """A table that follows the team on a terminal; elsewhere a line now and then, every `interval_s` at most.
+    """A live table on a terminal; elsewhere a line of text every `interval_s` at most.
 
-    Use it as a context manager. `update` only stores what it is given: drawing happens four times a second.
+    Use it as a context manager. `update` only stores the rows: the table is drawn four times a second.
     """
 
     def __init__(
@@ -101,24 +101,24 @@ class TableView(Generic[RowT]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Draw the newest state once more and leave it standing."""
+        """Draw the newest state once more and leave it on the screen."""
         if self._live is not None:
             self._live.stop()
 
     @property
     def is_live(self) -> bool:
-        """Whether it is drawn on a terminal."""
+        """Whether the table is drawn on a terminal."""
         return self._live is not None
 
     def update(self, rows: Sequence[RowT], mission_time_s: float, message: str = "", hint: str = "") -> None:
-        """Show the team at a moment of the mission; a terminal shows the hint below."""
+        """Show the team at a mission time; a terminal shows the hint below the table."""
         self._shown = (tuple(rows), mission_time_s, message, hint)
         if self._live is None and self._line_is_due(mission_time_s):
             self._printed_s = mission_time_s
-            self.say(self._line(rows, mission_time_s, message))
+            self.print_line(self._line(rows, mission_time_s, message))
 
-    def say(self, text: str) -> None:
-        """Print a line that stays, above the table."""
+    def print_line(self, text: str) -> None:
+        """Print a permanent line above the table."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def _line_is_due(self, now_s: float) -> bool:
@@ -139,7 +139,7 @@ class LiveView(TableView[LiveRow]):
 
 
 def live_table(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> RenderableType:
-    """Return the table of a team at a moment of the mission."""
+    """Return the table of a team at a mission time."""
     clock = f"{mission_time_s:.1f} s"
     table = Table(
         title=clock, title_justify="left", title_style="bold", box=None, pad_edge=False, collapse_padding=True
@@ -153,12 +153,12 @@ def live_table(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> 
 
 
 def plain_line(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> str:
-    """Return the same as one line of plain text, vehicles set apart by bars."""
+    """Return the table as one line of plain text, vehicles separated by bars."""
     return " | ".join([f"t={mission_time_s:.1f}s", *map(_plain_vehicle, rows), *filter(None, [message])])
 
 
 def summary(result: FlightResult) -> RenderableType:
-    """Return a flight's result for people: verdicts with what they rest on, and a table of the vehicles."""
+    """Return a flight's result for a terminal: verdicts with their measurements, and a table of the vehicles."""
     flocking = reynolds_grid(result.reynolds)
     return Group(
         _headline(result),
@@ -205,10 +205,10 @@ def _battery_style(battery: float | None) -> str:
 
 
 def _headline(result: FlightResult) -> Text:
-    pace = "" if result.realtime_factor is None else f" ({result.realtime_factor:.3g}× real time)"
-    took = "" if result.wall_time_s is None else f" in {result.wall_time_s:.1f} s{pace}"
-    told = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
-    return Text.assemble((result.mission, "bold"), (told, "dim"), (f", judged by {result.reference}", "dim"))
+    factor = "" if result.realtime_factor is None else f" ({result.realtime_factor:.3g}× real time)"
+    took = "" if result.wall_time_s is None else f" in {result.wall_time_s:.1f} s{factor}"
+    source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
+    return Text.assemble((result.mission, "bold"), (source, "dim"), (f", metrics from {result.reference}", "dim"))
 
 
 def _verdict_table(result: FlightResult) -> Table:
@@ -239,11 +239,11 @@ def _spacing(result: FlightResult) -> str:
     ring = result.ring
     parts = []
     if ring.spacing_error_rms_deg is not None and ring.spacing_error_max_deg is not None:
-        parts.append(f"error {ring.spacing_error_rms_deg:.2f}° rms, {ring.spacing_error_max_deg:.2f}° at most")
+        parts.append(f"error {ring.spacing_error_rms_deg:.2f}° rms, {ring.spacing_error_max_deg:.2f}° max")
     if ring.settling_time_s is not None:
         parts.append(f"settled after {ring.settling_time_s:.1f} s")
     elif result.window_s is not None:
-        parts.append("never settled")
+        parts.append("did not settle")
     return "; ".join(parts)
 
 
@@ -293,5 +293,5 @@ def _loop_line(result: FlightResult) -> Text:
 
 
 def number(value: float | None, form: str) -> str:
-    """Return a number in a format, a dash for what is not known."""
+    """Return a number in a format, a dash for None."""
     return "–" if value is None else format(value, form)

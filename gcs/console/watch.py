@@ -1,4 +1,4 @@
-"""A running team, watched from another terminal: what is heard on its bus is shown, and nothing is ever said there."""
+"""Read-only view of a running team from another terminal: shows the messages on its bus and sends none."""
 
 import asyncio
 from collections.abc import Sequence
@@ -11,17 +11,17 @@ from rich.text import Text
 
 from agents.shell.zenoh_bus import ZenohBus
 from gcs.console.live import TACTIC_STYLES, TableView, number
-from gcs.console.picture import TeamPicture, WatchRow
+from gcs.console.team_state import TeamState, WatchRow
 from gcs.mission.mission import Mission
 from gcs.signals import relay
 
-NOBODY_AFTER_S = 3.0
+NONE_RECEIVED_AFTER_S = 3.0
 PLAIN_INTERVAL_S = 5.0
 _VIEW_PERIOD_S = 0.2
 _COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("", "right"),
     ("tactic", "left"),
-    ("heard\n[s ago]", "right"),
+    ("age\n[s]", "right"),
     ("x\n[m]", "right"),
     ("y\n[m]", "right"),
     ("height\n[m]", "right"),
@@ -32,7 +32,7 @@ _COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
 
 
 class WatchView(TableView[WatchRow]):
-    """The view of a team that is watched; on no terminal a line every 5 s, beside the news."""
+    """The table of a watched team; without a terminal a line every 5 s, and one for each event."""
 
     def __init__(self, console: Console) -> None:
         """Prepare to draw on `console`, normally standard error's."""
@@ -40,7 +40,7 @@ class WatchView(TableView[WatchRow]):
 
 
 async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
-    """Show the team, whoever comes and goes, until SIGINT or SIGTERM."""
+    """Show the team until SIGINT or SIGTERM."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     relay(lambda: loop.call_soon_threadsafe(stop.set))
@@ -49,17 +49,17 @@ async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
 
 async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     """Show the team until `stop`."""
-    picture = TeamPicture(mission.ids)
+    team = TeamState(mission.ids)
     endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
     bus = ZenohBus(None, mission.network.team, None, endpoints)
     began_s = monotonic()
-    await bus.open(lambda payload: picture.hear(payload, monotonic()), lambda *_: None)
+    await bus.open(lambda payload: team.receive(payload, monotonic()), lambda *_: None)
     try:
         while not stop.is_set():
             now_s = monotonic()
-            for line in picture.news(now_s):
-                view.say(line)
-            view.update(picture.rows(now_s), now_s - began_s, _message(mission, picture, now_s - began_s))
+            for line in team.new_events(now_s):
+                view.print_line(line)
+            view.update(team.rows(now_s), now_s - began_s, _message(mission, team, now_s - began_s))
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
     finally:
@@ -67,7 +67,7 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
 
 
 def watch_table(rows: Sequence[WatchRow], watched_s: float, message: str) -> RenderableType:
-    """Return the table of a team as it was heard."""
+    """Return the table of a team from its latest messages."""
     table = Table(
         title=f"watched for {watched_s:.0f} s",
         title_justify="left",
@@ -84,15 +84,15 @@ def watch_table(rows: Sequence[WatchRow], watched_s: float, message: str) -> Ren
 
 
 def watch_line(rows: Sequence[WatchRow], watched_s: float, message: str) -> str:
-    """Return the same as one line of plain text, vehicles set apart by bars."""
+    """Return the table as one line of plain text, vehicles separated by bars."""
     return " | ".join([f"watched for {watched_s:.0f} s", *map(_plain, rows), *filter(None, [message])])
 
 
-def _message(mission: Mission, picture: TeamPicture, watched_s: float) -> str:
-    if picture.anybody:
-        return "Ctrl-C ends the watching, and nothing else"
-    nobody = f"; nobody heard for {watched_s:.0f} s, still waiting" if watched_s >= NOBODY_AFTER_S else ""
-    return f"listening for the team {mission.network.team}{nobody}"
+def _message(mission: Mission, team: TeamState, watched_s: float) -> str:
+    if team.any_received:
+        return "read-only; Ctrl-C closes this view"
+    silence = f": no vehicle received in {watched_s:.0f} s" if watched_s >= NONE_RECEIVED_AFTER_S else ""
+    return f"waiting for team {mission.network.team}{silence}"
 
 
 def _cells(row: WatchRow) -> tuple[Text, ...]:
@@ -112,7 +112,7 @@ def _cells(row: WatchRow) -> tuple[Text, ...]:
 
 def _plain(row: WatchRow) -> str:
     if row.position_m is None:
-        return f"#{row.vehicle_id} not heard"
+        return f"#{row.vehicle_id} not received"
     x_m, y_m = row.position_m
     numbers = (
         ("height", row.altitude_m, ".1f", "m"),
@@ -125,5 +125,5 @@ def _plain(row: WatchRow) -> str:
 
 
 def _remark(row: WatchRow) -> str:
-    silent = f"silent for {row.age_s:.0f} s" if row.silent else "" if row.age_s is not None else "not heard"
+    silent = f"no messages for {row.age_s:.0f} s" if row.silent else "" if row.age_s is not None else "not received"
     return ", ".join(filter(None, [silent, row.alert]))

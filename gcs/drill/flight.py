@@ -17,7 +17,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.zenoh_bus import ZenohBus
 from agents.team.messages import MemberState, NeighbourAngle, decode
 from estimation.frames import Triple
-from gcs.console.operator import Operator
+from gcs.console.command_client import CommandClient
 from gcs.drill.injected_faults import InjectedFaults
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
@@ -147,7 +147,9 @@ class DrillFlight:
     async def resume(self, vehicle: int) -> None:
         """Command a vehicle once to resume its mission."""
         with suppress(VehicleRefusedError, TimeoutError):
-            await asyncio.wait_for(Operator(self.mission).command("resume", (vehicle,), vehicle), _RESUME_TIMEOUT_S)
+            await asyncio.wait_for(
+                CommandClient(self.mission).command("resume", (vehicle,), vehicle), _RESUME_TIMEOUT_S
+            )
 
     async def _start(self) -> None:
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="cordon-drill-")))

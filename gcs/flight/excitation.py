@@ -16,7 +16,7 @@ from agents.control.excitation import (
 )
 from agents.tactics import Tactic
 from estimation.state import Vector
-from gcs.metrics.metrics import heard
+from gcs.metrics.metrics import measured
 from gcs.metrics.record import FlightRecord
 from gcs.mission.excitation import box_m
 from gcs.mission.mission import Mission
@@ -79,7 +79,7 @@ def flown_view(planned: Preview, flown: FlownExcitation) -> RenderableType:
 def flown_excitation(mission: Mission, record: FlightRecord) -> FlownExcitation:
     """Return the figures of a flight, from the samples received: also a simulator's truth may have short gaps."""
     track, settings = record.vehicles[0], mission.excitation
-    excited = (track.tactic == Tactic.EXCITE.value) & heard(record)[0]
+    excited = (track.tactic == Tactic.EXCITE.value) & measured(record)[0]
     start_x, start_y = mission.vehicles[0].section.start_m
     parts = programme(mission.agent_config(mission.vehicles[0])).parts
     in_box = excited & (record.time_s >= parts[0].begin_s)

@@ -10,8 +10,8 @@ from time import perf_counter
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending, Outcome, Stop
-from gcs.console.helm import Helm
-from gcs.console.keys import Keys
+from gcs.console.key_commands import KeyCommands
+from gcs.console.keyboard import Keyboard
 from gcs.console.live import LiveView
 from gcs.flight.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.plan import FlightPlan
@@ -79,9 +79,9 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         await _unless_stopped(_prepare(team, target, report), team.stop)
         team.recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
-        helm = Helm(team.agents, clock)
-        keys = stack.enter_context(Keys(helm.press)) if team.view.is_live else None
-        hint = (lambda: helm.hint) if keys is not None and keys.active else str
+        key_commands = KeyCommands(team.agents, clock)
+        keyboard = stack.enter_context(Keyboard(key_commands.press)) if team.view.is_live else None
+        hint = (lambda: key_commands.hint) if keyboard is not None and keyboard.active else str
         outcomes = await _fly_members(team, Watch(team, report, hint))
         wall_time_s = perf_counter() - began_s
     record = team.record(stubs.record, wall_time_s)

@@ -16,7 +16,7 @@ from gcs.flightlog.run import run_of
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.mission.mission import Mission
-from gcs.viewer.onlookers import Address, onlookers
+from gcs.viewer.live_server import Address, live_server
 from gcs.viewer.scene import Scene
 
 
@@ -57,7 +57,7 @@ def flight_log(options: RecordingOptions, mission: str) -> Iterator[LogWriter | 
         yield _flight_writer(options, mission, context)
         return
     address = Address.parsed(options.live_address)
-    with onlookers(address, context):
+    with live_server(address, context):
         writer = _flight_writer(options, mission, context)
         _report_address(address)
         yield writer or LogWriter(None, context)

@@ -17,7 +17,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.link.hub import MavsdkHub
-from gcs.metrics.journal import Journal
+from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
 from gcs.preflight.findings import Finding
@@ -94,7 +94,9 @@ class Team:
             sensor=partial(equipment.sensor, mission, vehicle.id),
             observe=self._observe,
             heartbeat=heartbeat,
-            perception=Perception(mission.mission_frame(), lambda text: self.view.say(f"vehicle {vehicle.id}: {text}")),
+            perception=Perception(
+                mission.mission_frame(), lambda text: self.view.print_line(f"vehicle {vehicle.id}: {text}")
+            ),
         )
 
     def _observe(self, status: CoreStatus, tick_us: float | None) -> None:
@@ -139,15 +141,14 @@ class Team:
         ended_s = max((agent.ended_s or seen_s for agent in self.agents), default=seen_s)
         flown_s = min(min(seen_s, ended_s) - start_s, self.plan.duration_s)
         loops = [agent.loop for agent in self.agents]
-        return self.journal.record(
-            start_s,
-            max(flown_s, 0.0),
-            ticks=sum(loop.ticks for loop in loops),
-            missed=sum(loop.missed for loop in loops),
-            wall_time_s=wall_time_s,
-            source=self.plan.source(self.clock.speed),
-            truth=() if stubs is None else stubs.tracks,
+        totals = RunTotals(
+            self.plan.source(self.clock.speed),
+            sum(loop.ticks for loop in loops),
+            sum(loop.missed for loop in loops),
+            wall_time_s,
+            () if stubs is None else stubs.tracks,
         )
+        return self.journal.record(start_s, max(flown_s, 0.0), totals)
 
     def complete(self, stubs: StubRecord | None, record: FlightRecord | None) -> None:
         """Add to the log what is known once the flight is over."""

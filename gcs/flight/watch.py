@@ -37,8 +37,8 @@ class Watch:
 
     def show_events(self) -> None:
         """Print the events since the last time."""
-        for event in self._team.journal.news():
-            self._team.view.say(event_line(event, self._team.start_s))
+        for event in self._team.journal.new_events():
+            self._team.view.print_line(event_line(event, self._team.start_s))
 
     def _update(self) -> None:
         team = self._team
@@ -51,7 +51,7 @@ class Watch:
         fault = self._team.recording.fault
         if fault and not self._log_fault:
             self._log_fault = fault
-            self._team.view.say(f"the log is incomplete: {fault}; the flight goes on")
+            self._team.view.print_line(f"the log is incomplete: {fault}; the flight goes on")
 
     def _report_clocks(self) -> None:
         """Report each other computer once whose clock differs too much from this one's."""

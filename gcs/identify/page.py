@@ -24,7 +24,7 @@ from gcs.report.charts.chart import chart, level, over_time
 from gcs.report.charts.panels import title
 from gcs.report.charts.thinning import thinned
 from gcs.report.page import KeyLine, render
-from gcs.report.view import Section, Table
+from gcs.report.page_parts import Section, Table
 from gcs.style import (
     COLOURS,
     DESIRED,

@@ -1,4 +1,4 @@
-"""Calls to one vehicle through MAVSDK: on threads of their own, with refusals in the autopilot's own words."""
+"""Calls to one vehicle through MAVSDK on separate threads, with the autopilot's status texts in refusals."""
 
 import asyncio
 import json
@@ -21,23 +21,23 @@ Result = TypeVar("Result")
 
 POLL_PERIOD_S = 0.02
 WALL_WAIT_MIN_S = 3.0
-"""No wait is shorter than this, however fast the simulation runs: threads and heartbeats take wall time."""
+"""Shortest wait at any speed of the simulation: threads and heartbeats take wall time."""
 TEXT_DELAY_S = 0.3
-"""How long after a refusal its explanation may come: PX4 sends it beside the acknowledgement."""
+"""Wait for the status text that explains a refusal: PX4 sends it beside the acknowledgement."""
 TEXT_AGE_S = 15.0
 SPEED_SNAP = 0.1
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 STATUS = ("health", "in_air", "attitude_euler")
-"""What comes at the status rate; attitudes carry the autopilot's clock, by which a restart is seen."""
+"""Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
 SLOW_STATUS = ("battery", "home", "gps_info", "position")
-"""What comes half as often. ArduPilot sends nothing that nobody asked for, PX4 all of it too often for a radio."""
+"""Telemetry at half the status rate. ArduPilot sends only what is requested, PX4 more than a radio carries."""
 
 
 class VehicleCalls:
-    """Runs MAVSDK's blocking calls for one vehicle, and waits for what they should bring about.
+    """Runs MAVSDK's blocking calls for one vehicle, and waits for their effect.
 
-    Two threads of its own: calls to a dead vehicle block for seconds, and must not starve a living one's.
+    Every vehicle has threads of its own: calls to a dead vehicle block for seconds and must not delay the others.
     `speed` is how many times faster than the wall the mission clock runs.
     """
 
@@ -49,31 +49,31 @@ class VehicleCalls:
         self._urgent = ThreadPoolExecutor(1, thread_name_prefix=f"vehicle-{system_id}-urgent")
 
     async def run(self, function: Callable[..., Result], *arguments: object) -> Result:
-        """Return what a blocking call returns."""
+        """Run a blocking call and return its result."""
         return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
 
-    async def insist(
+    async def command_until(
         self, verb: str, function: Callable[..., object], condition: Callable[[], bool], *, attempts: int, each_s: float
     ) -> None:
-        """Make a call again and again, waiting for nobody, until it is taken and what it should bring about is heard.
+        """Repeat a call on the urgent thread until it is accepted and its effect is received.
 
-        Each attempt waits `each_s` [wall s] for that. Raises VehicleRefusedError when none of them brought it about.
+        Each attempt waits `each_s` [wall s] for the effect. Raises VehicleRefusedError when all attempts fail.
         """
-        taken = False
+        accepted = False
         for _ in range(attempts):
             with suppress(MavsdkError, RuntimeError):
                 await asyncio.get_running_loop().run_in_executor(self._urgent, function)
-                taken = True
+                accepted = True
             end_s = time.monotonic() + each_s
             while time.monotonic() < end_s:
-                if taken and condition():
+                if accepted and condition():
                     return
                 await asyncio.sleep(POLL_PERIOD_S)
-        failure = "did nothing of the kind" if taken else "did not even acknowledge it"
-        raise self.refusal(f"was told {attempts} times to {verb}, and {failure}", "take over by remote control")
+        failure = "did not carry it out" if accepted else "did not acknowledge it"
+        raise self.refusal(f"{failure}: command to {verb}, sent {attempts} times", "take over by remote control")
 
     async def command(self, verb: str, function: Callable[..., object], *arguments: object, attempts: int = 1) -> None:
-        """Make a call that the autopilot may refuse; raises VehicleRefusedError when it does so every time."""
+        """Run a call that the autopilot may refuse; raises VehicleRefusedError when all attempts are refused."""
         for attempt in range(1, attempts + 1):
             try:
                 await self.run(function, *arguments)
@@ -81,7 +81,9 @@ class VehicleCalls:
                 if attempt == attempts:
                     await asyncio.sleep(TEXT_DELAY_S)
                     result = getattr(getattr(error, "result", None), "name", str(error))
-                    raise self.refusal(f"refused to {verb} ({result})", "clear what it complains about") from error
+                    raise self.refusal(
+                        f"refused to {verb} ({result})", "resolve the cause that the autopilot reports"
+                    ) from error
             else:
                 return
 
@@ -96,26 +98,26 @@ class VehicleCalls:
             await asyncio.sleep(POLL_PERIOD_S)
 
     def wall_s(self, mission_s: float) -> float:
-        """Return the wall seconds to wait for something that takes `mission_s`."""
+        """Return the wall seconds to wait for an action that takes `mission_s`."""
         return max(mission_s / self.speed, WALL_WAIT_MIN_S)
 
     def refusal(self, reason: str, next_step: str) -> VehicleRefusedError:
-        """Return the refusal: the reason, whether the link is lost, and what the autopilot wrote lately."""
-        said = self._feed.said(since_s=time.monotonic() - TEXT_AGE_S)
+        """Return the refusal with its reason, the state of the link, and the autopilot's latest status texts."""
+        texts = self._feed.texts(since_s=time.monotonic() - TEXT_AGE_S)
         lost = "" if self._feed.status.connected else "; its link is lost"
-        says = f"; it says {said}" if said else ""
-        return VehicleRefusedError(f"vehicle {self._system_id} {reason}{lost}{says}", next_step)
+        reported = f"; the autopilot reports {texts}" if texts else ""
+        return VehicleRefusedError(f"vehicle {self._system_id} {reason}{lost}{reported}", next_step)
 
     async def close(self) -> None:
-        """Wait for the calls in flight: destroying MAVSDK's objects under them would lose their threads for good."""
+        """Wait for running calls: destroying MAVSDK's objects before would block their threads for ever."""
         for executor in (self._executor, self._urgent):
             await asyncio.to_thread(executor.shutdown, cancel_futures=True)
 
 
 async def request_rates(calls: VehicleCalls, telemetry: Any, rates: LinkSection) -> None:
-    """Ask for the vehicle's motion, and for the rest slowly.
+    """Request the vehicle's motion at the telemetry rate, and its status at lower rates.
 
-    Raises VehicleRefusedError for the motion; an autopilot that does not know one of the others may fly.
+    Raises VehicleRefusedError when the motion is refused; a refused status message does not prevent a flight.
     """
     await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, rates.telemetry_rate_hz)
     slow = [(name, rates.status_rate_hz) for name in STATUS]
@@ -124,9 +126,9 @@ async def request_rates(calls: VehicleCalls, telemetry: Any, rates: LinkSection)
 
 
 async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:
-    """Return how many times faster than the wall the autopilot's clock runs; None when attitudes stay away.
+    """Return how many times faster than the wall the autopilot's clock runs; None without attitudes.
 
-    Attitudes come fast for that long only [wall s].
+    The attitude rate is raised for `duration_s` [wall s] only.
     """
     await _request_rate(calls, feed.plugin, "attitude_euler", rates.attitude_rate_hz)
     try:
@@ -141,10 +143,10 @@ async def _request_rate(calls: VehicleCalls, telemetry: Any, name: str, rate_hz:
 
 
 def choose_guided(system: Any) -> None:
-    """Put an ArduCopter into GUIDED; blocks until that is acknowledged, raises MavsdkError when it is refused.
+    """Switch an ArduCopter to GUIDED; blocks until acknowledged, raises MavsdkError when it is refused.
 
-    It arms in neither the mode it landed in nor BRAKE, which is MAVSDK's hold. MAVSDK itself asks for GUIDED only
-    together with a setpoint, which it then repeats and the take-off would stumble over.
+    ArduCopter arms neither in LAND nor in BRAKE, which is MAVSDK's hold. MAVSDK itself requests GUIDED only together
+    with a setpoint, which it then repeats, and which would interrupt the take-off.
     """
     direct = MavlinkDirect(system)
     try:
@@ -154,7 +156,7 @@ def choose_guided(system: Any) -> None:
 
 
 def command_long(system_id: int, command: int, *params: float) -> MavlinkMessage:
-    """Return a command to the autopilot of a system, for MAVSDK's `send_command`; what is not given is 0."""
+    """Return a command to the autopilot of a system, for MAVSDK's `send_command`; missing parameters are 0."""
     fields = {"command": command, "confirmation": 0, **{f"param{place}": 0.0 for place in range(1, 8)}}
     fields |= {f"param{place}": value for place, value in enumerate(params, start=1)}
     fields |= {"target_system": system_id, "target_component": AUTOPILOT_COMPONENT}
@@ -164,19 +166,19 @@ def command_long(system_id: int, command: int, *params: float) -> MavlinkMessage
 async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFrame, timeout_s: float) -> Triple:
     """Return the mission position of the vehicle's own NED origin [m].
 
-    Raises VehicleRefusedError when its estimator has none in time, or one that is nowhere near the mission's.
+    Raises VehicleRefusedError when its estimator has none in time, or one that is too far from the mission's.
     """
     end_s = time.monotonic() + calls.wall_s(timeout_s)
     while (place := await calls.run(_origin, feed.plugin)) is None:
         if time.monotonic() > end_s:
             raise calls.refusal(
-                f"did not know where it is within {timeout_s:g} s ({feed.failing()})", "wait for GPS, or check it"
+                f"has no position after {timeout_s:g} s ({feed.failing()})", "wait for GPS, or check it"
             )
     origin_m = frame.mission_from_geodetic(place)
     if (away_m := dist(origin_m, (0.0, 0.0, 0.0))) > ORIGIN_DISTANCE_MAX_M:
         where = f"{place.latitude_deg:.5f}, {place.longitude_deg:.5f}"
         raise calls.refusal(
-            f"stands at {where}, {away_m / 1000.0:.0f} km from the mission's origin", "set the origin in [frame]"
+            f"is at {where}, {away_m / 1000.0:.0f} km from the mission's origin", "set the origin in [frame]"
         )
     return origin_m
 
@@ -184,7 +186,7 @@ async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFram
 def clock_ratio(times: Sequence[tuple[float, float]], duration_s: float) -> float | None:
     """Return how fast the autopilot's clock runs by (wall, autopilot) times [s]; None without half of `duration_s`.
 
-    Within a tenth of a whole number it is that number: the times of arrival are not exact.
+    A ratio within a tenth of a whole number is rounded to it: the times of reception are not exact.
     """
     if len(times) < 2:
         return None
@@ -197,7 +199,7 @@ def clock_ratio(times: Sequence[tuple[float, float]], duration_s: float) -> floa
 
 
 def _origin(telemetry: Any) -> Geodetic | None:
-    """Ask for the origin; blocks for up to 5 s when there is none."""
+    """Request the origin; blocks for up to 5 s when there is none."""
     try:
         origin = telemetry.get_gps_global_origin()
         return Geodetic(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)

@@ -1,4 +1,4 @@
-"""What a vehicle says about itself: MAVSDK's subscriptions, gathered on the event loop in mission terms."""
+"""Telemetry of a vehicle: MAVSDK's subscriptions, converted to the mission frame on the event loop."""
 
 import asyncio
 import time
@@ -35,18 +35,18 @@ HEALTH_ITEMS = {
     "is_armable": "arming checks",
 }
 NEEDS_GPS = ("global position", "home position", "arming checks")
-"""Without GPS the arming checks are never well before take-off is chosen: they hold for PX4's present mode, hold."""
+"""Without GPS PX4's arming checks fail until take-off is selected: they apply to its present mode, hold."""
 TEXTS_KEPT = 20
 CLOCK_BACK_S = 0.5
-"""An autopilot's clock that is this much behind what it was began anew: no datagram is late by as much."""
+"""A step of the autopilot's clock by more than this backwards is a restart: no datagram is as late."""
 
 
 class VehicleFeed:
-    """The newest that one system said. Its own thread hands everything over to the event loop; nothing ever raises.
+    """The newest telemetry of one system. MAVSDK's thread posts it to the event loop; callbacks never raise.
 
-    `origin_m` is the mission position of the vehicle's own NED origin: no telemetry is delivered before it is set. It
-    is forgotten whenever the link is lost or the autopilot restarts, which `on_loss` and `on_return` tell; a restart is
-    seen by the autopilot's clock running backwards, however short it was.
+    `origin_m` is the mission position of the vehicle's NED origin: no telemetry is delivered before it is set. It is
+    reset when the link is lost or the autopilot restarts, which `on_loss` and `on_return` report. A restart is detected
+    by a backward step of the autopilot's clock.
     """
 
     def __init__(self, system: Any, frame: MissionFrame, now_s: Callable[[], float]) -> None:
@@ -57,8 +57,8 @@ class VehicleFeed:
         self.on_telemetry: Callable[[Telemetry], None] | None = None
         self.on_loss: Callable[[], None] | None = None
         self.on_return: Callable[[], None] | None = None
-        self.motion_heard_s = time.monotonic()
-        self.clock_heard = False
+        self.motion_received_s = time.monotonic()
+        self.clock_received = False
         self.plugin: Any = TelemetryPlugin(system)
         self._system = system
         self._frame = frame
@@ -68,11 +68,11 @@ class VehicleFeed:
         self._home_z_m: float | None = None
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
-        self._texts: deque[tuple[float, str]] = deque(maxlen=TEXTS_KEPT)
+        self._status_texts: deque[tuple[float, str]] = deque(maxlen=TEXTS_KEPT)
         self._loop = asyncio.get_running_loop()
 
     def subscribe(self) -> None:
-        """Listen to all that the loop uses, and to no more: MAVSDK drops callbacks near 1500 a second."""
+        """Subscribe to what the control loop uses, and to no more: MAVSDK drops callbacks near 1500 per second."""
         telemetry = self.plugin
         telemetry.subscribe_position_velocity_ned(self._posting(self._take_motion))
         telemetry.subscribe_flight_mode(self._posting(self._take_mode))
@@ -89,16 +89,16 @@ class VehicleFeed:
 
     @property
     def ground_z_m(self) -> float:
-        """The altitude of the vehicle's home, which take-off counts from, in the mission frame.
+        """The altitude of the vehicle's home in the mission frame, to which take-off altitudes are relative.
 
-        Until home is heard: where the vehicle is, and failing that where its origin is.
+        Before home is received: the altitude of the vehicle, or else of its origin.
         """
         if self._home_z_m is not None:
             return self._home_z_m
         return (self.position_m or self.origin_m or (0.0, 0.0, 0.0))[2]
 
     async def attitude_clock(self, duration_s: float) -> list[tuple[float, float]]:
-        """Return (wall time, autopilot time) of the attitudes heard within `duration_s` wall seconds [s]."""
+        """Return (wall time, autopilot time) of the attitudes received within `duration_s` wall seconds [s]."""
         notes = self._clock_notes = []
         try:
             await asyncio.sleep(duration_s)
@@ -108,18 +108,18 @@ class VehicleFeed:
 
     @property
     def is_local(self) -> bool:
-        """Whether the mission is flown without knowing where on Earth."""
+        """Whether the mission frame is local, without a position on Earth."""
         return self._frame.is_local
 
     def missing(self) -> str:
-        """Return what has not been heard yet, in words; empty when the picture is complete."""
+        """Return the names of the telemetry that has not been received yet; empty when it is complete."""
         parts = {"local position": self.position_m, "flight mode": self._mode, "health": self._health}
         return ", ".join(words for words, part in parts.items() if part is None)
 
     def health(self) -> dict[str, bool]:
-        """Return whether each health item is well, by its words; empty before the first report.
+        """Return the state of each health item by name; empty before the first report.
 
-        In a local frame nobody asks a vehicle for its place on Earth, and a local position is well that is told.
+        In a local frame the global position is not required, and any received local position is healthy.
         """
         if self._health is None:
             return {}
@@ -130,23 +130,23 @@ class VehicleFeed:
         return items
 
     def failing(self) -> str:
-        """Return the health items that are not well, in words; empty when all are."""
+        """Return the names of the health items that fail; empty when all are healthy."""
         if self._health is None:
             return "no health report"
         return ", ".join(words for words, well in self.health().items() if not well)
 
-    def said(self, since_s: float = 0.0) -> str:
-        """Return what the autopilot wrote since a monotonic time, quoted and without repetitions; empty if nothing."""
-        texts = dict.fromkeys(text for at_s, text in self._texts if at_s >= since_s)
+    def texts(self, since_s: float = 0.0) -> str:
+        """Return the autopilot's status texts since a monotonic time, quoted, without repetitions; may be empty."""
+        texts = dict.fromkeys(text for at_s, text in self._status_texts if at_s >= since_s)
         return ", ".join(f"“{text}”" for text in texts)
 
     def close(self) -> None:
-        """Unsubscribe from everything, waiting for callbacks that run; blocks for a moment."""
+        """Unsubscribe from everything; blocks until running callbacks have returned."""
         self.plugin.destroy()
         self._system.destroy()
 
     def _posting(self, take: Callable[[Any], None]) -> Callable[[Any, object], None]:
-        """Return a callback for MAVSDK's thread that lets `take` run on the event loop."""
+        """Return a callback for MAVSDK's thread that runs `take` on the event loop."""
 
         def post(value: Any, _user_data: object = None) -> None:
             with suppress(RuntimeError):  # the loop is closed already
@@ -158,7 +158,7 @@ class VehicleFeed:
         self.status = replace(self.status, **changes)
 
     def _note_clock(self, attitude: Any, _user_data: object) -> None:
-        # On MAVSDK's thread: the time of arrival is now, not when the event loop gets to it.
+        # On MAVSDK's thread: the time of reception is now, not when the event loop runs.
         times_s = (time.monotonic(), attitude.timestamp_us * 1e-6)
         with suppress(RuntimeError):  # the loop is closed already
             self._loop.call_soon_threadsafe(self._take_clock, times_s)
@@ -171,12 +171,12 @@ class VehicleFeed:
             self._update(restarts=self.status.restarts + 1)
             self.lose()
             self._return()
-        self.clock_heard = True
+        self.clock_received = True
 
     def lose(self) -> None:
-        """Forget where the vehicle's origin is: what it says about its place from now on may mean another."""
+        """Reset the vehicle's origin: positions from now on may refer to another one."""
         self.origin_m = None
-        self.clock_heard = False
+        self.clock_received = False
         if self.on_loss is not None:
             self.on_loss()
 
@@ -185,7 +185,7 @@ class VehicleFeed:
             self.on_return()
 
     def _take_motion(self, motion: Any) -> None:
-        self.motion_heard_s = time.monotonic()
+        self.motion_received_s = time.monotonic()
         if self.origin_m is None:
             return
         position, velocity = motion.position, motion.velocity
@@ -210,7 +210,7 @@ class VehicleFeed:
 
     def _take_health(self, health: Any) -> None:
         self._health = health
-        # MAVSDK takes it from the health of GPS, optical flow and vision alone.
+        # MAVSDK derives it from the health of GPS, optical flow and vision only.
         local_position_ok = health.is_local_position_ok or (self.is_local and self.position_m is not None)
         self._update(local_position_ok=bool(local_position_ok), armable=bool(health.is_armable))
 
@@ -227,7 +227,7 @@ class VehicleFeed:
         self._home_z_m = self._frame.mission_from_geodetic(place)[2]
 
     def _take_text(self, text: Any) -> None:
-        self._texts.append((time.monotonic(), text.text.strip()))
+        self._status_texts.append((time.monotonic(), text.text.strip()))
 
     def _take_connected(self, connected: bool) -> None:
         before = self.status.connected

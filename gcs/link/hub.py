@@ -1,4 +1,4 @@
-"""One MAVSDK for all vehicles of a process: connections, and whom each of them carries."""
+"""The MAVSDK object of a process: its connections, and the vehicles on each of them."""
 
 import asyncio
 import logging
@@ -22,15 +22,15 @@ Result = TypeVar("Result")
 LOG = logging.getLogger(__name__)
 POLL_PERIOD_S = 0.05
 OTHERS_GRACE_S = 1.5
-"""How long to wait for the right vehicle once a wrong one was heard: heartbeats come once a second."""
+"""Wait for the right vehicle after another one was received: heartbeats come once a second."""
 THREADS_MAX = 64
 
 
 class MavsdkHub:
-    """Owns the one Mavsdk object of the process (a ground station to the vehicles) and its connections.
+    """Owns the Mavsdk object of the process (a ground station to the vehicles) and its connections.
 
-    Before a connection is added, a throw-away Mavsdk listens on it alone: on the common one, two vehicles with one
-    system id are silently merged into one, whose commands go to both.
+    Before a connection is added, a temporary Mavsdk listens on it alone: a shared one silently merges two vehicles with
+    the same system id, and commands go to both.
     """
 
     def __init__(self) -> None:
@@ -46,8 +46,8 @@ class MavsdkHub:
     async def find(self, url: str, system_id: int, timeout_s: float) -> Any:
         """Return MAVSDK's system `system_id`, heard on `url`; times are wall seconds.
 
-        Raises VehicleRefusedError when the url cannot work (`require_usable`), nobody or somebody else is heard there,
-        or the id is that of a vehicle on another url.
+        Raises VehicleRefusedError when the url is not usable (`require_usable`), when no vehicle or another one is
+        received there, or when the id is that of a vehicle on another url.
         """
         self._claim(system_id, url)
         try:
@@ -63,13 +63,13 @@ class MavsdkHub:
             raise
 
     async def release(self, url: str, system_id: int) -> None:
-        """Give up a vehicle; its connection goes with the last vehicle on it."""
+        """Release a vehicle; its connection is removed with the last vehicle on it."""
         self._vehicles.pop(system_id, None)
         if url not in self._vehicles.values() and (handle := self._connections.pop(url, None)) is not None:
             await self._run(self._mavsdk.remove_connection, handle)
 
     async def close(self) -> None:
-        """Destroy MAVSDK. All links must have been closed: their calls in flight would be lost, threads and all."""
+        """Destroy MAVSDK. Close all links before, or their running calls block their threads for ever."""
         self._closing.set()
         await asyncio.to_thread(self._executor.shutdown)
         if self._mavsdk is not None:
@@ -78,7 +78,7 @@ class MavsdkHub:
     def _claim(self, system_id: int, url: str) -> None:
         if system_id in self._vehicles:
             raise VehicleRefusedError(
-                f"system id {system_id} is on {self._vehicles[system_id]} already, and wanted on {url}",
+                f"system id {system_id} is used on both {self._vehicles[system_id]} and {url}",
                 "give every vehicle a system id of its own (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV)",
             )
         self._vehicles[system_id] = url
@@ -87,7 +87,7 @@ class MavsdkHub:
         return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
 
     def _listen(self, url: str, system_id: int, timeout_s: float) -> list[int]:
-        """Return the ids of the autopilots heard on a url, on a Mavsdk of its own; ends when the wanted is heard."""
+        """Return the ids of the autopilots that a separate Mavsdk receives on a url, until it receives `system_id`."""
         listener = _ground_station()
         try:
             _add_connection(listener, url)
@@ -113,14 +113,14 @@ class MavsdkHub:
             for system in _autopilots(self._mavsdk):
                 if system.get_system_id() == system_id:
                     return system
-        raise _silence(url, timeout_s)
+        raise _no_heartbeat(url, timeout_s)
 
 
 @cache
 def _redirect_log() -> None:
-    """Take MAVSDK's log away from standard output, which belongs to `--json`.
+    """Redirect MAVSDK's log away from standard output, which is reserved for `--json`.
 
-    Once per process and from one thread: subscribing again frees the callback that MAVSDK may be calling.
+    Once per process and from one thread: a second subscription frees the callback while MAVSDK may be calling it.
     """
     mavsdk.log_subscribe(_log)
 
@@ -150,7 +150,7 @@ def _add_connection(to: Any, url: str) -> Any:
 
 def _require_heard(url: str, system_id: int, heard: list[int], timeout_s: float) -> None:
     if not heard:
-        raise _silence(url, timeout_s)
+        raise _no_heartbeat(url, timeout_s)
     if system_id not in heard:
         raise VehicleRefusedError(
             f"{url} carries system id {', '.join(map(str, heard))}, not {system_id}",
@@ -158,7 +158,7 @@ def _require_heard(url: str, system_id: int, heard: list[int], timeout_s: float)
         )
 
 
-def _silence(url: str, timeout_s: float) -> VehicleRefusedError:
+def _no_heartbeat(url: str, timeout_s: float) -> VehicleRefusedError:
     return VehicleRefusedError(
         f"no heartbeat on {url} within {timeout_s:g} s",
         "start a vehicle there (`cordon sitl`, PX4, ArduPilot) or check the url",

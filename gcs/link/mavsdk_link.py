@@ -1,7 +1,7 @@
-"""One vehicle over MAVSDK, in mission-frame metres: degrees, NED and the autopilot's dialect stop here.
+"""One vehicle over MAVSDK in mission-frame metres: the only place with degrees, NED and autopilot dialects.
 
-The flight mode heard in heartbeats is the evidence that a command took effect, not its acknowledgement: PX4 first
-acknowledges every change of mode, then decides. Mode and armed lag behind by up to a second.
+The flight mode in the heartbeat confirms a command, not its acknowledgement: PX4 acknowledges every change of mode
+before it decides. Mode and armed are up to a second old.
 """
 
 import asyncio
@@ -40,17 +40,17 @@ MODE_TIMEOUT_S = 5.0
 CLIMB_SLOWEST_M_S = 0.5
 SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
-"""PX4 has taken 45 s to notice that it had landed from 8 m."""
+"""PX4 has needed 45 s to detect a landing from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
 LAND_ATTEMPTS = 3
 KILL_ATTEMPTS, KILL_HEARD_S = 5, 2.0
-"""Heartbeats, which tell that it is disarmed, come once a second."""
+"""Heartbeats, which confirm disarming, come once a second."""
 WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
-"""Motion that stays away for longer on a link that lives was forgotten by the autopilot, and is asked for again."""
+"""Without motion for this long on a live link, the autopilot has lost the rates: they are requested again."""
 RENEWAL_TIMEOUT_S = 5.0
 SETPOINT_EARLY_SHARE = 0.25
-"""How much of its period a setpoint may be early: ticks are not exact."""
+"""Share of the period by which a setpoint may be early: ticks are not exact."""
 
 
 class MavsdkLink:
@@ -81,7 +81,7 @@ class MavsdkLink:
         self._now_s = now_s
         self._speed = speed
         self._settings = settings or LinkSection()
-        self._told_origin_m = origin_m or (0.0, 0.0, 0.0)
+        self._configured_origin_m = origin_m or (0.0, 0.0, 0.0)
         self._heartbeat_timeout_s = heartbeat_timeout_s
         self._ready_timeout_s = ready_timeout_s
         self._parts: _Parts | None = None
@@ -96,29 +96,29 @@ class MavsdkLink:
 
     @property
     def status(self) -> VehicleStatus:
-        """The newest status heard."""
+        """The newest status received."""
         return self._parts.feed.status if self._parts is not None else VehicleStatus()
 
     @property
     def dropped(self) -> int:
-        """How many telemetry samples were dropped for numbers that are not finite."""
+        """Number of telemetry samples dropped for numbers that are not finite."""
         return self._parts.feed.dropped if self._parts is not None else 0
 
     @property
     def unsent(self) -> int:
-        """How many setpoints could not be handed to MAVSDK."""
+        """Number of setpoints that MAVSDK did not accept."""
         return self._unsent
 
     def set_speed(self, speed: float) -> None:
-        """Tell how many times faster than the wall the mission clock runs, once that is measured."""
+        """Set how many times faster than the wall clock the mission clock runs."""
         self._speed = speed
         if self._parts is not None:
             self._parts.calls.speed = speed
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
-        """Find the vehicle, verify its system id, request rates; from now on deliver telemetry on the event loop.
+        """Find the vehicle, verify its system id, request rates, and deliver telemetry on the event loop from then on.
 
-        Raises VehicleRefusedError when it is not heard, is another one, or does not know in time where it is.
+        Raises VehicleRefusedError when it is not received, has another id, or has no position in time.
         """
         system = await self._hub.find(self._url, self._system_id, self._heartbeat_timeout_s)
         feed = VehicleFeed(system, self._frame, self._now_s)
@@ -126,7 +126,7 @@ class MavsdkLink:
         self._parts = _Parts(system, feed, calls, Action(system), Offboard(system))
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
-        # After the action plugin is made, which turns EXTENDED_SYS_STATE down.
+        # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
         await request_rates(calls, feed.plugin, self._settings)
         feed.origin_m = await self._origin(self._ready_timeout_s)
         await calls.until(
@@ -140,7 +140,7 @@ class MavsdkLink:
         """Arm, climb to `altitude_m` above the mission origin's datum, and return when the vehicle hovers there."""
         _, feed, calls, action, _ = self._connected()
         if feed.status.armed and feed.status.in_air:
-            raise calls.refusal("is in the air already", "land it first")
+            raise calls.refusal("is already in the air", "land it first")
         self._silent = False
         await self._until_ready(lambda: feed.status.local_position_ok)
         if self._guided is not None:
@@ -149,7 +149,7 @@ class MavsdkLink:
             await self._plan_climb(altitude_m)
             await self._enter(FlightMode.TAKE_OFF, action.takeoff)
         elif feed.status.mode not in (FlightMode.HOLD, FlightMode.READY):
-            # What the checks allow depends on the mode: PX4 does not arm in the one that the last landing left.
+            # The arming checks depend on the mode: PX4 does not arm in the mode of the last landing.
             await self._enter(FlightMode.HOLD, action.hold)
         await self._until_ready(lambda: feed.status.armable)
         climb_m = await self._plan_climb(altitude_m)
@@ -160,24 +160,24 @@ class MavsdkLink:
             lambda: self._hovers(altitude_m) or not feed.status.armed,
             max(0.0, climb_m) / CLIMB_SLOWEST_M_S + MANOEUVRE_EXTRA_S,
             lambda: f"did not reach {altitude_m:g} m",
-            "land it, and look at its log",
+            "land it, and examine its log",
         )
         if not feed.status.armed:
-            raise calls.refusal("disarmed during take-off", "clear what it complains about")
+            raise calls.refusal("disarmed during take-off", "resolve the cause that the autopilot reports")
 
     async def start_offboard(self) -> None:
-        """Enter offboard; setpoints must be flowing. Returns when the flight mode, not the acknowledgement, says so."""
+        """Enter offboard; setpoints must be flowing. Returns when the flight mode confirms it."""
         parts = self._connected()
         if not self._sent:
             raise parts.calls.refusal("has no setpoint to start offboard with", "send setpoints first")
         if not parts.feed.status.armed:
-            raise parts.calls.refusal("is disarmed, and starts no offboard from there", "end the flight, take off anew")
+            raise parts.calls.refusal("is disarmed and cannot start offboard", "end the flight, then take off again")
         await self._enter(FlightMode.OFFBOARD, parts.offboard.start)
 
     async def stop_offboard(self) -> None:
-        """Leave offboard into hold; returns when the flight mode says so. MAVSDK stops repeating setpoints at once.
+        """Switch from offboard to hold; returns when the flight mode confirms it. MAVSDK stops repeating setpoints.
 
-        Where a vehicle cannot hold by itself, it stays in offboard, at its last setpoint, until it lands.
+        A vehicle that cannot hold by itself stays in offboard, at its last setpoint, until it lands.
         """
         if not self._can_hold:
             return
@@ -186,11 +186,11 @@ class MavsdkLink:
     async def land(self) -> None:
         """Land where the vehicle is; returns when it is disarmed. Setpoints are ignored until the next take-off."""
         _, feed, calls, action, offboard = self._connected()
-        # Landed from offboard, PX4 rests in offboard and refuses to arm; and when setpoints come back, it re-enters
-        # offboard by itself: it has taken off again.
+        # After landing from offboard, PX4 stays in offboard and refuses to arm; and when setpoints return, it
+        # re-enters offboard by itself: it has taken off again.
         self._silent = True
         if feed.status.mode is FlightMode.OFFBOARD or offboard.is_active():
-            with suppress(VehicleRefusedError):  # it has to come down all the same
+            with suppress(VehicleRefusedError):  # it lands all the same
                 await self.stop_offboard()
         height_m = feed.position_m[2] - feed.ground_z_m if feed.position_m is not None else 0.0
         await calls.command("land", action.land, attempts=LAND_ATTEMPTS)
@@ -203,14 +203,14 @@ class MavsdkLink:
         )
 
     async def kill(self) -> None:
-        """Cut the motors now, wherever the vehicle is and whoever has it: it falls. Returns when it is disarmed.
+        """Cut the motors now, in any place and under any control: the vehicle falls. Returns when it is disarmed.
 
-        It is never armed by force afterwards; setpoints are ignored until the next take-off.
+        Arming is never forced afterwards; setpoints are ignored until the next take-off.
         """
         _, feed, calls, action, _ = self._connected()
         self._silent = True
         try:
-            await calls.insist(
+            await calls.command_until(
                 "cut its motors",
                 action.kill,
                 lambda: not feed.status.armed,
@@ -221,21 +221,21 @@ class MavsdkLink:
             self._mute()
 
     def hand_over(self) -> None:
-        """Send nothing from now on, and leave the flight mode alone: somebody else has the vehicle."""
+        """Stop sending and leave the flight mode unchanged: a pilot or ground station controls the vehicle."""
         self._silent = True
         self._mute()
 
     def take_back(self) -> None:
-        """Let setpoints through again; offboard has to be started anew."""
+        """Send setpoints again; offboard has to be started again."""
         self._silent = False
         self._sent = 0
 
     def send(self, setpoint: Setpoint) -> None:
         """Send one setpoint now, unless it is landing or handed over; never blocks, never raises for a lost link.
 
-        Those that come faster than the setpoint rate are left out. MAVSDK repeats the last one at 20 Hz from a thread
-        of its own until offboard is stopped. Nothing is sent to a vehicle whose place is not known: after a loss of the
-        link or a restart that is until it has said anew where it is.
+        Setpoints above the setpoint rate are skipped. MAVSDK repeats the last one at 20 Hz from its own thread until
+        offboard is stopped. No setpoint is sent while the origin of the vehicle is not known: after a loss of the link
+        or a restart, until the vehicle has sent it again.
         """
         parts = self._parts
         if self._silent or not self._due():
@@ -262,16 +262,16 @@ class MavsdkLink:
     async def measure_speed(self, duration_s: float = 1.0) -> float:
         """Return how many times faster than the wall the autopilot's clock runs; 1 for a real vehicle.
 
-        A ratio within a tenth of a whole number is that number. Raises VehicleRefusedError when attitudes stay away.
+        A ratio within a tenth of a whole number is rounded to it. Raises VehicleRefusedError without attitudes.
         """
         _, feed, calls, _, _ = self._connected()
         ratio = await measure_clock(calls, feed, self._settings, duration_s)
         if ratio is None:
-            raise calls.refusal("sends no attitude to tell the time by", "check the link, or state the speed")
+            raise calls.refusal("sends no attitude, whose time stamps are needed", "check the link, or state the speed")
         return ratio
 
     async def close(self) -> None:
-        """Release the link; calls in flight are drained first. May be called twice, and without `connect`."""
+        """Release the link after running calls have ended. May be called twice, and without `connect`."""
         parts, self._parts = self._parts, None
         if self._keeper is not None:
             self._keeper.cancel()
@@ -287,15 +287,15 @@ class MavsdkLink:
         return self._parts
 
     async def _plan_climb(self, altitude_m: float) -> float:
-        """Tell the vehicle how far above its home to climb, and return that."""
+        """Set the take-off altitude relative to the vehicle's home, and return it."""
         _, feed, calls, action, _ = self._connected()
         climb_m = altitude_m - feed.ground_z_m
-        await calls.command("take the take-off altitude", action.set_takeoff_altitude, climb_m)
+        await calls.command("set the take-off altitude", action.set_takeoff_altitude, climb_m)
         return climb_m
 
     @property
     def _can_hold(self) -> bool:
-        """Whether it can hold its place by itself: PX4's hold is a place on Earth; take-off hovers where it ends."""
+        """Whether the vehicle can hold by itself: PX4's hold needs a global position, its take-off mode does not."""
         return self._guided is not None or not self._frame.is_local
 
     def _hovers(self, altitude_m: float) -> bool:
@@ -310,7 +310,7 @@ class MavsdkLink:
             condition,
             self._ready_timeout_s,
             lambda: f"was not ready ({feed.failing()})",
-            "clear what it complains about",
+            "resolve the cause that the autopilot reports",
         )
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
@@ -326,11 +326,11 @@ class MavsdkLink:
             lambda: feed.status.mode is mode,
             MODE_TIMEOUT_S,
             lambda: f"is in {feed.status.mode.value} and did not enter {mode.value}",
-            "clear what it complains about",
+            "resolve the cause that the autopilot reports",
         )
 
     def _due(self) -> bool:
-        """Say whether a setpoint is due by the setpoint rate, and if so, plan the next."""
+        """Return whether a setpoint is due at the setpoint rate, and if so, set the time of the next one."""
         if self._settings.setpoint_rate_hz is None:
             return True
         now_s, period_s = self._now_s(), 1.0 / self._settings.setpoint_rate_hz
@@ -341,52 +341,52 @@ class MavsdkLink:
         return True
 
     def _mute(self) -> None:
-        """Make MAVSDK forget the setpoint that it repeats; it falls silent by itself only after a while in offboard.
+        """Stop MAVSDK from repeating the last setpoint; by itself it goes on for a while.
 
-        Were it to go on after a lost link, PX4 would be back in offboard, out of its failsafe, before anybody saw it.
+        Repeated setpoints after a lost link would let PX4 leave its failsafe and re-enter offboard unnoticed.
         """
-        if self._parts is not None and not self._asking:  # a call that is in flight must not lose its plugin
+        if self._parts is not None and not self._asking:  # a running call must keep its plugin
             self._sent = 0
             self._parts.offboard.destroy()
             self._parts = self._parts._replace(offboard=Offboard(self._parts.system))
 
     async def _keep(self) -> None:
-        """Ask again for rates and origin whenever the vehicle came back, restarted, or fell silent on a living link."""
+        """Request rates and origin again after a reconnection, after a restart, and without motion on a live link."""
         feed = self._connected().feed
         while True:
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._attention.wait(), WATCH_PERIOD_S)
-            told = self._attention.is_set()
+            notified = self._attention.is_set()
             self._attention.clear()
-            silent = time.monotonic() - feed.motion_heard_s > SILENCE_MAX_S
+            silent = time.monotonic() - feed.motion_received_s > SILENCE_MAX_S
             if silent and feed.origin_m is not None:
                 feed.lose()
-            lost = feed.origin_m is None and not (self._frame.is_local and feed.clock_heard)
-            if feed.status.connected and (told or lost or silent):
-                with suppress(VehicleRefusedError):  # asked again later; meanwhile there is no telemetry
+            lost = feed.origin_m is None and not (self._frame.is_local and feed.clock_received)
+            if feed.status.connected and (notified or lost or silent):
+                with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
 
     async def _renew(self) -> None:
-        """Ask for rates and origin: an autopilot that restarted has forgotten the one and moved the other."""
+        """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved."""
         _, feed, calls, _, _ = self._connected()
         await request_rates(calls, feed.plugin, self._settings)
-        await calls.until(lambda: feed.clock_heard, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
+        await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
         if feed.origin_m is None:
             feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)
 
     async def _origin(self, timeout_s: float) -> Triple | None:
-        """Return where the vehicle's own NED begins.
+        """Return the origin of the vehicle's NED frame in the mission frame.
 
-        In a local frame that is as told until the autopilot restarts: then it may begin anywhere, and nobody knows.
+        In a local frame it is the configured origin until the autopilot restarts; after a restart it is unknown.
         """
         _, feed, calls, _, _ = self._connected()
         if self._frame.is_local:
-            return None if feed.status.restarts else self._told_origin_m
+            return None if feed.status.restarts else self._configured_origin_m
         return await find_origin(calls, feed, self._frame, timeout_s)
 
 
 class _Parts(NamedTuple):
-    """What a connected link is made of."""
+    """The MAVSDK objects of a connected link."""
 
     system: Any
     feed: VehicleFeed
@@ -395,7 +395,7 @@ class _Parts(NamedTuple):
     offboard: Any
 
     def destroy(self) -> None:
-        """Destroy MAVSDK's plugins; blocks for a moment."""
+        """Destroy MAVSDK's plugins; blocks until running callbacks have returned."""
         self.offboard.destroy()
         self.action.destroy()
         self.feed.close()

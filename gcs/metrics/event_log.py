@@ -1,4 +1,4 @@
-"""What happens to a team, for people: the notes of the vehicles here, and what those elsewhere show of themselves."""
+"""The event log of a team: notes of the vehicles in this process, and changes in the messages of the others."""
 
 from collections.abc import Iterable
 
@@ -9,36 +9,36 @@ from gcs.metrics.record import FlightEvent
 
 
 class EventLog:
-    """Collects events on the team's clock, each once, whoever tells of it."""
+    """Collects events on the team's clock, each of them once, from any source."""
 
     def __init__(self) -> None:
         self.events: list[FlightEvent] = []
-        self._here: set[int] = set()
+        self._local_ids: set[int] = set()
         self._last: dict[int, MemberState] = {}
         self._answered: set[tuple[int, int, str]] = set()
-        self._told = 0
+        self._reported = 0
 
     def note(self, status: CoreStatus) -> None:
-        """Take what a vehicle of this process has noted, and what it heard of the others."""
-        self.take(status.vehicle_id, status.notes)
+        """Add the notes of a vehicle in this process, and the changes in the messages that it received."""
+        self.add_notes(status.vehicle_id, status.notes)
         for peer in status.peers:
-            self.watch(peer)
+            self.add_peer(peer)
         for answer in status.answers:
-            self.hear(answer)
+            self.add_answer(answer)
 
-    def take(self, vehicle_id: int, notes: Iterable[Note]) -> None:
-        """Take what a vehicle of this process has noted."""
-        self._here.add(vehicle_id)
+    def add_notes(self, vehicle_id: int, notes: Iterable[Note]) -> None:
+        """Add the notes of a vehicle in this process."""
+        self._local_ids.add(vehicle_id)
         self.events += [FlightEvent(note.time_s, vehicle_id, note.kind, note.text) for note in notes]
 
-    def news(self) -> list[FlightEvent]:
-        """Return the events since the last time."""
-        news, self._told = self.events[self._told :], len(self.events)
-        return news
+    def new_events(self) -> list[FlightEvent]:
+        """Return the events since the last call."""
+        events, self._reported = self.events[self._reported :], len(self.events)
+        return events
 
-    def watch(self, peer: MemberState) -> None:
-        """Note what changed about a vehicle of another process, by what it says."""
-        if peer.sender in self._here:
+    def add_peer(self, peer: MemberState) -> None:
+        """Add the changes in the state that a vehicle of another process sent."""
+        if peer.sender in self._local_ids:
             return
         before = self._last.get(peer.sender)
         if before is not None and peer.time_s < before.time_s:
@@ -48,11 +48,11 @@ class EventLog:
             self._add(peer, "tactic", f"{before.tactic} -> {peer.tactic}")
         alert = "" if before is None else before.alert
         if peer.alert != alert:
-            self._add(peer, "failsafe", f"alert: {peer.alert}" if peer.alert else f"no alert any more: {alert}")
+            self._add(peer, "failsafe", f"alert: {peer.alert}" if peer.alert else f"alert cleared: {alert}")
 
-    def hear(self, answer: CommandAnswer) -> None:
-        """Note what a vehicle of another process answered to an operator."""
-        if answer.sender in self._here:
+    def add_answer(self, answer: CommandAnswer) -> None:
+        """Add the answer of a vehicle in another process to an operator."""
+        if answer.sender in self._local_ids:
             return
         key = (answer.sender, answer.number, answer.did)
         if key not in self._answered:
@@ -64,7 +64,7 @@ class EventLog:
 
 
 def event_line(event: FlightEvent, start_s: float | None) -> str:
-    """Return an event for people; `start_s` is the mission's start on the team's clock, None while it is not known."""
+    """Return an event as text; `start_s` is the mission's start on the team's clock, None while it is not known."""
     since_s = -1.0 if start_s is None else event.time_s - start_s
     when = f"{since_s:.1f} s" if since_s >= 0.0 else "before the start"
     return f"{when}: vehicle {event.vehicle}: {event.text}"

@@ -1,4 +1,4 @@
-"""What was seen of a flight while it was flown, and the flight record made of it."""
+"""The journal of a flight: its data tick by tick while it is flown, and the flight record built from them."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -31,8 +31,8 @@ _GAP_MAX_S = 1.0
 
 
 @dataclass(slots=True)
-class _Sightings:
-    """What was seen of one vehicle: times, motions [x y x' y'] and tactics."""
+class _Samples:
+    """The samples of one vehicle: times, motions [x y x' y'] and tactics."""
 
     time_s: list[float] = field(default_factory=list)
     motion: list[Vector] = field(default_factory=list)
@@ -45,109 +45,110 @@ class _Sightings:
             self.tactic.append(tactic)
 
 
+@dataclass(frozen=True, slots=True)
+class RunTotals:
+    """The totals of a run: source, ticks and missed ticks of all loops, wall time, and truth where it is known.
+
+    `seed` overrides the seed of the mission.
+    """
+
+    source: str
+    ticks: int
+    missed: int
+    wall_time_s: float
+    truth: tuple[TruthTrack, ...] = ()
+    seed: int | None = None
+
+
 class Journal:
-    """Notes every tick of the agents in this process, and what they hear of their peers in others."""
+    """Collects every tick of the agents in this process, and the states that they receive from other processes."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
-        self._seen: defaultdict[int, _Sightings] = defaultdict(_Sightings)
+        self._samples: defaultdict[int, _Samples] = defaultdict(_Samples)
         self._tick_us: list[float] = []
         self._guard = GuardTally()
         self.event_log = EventLog()
         self.latest: dict[int, CoreStatus] = {}
 
-    def news(self) -> list[FlightEvent]:
-        """Return what has happened since the last time, on the team's clock."""
-        return self.event_log.news()
+    def new_events(self) -> list[FlightEvent]:
+        """Return the events since the last call, on the team's clock."""
+        return self.event_log.new_events()
 
     def note(self, status: CoreStatus, tick_us: float | None) -> None:
-        """Note one tick; outside the control loop, where it has no time, only what happened."""
+        """Add one tick; outside the control loop, where `tick_us` is None, only its events."""
         self.event_log.note(status)
         if tick_us is None:
             return
         self.tick(tick_us, () if status.guarded is None else [cause.words for cause in status.guarded.causes])
         self.latest[status.vehicle_id] = status
         if status.motion is not None:
-            self.see(status.vehicle_id, status.time_s, status.motion, status.tactic.value)
+            self.add_sample(status.vehicle_id, status.time_s, status.motion, status.tactic.value)
         for peer in status.peers:
-            self.see_peer(peer)
+            self.add_peer(peer)
 
     def tick(self, tick_us: float, guarded: Sequence[str]) -> None:
-        """Note what a tick of a control loop took, and why its setpoint was changed, if it was."""
+        """Add the computing time of a tick, and the causes for which the guard moved its setpoint."""
         self._tick_us.append(tick_us)
         self._guard.count(guarded)
 
-    def see(self, vehicle_id: int, time_s: float, motion: Vector, tactic: str) -> None:
-        """Note a vehicle's motion (4,) and tactic, unless it is older than what was noted last."""
-        self._seen[vehicle_id].add(time_s, motion, tactic)
+    def add_sample(self, vehicle_id: int, time_s: float, motion: Vector, tactic: str) -> None:
+        """Add a vehicle's motion (4,) and tactic, unless it is older than the last sample."""
+        self._samples[vehicle_id].add(time_s, motion, tactic)
 
-    def see_peer(self, peer: MemberState) -> None:
-        """Note what a peer says of itself."""
-        self.see(peer.sender, peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic)
+    def add_peer(self, peer: MemberState) -> None:
+        """Add the state that a peer sent."""
+        self.add_sample(peer.sender, peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic)
 
-    def record(
-        self,
-        start_s: float,
-        duration_s: float,
-        *,
-        ticks: int,
-        missed: int,
-        wall_time_s: float,
-        source: str,
-        truth: tuple[TruthTrack, ...] = (),
-        seed: int | None = None,
-    ) -> FlightRecord:
-        """Make the record of the mission that began at `start_s`, from the truth where a simulator knows it.
-
-        `seed` is what was flown with, unless it was the mission's.
-        """
-        mission = self._mission
-        time_s = np.arange(round(duration_s * mission.mission.rate_hz) + 1) / mission.mission.rate_hz
-        true = {track.vehicle_id: track for track in truth}  # a stub knows its system id
-        tracks = tuple(
-            self._track(
-                vehicle_id, self._seen[vehicle_id], true.get(mission.vehicle(vehicle_id).system_id), time_s + start_s
-            )
-            for vehicle_id in mission.ids
-            if vehicle_id in self._seen
-        )
-        target = mission.target.motion
+    def record(self, start_s: float, duration_s: float, run: RunTotals) -> FlightRecord:
+        """Build the record of the mission that began at `start_s`, from the truth where a simulator knows it."""
+        mission, target = self._mission, self._mission.target.motion
+        rate_hz = mission.mission.rate_hz
+        time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
         return FlightRecord(
             mission=mission.mission.name,
-            seed=mission.mission.seed if seed is None else seed,
-            source=source,
-            reference="truth" if truth else "estimate",
+            seed=mission.mission.seed if run.seed is None else run.seed,
+            source=run.source,
+            reference="truth" if run.truth else "estimate",
             time_s=time_s,
             target_position_m=np.array([target.position_m(at_s) for at_s in time_s.tolist()]),
             target_velocity_m_s=np.array([target.velocity_at_m_s(at_s) for at_s in time_s.tolist()]),
-            vehicles=tracks,
-            loop=LoopStatistics(mission.mission.rate_hz, ticks, missed, np.array(self._tick_us)),
-            wall_time_s=wall_time_s,
+            vehicles=self._tracks(run.truth, time_s + start_s),
+            loop=LoopStatistics(rate_hz, run.ticks, run.missed, np.array(self._tick_us)),
+            wall_time_s=run.wall_time_s,
             guard=self._guard,
             events=in_order(self.event_log.events, start_s),
         )
 
-    def _track(self, vehicle_id: int, seen: _Sightings, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:
-        seen_s = np.array(seen.time_s)
+    def _tracks(self, truth: tuple[TruthTrack, ...], grid_s: Vector) -> tuple[VehicleTrack, ...]:
+        true = {track.vehicle_id: track for track in truth}  # a simulated vehicle is known by its system id
+        return tuple(
+            self._track(vehicle_id, samples, true.get(self._mission.vehicle(vehicle_id).system_id), grid_s)
+            for vehicle_id in self._mission.ids
+            if (samples := self._samples.get(vehicle_id)) is not None
+        )
+
+    def _track(self, vehicle_id: int, samples: _Samples, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:
+        sample_s = np.array(samples.time_s)
         if true is None:
-            motion = _resampled(seen_s, np.array(seen.motion), grid_s)
+            motion = _resampled(sample_s, np.array(samples.motion), grid_s)
         else:
             columns = np.hstack([true.position_m[:, POSITION], true.velocity_m_s[:, POSITION]])
             motion = _resampled(true.time_s, columns, grid_s)
         return VehicleTrack(
-            vehicle_id, motion[:, POSITION], motion[:, VELOCITY], _latest(seen_s, np.array(seen.tactic), grid_s)
+            vehicle_id, motion[:, POSITION], motion[:, VELOCITY], _latest(sample_s, np.array(samples.tactic), grid_s)
         )
 
 
 def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:
-    """Return motions (T, 4) on the grid, NaN where nothing was seen for a second."""
+    """Return motions (T, 4) on the grid, NaN where the nearest sample is more than a second away."""
     resampled = np.column_stack([np.interp(grid_s, time_s, column) for column in motion.T])
     resampled[~_covered(time_s, grid_s), MOTION] = np.nan
     return resampled
 
 
 def _latest(time_s: Vector, tactic: "NDArray[np.str_]", grid_s: Vector) -> "np.ndarray[tuple[int], np.dtype[np.str_]]":
-    """Return the tactic that held at each time of the grid."""
+    """Return the tactic at each time of the grid."""
     index = np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
     return np.where(_covered(time_s, grid_s), tactic[index], "unknown")
 

@@ -1,7 +1,7 @@
 """The metrics of a flight, computed from its record: the definitions behind `--json` and the verdicts.
 
-Arrays over the whole team have shape (V, T): vehicles in the record's order, samples in time. NaN marks what
-was not measured, and every average leaves it out.
+Arrays over the whole team have shape (V, T): vehicles in the record's order, samples in time. NaN marks samples
+without a measurement, and averages ignore it.
 """
 
 from dataclasses import dataclass
@@ -27,19 +27,19 @@ from gcs.metrics.reynolds import condensed, flocking
 FORMATION_START_S = 30.0
 SETTLED_RADIUS_FRACTION = 0.05
 SETTLED_SPACING_RAD = np.radians(5.0)
-# A vehicle not heard for longer than this at the end of the record is taken to have left the ring.
+# A vehicle without data for longer than this at the end of the record has left the ring.
 LOST_AFTER_S = 5.0
-# Times on the record's grid carry rounding errors; no grid is this fine.
+# Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class RingMotion:
-    """The team's motion about the target, shape (V, T) each; NaN where one is not encircling or not heard.
+    """The team's motion about the target, shape (V, T) each; NaN where a vehicle does not encircle or has no data.
 
-    `member` says who belongs to the ring: also a vehicle that was not heard for a while but encircled before
-    and after. `lead_rad` is the angle counter-clockwise from a vehicle to its neighbour in front: NaN where
-    it has none, or where a member was not heard and so the neighbours are not known.
+    `member` marks the vehicles on the ring, including one without data that encircled before and after.
+    `lead_rad` is the angle counter-clockwise from a vehicle to the next one: NaN where there is none, or where a
+    member has no data, so that the neighbours are not known.
     """
 
     member: Mask
@@ -99,19 +99,19 @@ def evaluate(
 
 
 def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
-    """Return when each vehicle's tactic first was encircle, None where it never was."""
+    """Return the time at which each vehicle's tactic was encircle first, None where it never was."""
     hits = (np.flatnonzero(track.tactic == "encircle") for track in record.vehicles)
     return tuple(_grid_time(float(record.time_s[hit[0]])) if hit.size else None for hit in hits)
 
 
 def formation_errors(record: FlightRecord, formation: FormationReference) -> tuple[Vector, Vector]:
-    """Return how far every velocity [m/s] and place [m] in formation is off, (V, T) each.
+    """Return the errors of every velocity [m/s] and spacing [m] in formation, (V, T) each.
 
-    NaN but from 30 s after the start to the first engagement, for a vehicle in formation; the first of the line has no
-    place to be off.
+    Defined from 30 s after the start to the first engagement, for vehicles in formation; NaN elsewhere. The first
+    vehicle of the line has no spacing.
     """
     judged = _formation_span(record.time_s, engagement_times_s(record))
-    mask = np.asarray(heard(record) & _flies(record, "formation") & judged)
+    mask = np.asarray(measured(record) & _flies(record, "formation") & judged)
     speed_error_m_s = np.full(mask.shape, np.nan)
     for row, track in enumerate(record.vehicles):
         speed_error_m_s[row, mask[row]] = np.hypot(*(track.velocity_m_s[mask[row]] - (formation.speed_m_s, 0.0)).T)
@@ -125,7 +125,7 @@ def ring_motion(record: FlightRecord) -> RingMotion:
     for index, track in enumerate(record.vehicles):
         offset_m[index] = track.position_m - record.target_position_m
         drift_m_s[index] = track.velocity_m_s - record.target_velocity_m_s
-    encircling = heard(record) & _flies(record, "encircle")
+    encircling = measured(record) & _flies(record, "encircle")
     radius_m = np.where(encircling, np.hypot(offset_m[..., 0], offset_m[..., 1]), np.nan)
     # On top of the target there is neither a bearing nor an angular rate.
     defined_m = np.where(radius_m > 0.0, radius_m, np.nan)
@@ -141,8 +141,8 @@ def ring_motion(record: FlightRecord) -> RingMotion:
     )
 
 
-def heard(record: FlightRecord) -> Mask:
-    """Return which samples (V, T) hold a vehicle's position, velocity and tactic."""
+def measured(record: FlightRecord) -> Mask:
+    """Return the samples (V, T) that hold a vehicle's position, velocity and tactic."""
     mask = ~_flies(record, "unknown")
     for row, track in zip(mask, record.vehicles, strict=True):
         motion = np.concatenate((track.position_m, track.velocity_m_s), axis=1)
@@ -158,8 +158,8 @@ def _flies(record: FlightRecord, tactic: str) -> Mask:
 
 
 def _members(record: FlightRecord) -> Mask:
-    """Bridge the gaps in which a vehicle was not heard: it is in the ring if it was before and after."""
-    known, encircle = heard(record), _flies(record, "encircle")
+    """Return the members of the ring; a gap in the data is bridged if the vehicle encircled before and after it."""
+    known, encircle = measured(record), _flies(record, "encircle")
     samples = record.time_s.size
     index = np.arange(samples)
     before = np.maximum.accumulate(np.where(known, index, -1), axis=1)
@@ -168,8 +168,8 @@ def _members(record: FlightRecord) -> Mask:
     if not samples:
         return encircled
     encircles_again = np.take_along_axis(encircle, np.minimum(after, samples - 1), axis=1) & (after < samples)
-    silent_s = record.time_s[-1] - record.time_s[np.maximum(before, 0)]
-    return np.asarray(encircled & (encircles_again | ((after == samples) & (silent_s <= LOST_AFTER_S))))
+    gap_s = record.time_s[-1] - record.time_s[np.maximum(before, 0)]
+    return np.asarray(encircled & (encircles_again | ((after == samples) & (gap_s <= LOST_AFTER_S))))
 
 
 def _lead_rad(bearing_rad: Vector, member: Mask) -> Vector:
@@ -189,16 +189,16 @@ def _lead_rad(bearing_rad: Vector, member: Mask) -> Vector:
 
 
 def _settled_at_s(time_s: Vector, motion: RingMotion, ring: RingReference, last_engaged_s: float) -> float | None:
-    """Return the moment since the last engagement from which nothing strays until the end, or None."""
+    """Return the time after the last engagement from which the ring stays within its limits to the end, or None."""
     radius_error_m = np.abs(motion.radius_m - ring.radius_m)
     spacing_error_rad = np.abs(motion.lead_rad - motion.desired_spacing_rad)
     off_radius = (radius_error_m > SETTLED_RADIUS_FRACTION * ring.radius_m).any(axis=0)
     off_spacing = (spacing_error_rad > SETTLED_SPACING_RAD).any(axis=0)
-    straying = np.flatnonzero(off_radius | off_spacing)
-    # Samples without a ring, or with a member not heard, prove nothing: settling starts at one that does.
-    proven = motion.measured & (time_s >= last_engaged_s - TIME_GRAIN_S)
-    proven[: straying[-1] + 1 if straying.size else 0] = False
-    return float(time_s[np.argmax(proven)]) if proven.any() else None
+    outside = np.flatnonzero(off_radius | off_spacing)
+    # Settling starts at a sample at which every member of the ring was measured.
+    valid = motion.measured & (time_s >= last_engaged_s - TIME_GRAIN_S)
+    valid[: outside[-1] + 1 if outside.size else 0] = False
+    return float(time_s[np.argmax(valid)]) if valid.any() else None
 
 
 def _window_s(time_s: Vector, settled_s: float | None) -> tuple[float, float]:
@@ -222,7 +222,7 @@ def _vehicle_results(
 ) -> tuple[VehicleResult, ...]:
     engaged_s = engagement_times_s(record)
     speed_error_m_s, spacing_error_m = formation_errors(record, formation)
-    known = heard(record)
+    known = measured(record)
     results = []
     for row, track in enumerate(record.vehicles):
         radius_error_m = motion.radius_m[row, window] - ring.radius_m
@@ -260,9 +260,9 @@ def _formation_span(time_s: Vector, engaged_s: tuple[float | None, ...]) -> Mask
 
 
 def _formation_spacing_error_m(record: FlightRecord, formation: FormationReference, mask: Mask) -> Vector:
-    """Return how far each vehicle (V, T) is from its place relative to its predecessor in slot order.
+    """Return the distance of each vehicle (V, T) from its slot relative to its predecessor in slot order.
 
-    Where the predecessor is not in formation the one before it counts; NaN where there is none.
+    A predecessor that is not in formation is skipped; NaN where there is none.
     """
     row_of = {track.vehicle_id: row for row, track in enumerate(record.vehicles)}
     error_m = np.full(mask.shape, np.nan)
@@ -283,9 +283,9 @@ def _spacing_errors_deg(motion: RingMotion, window: Mask) -> tuple[float | None,
 
 
 def _mean_rate_rad_s(time_s: Vector, bearing_rad: Vector, rate_rad_s: Vector) -> float | None:
-    """Return the unwrapped change of bearing over the time it took, None from fewer than two samples.
+    """Return the unwrapped change of bearing over its duration, None from fewer than two samples.
 
-    The integral of the measured rate carries the count of turns across gaps longer than half a turn.
+    The integral of the measured rate resolves the number of turns across gaps longer than half a turn.
     """
     known = np.isfinite(bearing_rad) & np.isfinite(rate_rad_s)
     if known.sum() < 2:
@@ -298,7 +298,7 @@ def _mean_rate_rad_s(time_s: Vector, bearing_rad: Vector, rate_rad_s: Vector) ->
 
 
 def _closest_approach_m(record: FlightRecord) -> float | None:
-    """Return the smallest horizontal distance of two vehicles, None if no two were ever heard at once."""
+    """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time."""
     closest_m = np.inf
     for index, track in enumerate(record.vehicles):
         for other in record.vehicles[index + 1 :]:
@@ -318,5 +318,5 @@ def _largest(errors: Vector) -> float | None:
 
 
 def _grid_time(time_s: float) -> float:
-    """Round away what adding up time steps left behind."""
+    """Round away the accumulated error of time steps."""
     return round(time_s, 6)

@@ -1,4 +1,4 @@
-"""The record of a flight: what metrics, figures and reports are computed from."""
+"""The record of a flight: the input of metrics, figures and reports."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -18,7 +18,7 @@ class VehicleTrack:
     """One vehicle's flight on the record's time grid of T samples.
 
     `position_m`, `velocity_m_s` (T, 2) in the mission frame; `tactic` (T,) names (`formation`, `encircle`, ...);
-    rows where the vehicle was not heard are NaN with tactic `unknown`.
+    rows without data of the vehicle are NaN with tactic `unknown`.
     """
 
     vehicle_id: int
@@ -29,7 +29,7 @@ class VehicleTrack:
 
 @dataclass(frozen=True, slots=True)
 class LoopStatistics:
-    """How well the control loop kept its rate: `tick_us` (ticks,) are computing times in microseconds."""
+    """Timing of the control loop: `tick_us` (ticks,) are computing times in microseconds."""
 
     rate_hz: float
     ticks: int
@@ -39,7 +39,7 @@ class LoopStatistics:
 
 @dataclass(slots=True)
 class GuardTally:
-    """Counts the setpoints of all vehicles that the guard changed, and by cause: one may have several."""
+    """Counts the setpoints that the guard moved, in all and by cause; one setpoint may have several causes."""
 
     interventions: int = 0
     causes: Counter[str] = field(default_factory=Counter)
@@ -50,7 +50,7 @@ class GuardTally:
             self.count([cause.words for cause in guarded.causes])
 
     def count(self, causes: Sequence[str]) -> None:
-        """Count one tick by the words for its causes; without any the guard let the wish pass."""
+        """Count one tick by its causes; without any the guard did not move the setpoint."""
         if causes:
             self.interventions += 1
             self.causes.update(causes)
@@ -58,7 +58,7 @@ class GuardTally:
 
 @dataclass(frozen=True, slots=True)
 class FlightEvent:
-    """Something that happened to a vehicle, of one of the kinds of `agents.outputs.Note`, in people's words."""
+    """An event of a vehicle, of one of the kinds of `agents.outputs.Note`, with its text."""
 
     time_s: float
     vehicle: int
@@ -70,8 +70,8 @@ class FlightEvent:
 class FlightRecord:
     """A whole flight on an even grid `time_s` (T,) since the mission's start; the target's motion has shape (T, 2).
 
-    `source` is simulation, sitl or flight; `reference` is truth or estimate: what the positions are; `guard` is what
-    the guard did, None if unknown. `events` are in order, their times since the mission's start as well.
+    `source` is simulation, sitl or flight; `reference` is truth or estimate: the source of the positions; `guard`
+    counts the interventions, None if unknown. `events` are in order, their times since the mission's start as well.
     """
 
     mission: str
@@ -89,6 +89,6 @@ class FlightRecord:
 
 
 def in_order(events: Iterable[FlightEvent], start_s: float = 0.0) -> tuple[FlightEvent, ...]:
-    """Return events by time since the mission's start at `start_s` [ms], then by vehicle, otherwise as they came."""
+    """Return events by time since the mission's start at `start_s` [ms], then by vehicle, else in given order."""
     since = (replace(event, time_s=round(event.time_s - start_s, 3)) for event in events)
     return tuple(sorted(since, key=lambda event: (event.time_s, event.vehicle)))

@@ -1,16 +1,16 @@
-"""What a mission asks for, and by which tolerances its flight is judged."""
+"""The references of a mission, and the tolerances of its verdicts."""
 
 from gcs.metrics.result import FormationReference, RingReference, VerdictTolerances
 from gcs.mission.mission import Mission
 
 
 def ring_reference(mission: Mission) -> RingReference:
-    """Return the ring the mission asks for."""
+    """Return the ring of the mission."""
     return RingReference(mission.encirclement.radius_m, mission.encirclement.angular_rate_rad_s)
 
 
 def formation_reference(mission: Mission) -> FormationReference:
-    """Return the formation the mission asks for, vehicles in line order."""
+    """Return the formation of the mission, vehicles in line order."""
     formation = mission.formation
     offsets = mission.agent_config(mission.vehicles[0]).slot_offset_m
     slots = {vehicle_id: offsets(vehicle_id, formation.leader) for vehicle_id in mission.ids}
@@ -18,7 +18,7 @@ def formation_reference(mission: Mission) -> FormationReference:
 
 
 def verdict_tolerances(mission: Mission) -> VerdictTolerances:
-    """Return by what the mission's flight is judged."""
+    """Return the tolerances of the mission's verdicts."""
     verdicts = mission.verdicts
     return VerdictTolerances(
         radius_error_rms_m=verdicts.radius_error_rms_m,

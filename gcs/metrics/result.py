@@ -1,4 +1,4 @@
-"""What is asked of a flight and what came out of it: references, tolerances, results and verdicts.
+"""References, tolerances, results and verdicts of a flight.
 
 `FlightResult.to_json` is the `--json` output of sim, fly and report. A metric that does not apply is None
 (null), never 0 and never NaN.
@@ -25,7 +25,7 @@ class RingReference:
     angular_rate_rad_s: float
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are no reference."""
+        """Validate the numbers."""
         if not (isfinite(self.radius_m) and self.radius_m > 0.0):
             raise ValueError(f"ring radius_m = {self.radius_m}: it must be positive")
         if not isfinite(self.angular_rate_rad_s):
@@ -36,7 +36,7 @@ class RingReference:
 class FormationReference:
     """The desired formation, travelling along +x of the mission frame.
 
-    `slots_m` maps vehicle ids to their places (x, y) in line order: each is judged against the one before it.
+    `slots_m` maps vehicle ids to their slots (x, y) in line order: each spacing is measured to the previous vehicle.
     Raises ValueError when a number is not finite.
     """
 
@@ -44,7 +44,7 @@ class FormationReference:
     slots_m: Mapping[int, tuple[float, float]]
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are no reference."""
+        """Validate the numbers."""
         if not isfinite(self.speed_m_s):
             raise ValueError(f"formation speed_m_s = {self.speed_m_s} is not finite")
         for vehicle_id, slot in self.slots_m.items():
@@ -54,7 +54,7 @@ class FormationReference:
 
 @dataclass(frozen=True, slots=True)
 class VerdictTolerances:
-    """How far a flight may stray before a verdict fails; a metric equal to its tolerance still holds.
+    """The tolerances of the verdicts; a metric equal to its tolerance holds.
 
     Raises ValueError when one is negative or not finite.
     """
@@ -67,7 +67,7 @@ class VerdictTolerances:
     separation_m: float
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are no tolerance."""
+        """Validate the numbers."""
         for item in fields(self):
             value = getattr(self, item.name)
             if not (isfinite(value) and value >= 0.0):
@@ -76,7 +76,7 @@ class VerdictTolerances:
 
 @dataclass(frozen=True, slots=True)
 class VehicleResult:
-    """One vehicle's metrics; `tactic` is the last one heard of it, `unknown` if it never was."""
+    """One vehicle's metrics; `tactic` is the last one received, `unknown` without any."""
 
     id: int
     engaged_at_s: float | None
@@ -100,11 +100,11 @@ class RingResult:
 
 @dataclass(frozen=True, slots=True)
 class FlockingResult:
-    """Reynolds' rules over a stretch of flight, None where fewer than two vehicles were measured.
+    """Reynolds' rules over a phase of the flight, None where fewer than two vehicles were measured.
 
     Separation is the distance to the nearest other vehicle; the alignment's error is the velocity relative to the
-    team's mean, its order the length of the mean direction of flight (1 when all fly the same way, 0 when their ways
-    cancel out); cohesion is the distance to the team's centroid. All are horizontal.
+    team's mean, its order the length of the mean direction of flight (1 when all fly in one direction, 0 when the
+    directions cancel out); cohesion is the distance to the team's centroid. All are horizontal.
     """
 
     separation_min_m: float | None = None
@@ -126,7 +126,7 @@ class ReynoldsResult:
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
-    """The control loop: its rate, its ticks and the ones it missed, and percentiles of the computing time."""
+    """The control loop: rate, ticks, missed ticks, and percentiles of the computing time."""
 
     rate_hz: float
     ticks: int
@@ -193,7 +193,7 @@ class FlightResult:
         return False not in self.verdicts.named().values()
 
     def untimed(self) -> "FlightResult":
-        """Return the result with every wall time None: what is left depends on the mission and the seed alone."""
+        """Return the result with every wall time None, so that it depends on the mission and the seed alone."""
         loop = replace(self.loop, tick_p50_us=None, tick_p99_us=None)
         return replace(self, loop=loop, wall_time_s=None, realtime_factor=None)
 
@@ -217,7 +217,7 @@ def judge(
     reference: RingReference,
     tolerances: VerdictTolerances,
 ) -> Verdicts:
-    """Hold the metrics against the tolerances."""
+    """Compare the metrics with the tolerances."""
     vehicles = tuple(vehicles)
     rate_errors = [
         None if v.angular_rate_mean_rad_s is None else v.angular_rate_mean_rad_s - reference.angular_rate_rad_s

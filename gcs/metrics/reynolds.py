@@ -1,7 +1,7 @@
 """Reynolds' rules of flocking as measured in a flight: separation, alignment, cohesion.
 
-Arrays over the team have shape (V, T): vehicles in the record's order, samples in time. NaN marks what was not
-measured: a vehicle not heard neither has a figure nor counts in anybody else's.
+Arrays over the team have shape (V, T): vehicles in the record's order, samples in time. NaN marks samples without a
+measurement: such a vehicle has no metric and is not counted in those of the others.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,12 @@ STILL_M_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Flocking:
-    """How well a team keeps together without touching.
+    """Reynolds' rules over a flight.
 
-    `nearest_m` (V, T) is the distance to the nearest other vehicle (separation), `mismatch_m_s` (V, T) how far a
-    velocity is off the team's mean (alignment), `order` (T,) the length of the mean direction of flight: 1 when all fly
-    the same way, 0 when their ways cancel out. `off_centre_m` (V, T) is the distance to the team's centroid (cohesion).
+    `nearest_m` (V, T) is the distance to the nearest other vehicle (separation), `mismatch_m_s` (V, T) each
+    velocity relative to the team's mean (alignment), `order` (T,) the length of the mean direction of flight: 1 when
+    all fly in one direction, 0 when the directions cancel out. `off_centre_m` (V, T) is the distance to the team's
+    centroid (cohesion).
     """
 
     nearest_m: Vector
@@ -33,7 +34,7 @@ class Flocking:
 
 
 def flocking(record: FlightRecord) -> Flocking:
-    """Measure the three rules over a flight; with fewer than two vehicles heard there is no team to measure."""
+    """Measure the three rules over a flight; all NaN with fewer than two measured vehicles."""
     shape = (len(record.vehicles), record.time_s.size)
     position_m, velocity_m_s = np.empty((2, *shape, 2))
     for row, track in enumerate(record.vehicles):
@@ -73,7 +74,7 @@ def _nearest_m(position_m: Vector) -> Vector:
 
 
 def _off_mean(columns: Vector) -> Vector:
-    """Return the distance of each (V, T, 2) to the mean of those heard; NaN where fewer than two were."""
+    """Return the distance of each (V, T, 2) to the mean of those measured; NaN where fewer than two were."""
     heard = np.isfinite(columns[..., 0])
     count = heard.sum(axis=0)
     total = np.where(heard[..., None], columns, 0.0).sum(axis=0)

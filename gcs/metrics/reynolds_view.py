@@ -1,4 +1,4 @@
-"""Reynolds' figures as people read them: their words, their numbers, and a table for a terminal."""
+"""Labels and formats of Reynolds' flocking metrics, and a table of them for a terminal."""
 
 from dataclasses import astuple
 
@@ -7,34 +7,34 @@ from rich.text import Text
 
 from gcs.metrics.result import FlockingResult, ReynoldsResult
 
-# In the order of `FlockingResult`: what a figure is called, the same in a narrow column, and its format.
+# In the order of `FlockingResult`: label, label of a narrow column, format.
 _FIGURES = (
-    ("nearest other, least [m]", "nearest\nleast [m]", ".2f"),
+    ("nearest other, min [m]", "nearest\nmin [m]", ".2f"),
     ("nearest other, mean [m]", "nearest\nmean [m]", ".2f"),
     ("velocity mismatch rms [m/s]", "mismatch\nrms [m/s]", ".3f"),
     ("order parameter, mean", "order\nmean", ".3f"),
-    ("off the centroid, mean [m]", "centroid\nmean [m]", ".2f"),
-    ("off the centroid, at most [m]", "centroid\nmax [m]", ".2f"),
+    ("distance from centroid, mean [m]", "centroid\nmean [m]", ".2f"),
+    ("distance from centroid, max [m]", "centroid\nmax [m]", ".2f"),
 )
-FLOCKING_WORDS = tuple(words for words, _, _ in _FIGURES)
+FLOCKING_LABELS = tuple(label for label, _, _ in _FIGURES)
 FLOCKING_FORMS = tuple(form for _, _, form in _FIGURES)
 
 
 def flocking_cells(figures: FlockingResult) -> tuple[str, ...]:
-    """Return the figures of a stretch as text, a dash for what was not measured."""
+    """Return the metrics of a phase as text, a dash for None."""
     numbers = zip(astuple(figures), FLOCKING_FORMS, strict=True)
     return tuple("–" if value is None else format(value, form) for value, form in numbers)
 
 
-def stretches(result: ReynoldsResult) -> tuple[tuple[str, FlockingResult], ...]:
-    """Return the stretches of a flight that have any figure, with their names."""
+def phases(result: ReynoldsResult) -> tuple[tuple[str, FlockingResult], ...]:
+    """Return the phases of a flight that have any figure, with their names."""
     named = (("formation", result.formation), ("ring", result.ring), ("flight", result.flight))
     return tuple((name, figures) for name, figures in named if figures != FlockingResult())
 
 
 def reynolds_grid(result: ReynoldsResult) -> Table | None:
-    """Return the figures as a table of 80 columns at most, None for a vehicle alone."""
-    measured = stretches(result)
+    """Return the metrics as a table of at most 80 columns, None for a single vehicle."""
+    measured = phases(result)
     if not measured:
         return None
     table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")

@@ -1,4 +1,4 @@
-"""Preflight, what the autopilot's estimator says of itself: whether its sensors agree, and what it knows by them."""
+"""Preflight checks of the autopilot's estimator: its innovation test ratios, and the states that it provides."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from gcs.preflight.findings import (
 )
 
 RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
-"""A test ratio above 1 is that of a sensor that the estimator rejects; half of it is what PX4 used to arm by."""
+"""The estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""
 ATTITUDE, POS_HORIZ_REL, POS_HORIZ_ABS, POS_VERT_ABS, PRED_POS_HORIZ_REL, PRED_POS_HORIZ_ABS = 1, 8, 16, 32, 256, 512
 
 
 @dataclass(frozen=True, slots=True)
 class _Dialect:
-    """One autopilot's report: the message, the field of each test ratio, and what its flags mean.
+    """One autopilot's estimator report: message, field of each test ratio, and meaning of its flags.
 
-    `relative` and `absolute` tell a horizontal position by any of their bits, `errors` what is wrong when a bit is set.
+    Any bit of `relative` or `absolute` stands for a horizontal position; `errors` maps a bit to its fault.
     """
 
     message: str
@@ -47,7 +47,7 @@ DIALECTS: Mapping[AutopilotKind, _Dialect] = {
         },
         POS_HORIZ_REL | POS_HORIZ_ABS,
         POS_HORIZ_ABS,
-        {2048: "its accelerometer reads wrong"},
+        {2048: "accelerometer error"},
         1024,
     ),
     AutopilotKind.ARDUPILOT: _Dialect(
@@ -59,80 +59,80 @@ DIALECTS: Mapping[AutopilotKind, _Dialect] = {
             "velocity": "velocity_variance",
             "compass": "compass_variance",
         },
-        # Disarmed, it may only say which position it would have in flight: its own arming checks go by that.
+        # Disarmed, it may report the position predicted for flight only, as its own arming checks use.
         POS_HORIZ_REL | POS_HORIZ_ABS | PRED_POS_HORIZ_REL | PRED_POS_HORIZ_ABS,
         POS_HORIZ_ABS | PRED_POS_HORIZ_ABS,
-        {1024: "it has not begun yet"},
+        {1024: "not initialized"},
         1 << 15,
     ),
 }
-"""The bits above POS_HORIZ_ABS differ: 1024 is a glitch of PX4's GPS, and an ArduPilot that has not begun."""
+"""The bits above POS_HORIZ_ABS differ: 1024 is a GPS glitch on PX4, and not initialized on ArduPilot."""
 STEPS = {
-    "horizontal position": "leave it at rest with a free view of the sky; indoors check what tells its place",
-    "height": "leave it at rest for a minute, or restart the autopilot; shield its barometer from wind and sun",
-    "velocity": "leave it at rest for a minute with a free view of the sky, or restart the autopilot",
-    "compass": "move it away from steel, cables and cars; if that does not help, calibrate its compass",
+    "horizontal position": "leave it at rest with a clear view of the sky; indoors check the positioning system",
+    "height": "leave it at rest for a minute, or restart the autopilot; shield the barometer from wind and sun",
+    "velocity": "leave it at rest for a minute with a clear view of the sky, or restart the autopilot",
+    "compass": "move the vehicle away from steel, cables and cars; if the ratio stays high, calibrate the compass",
 }
-WHY = "what it takes for its place and heading may jump or drift away in the air, and it is steered by that"
-RESTART = "leave it at rest, restart the autopilot, and look at its messages with a ground station"
+WHY = "the estimated position or heading may jump or drift in flight, and the vehicle is controlled by it"
+RESTART = "leave the vehicle at rest, restart the autopilot, and read its messages in a ground station"
 
 
 def estimator_report(kind: AutopilotKind, fields: Mapping[str, object]) -> EstimatorReport | None:
-    """Return what a report's fields mean; None where they are none. A ratio that is not a number is left out."""
+    """Return the report in a message's fields; None without flags. A ratio that is not a number is left out."""
     dialect, flags = DIALECTS.get(kind), fields.get("flags")
     if dialect is None or not isinstance(flags, int):
         return None
-    told = {name: fields.get(field) for name, field in dialect.ratios.items()}
-    wrong = [what for bit, what in dialect.errors.items() if flags & bit]
-    wrong += ["it knows no attitude"] if not flags & ATTITUDE else []
-    wrong += ["it knows no height"] if not flags & POS_VERT_ABS else []
+    values = {name: fields.get(field) for name, field in dialect.ratios.items()}
+    faults = [fault for bit, fault in dialect.errors.items() if flags & bit]
+    faults += ["no attitude"] if not flags & ATTITUDE else []
+    faults += ["no height"] if not flags & POS_VERT_ABS else []
     return EstimatorReport(
         ratios={
-            name: float(value) for name, value in told.items() if isinstance(value, int | float) and isfinite(value)
+            name: float(value) for name, value in values.items() if isinstance(value, int | float) and isfinite(value)
         },
         relative=bool(flags & dialect.relative),
         absolute=bool(flags & dialect.absolute),
-        wrong=tuple(wrong),
+        wrong=tuple(faults),
         glitch=bool(flags & dialect.glitch),
     )
 
 
 def estimator(facts: VehicleFacts, mission: Mission) -> Iterator[Finding]:
-    """Check the estimator's own report: what it knows, and each test ratio that is high, or else the highest."""
+    """Check the estimator report: the available states, and each high test ratio, or else the highest one."""
     report = facts.estimator
     if report is None or not report.ratios:
         message = DIALECTS[facts.autopilot].message
-        found = f"its estimator's report ({message}) could not be read: whether its sensors agree is not known"
-        yield _finding(facts, Grade.WARNING, found, "look at its estimator with a ground station, and check the link")
+        found = f"estimator report ({message}) not received: sensor consistency is unknown"
+        yield _finding(facts, Grade.WARNING, found, "check the estimator with a ground station, and check the link")
         return
-    for what in report.wrong:
-        yield _finding(facts, Grade.REFUSE, f"its estimator is not well: {what}", RESTART)
+    for fault in report.wrong:
+        yield _finding(facts, Grade.REFUSE, f"estimator fault: {fault}", RESTART)
     yield from _position(facts, report, local=mission.frame.local)
     if report.glitch:
-        yield _finding(facts, Grade.WARNING, "its estimator sees its GPS jump", STEPS["horizontal position"])
+        yield _finding(facts, Grade.WARNING, "estimator reports a GPS glitch", STEPS["horizontal position"])
     highest = max(report.ratios, key=lambda name: report.ratios[name])
     for name, ratio in report.ratios.items():
         grade = limited(ratio, RATIO_MAX, RATIO_RESERVE)
         if grade is not Grade.PASS:
-            what = "rejects what it is told about" if grade is Grade.REFUSE else "hardly believes what it is told about"
-            found = f"its estimator {what} its {name}: test ratio {ratio:.2f}, of {RATIO_MAX:g} at most"
+            state = "rejected by the estimator" if grade is Grade.REFUSE else "innovation test ratio too high"
+            found = f"{name}: {state} (test ratio {ratio:.2f}, limit {RATIO_MAX:g})"
             yield _finding(facts, grade, found, STEPS[name])
         elif name == highest:
-            found = f"its estimator's sensors agree: highest test ratio {ratio:.2f}, of {RATIO_MAX:g} at most ({name})"
+            found = f"estimator: highest innovation test ratio {ratio:.2f} ({name}), limit {RATIO_MAX:g}"
             yield Finding(Grade.PASS, facts.subject, "estimator", found)
 
 
 def _position(facts: VehicleFacts, report: EstimatorReport, *, local: bool) -> Iterator[Finding]:
-    """Check that it has the horizontal position that the mission flies by; one that is lost is told of elsewhere."""
+    """Check that the estimator has the position that the mission needs; a lost position is another check."""
     lost = facts.origin_m is None or facts.position_m is None
     if lost or report.absolute or (local and report.relative):
         return
     if local:
-        step = "check what tells its place (cameras, odometry), and restart the autopilot once that works"
-        yield _finding(facts, Grade.REFUSE, "its estimator has no horizontal position", step)
+        step = "check the positioning system (cameras, odometry), then restart the autopilot"
+        yield _finding(facts, Grade.REFUSE, "estimator has no horizontal position", step)
     else:
-        found = "its estimator has no horizontal position on Earth"
-        yield _finding(facts, Grade.REFUSE, found, "wait for GPS: give it a free view of the sky")
+        found = "estimator has no global horizontal position"
+        yield _finding(facts, Grade.REFUSE, found, "wait for GPS with a clear view of the sky")
 
 
 def _finding(facts: VehicleFacts, grade: Grade, found: str, step: str) -> Finding:

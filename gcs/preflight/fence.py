@@ -1,4 +1,4 @@
-"""Preflight, the areas of the autopilot's geofence: whether the mission stays in them, and out of them."""
+"""Preflight check of the mission against the inclusion and exclusion areas of the autopilot's geofence."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -17,37 +17,37 @@ from gcs.preflight.parameters import ARDUPILOT_FENCE_AREAS, PX4_FENCE_WARNS
 
 Place = tuple[float, float]
 
-WHY = "the autopilot ends the mission at its fence, wherever the others are"
+WHY = "the autopilot ends the mission at its fence, regardless of the other vehicles"
 RING_POINTS, PATH_POINTS = 24, 20
 
 
 def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
-    """Check the mission's places against the fence's areas, where the fence acts at all."""
+    """Check the mission's positions against the areas of an enabled fence."""
     if facts.fence_areas is None:
-        found = "its geofence could not be downloaded: whether an area of it cuts the mission short is not known"
-        step = "look at its fence with a ground station, and check the link"
+        found = "geofence download failed: areas that end the mission are unknown"
+        step = "check the fence with a ground station, and check the link"
         yield Finding(Grade.WARNING, facts.subject, "fence areas", found, WHY, step)
         return
-    if not facts.fence_areas or not _acts(facts):
+    if not facts.fence_areas or not _is_enabled(facts):
         return
     places = route(mission, vehicle)
     outside = [place for place in places if not _allowed(place, facts.fence_areas)]
     x, y = (outside or places)[0]
-    told = f"areas in its geofence: {len(facts.fence_areas)}"
+    areas = f"geofence with {len(facts.fence_areas)} areas"
     yield Finding.graded(
         Grade.WARNING if outside else Grade.PASS,
         facts.subject,
         "fence areas",
-        f"{told}, and the mission leads out of them, to ({x:.0f}, {y:.0f}) among others"
+        f"{areas}: the mission leaves them, for example at ({x:.0f}, {y:.0f})"
         if outside
-        else f"{told}; the mission stays where it may fly",
+        else f"{areas}: the mission stays inside",
         WHY,
-        "change the fence's areas with a ground station, or move or shorten the mission",
+        "change the fence with a ground station, or move or shorten the mission",
     )
 
 
 def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
-    """Return places [m] that the mission may take a vehicle to, in time: its line to the end, the ring; or its box."""
+    """Return positions [m] of a vehicle in the mission in order of time: its line and the ring, or its test area."""
     start_x, start_y = vehicle.section.start_m
     if mission.excites:
         return [(start_x, start_y), *mission.safety.fence_m]
@@ -61,7 +61,7 @@ def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
 
 
 def within(place: Place, corners: Sequence[Place]) -> bool:
-    """Return whether a place lies in a polygon: a ray from it crosses the border an odd number of times."""
+    """Return whether a position lies in a polygon: a ray from it crosses the border an odd number of times."""
     x, y = place
     inside = False
     for (x1, y1), (x2, y2) in pairwise((*corners, corners[0])):
@@ -70,7 +70,7 @@ def within(place: Place, corners: Sequence[Place]) -> bool:
     return inside
 
 
-def _acts(facts: VehicleFacts) -> bool:
+def _is_enabled(facts: VehicleFacts) -> bool:
     if facts.autopilot is AutopilotKind.PX4:
         return (facts.parameter("GF_ACTION") or 0.0) > PX4_FENCE_WARNS
     kinds = int(facts.parameter("FENCE_TYPE") or 0.0)

@@ -1,4 +1,4 @@
-"""How a preflight is shown: a table for people, one JSON object for scripts, and the exit code."""
+"""The findings of a preflight check as a table, as a JSON object, and as an exit code."""
 
 import json
 from collections import Counter
@@ -23,9 +23,9 @@ HEADLINES = {
 
 
 def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = True) -> RenderableType:
-    """Return the findings as people read them: what is the same for several vehicles once, with all their numbers.
+    """Return the findings as a table; a finding of several vehicles is one row with all their ids.
 
-    Without `passes` what is well is only counted.
+    Without `passes` the passed checks are only counted.
     """
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(no_wrap=True)
@@ -35,10 +35,10 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = T
     for finding in (each for each in findings if passes or each.grade is not Grade.PASS):
         alike.setdefault(replace(finding, subject=""), []).append(finding.subject)
     for finding, subjects in alike.items():
-        told = Text(finding.found)
+        cell = Text(finding.found)
         if finding.grade is not Grade.PASS:
-            told.append(f"\nwhy: {finding.why}\nnext: {finding.next_step}", style="dim")
-        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(_joined(subjects)), told)
+            cell.append(f"\nwhy: {finding.why}\nnext: {finding.next_step}", style="dim")
+        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(_joined(subjects)), cell)
     grade = worst(findings)
     count = Counter(finding.grade for finding in findings)
     counted = ", ".join(f"{count[each]} {each.value}" for each in Grade)
@@ -46,7 +46,7 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = T
 
 
 def findings_json(mission: str, findings: Sequence[Finding]) -> str:
-    """Return the findings as one JSON object on one line; `grade` at its top is the gravest."""
+    """Return the findings as one JSON object on one line; `grade` at the top is the most severe."""
     listed = [{**asdict(finding), "grade": finding.grade.value} for finding in findings]
     return json.dumps({"mission": mission, "grade": worst(findings).value, "findings": listed}, ensure_ascii=False)
 
@@ -58,5 +58,5 @@ def _joined(subjects: Sequence[str]) -> str:
 
 
 def exit_code(findings: Sequence[Finding]) -> Exit:
-    """Return what the command ends with: only a refusal is a failure."""
+    """Return the exit code: only a refusal is a failure."""
     return Exit.REFUSED if worst(findings) is Grade.REFUSE else Exit.HOLDS

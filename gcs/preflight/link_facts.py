@@ -1,4 +1,4 @@
-"""What vehicles say about themselves on the ground, over MAVSDK: asked, listened to, never armed, nothing written."""
+"""Facts of the vehicles on the ground over MAVSDK, for the preflight checks: read-only, without arming."""
 
 import asyncio
 import queue
@@ -43,9 +43,9 @@ LISTENING_S = 1.5
 PARAMETERS_TIMEOUT_S = 3.0
 READY_TIMEOUT_S = 20.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
-"""How long `fly` looks before it arms: it has the links already, and nobody likes to wait."""
+"""Shorter times of the preflight check in `fly`, whose links are connected already."""
 GPS_PERIODS = 4.0
-"""In periods of the status rate: what the receiver says comes half as often, and once may be lost."""
+"""Timeout in periods of the status rate: GPS status comes at half of it, and one message may be lost."""
 CIRCLE_CORNERS = 36
 KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.ARDUPILOT}
 RELEASED = ("release", "unknown")
@@ -53,25 +53,25 @@ DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
 async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> tuple[VehicleFacts, ...]:
-    """Ask all vehicles of a mission at once; times are wall seconds. A vehicle that is not there is a fact as well."""
+    """Query all vehicles of a mission at once; times are wall seconds. An unreachable vehicle is a fact, too."""
     hub = MavsdkHub()
     try:
-        asked = (_facts(hub, mission, vehicle, heartbeat_timeout_s) for vehicle in mission.vehicles)
-        return tuple(await asyncio.gather(*asked))
+        queries = (_facts(hub, mission, vehicle, heartbeat_timeout_s) for vehicle in mission.vehicles)
+        return tuple(await asyncio.gather(*queries))
     finally:
         await hub.close()
 
 
 class CheckedLink(MavsdkLink):
-    """A vehicle's link that can also ask the vehicle what the preflight wants to know: nothing is set by that."""
+    """A vehicle's link that also reads the facts for the preflight checks; it sets nothing."""
 
     async def facts(self, vehicle_id: int) -> VehicleFacts:
-        """Return what the vehicle of a connected link says of itself, once it is well or has had time to get well."""
+        """Return the facts of a connected vehicle, after it is healthy or `READY_TIMEOUT_S` has passed."""
         system, feed, calls, *_ = self._connected()
-        with suppress(VehicleRefusedError):  # what is still not well is told by the facts
-            await calls.until(lambda: _is_well(feed), READY_TIMEOUT_S, lambda: "is not ready", "wait")
-        asked = _Asked(vehicle_id, system, feed, calls, self._frame, self._settings)
-        return await asked.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
+        with suppress(VehicleRefusedError):  # the facts state the failing items
+            await calls.until(lambda: _is_healthy(feed), READY_TIMEOUT_S, lambda: "is not ready", "wait")
+        query = _VehicleQuery(vehicle_id, system, feed, calls, self._frame, self._settings)
+        return await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
 
 
 async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, timeout_s: float) -> VehicleFacts:
@@ -84,11 +84,11 @@ async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, time
     calls = VehicleCalls(system_id, feed, speed=1.0)
     try:
         feed.subscribe()
-        with suppress(VehicleRefusedError):  # the rate that is measured will tell
+        with suppress(VehicleRefusedError):  # the measured rate shows a refusal
             await request_rates(calls, feed.plugin, mission.link)
         lost = await _find_place(vehicle, feed, calls, frame)
-        asked = _Asked(vehicle.id, system, feed, calls, frame, mission.link)
-        return await asked.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
+        query = _VehicleQuery(vehicle.id, system, feed, calls, frame, mission.link)
+        return await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
     finally:
         await calls.close()
         await asyncio.to_thread(feed.close)
@@ -98,19 +98,19 @@ async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, time
 async def _find_place(
     vehicle: MissionVehicle, feed: VehicleFeed, calls: VehicleCalls, frame: MissionFrame
 ) -> tuple[str, str] | None:
-    """Let the feed know its origin; return the reason and the next step if the vehicle does not know its place."""
+    """Set the origin of the feed; return the reason and the next step if the vehicle has no position."""
     try:
-        told = vehicle.origin_m if frame.is_local else None
-        feed.origin_m = told or await find_origin(calls, feed, frame, ORIGIN_TIMEOUT_S)
+        configured = vehicle.origin_m if frame.is_local else None
+        feed.origin_m = configured or await find_origin(calls, feed, frame, ORIGIN_TIMEOUT_S)
     except VehicleRefusedError as refusal:
         return f"it {refusal.reason.removeprefix(f'vehicle {vehicle.system_id} ')}", refusal.next_step
-    with suppress(VehicleRefusedError):  # what is missing is told by the facts
+    with suppress(VehicleRefusedError):  # the facts state what is missing
         await calls.until(lambda: not feed.missing(), STATUS_TIMEOUT_S, lambda: "is silent", "wait")
     return None
 
 
-class _Asked(NamedTuple):
-    """One vehicle that is heard, and by what means it is asked."""
+class _VehicleQuery(NamedTuple):
+    """A connected vehicle and the objects to query it with."""
 
     vehicle_id: int
     system: Any
@@ -122,7 +122,7 @@ class _Asked(NamedTuple):
     async def facts(
         self, listening_s: float, parameters_timeout_s: float, lost: tuple[str, str] | None = None
     ) -> VehicleFacts:
-        """Ask and listen for so many wall seconds, all at once."""
+        """Run all queries at once; times are wall seconds."""
         kind = KINDS.get(self.system.autopilot_type(), AutopilotKind.OTHER)
         wanted = parameters_wanted(kind)
         (ratio, rate_hz), parameters, gps, areas, estimator, firmware = await asyncio.gather(
@@ -141,7 +141,7 @@ class _Asked(NamedTuple):
             multicopter=self.system.vehicle_type() is Vehicle.MULTICOPTER,
             status=feed.status,
             health=feed.health(),
-            says=feed.said(),
+            says=feed.texts(),
             origin_m=feed.origin_m,
             lost=lost,
             position_m=feed.position_m,
@@ -172,17 +172,17 @@ class _Asked(NamedTuple):
         return ratio, samples / listened_s / (ratio or 1.0)
 
 
-def _is_well(feed: VehicleFeed) -> bool:
-    """Return whether all health items are; in a mode that cordon does not arm in, arming checks do not count."""
+def _is_healthy(feed: VehicleFeed) -> bool:
+    """Return whether all health items pass; arming checks count only in a mode in which cordon arms."""
     calm = feed.status.mode in CALM_MODES
     items = feed.health()
     return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
 
 
 def _firmware(system: Any) -> str:
-    """Return the version of the firmware, as 1.17.0-beta+0f1e2d3c; empty where it was not told.
+    """Return the version of the firmware, as 1.17.0-beta+0f1e2d3c; empty where it is not known.
 
-    MAVSDK asks for it when it meets a vehicle: nothing is waited for here.
+    MAVSDK requests it on connection: this does not wait.
     """
     plugin = Info(system)
     try:
@@ -197,14 +197,14 @@ def _firmware(system: Any) -> str:
 
 
 def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
-    """Wait for what the receiver says; None where it says nothing.
+    """Wait for the status of the GPS receiver; None without one.
 
-    What MAVSDK holds before it has heard anything looks like a receiver without a fix.
+    MAVSDK's value before the first message looks like a receiver without a fix.
     """
-    heard: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    handle = telemetry.subscribe_gps_info(lambda info, _user_data: heard.put(info))
+    received: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    handle = telemetry.subscribe_gps_info(lambda info, _user_data: received.put(info))
     try:
-        info = heard.get(timeout=timeout_s)
+        info = received.get(timeout=timeout_s)
     except queue.Empty:
         return None
     finally:
@@ -213,7 +213,7 @@ def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
 
 
 def _fence_areas(system: Any, frame: MissionFrame) -> tuple[FenceArea, ...] | None:
-    """Download the geofence's areas; None where that fails. Blocks, for seconds where it is not answered."""
+    """Download the geofence's areas; None where that fails. Blocks, without an answer for seconds."""
     if frame.origin is None:
         return ()
     plugin = Geofence(system)
@@ -229,7 +229,7 @@ def _fence_areas(system: Any, frame: MissionFrame) -> tuple[FenceArea, ...] | No
 
 
 def _area(frame: MissionFrame, area: Any, points: Sequence[Any], radius_m: float = 0.0) -> FenceArea:
-    """Return a polygon's area, or that of the circle about a single point; raises ValueError for what is none."""
+    """Return a polygon's area, or that of the circle about a single point; raises ValueError for an invalid area."""
     altitude_m = frame.origin.altitude_m if frame.origin is not None else 0.0
     places = (Geodetic(point.latitude_deg, point.longitude_deg, altitude_m) for point in points)
     corners = [frame.mission_from_geodetic(place)[:2] for place in places]

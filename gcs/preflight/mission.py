@@ -1,4 +1,4 @@
-"""Preflight, the mission itself: whether the ring and the line can be flown at all, and by these vehicles."""
+"""Preflight checks of the mission: whether its ring and line are feasible for these vehicles."""
 
 from collections.abc import Iterator
 from math import hypot, sqrt
@@ -17,13 +17,13 @@ from gcs.preflight.findings import (
 
 SIGMAS = 2.0
 RESERVE = 0.8
-"""The share of a limit that may be used: a vehicle has to catch up, and there is wind."""
+"""Usable share of a limit: vehicles need a margin for catching up and for wind."""
 GAP_RESERVE = 1.2
 SPEED_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
     AutopilotKind.PX4: (("MPC_XY_VEL_MAX", 1.0),),
     AutopilotKind.ARDUPILOT: (("WPNAV_SPEED", 0.01), ("WP_SPD", 1.0)),
 }
-"""The parameter that limits speed, with its unit [m/s]: ArduCopter 4.7 renamed its own."""
+"""The parameters that limit speed, with their unit [m/s]: ArduCopter 4.7 has renamed its own."""
 ACCELERATION_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
     AutopilotKind.PX4: (("MPC_ACC_HOR", 1.0),),
     AutopilotKind.ARDUPILOT: (("WPNAV_ACCEL", 0.01), ("WP_ACC", 1.0)),
@@ -32,7 +32,7 @@ ACCELERATION_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
 
 
 def feasibility(mission: Mission) -> Iterator[Finding]:
-    """Check the mission against its own limits, before any vehicle is asked; an excitation is planned within them."""
+    """Check the mission against its own limits; an excitation is planned within them."""
     if mission.excites:
         return
     if len(mission.vehicles) > 1:
@@ -46,7 +46,7 @@ def feasibility(mission: Mission) -> Iterator[Finding]:
 
 
 def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]:
-    """Check what the mission asks of one vehicle against its autopilot's limits."""
+    """Check the speed and acceleration that the mission needs against the autopilot's limits."""
     speed_m_s = max(ring_speed_m_s(mission), mission.formation.speed_m_s)
     acceleration_m_s2 = ring_acceleration_m_s2(mission)
     if mission.excites:
@@ -67,7 +67,7 @@ def ring_acceleration_m_s2(mission: Mission) -> float:
 
 
 def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
-    """Return how far from its start a vehicle may get: to the end of its line, around the target, or in its box."""
+    """Return a vehicle's largest distance from its start: at the end of its line, on the ring, or in its test area."""
     x, y = vehicle.section.start_m
     if mission.excites:
         return max(hypot(corner_x - x, corner_y - y) for corner_x, corner_y in mission.safety.fence_m)
@@ -78,7 +78,7 @@ def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
 
 
 def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
-    """Return the greatest height at which a vehicle flies: that of its mission, or a layer on its way up or down."""
+    """Return a vehicle's greatest height: that of its mission, or of a layer at take-off or landing."""
     config = mission.agent_config(vehicle)
     home_m = config.return_altitude_m if mission.choreography.landing == "return" else 0.0
     above_target_m = mission.safety.altitude_max_m if mission.encirclement.altitude == "target" else None
@@ -93,16 +93,16 @@ def _ring_gap(mission: Mission) -> Finding:
     ring, count = mission.encirclement, len(mission.vehicles)
     what = f"{count} vehicles on a ring of {ring.radius_m:g} m"
     enough_m = (GAP_RESERVE * mission.safety.separation_m + _distance_error_m(mission)) / chord_m(1.0, count)
-    wider = f"widen encirclement.radius_m to {enough_m:.1f} m, fly fewer vehicles, or lower safety.separation_m"
-    return _gap(mission, "ring spacing", what, chord_m(ring.radius_m, count), wider)
+    step = f"increase encirclement.radius_m to {enough_m:.1f} m, fly fewer vehicles, or lower safety.separation_m"
+    return _gap(mission, "ring spacing", what, chord_m(ring.radius_m, count), step)
 
 
 def _line_gap(mission: Mission) -> Finding:
-    wider = "widen formation.spacing_m, or lower safety.separation_m"
-    return _gap(mission, "line spacing", "neighbours in the line", mission.formation.spacing_m, wider)
+    step = "increase formation.spacing_m, or lower safety.separation_m"
+    return _gap(mission, "line spacing", "neighbours in the line", mission.formation.spacing_m, step)
 
 
-def _gap(mission: Mission, check: str, what: str, gap_m: float, wider: str) -> Finding:
+def _gap(mission: Mission, check: str, what: str, gap_m: float, step: str) -> Finding:
     separation_m = mission.safety.separation_m
     error_m = _distance_error_m(mission)
     grade = Grade.PASS if gap_m >= GAP_RESERVE * separation_m + error_m else Grade.WARNING
@@ -110,10 +110,9 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, wider: str) -> F
         Grade.REFUSE if gap_m < separation_m + error_m else grade,
         MISSION,
         check,
-        f"{what} are {gap_m:.2f} m apart; they need {separation_m:g} m of separation "
-        f"and {error_m:.2f} m for the error of their positions",
-        "the guard would push neighbours apart all the time, or they would come too close",
-        wider,
+        f"{what}: {gap_m:.2f} m apart, needed: {separation_m:g} m separation and {error_m:.2f} m position error",
+        "the guard would move setpoints all the time, or vehicles would come too close",
+        step,
     )
 
 
@@ -124,16 +123,16 @@ def _distance_error_m(mission: Mission) -> float:
 
 def _target_speed(mission: Mission) -> Finding:
     ring, target_m_s = mission.encirclement, mission.target.motion.speed_max_m_s
-    most_m_s = ring.speed_max_m_s - _along_ring_m_s(mission)
-    well_rad_s = max(RESERVE * ring.speed_max_m_s - target_m_s, 0.0) / ring.radius_m
+    max_m_s = ring.speed_max_m_s - _along_ring_m_s(mission)
+    step_rad_s = max(RESERVE * ring.speed_max_m_s - target_m_s, 0.0) / ring.radius_m
     return Finding.graded(
         limited(ring_speed_m_s(mission), ring.speed_max_m_s, RESERVE),
         MISSION,
         "target speed",
-        f"the target moves at {target_m_s:.2f} m/s; at {_along_ring_m_s(mission):.2f} m/s along the ring and at most "
-        f"encirclement.speed_max_m_s = {ring.speed_max_m_s:g} m/s, up to {max(most_m_s, 0.0):.2f} m/s can be followed",
-        "a vehicle that moves along with the target needs the speed of both, and some in reserve",
-        f"lower encirclement.angular_rate_rad_s to {well_rad_s:.2f}, or raise speed_max_m_s if the vehicles can fly it",
+        f"target speed {target_m_s:.2f} m/s, limit {max(max_m_s, 0.0):.2f} m/s (encirclement.speed_max_m_s = "
+        f"{ring.speed_max_m_s:g} m/s, less {_along_ring_m_s(mission):.2f} m/s along the ring)",
+        "a vehicle on the ring needs the sum of both speeds, and a margin",
+        f"lower encirclement.angular_rate_rad_s to {step_rad_s:.2f}, or raise speed_max_m_s if the vehicles can fly it",
     )
 
 
@@ -143,8 +142,8 @@ def _ring_acceleration(mission: Mission) -> Finding:
         limited(needed, limit, RESERVE),
         MISSION,
         "ring acceleration",
-        f"the ring takes v²/R = {needed:.2f} m/s²; encirclement.acceleration_max_m_s2 is {limit:g} m/s²",
-        "a vehicle that cannot turn as tightly as the ring leaves it outwards",
+        f"the ring needs v²/R = {needed:.2f} m/s²; encirclement.acceleration_max_m_s2 is {limit:g} m/s²",
+        "with less acceleration a vehicle leaves the ring outwards",
         f"lower encirclement.angular_rate_rad_s to {sqrt(RESERVE * limit / mission.encirclement.radius_m):.2f}, "
         "or raise acceleration_max_m_s2 if the vehicles can fly it",
     )
@@ -157,13 +156,13 @@ def _formation_speed(mission: Mission) -> Finding:
         MISSION,
         "formation speed",
         f"the line flies at {formation.speed_m_s:.2f} m/s; formation.speed_max_m_s is {formation.speed_max_m_s:g} m/s",
-        "a vehicle that has fallen behind has to fly faster than the line to catch up",
+        "a vehicle that is behind its slot needs a higher speed to catch up",
         "lower formation.speed_m_s, or raise speed_max_m_s if the vehicles can fly it",
     )
 
 
 def _lead(mission: Mission, vehicle: MissionVehicle) -> Finding:
-    """Check how far ahead of the vehicle its setpoint has to be, by its plant: a1/a0 v along, v²/R/a0 inwards."""
+    """Check the setpoint lead that the plant needs: a1/a0 v along, v²/R/a0 inwards."""
     axes = (vehicle.plant.x, vehicle.plant.y)
     speed_m_s = max(ring_speed_m_s(mission), mission.formation.speed_m_s)
     lead_m = max(hypot(axis.a1_per_s * speed_m_s, ring_acceleration_m_s2(mission)) / axis.a0_per_s2 for axis in axes)
@@ -172,9 +171,9 @@ def _lead(mission: Mission, vehicle: MissionVehicle) -> Finding:
         limited(lead_m, limit_m, RESERVE),
         f"vehicle {vehicle.id}",
         "setpoint lead",
-        f"by its plant it flies {speed_m_s:.2f} m/s with the setpoint {lead_m:.2f} m ahead; "
+        f"the plant needs a setpoint lead of {lead_m:.2f} m at {speed_m_s:.2f} m/s; "
         f"tuning.safety.setpoint_lead_max_m is {limit_m:g} m",
-        "with its setpoint held nearer than that the vehicle never reaches the speed",
+        "with a smaller setpoint lead the vehicle does not reach the speed",
         "lower the speed of ring or line, or raise tuning.safety.setpoint_lead_max_m",
     )
 
@@ -188,16 +187,16 @@ def _within(facts: VehicleFacts, check: str, needed: float, unit: str, names: tu
                 limited(needed, limit, RESERVE),
                 facts.subject,
                 f"{check} limit",
-                f"the mission takes {needed:.2f} {unit}; its autopilot is limited to {limit:.2f} {unit} by {name}",
-                "beyond its limit the autopilot falls behind its setpoints, whatever its profile says",
-                f"lower the mission's, or raise {name} to {needed / RESERVE / scale:.3g} or more, if it can fly that",
+                f"the mission needs {needed:.2f} {unit}; {name} limits the autopilot to {limit:.2f} {unit}",
+                "beyond its limit the autopilot does not follow its setpoints, independent of the profile",
+                f"lower the mission's {check}, or raise {name} to {needed / RESERVE / scale:.3g} or more if feasible",
             )
     either = " or ".join(name for name, _ in names)
     return Finding(
         Grade.WARNING,
         facts.subject,
         f"{check} limit",
-        f"{either} could not be read: the mission takes {needed:.2f} {unit}, and whether it may fly that is not known",
-        "beyond its limit the autopilot falls behind its setpoints, whatever its profile says",
-        f"look at {either} with a ground station, and check the link",
+        f"{either} could not be read: the mission needs {needed:.2f} {unit}, the limit is unknown",
+        "beyond its limit the autopilot does not follow its setpoints, independent of the profile",
+        f"check {either} with a ground station, and check the link",
     )

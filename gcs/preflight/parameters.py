@@ -1,4 +1,4 @@
-"""Preflight, the autopilot's parameters: what it does when nobody steers it any more. They are read, never written."""
+"""Preflight checks of the autopilot's parameters: failsafes, geofence, limits. Parameters are read, never written."""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -17,14 +17,14 @@ from gcs.preflight.mission import (
 )
 
 Judgement = tuple[Grade, str, str, str]
-"""Grade, what the value means, why it matters, and the next step."""
+"""Grade, meaning of the value, reason, and next step."""
 Judge = Callable[[float], Judgement]
 
 OFFBOARD_LOSS_LONGEST_S, OFFBOARD_LOSS_LIMIT_S, OFFBOARD_LOSS_SHORTEST_S = 2.0, 5.0, 0.3
 GUIDED_LONGEST_S = 5.0
-WITHOUT_SETPOINTS = "it decides what becomes of the vehicle when cordon or the link dies"
-CROSSING = "it climbs and flies home across the others' paths, with nobody keeping them apart"
-MOTORS_STOP = "the motors stop, and it falls out of the sky"
+WITHOUT_SETPOINTS = "it determines the reaction to a loss of cordon or of the link"
+CROSSING = "the vehicle climbs and flies home across the other vehicles' paths, without separation by the guard"
+MOTORS_STOP = "the motors stop, and the vehicle falls"
 
 
 def _offboard_loss_action(value: float) -> Judgement:
@@ -34,38 +34,38 @@ def _offboard_loss_action(value: float) -> Judgement:
         return Grade.PASS, f"{action} when setpoints stop", "", ""
     by_hand = {0: "position", 1: "altitude", 2: "manual"}
     if (mode := by_hand.get(int(value))) is not None:
-        why = "without a remote control NAV_RCL_ACT decides: by default it flies home across the others' paths"
+        why = "without a remote control NAV_RCL_ACT decides: by default the vehicle flies home across the others' paths"
         return Grade.WARNING, f"{mode} mode when setpoints stop", why, land
     if int(value) == 3:
         return Grade.WARNING, "return when setpoints stop", CROSSING, land
-    return Grade.REFUSE, "motors off or unknown when setpoints stop", MOTORS_STOP, land
+    return Grade.REFUSE, "motors off or unknown action when setpoints stop", MOTORS_STOP, land
 
 
 def _offboard_loss_time(value: float) -> Judgement:
-    meaning = f"{value:g} s without setpoints until its failsafe acts"
+    meaning = f"{value:g} s without setpoints until the failsafe acts"
     reset = "set COM_OF_LOSS_T = 1"
     if value < OFFBOARD_LOSS_SHORTEST_S:
-        return Grade.WARNING, meaning, "a hiccup of the link is enough to end the flight", reset
-    why = "all that time it flies on blindly towards its last setpoint"
+        return Grade.WARNING, meaning, "a short interruption of the link ends the flight", reset
+    why = "until then the vehicle flies on towards its last setpoint"
     if value > OFFBOARD_LOSS_LONGEST_S:
         return Grade.REFUSE if value > OFFBOARD_LOSS_LIMIT_S else Grade.WARNING, meaning, why, reset
     return Grade.PASS, meaning, "", ""
 
 
 def _link_loss_action(value: float) -> Judgement:
-    well = {0: "no action of its own", 1: "hold", 3: "land"}
+    well = {0: "no action", 1: "hold", 3: "land"}
     if (action := well.get(int(value))) is not None:
         return Grade.PASS, f"{action} when the ground station's link is lost", "", ""
     land = "set NAV_DLL_ACT = 3 (land) or 1 (hold)"
     if int(value) == 2:
         return Grade.WARNING, "return when the ground station's link is lost", CROSSING, land
-    return Grade.REFUSE, "motors off or unknown when the ground station's link is lost", MOTORS_STOP, land
+    return Grade.REFUSE, "motors off or unknown action when the ground station's link is lost", MOTORS_STOP, land
 
 
 def _throttle_failsafe(value: float) -> Judgement:
     if int(value) == 0:
-        why = "a pilot whose remote control fails can no longer take over, and the vehicle does not notice"
-        step = "set FS_THR_ENABLE = 3 (land) if a remote control is used; without one leave it, and mind the link"
+        why = "without it the vehicle does not react when a failed remote control keeps the pilot from taking over"
+        step = "set FS_THR_ENABLE = 3 (land) if a remote control is used; without one, leave it and check the link"
         return Grade.WARNING, "no failsafe when the remote control is lost", why, step
     return Grade.PASS, f"failsafe {value:g} when the remote control is lost", "", ""
 
@@ -73,7 +73,7 @@ def _throttle_failsafe(value: float) -> Judgement:
 def _station_failsafe(value: float) -> Judgement:
     land = f"set FS_GCS_ENABLE = 5 (land), and SYSID_MYGCS (MAV_GCS_SYSID since 4.7) to cordon's id, {CORDON_ID}"
     if int(value) == 0:
-        why = "when cordon or the link dies it hovers at its last setpoint until the battery is empty"
+        why = "after a loss of cordon or of the link the vehicle hovers at its last setpoint until the battery is empty"
         return Grade.WARNING, "no failsafe when the ground station's link is lost", why, land
     if int(value) in (1, 3):
         return Grade.WARNING, "return when the ground station's link is lost", CROSSING, land
@@ -83,7 +83,7 @@ def _station_failsafe(value: float) -> Judgement:
 def _guided_timeout(value: float) -> Judgement:
     meaning = f"{value:g} s until guided velocities and attitudes expire"
     if value > GUIDED_LONGEST_S:
-        return Grade.WARNING, meaning, "all that time it flies on blindly", "set GUID_TIMEOUT = 3"
+        return Grade.WARNING, meaning, "until then the vehicle flies on without commands", "set GUID_TIMEOUT = 3"
     return Grade.PASS, meaning, "", ""
 
 
@@ -111,7 +111,7 @@ CORDON_ID = 245
 
 
 def parameters_wanted(autopilot: AutopilotKind) -> tuple[tuple[str, ...], ...]:
-    """Return the parameters to read; of several names in one entry, the first that the firmware knows will do."""
+    """Return the parameters to read; an entry of several names is read once the firmware answers one of them."""
     if autopilot not in JUDGES:
         return ()
     limits = (tuple(name for name, _ in table[autopilot]) for table in (SPEED_LIMITS, ACCELERATION_LIMITS))
@@ -120,7 +120,7 @@ def parameters_wanted(autopilot: AutopilotKind) -> tuple[tuple[str, ...], ...]:
 
 
 def failsafes(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check what the autopilot does when setpoints or links are lost."""
+    """Check the autopilot's reaction to lost setpoints and links."""
     for name, judge in JUDGES[facts.autopilot].items():
         value = facts.parameter(name)
         if value is None:
@@ -131,7 +131,7 @@ def failsafes(facts: VehicleFacts) -> Iterator[Finding]:
 
 
 def station(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check whose heartbeats ArduPilot's ground station failsafe watches: only one system id's, and rarely cordon's."""
+    """Check that ArduPilot's ground station failsafe monitors cordon's system id."""
     if facts.autopilot is not AutopilotKind.ARDUPILOT or facts.parameter("FS_GCS_ENABLE") == 0.0:
         return
     value = facts.parameter(*STATION_ID)
@@ -143,23 +143,25 @@ def station(facts: VehicleFacts) -> Iterator[Finding]:
         Grade.PASS if int(value) == CORDON_ID else Grade.WARNING,
         facts.subject,
         "ground station id",
-        f"{name} = {value:g}: its ground station failsafe watches system {value:g}; cordon is system {CORDON_ID}",
-        "when cordon or its link dies, a failsafe that watches another ground station does not act",
+        f"{name} = {value:g}: the ground station failsafe monitors system {value:g}; cordon is system {CORDON_ID}",
+        "a failsafe that monitors another ground station does not act on a loss of cordon or its link",
         f"set {name} = {CORDON_ID}",
     )
 
 
 def fence(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
-    """Check that the autopilot's own geofence leaves room for the mission, and does not drop the vehicle."""
+    """Check that the autopilot's geofence contains the mission and does not terminate the flight."""
     names = FENCES[facts.autopilot]
     missing = [name for name in names if facts.parameter(name) is None]
-    yield from (_unread(facts, name, "a fence smaller than the mission ends it in mid-flight") for name in missing)
+    yield from (
+        _unread(facts, name, "a fence that is smaller than the mission ends the mission in flight") for name in missing
+    )
     if missing:
         return
     values = dict(zip(names, (facts.parameter(name) or 0.0 for name in names), strict=True))
     across, up, terminates = _px4_fence(values) if facts.autopilot is AutopilotKind.PX4 else _ardupilot_fence(values)
     if across is None and up is None:
-        yield Finding(Grade.PASS, facts.subject, "fence", "the autopilot's own fence is off, or does not act")
+        yield Finding(Grade.PASS, facts.subject, "fence", "the autopilot's fence is off or takes no action")
         return
     if terminates:
         yield Finding(
@@ -170,7 +172,7 @@ def fence(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Ite
             MOTORS_STOP,
             "set GF_ACTION = 2 (hold) or 5 (land)",
         )
-    reaches = ((across, extent_m(mission, vehicle), "from home"), (up, highest_m(mission, vehicle), "high"))
+    reaches = ((across, extent_m(mission, vehicle), "from home"), (up, highest_m(mission, vehicle), "above home"))
     for limit, needed_m, where in reaches:
         if limit is not None:
             yield _room(facts, *limit, needed_m, where)
@@ -180,7 +182,7 @@ _Limit = tuple[str, float]
 
 
 def _px4_fence(values: Mapping[str, float]) -> tuple[_Limit | None, _Limit | None, bool]:
-    """Return the names and values of the horizontal and vertical limits in force, and whether breach is the end."""
+    """Return name and value of the horizontal and of the vertical limit, and whether a breach ends in termination."""
     limits = [(name, values[name]) for name in ("GF_MAX_HOR_DIST", "GF_MAX_VER_DIST")]
     across, up = (limit if values["GF_ACTION"] > PX4_FENCE_WARNS and limit[1] > 0.0 else None for limit in limits)
     return across, up, values["GF_ACTION"] == PX4_FENCE_TERMINATES
@@ -198,12 +200,12 @@ def _room(facts: VehicleFacts, name: str, limit_m: float, needed_m: float, where
         Grade.WARNING if needed_m > limit_m else Grade.PASS,
         facts.subject,
         "fence",
-        f"the mission takes it up to {needed_m:.0f} m {where}; its fence {name} is at {limit_m:g} m",
-        "the autopilot ends the mission at its fence, wherever the others are",
+        f"the mission reaches {needed_m:.0f} m {where}; the fence {name} is at {limit_m:g} m",
+        "the autopilot ends the mission at its fence, regardless of the other vehicles",
         f"raise {name} above {needed_m:.0f} m, or shorten the mission",
     )
 
 
 def _unread(facts: VehicleFacts, name: str, why: str) -> Finding:
-    step = f"look at {name} with a ground station, and check the link"
+    step = f"check {name} with a ground station, and check the link"
     return Finding(Grade.WARNING, facts.subject, name, f"{name} could not be read", why, step)

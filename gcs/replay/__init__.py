@@ -1,4 +1,4 @@
-"""The replay of a recorded flight: decisions computed again and compared, and the story of one vehicle.
+"""The replay of a recorded flight: decisions recomputed and compared, and the timeline of one vehicle.
 
 It may import flightlog, console and mission, and agents' cores.
 """

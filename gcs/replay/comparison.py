@@ -1,4 +1,4 @@
-"""Whether two decisions are the same: bit for bit, or as nearly as other versions of what computes may make them."""
+"""Comparison of two decisions: bit for bit, or within a tolerance where library versions differ."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -13,17 +13,17 @@ from gcs.flightlog.run import versions
 from gcs.flightlog.schema import plain
 
 TOLERANCE = 1e-3
-"""In metres, metres per second, radians: what solvers of other versions may leave open, and nothing that flies sees."""
+"""Tolerance [m, m/s, rad]: solvers of other versions differ by less, and the effect on a flight is negligible."""
 COVARIANCE_TOLERANCE = 1e-6
-"""In units of covariances: these hang on no solver."""
+"""Tolerance of covariances, in their own units: they do not depend on a solver."""
 
 Same = Callable[[str, Any, Any], bool]
-"""Whether a field, by its path, is the same in two decisions."""
+"""Return whether a field, given by its path, has the same value in two decisions."""
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
 
 class FieldDifference(NamedTuple):
-    """A field of a decision by its path, as it was recorded and as it came out this time."""
+    """A field of a decision, given by its path, with its recorded and its replayed value."""
 
     field: str
     recorded: Any
@@ -31,7 +31,7 @@ class FieldDifference(NamedTuple):
 
 
 def versions_that_differ(run: Run) -> tuple[str, ...]:
-    """Return in people's words what a computed number hangs on and is of another version now than in a run."""
+    """Return the libraries and tools whose installed version differs from the one in a run, as text."""
     recorded = {each.name: each.version for each in run.versions}
     installed = {each.name: each.version for each in versions()}
     return tuple(
@@ -42,7 +42,7 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
 
 
 def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:
-    """Return every field in which two decisions are not the same."""
+    """Return every field that differs between two decisions."""
     return list(_compared("", _readable(recorded), _readable(replayed), same))
 
 
@@ -71,19 +71,19 @@ def _close_texts(one: str, other: str) -> bool:
 
 
 def _last_digit(number: re.Match[str]) -> float:
-    """Return what the last digit of a number stands for, and a trifle; whole numbers are counts: nothing."""
+    """Return the value of the last digit plus a rounding margin; whole numbers are counts and have to be equal."""
     return 1.001 * 10.0 ** -len(number[1] or "") if number[1] else -inf
 
 
 def _readable(decision: Decision) -> dict[str, Any]:
-    """Return a decision as plain data, with what it sent and heard spelled out."""
+    """Return a decision as plain data, with the messages that it sent and its answers decoded."""
     fields = plain(decision)
-    fields["sent"] = [{"topic": sent.topic, "message": _spelled_out(sent.payload)} for sent in decision.sent]
-    fields["answers"] = [_spelled_out(payload) for payload in decision.answers]
+    fields["sent"] = [{"topic": sent.topic, "message": _decoded(sent.payload)} for sent in decision.sent]
+    fields["answers"] = [_decoded(payload) for payload in decision.answers]
     return fields
 
 
-def _spelled_out(payload: bytes) -> Any:
+def _decoded(payload: bytes) -> Any:
     try:
         message = decode(payload)
     except ValueError:

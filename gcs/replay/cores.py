@@ -1,4 +1,4 @@
-"""Playing the tapes of a log to fresh cores, and comparing every decision with the recorded one."""
+"""Replay of recorded inputs through new cores, and comparison of every decision with the recorded one."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from gcs.replay.comparison import (
     versions_that_differ,
 )
 from gcs.replay.playback import (
-    Gap,
+    MissingRecords,
     Turn,
     config_of,
     recorded_vehicles,
@@ -29,10 +29,10 @@ from gcs.replay.playback import (
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Where in a vehicle's flight something happened: its tick, counted from 1, and the time on its core's clock,
-    None where the log ends before the tick.
+    """A point in a vehicle's flight: the tick, counted from 1, and the time on the core's clock.
 
-    `start_s` is when its mission began, on the same clock, None if not yet; `inputs` are those since the tick before.
+    `time_s` is None where the log ends before the tick. `start_s` is the mission's start on the same clock, None before
+    it is known. `inputs` are those since the previous tick.
     """
 
     tick: int
@@ -43,7 +43,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first decision of a vehicle that is not the recorded one."""
+    """The first decision of a vehicle that differs from the recorded one."""
 
     moment: Moment
     fields: tuple[FieldDifference, ...]
@@ -51,7 +51,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """An exception inside a core, the first of its vehicle; `recorded`: it failed when the log was written, too."""
+    """The first exception inside a vehicle's core; `recorded` is true if the core also failed during the flight."""
 
     moment: Moment
     error: str
@@ -60,9 +60,9 @@ class Failure:
 
 @dataclass(slots=True)
 class VehicleReplay:
-    """How the replay of a vehicle went: its ticks in the log, how many were compared, and how many were identical.
+    """The replay of one vehicle: its ticks in the log, how many were compared, and how many were identical.
 
-    `gap` says from where on it cannot be compared, and why; empty if it can to the end.
+    `gap` states the tick from which the log cannot be compared, and the reason; empty if it was compared to the end.
     """
 
     vehicle_id: int
@@ -76,7 +76,7 @@ class VehicleReplay:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A whole log's: `other_versions` says which differ; with any, decisions are compared within the tolerance."""
+    """The replay of a log. If `other_versions` names any, decisions are compared within the tolerance."""
 
     mission: str
     other_versions: tuple[str, ...]
@@ -84,12 +84,12 @@ class Replay:
 
     @property
     def same(self) -> bool:
-        """Whether nothing differs in what could be compared, and no core failed."""
+        """Whether every compared decision is the same and no core failed."""
         return all(each.difference is None and each.failure is None for each in self.vehicles)
 
 
 def replay(log: FlightLog, on_tick: Callable[[], None] = lambda: None) -> Replay:
-    """Replay every vehicle of a log; raises LogError where it does not say what was flown."""
+    """Replay every vehicle of a log; raises LogError where the log does not hold the mission."""
     mission, other = mission_of(log), versions_that_differ(log.run)
     vehicles = []
     for vehicle_id in recorded_vehicles(log):
@@ -105,7 +105,7 @@ def replay(log: FlightLog, on_tick: Callable[[], None] = lambda: None) -> Replay
 
 
 class _Player:
-    """Plays one vehicle's tape to its core."""
+    """Feeds one vehicle's recorded inputs to its core."""
 
     def __init__(self, vehicle_id: int, ticks: int, core: VehicleCore, *, exact: bool) -> None:
         self._core = core
@@ -115,10 +115,10 @@ class _Player:
         self._start_s: float | None = None
         self.result = VehicleReplay(vehicle_id, ticks)
 
-    def play(self, turn: Turn | Gap) -> bool:
-        """Play a turn and compare what comes out; return whether what follows can be compared."""
-        if isinstance(turn, Gap):
-            self.result.gap = f"{turn.reason}: from tick {self._tick + 1} on it cannot be compared"
+    def play(self, turn: Turn | MissingRecords) -> bool:
+        """Feed the inputs of a turn, compare the decision, and return whether the rest of the log can be compared."""
+        if isinstance(turn, MissingRecords):
+            self.result.gap = f"{turn.reason}: no comparison from tick {self._tick + 1} on"
             return False
         output, error = self._played(turn.inputs)
         tick = turn.tick
@@ -131,14 +131,14 @@ class _Player:
         return True
 
     def _played(self, inputs: tuple[CoreInput, ...]) -> tuple[TickOutput | None, str]:
-        """Return what comes out of the core, and the first exception: it flew on after one, and so it does here."""
+        """Return the core's output and the first exception; the core runs on after one, as it did in flight."""
         output, failed = None, ""
         for item in inputs:
             if isinstance(item, Start):
                 self._start_s = item.at_s
             try:
                 output = play(self._core, item)
-            except Exception as error:  # it is a finding about the flight, not the end of the replay
+            except Exception as error:  # a finding of the replay, which goes on
                 failed = failed or f"{type(error).__name__}: {error}"
         return output, failed
 

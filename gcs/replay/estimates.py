@@ -1,4 +1,4 @@
-"""How well a filter fares: its estimates over time, its innovations, and what they amount to."""
+"""Figures of a filter: its estimates over time, its innovations, and their consistency."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ import numpy as np
 from estimation.state import POSITION, Vector
 
 Innovation = tuple[Vector, Vector]
-"""A measurement minus its prediction (m,), and the covariance (m, m) that the filter expects of it."""
+"""A measurement minus its prediction (m,), and the innovation covariance (m, m) of the filter."""
 
 
 @dataclass(frozen=True, slots=True)
 class FilterFigures:
-    """A filter in figures; None is what is not known.
+    """The figures of one filter; None where a figure is not known.
 
-    `nis` is the mean of the squared normalised innovations over their dimension: 1 where the filter's noise is the
-    measurements'. `refused` is the share of measurements that it refused, `prediction_m` how far the others were from
-    its prediction, `error_m` how far it was from the truth (both rms).
+    `nis` is the mean normalised innovation squared over its dimension: 1 for a consistent filter. `refused` is the
+    share of rejected measurements, `prediction_m` the distance of the accepted ones from their prediction, `error_m`
+    the distance of the estimate from the truth (both rms).
     """
 
     measurements: int
@@ -28,34 +28,34 @@ class FilterFigures:
 
 
 class Track:
-    """What one filter estimated and how it met its measurements."""
+    """The estimates of one filter over time, and the innovations of its measurements."""
 
     def __init__(self) -> None:
         self._motion: dict[float, Vector] = {}
         self._nis: list[float] = []
-        self._missed_m2: list[float] = []
+        self._prediction_error_m2: list[float] = []
         self._taken = self._refused = 0
 
     def add(self, time_s: float, motion: Vector) -> None:
-        """Take the estimate (4,) = [x y x' y'] at a tick."""
+        """Add the estimate (4,) = [x y x' y'] at a tick."""
         self._motion[time_s] = motion
 
-    def innovate(self, accepted: bool, innovation: Innovation | None) -> None:
-        """Take how a measurement was met; without an innovation where there was nothing to predict it from."""
+    def add_measurement(self, accepted: bool, innovation: Innovation | None) -> None:
+        """Add whether a measurement was accepted, and its innovation, None without a prediction."""
         self._taken += 1
         self._refused += not accepted
         if accepted and innovation is not None:
             off, spread = innovation
             self._nis.append(float(off @ np.linalg.solve(spread, off)) / off.size)
-            self._missed_m2.append(float(off[POSITION] @ off[POSITION]))
+            self._prediction_error_m2.append(float(off[POSITION] @ off[POSITION]))
 
     def figures(self, truth_m: Callable[[Vector], Vector] | None) -> FilterFigures:
-        """Return the figures; `truth_m` gives the true positions (T, 2) at times (T,), NaN where they are not known."""
+        """Return the figures; `truth_m` returns true positions (T, 2) at times (T,), NaN where they are not known."""
         return FilterFigures(
             self._taken,
             float(np.mean(self._nis)) if self._nis else None,
             self._refused / self._taken if self._taken else None,
-            float(np.sqrt(np.mean(self._missed_m2))) if self._missed_m2 else None,
+            float(np.sqrt(np.mean(self._prediction_error_m2))) if self._prediction_error_m2 else None,
             None if truth_m is None or not self._motion else self._error_m(truth_m),
         )
 
@@ -66,13 +66,13 @@ class Track:
         known = squared[np.isfinite(squared)]
         return float(np.sqrt(known.mean())) if known.size else None
 
-    def at_both(self, other: "Track", part: slice) -> Vector:
-        """Return by how much two tracks differ (T, 2) where both have an estimate."""
+    def difference(self, other: "Track", part: slice) -> Vector:
+        """Return the difference (T, 2) of two tracks at the times at which both have an estimate."""
         times = [time_s for time_s in self._motion if time_s in other._motion]
         return np.array([self._motion[time_s][part] - other._motion[time_s][part] for time_s in times])
 
 
 def rms_difference(one: Track, other: Track, part: slice) -> float | None:
-    """Return the rms by which two tracks differ in position or velocity, None where they never both know."""
-    apart = one.at_both(other, part)
+    """Return the rms difference of two tracks in position or velocity, None without common times."""
+    apart = one.difference(other, part)
     return float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) if apart.size else None

@@ -1,4 +1,4 @@
-"""A log's records of one vehicle, back as what went into its core and what came out of it."""
+"""A log's records of one vehicle as the inputs of its core and the recorded decisions."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, LocalCommand
 from gcs.mission.mission import Mission
 
-_ON_TAPE = {
+_CORE_RECORDS = {
     TimeScale,
     Start,
     TacticEvent,
@@ -45,17 +45,17 @@ _ON_TAPE = {
 }
 
 
-class Gap(NamedTuple):
-    """Records that are not there, or cannot be read: what is wrong."""
+class MissingRecords(NamedTuple):
+    """Records that are missing or cannot be read, with the reason."""
 
     reason: str
 
 
 class Turn(NamedTuple):
-    """What went into a core up to a tick and with it, and the decision that came out.
+    """The inputs of a core up to and including a tick, and the decision of that tick.
 
-    There is none where the core failed, or the log ends before the next tick (`is_last`). `number` and `payload` are
-    the decision's, as it was recorded.
+    The decision is None where the core failed, or where the log ends before the next tick (`is_last`). `number` and
+    `payload` are those of the recorded decision.
     """
 
     inputs: tuple[CoreInput, ...]
@@ -66,26 +66,26 @@ class Turn(NamedTuple):
 
     @property
     def tick(self) -> Tick | None:
-        """Its tick, None where the log ends before."""
+        """The tick of this turn, None where the log ends before it."""
         return self.inputs[-1] if self.inputs and isinstance(self.inputs[-1], Tick) else None
 
 
-class _Played(NamedTuple):
+class _ReplayRecord(NamedTuple):
     number: int
     item: CoreInput | Decision
     payload: bytes
 
 
 def config_of(log: FlightLog, mission: Mission, vehicle_id: int) -> AgentConfig:
-    """Return what a recorded vehicle's core was told; raises LogError for one that the mission does not have."""
+    """Return the configuration of a recorded core; raises LogError for a vehicle that is not in the mission."""
     try:
         return mission.agent_config(mission.vehicle(vehicle_id))
     except KeyError as error:
-        raise LogError([f"{log.path}: it has records of vehicle {vehicle_id}, its mission has none"]) from error
+        raise LogError([f"{log.path}: it has records of vehicle {vehicle_id}, which is not in its mission"]) from error
 
 
 def recorded_vehicles(log: FlightLog) -> list[int]:
-    """Return the vehicles whose cores are on tape; raises LogError where there is none."""
+    """Return the vehicles whose control loops were recorded; raises LogError where there is none."""
     ids = sorted(i for i, records in log.vehicles.items() if any(each.kind is Tick for each in records))
     if not ids:
         raise LogError([f"{log.path}: no vehicle's control loop was recorded"])
@@ -97,11 +97,11 @@ def tick_count(log: FlightLog, vehicle_id: int) -> int:
     return sum(each.kind is Tick for each in log.vehicles.get(vehicle_id, ()))
 
 
-def turns(log: FlightLog, vehicle_id: int) -> Iterator[Turn | Gap]:
-    """Return what is on a vehicle's tape tick by tick, and a gap wherever something is missing."""
+def turns(log: FlightLog, vehicle_id: int) -> Iterator[Turn | MissingRecords]:
+    """Return a vehicle's inputs and decisions tick by tick, and `MissingRecords` wherever records are missing."""
     inputs: list[CoreInput] = []
-    for each in _played(log, vehicle_id):
-        if isinstance(each, Gap):
+    for each in _core_records(log, vehicle_id):
+        if isinstance(each, MissingRecords):
             if inputs:
                 yield Turn(tuple(inputs), is_last=True)
             yield each
@@ -118,23 +118,23 @@ def turns(log: FlightLog, vehicle_id: int) -> Iterator[Turn | Gap]:
         yield Turn(tuple(inputs), is_last=True)
 
 
-def _played(log: FlightLog, vehicle_id: int) -> Iterator[_Played | Gap]:
-    """Return what is on a vehicle's tape in order, and a gap wherever something is missing."""
+def _core_records(log: FlightLog, vehicle_id: int) -> Iterator[_ReplayRecord | MissingRecords]:
+    """Return a vehicle's inputs and decisions in order, and `MissingRecords` wherever records are missing."""
     expected = 1
     for record in log.vehicles.get(vehicle_id, ()):
         try:
             fields = record.plain()
             number = int(fields["number"])
-            item = _item(record.kind, fields) if record.kind in _ON_TAPE else None
+            item = _item(record.kind, fields) if record.kind in _CORE_RECORDS else None
         except (LogError, msgspec.ValidationError, KeyError, ValueError, TypeError) as error:
-            yield Gap(f"record {expected} ({record.kind.__name__.lower()}) cannot be read: {error}")
+            yield MissingRecords(f"record {expected} ({record.kind.__name__.lower()}) cannot be read: {error}")
             expected += 1
             continue
         if number != expected:
-            yield Gap(_missing(expected, number))
+            yield MissingRecords(_missing(expected, number))
         expected = number + 1
         if item is not None:
-            yield _Played(number, item, record.payload)
+            yield _ReplayRecord(number, item, record.payload)
 
 
 def _item(kind: type[Any], fields: dict[str, Any]) -> CoreInput | Decision:
@@ -144,7 +144,7 @@ def _item(kind: type[Any], fields: dict[str, Any]) -> CoreInput | Decision:
     said = msgspec.convert(fields, LocalCommand)
     command = decode(said.payload)
     if not isinstance(command, OperatorCommand):
-        raise ValueError("it is no operator's command")
+        raise ValueError("its payload is not an operator command")
     return Command(said.now_s, command)
 
 

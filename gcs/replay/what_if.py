@@ -1,7 +1,7 @@
-"""What if the filters had had other parameters: both run again on what was recorded, side by side.
+"""Filters with other parameters: both sets run again on the recorded inputs, side by side.
 
-They are fed what the core's filters were fed - its own telemetry, its own sightings and those told by peers - and the
-setpoints that were truly sent. Nothing is decided anew.
+Their inputs are those of the core's filters - its telemetry, its own sightings and those received from peers - and the
+setpoints that were sent. No decision is recomputed.
 """
 
 import tomllib
@@ -42,7 +42,7 @@ from gcs.mission.mission import Mission
 from gcs.mission.validation import unknown_key, validated
 from gcs.replay.estimates import FilterFigures, Track, rms_difference
 from gcs.replay.playback import (
-    Gap,
+    MissingRecords,
     Turn,
     config_of,
     recorded_vehicles,
@@ -52,7 +52,7 @@ from gcs.replay.playback import (
 FILTERS = ("own_filter", "target_filter")
 _S = TypeVar("_S", bound=Settings)
 
-Fed = Telemetry | Sighting | TacticEvent | Command | OperatorCommand
+FilterInput = Telemetry | Sighting | TacticEvent | Command | OperatorCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One filter of one vehicle, with the recorded and with the tried parameters, and by how much they differ (rms)."""
+    """One filter of one vehicle with the recorded and with the tried parameters, and their rms difference."""
 
     vehicle_id: int
     filter: str
@@ -89,7 +89,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class WhatIf:
-    """What was changed, and what came of it; `gaps` are what the log does not hold."""
+    """The changed parameters and their outcomes; `gaps` name missing records of the log."""
 
     mission: str
     changes: tuple[Change, ...]
@@ -110,14 +110,14 @@ def changed_filters(mission: Mission, changes: Sequence[str]) -> dict[int, Filte
         key, is_set, text = change.partition("=")
         section, _, name = key.strip().partition(".")
         if not is_set or not name:
-            faults.append(f"{change!r}: it must be KEY=VALUE, as own_filter.gate_sigma=4")
+            faults.append(f"{change!r}: it must be KEY=VALUE, for example own_filter.gate_sigma=4")
         elif section not in FILTERS:
             faults.append(unknown_key("", section, list(FILTERS)))
         else:
             try:
                 (values[section][name],) = tomllib.loads(f"value = {text}").values()
             except (ValueError, RecursionError):  # also more than one value
-                faults.append(f"{section}.{name}: {text!r} is no value")
+                faults.append(f"{section}.{name}: {text!r} is not a TOML value")
     own = validated(OwnFilterSettings, values["own_filter"], "own_filter", faults)
     target = validated(TargetFilterSettings, values["target_filter"], "target_filter", faults)
     if faults or own is None or target is None:
@@ -136,7 +136,7 @@ def _with_set(settings: _S, changes: _S) -> _S:
 def what_if(
     log: FlightLog, mission: Mission, tried: Mapping[int, FilterSettings], on_tick: Callable[[], None] = lambda: None
 ) -> WhatIf:
-    """Run every vehicle's filters again, as they were and as they are tried; raises LogError."""
+    """Run every vehicle's filters with the recorded and with the tried parameters; raises LogError."""
     outcomes, gaps = list[Outcome](), list[str]()
     recorded = recorded_filters(mission)
     for vehicle_id in recorded_vehicles(log):
@@ -146,7 +146,7 @@ def what_if(
             [FilterRun(config, settings) for settings in (recorded[vehicle_id], tried[vehicle_id])],
         )
         for turn in turns(log, vehicle_id):
-            if isinstance(turn, Gap):
+            if isinstance(turn, MissingRecords):
                 gaps.append(f"vehicle {vehicle_id}: {turn.reason}")
                 continue
             inputs = list(feed.inputs(turn))
@@ -158,12 +158,12 @@ def what_if(
         outcomes += _outcomes(vehicle_id, mission, runs, truth, feed.start_s)
     changes = tuple(_changes(recorded, tried))
     concerned = {change.key.partition(".")[0] for change in changes}
-    told = tuple(outcome for outcome in outcomes if f"{outcome.filter}_filter" in concerned)
-    return WhatIf(log.run.mission, changes, told, tuple(gaps))
+    shown = tuple(outcome for outcome in outcomes if f"{outcome.filter}_filter" in concerned)
+    return WhatIf(log.run.mission, changes, shown, tuple(gaps))
 
 
 class Feed:
-    """Turns what a core received into what its filters are fed."""
+    """Converts the inputs of a core into the inputs of its filters."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._vehicle_id = config.vehicle_id
@@ -171,8 +171,8 @@ class Feed:
         self._time_scale = 1.0
         self.start_s: float | None = None
 
-    def inputs(self, turn: Turn) -> Iterator[Fed]:
-        """Return what a turn feeds to the filters, and what may change the tactic, in order."""
+    def inputs(self, turn: Turn) -> Iterator[FilterInput]:
+        """Return the filter inputs of a turn, and the inputs that may change the tactic, in order."""
         for item in turn.inputs:
             match item:
                 case TimeScale():
@@ -182,9 +182,9 @@ class Feed:
                 case Telemetry() | Sighting() | TacticEvent() | Command():
                     yield item
                 case Message():
-                    yield from self._told(item)
+                    yield from self._received(item)
 
-    def _told(self, item: Message) -> Iterator[Fed]:
+    def _received(self, item: Message) -> Iterator[FilterInput]:
         message = self._inbox.decoded(item.payload)
         if message is None or not self._inbox.accepts(message, item.now_s, self._time_scale):
             return
@@ -198,7 +198,7 @@ class Feed:
 
 
 class FilterRun:
-    """One vehicle's filters with one set of parameters, and how they fare."""
+    """One vehicle's filters with one set of parameters, and their figures."""
 
     def __init__(self, config: AgentConfig, settings: FilterSettings) -> None:
         self._own = OwnFilter(config.plant, settings.own_filter)
@@ -209,15 +209,15 @@ class FilterRun:
         self._mission_rate_rad_s = config.encirclement.angular_rate_rad_s
         self.own, self.target = Track(), Track()
 
-    def take(self, turn: Turn, inputs: Sequence[Fed]) -> None:
-        """Feed a turn to the filters, and look at the estimates at its tick."""
+    def take(self, turn: Turn, inputs: Sequence[FilterInput]) -> None:
+        """Feed a turn to the filters, and store the estimates at its tick."""
         for item in inputs:
             if isinstance(item, Telemetry):
                 self._measure(item)
             elif isinstance(item, Sighting):
                 self._sight(item)
             elif turn.decision is not None and turn.decision.tactic != Tactic.ENCIRCLE.value:
-                # Told to leave the ring, it does so at once. All else is done in the tick.
+                # A command to leave the ring acts at once; every other change of tactic happens in the tick.
                 self._turn(turn.decision)
         if turn.tick is None:
             return
@@ -246,19 +246,19 @@ class FilterRun:
         if prior is not None and prior.time_s == telemetry.time_s:
             measured = np.array([*telemetry.position_m[:2], *telemetry.velocity_m_s[:2]])
             innovation = measured - prior.mean[MOTION], prior.covariance[MOTION, MOTION] + self._noise
-        self.own.innovate(accepted, innovation)
+        self.own.add_measurement(accepted, innovation)
 
     def _sight(self, sighting: Sighting) -> None:
         prior, refused = self._target.estimate(sighting.time_s), self._target.refused
         self._target.sight(sighting)
         accepted = self._target.refused == refused
         innovation = None
-        # One that is late is put where it belongs in time: there is no estimate of before to compare it with.
+        # A delayed sighting is inserted at its own time: there is no prior estimate of that time to compare it with.
         if prior is not None and prior.time_s == sighting.time_s:
             xx, xy, yy = sighting.covariance_m2
             spread = prior.covariance[POSITION, POSITION] + np.array([[xx, xy], [xy, yy]])
             innovation = np.array(sighting.position_m) - prior.mean[POSITION], spread
-        self.target.innovate(accepted, innovation)
+        self.target.add_measurement(accepted, innovation)
 
 
 def _outcomes(

@@ -1,4 +1,4 @@
-"""What people and machines see of filters with other parameters."""
+"""Filters with other parameters as a table for a terminal and as JSON data."""
 
 from dataclasses import asdict
 from typing import Any
@@ -11,15 +11,22 @@ from gcs.console.live import number
 from gcs.replay.estimates import FilterFigures
 from gcs.replay.what_if import WhatIf
 
-_COLUMNS = ("NIS/dof\n", "refused\n", "prediction\nrms [m]", "error\nrms [m]", "apart\nrms [m]", "apart\n[m/s]")
+_COLUMNS = (
+    "NIS/dof\n",
+    "refused\n",
+    "prediction\nrms [m]",
+    "error\nrms [m]",
+    "difference\nrms [m]",
+    "difference\n[m/s]",
+)
 
 
 def what_if_view(what: WhatIf) -> RenderableType:
-    """Return the filters side by side for people."""
+    """Return the filters side by side for a terminal."""
     lines = [Text(f"{change.key}: {change.recorded} -> {change.tried}", style="bold") for change in what.changes]
     if not lines:
-        return Text("nothing is changed: these are the values that were flown with", style="yellow")
-    gaps = [Text(f"{gap}: the filters go on without", style="yellow") for gap in what.gaps]
+        return Text("no parameter changed: the values are those of the flight", style="yellow")
+    gaps = [Text(f"{gap}: the filters continue without them", style="yellow") for gap in what.gaps]
     table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
     for name in ("", "filter", ""):
         table.add_column(name, no_wrap=True)
@@ -27,8 +34,8 @@ def what_if_view(what: WhatIf) -> RenderableType:
         table.add_column(Text(name, justify="right"), justify="right", no_wrap=True)
     for each in what.outcomes:
         table.add_row(str(each.vehicle_id), each.filter, "recorded", *_cells(each.recorded))
-        apart = number(each.difference_m, ".4f"), number(each.difference_m_s, ".4f")
-        table.add_row("", "", "tried", *_cells(each.tried), *apart, style="cyan")
+        difference = number(each.difference_m, ".4f"), number(each.difference_m_s, ".4f")
+        table.add_row("", "", "tried", *_cells(each.tried), *difference, style="cyan")
     return Group(*lines, *gaps, table)
 
 

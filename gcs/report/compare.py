@@ -1,4 +1,4 @@
-"""Two flights side by side: every metric with its difference, both's verdicts, and their errors in one chart each."""
+"""Comparison of two flights: every metric with its difference, the verdicts, and charts of the errors."""
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, fields
@@ -20,18 +20,18 @@ from gcs.metrics.result import (
     RingReference,
     VehicleResult,
 )
-from gcs.metrics.reynolds_view import FLOCKING_FORMS, FLOCKING_WORDS
+from gcs.metrics.reynolds_view import FLOCKING_FORMS, FLOCKING_LABELS
 from gcs.report.charts.chart import (
     Chart,
     chart,
     logarithmic,
     over_time,
 )
-from gcs.report.charts.panels import say, title
+from gcs.report.charts.panels import mark_empty, title
 from gcs.report.charts.thinning import thinned
 from gcs.report.evidence.lyapunov import lyapunov_rad2
 from gcs.report.page import KeyLine, render
-from gcs.report.view import Section, Table, Verdict
+from gcs.report.page_parts import Section, Table, VerdictEntry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ Better = Literal["less", "more", "neither"]
 
 @dataclass(frozen=True, slots=True)
 class ComparedFlight:
-    """One of two flights: what it is called (the two differently), its result, its record and ring for the charts."""
+    """One of two flights: its name (unique), its result, and its record and ring for the charts."""
 
     name: str
     result: FlightResult
@@ -59,7 +59,7 @@ class ComparedFlight:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A metric of both flights as people read it, their difference, and which is better: its name, or nothing."""
+    """A metric of both flights as text, the difference, and the name of the better flight, empty if neither."""
 
     metric: str
     first: str
@@ -70,14 +70,14 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class _Metric:
-    words: str
+    label: str
     form: str
     better: Better
     of: Callable[[FlightResult], float | None]
 
 
-def _of_stretch(stretch: str, figure: int) -> Callable[[FlightResult], float | None]:
-    return lambda result: astuple(getattr(result.reynolds, stretch))[figure]
+def _of_phase(phase: str, figure: int) -> Callable[[FlightResult], float | None]:
+    return lambda result: astuple(getattr(result.reynolds, phase))[figure]
 
 
 def _of_vehicle(vehicle_id: int, of: Callable[[VehicleResult], float | None]) -> Callable[[FlightResult], float | None]:
@@ -88,24 +88,24 @@ _TEAM = (
     _Metric("duration [s]", ".1f", "neither", lambda r: r.duration_s),
     _Metric("settling time [s]", ".1f", "less", lambda r: r.ring.settling_time_s),
     _Metric("spacing error rms [°]", ".2f", "less", lambda r: r.ring.spacing_error_rms_deg),
-    _Metric("spacing error at most [°]", ".2f", "less", lambda r: r.ring.spacing_error_max_deg),
+    _Metric("spacing error max [°]", ".2f", "less", lambda r: r.ring.spacing_error_max_deg),
     _Metric("closest approach [m]", ".3f", "more", lambda r: r.closest_approach_m),
-    _Metric("setpoints changed by the guard", ".0f", "neither", lambda r: r.guard_interventions),
-    _Metric("ticks missed", ".0f", "less", lambda r: r.loop.missed),
+    _Metric("setpoints moved by the guard", ".0f", "neither", lambda r: r.guard_interventions),
+    _Metric("missed ticks", ".0f", "less", lambda r: r.loop.missed),
     _Metric("computing time, median [µs]", ".0f", "less", lambda r: r.loop.tick_p50_us),
     _Metric("computing time, 99 % [µs]", ".0f", "less", lambda r: r.loop.tick_p99_us),
-    _Metric("times real time", ".3g", "neither", lambda r: r.realtime_factor),
+    _Metric("real-time factor", ".3g", "neither", lambda r: r.realtime_factor),
 )
-# What is better depends on what the mission asked for: a wide ring is not worse than a narrow one.
+# Which value is better depends on the mission: a wide ring is not worse than a narrow one.
 _REYNOLDS = tuple(
-    _Metric(f"{stretch.name}: {words}", form, "neither", _of_stretch(stretch.name, index))
-    for stretch in fields(ReynoldsResult)
-    for index, (words, form) in enumerate(zip(FLOCKING_WORDS, FLOCKING_FORMS, strict=True))
+    _Metric(f"{phase.name}: {label}", form, "neither", _of_phase(phase.name, index))
+    for phase in fields(ReynoldsResult)
+    for index, (label, form) in enumerate(zip(FLOCKING_LABELS, FLOCKING_FORMS, strict=True))
 )
 _VEHICLE: tuple[tuple[str, str, Better, Callable[[VehicleResult], float | None]], ...] = (
     ("engaged [s]", ".1f", "neither", lambda v: v.engaged_at_s),
     ("radius error rms [m]", ".3f", "less", lambda v: v.radius_error_rms_m),
-    ("radius error at most [m]", ".3f", "less", lambda v: v.radius_error_max_m),
+    ("radius error max [m]", ".3f", "less", lambda v: v.radius_error_max_m),
     ("mean rate [rad/s]", "+.4f", "neither", lambda v: v.angular_rate_mean_rad_s),
     ("rate error rms [rad/s]", ".4f", "less", lambda v: v.angular_rate_error_rms_rad_s),
     ("formation speed error rms [m/s]", ".3f", "less", lambda v: v.formation_speed_error_rms_m_s),
@@ -114,7 +114,7 @@ _VEHICLE: tuple[tuple[str, str, Better, Callable[[VehicleResult], float | None]]
 
 
 def comparisons(first: ComparedFlight, second: ComparedFlight) -> tuple[Comparison, ...]:
-    """Return every metric that at least one of the flights has; the better one is named where the numbers show it."""
+    """Return every metric that at least one flight has; the better flight is named where the rounded values differ."""
     vehicles = (vehicle.id for flight in (first, second) for vehicle in flight.result.vehicles)
     of_vehicles = (
         _Metric(f"vehicle {vehicle_id}: {words}", form, better, _of_vehicle(vehicle_id, of))
@@ -131,15 +131,15 @@ def _compared(metric: _Metric, first: ComparedFlight, second: ComparedFlight) ->
     if here is None and there is None:
         return None
     if here is None or there is None:
-        return Comparison(metric.words, *shown, "–", "")
-    # Of the numbers as they are read: no difference that rounding hides, and none that it makes.
+        return Comparison(metric.label, *shown, "–", "")
+    # Computed from the rounded values, so that the table is consistent.
     more = float(shown[1]) - float(shown[0])
     if not more:
-        return Comparison(metric.words, *shown, "0", "")
+        return Comparison(metric.label, *shown, "0", "")
     better = ""
     if metric.better != "neither":
         better = first.name if (more > 0.0) == (metric.better == "less") else second.name
-    return Comparison(metric.words, *shown, f"{more:+{metric.form.removeprefix('+')}}", better)
+    return Comparison(metric.label, *shown, f"{more:+{metric.form.removeprefix('+')}}", better)
 
 
 def comparison_table(first: ComparedFlight, second: ComparedFlight) -> TerminalTable:
@@ -166,7 +166,7 @@ def comparison_html(first: ComparedFlight, second: ComparedFlight) -> str:
     """Return two flights side by side as a page of HTML."""
     flights = (first, second)
     rows = tuple((c.metric, c.first, c.second, c.difference, c.better) for c in comparisons(first, second))
-    columns = ("metric", first.name, second.name, "second less first", "better")
+    columns = ("metric", first.name, second.name, "second − first", "better")
     return render(
         "compare.html.j2",
         flights=flights,
@@ -175,17 +175,17 @@ def comparison_html(first: ComparedFlight, second: ComparedFlight) -> str:
             for flight, style, dashes in zip(flights, _STYLES, _DASHES, strict=True)
         ),
         verdicts=tuple(
-            tuple(Verdict(name, "", flight.result.verdicts.named()[name], ()) for flight in flights)
+            tuple(VerdictEntry(name, "", flight.result.verdicts.named()[name], ()) for flight in flights)
             for name in first.result.verdicts.named()
         ),
         section=Section("errors", "Over time", _LEAD, _charts(flights), missing=()),
-        metrics=Table("Every metric", columns, rows),
+        metrics=Table("All metrics", columns, rows),
     )
 
 
 _LEAD = (
-    "The largest error of any vehicle on the ring, on a logarithmic scale, over the time since each mission's start; "
-    "and the Lyapunov function of the spacings."
+    "The largest error of any vehicle on the ring and the Lyapunov function of the spacings, on logarithmic scales "
+    "over the time since the start of each mission."
 )
 
 
@@ -217,7 +217,7 @@ def _draw(
     title(axes, heading, "")
     known = [np.isfinite(each) for each in values]
     if not any(mask.any() for mask in known):
-        say(axes, "neither flight had such a ring")
+        mark_empty(axes, "not measured in either flight")
         return
     time_s = np.sort(np.concatenate([f.record.time_s[mask] for f, mask in zip(flights, known, strict=True)]))
     over_time(axes, f"{'V' if unit == 'rad²' else 'error'} [{unit}]", time_s)

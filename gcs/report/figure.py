@@ -1,7 +1,7 @@
 """One page of figures of a flight: the paper's figures 1 to 6 (section 5).
 
 Paths with the vehicles and the target, speeds in formation, radii, angular velocities and
-spacings on the ring. matplotlib is imported only when a figure is asked for, and draws without a
+spacings on the ring. matplotlib is imported only when a figure is drawn, and draws without a
 display.
 """
 
@@ -90,6 +90,6 @@ def _draw_legend(figure: "Figure", sheet: Sheet) -> None:
         Line2D([], [], label="target", color="black", marker="D", linewidth=1.2),
         Line2D([], [], label="desired", **DESIRED),
         Line2D([], [], label="engages", linestyle="", color=FAINT, **ENGAGED),
-        Patch(label="window of the metrics", color="#DDDDDD"),
+        Patch(label="ring metrics window", color="#DDDDDD"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 7), frameon=False)

@@ -1,4 +1,4 @@
-"""The report of a flight as one file of HTML: no scripts, nothing from the network; for screens, phones and paper."""
+"""The report of a flight as one HTML file without scripts or network access, for screen and print."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,10 +7,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.result import FlightResult
-from gcs.report.evidence.asked import Asked
+from gcs.report.evidence.criteria import Criteria
 from gcs.report.evidence.flight import FlightEvidence
 from gcs.report.sections import flight_of, sections
-from gcs.report.words import headline, summary, verdicts
+from gcs.report.summary import headline, summary, verdicts
 from gcs.style import vehicle_style
 
 _REFERENCES = {"truth": "the simulator's truth", "estimate": "the vehicles' estimates"}
@@ -18,35 +18,35 @@ _REFERENCES = {"truth": "the simulator's truth", "estimate": "the vehicles' esti
 
 @dataclass(frozen=True, slots=True)
 class KeyLine:
-    """How the lines of one vehicle look, for the key of the page."""
+    """The line style of one vehicle in the legend of a page."""
 
-    words: str
+    label: str
     colour: str
     dashes: str
 
 
-def write_report(evidence: FlightEvidence, result: FlightResult, asked: Asked, path: Path) -> None:
+def write_report(evidence: FlightEvidence, result: FlightResult, criteria: Criteria, path: Path) -> None:
     """Write the report of a flight to a file; raises OSError when it cannot be written."""
-    path.write_text(report_html(evidence, result, asked), encoding="utf-8")
+    path.write_text(report_html(evidence, result, criteria), encoding="utf-8")
 
 
-def report_html(evidence: FlightEvidence, result: FlightResult, asked: Asked) -> str:
+def report_html(evidence: FlightEvidence, result: FlightResult, criteria: Criteria) -> str:
     """Return the report of a flight as a page of HTML."""
-    flight = flight_of(evidence, result, asked)
+    flight = flight_of(evidence, result, criteria)
     return render(
         "report.html.j2",
         result=result,
         facts=_facts(evidence, result),
         headline=headline(result),
-        verdicts=verdicts(result, asked),
-        summary=summary(result, asked),
+        verdicts=verdicts(result, criteria),
+        summary=summary(result, criteria),
         key=key_of(evidence.record),
         sections=sections(flight),
     )
 
 
 def render(template: str, **context: object) -> str:
-    """Return a page made from a template of this package; whatever is not HTML already is escaped."""
+    """Return a page rendered from a template of this package; text is escaped unless it is markup."""
     environment = Environment(
         loader=PackageLoader("gcs.report", "templates"),
         autoescape=True,
@@ -58,7 +58,7 @@ def render(template: str, **context: object) -> str:
 
 
 def key_of(record: FlightRecord) -> tuple[KeyLine, ...]:
-    """Return which lines are which vehicle's."""
+    """Return the legend: the line style of every vehicle."""
     lines = []
     for row, track in enumerate(record.vehicles):
         style = vehicle_style(row, len(record.vehicles))
@@ -73,5 +73,5 @@ def _facts(evidence: FlightEvidence, result: FlightResult) -> dict[str, str]:
         "source": f"{result.source}, seed {result.seed}" if result.source != "flight" else "flight",
         "duration": f"{result.duration_s:g} s at {result.loop.rate_hz:g} Hz",
         "vehicles": ", ".join(str(track.vehicle_id) for track in evidence.record.vehicles) or "none",
-        "judged by": _REFERENCES.get(result.reference, result.reference),
+        "metrics from": _REFERENCES.get(result.reference, result.reference),
     }

@@ -1,4 +1,4 @@
-"""The tables of a report: numbers beside the charts, as text."""
+"""The tables of a report."""
 
 from collections.abc import Sequence
 
@@ -8,12 +8,12 @@ from estimation.state import Vector
 from gcs.console.live import number
 from gcs.metrics.record import FlightEvent
 from gcs.metrics.result import FlightResult
-from gcs.metrics.reynolds_view import FLOCKING_WORDS, flocking_cells, stretches
-from gcs.report.charts.inside import intervals_ms
-from gcs.report.evidence.beliefs import SIGMAS, Error
-from gcs.report.evidence.flight import FlightEvidence, Hearing, VehicleEvidence
-from gcs.report.evidence.lyapunov import FALLEN_SHARE, Decay
-from gcs.report.view import Table
+from gcs.metrics.reynolds_view import FLOCKING_LABELS, flocking_cells, phases
+from gcs.report.charts.onboard import intervals_ms
+from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError
+from gcs.report.evidence.flight import FlightEvidence, Reception, VehicleEvidence
+from gcs.report.evidence.lyapunov import DECAYED_SHARE, Decay
+from gcs.report.page_parts import Table
 
 _FOLDED_ROWS = 12
 
@@ -22,10 +22,10 @@ def vehicle_table(result: FlightResult) -> Table:
     """Return the metrics of every vehicle."""
     columns = (
         "vehicle",
-        "tactic at the end",
+        "final tactic",
         "engaged [s]",
         "radius error rms [m]",
-        "at most [m]",
+        "max [m]",
         "mean rate [rad/s]",
         "rate error rms [rad/s]",
         "formation speed error rms [m/s]",
@@ -54,52 +54,52 @@ def ring_table(result: FlightResult) -> Table:
     rows = (
         ("settling time after the last engagement [s]", number(ring.settling_time_s, ".1f")),
         ("spacing error rms [°]", number(ring.spacing_error_rms_deg, ".2f")),
-        ("spacing error at most [°]", number(ring.spacing_error_max_deg, ".2f")),
+        ("spacing error max [°]", number(ring.spacing_error_max_deg, ".2f")),
         (
-            "window of the ring's metrics [s]",
+            "window of the ring metrics [s]",
             "–" if result.window_s is None else "{:g} to {:g}".format(*result.window_s),
         ),
         ("closest approach [m]", number(result.closest_approach_m, ".3f")),
-        ("setpoints changed by the guard", number(result.guard_interventions, "d")),
-        ("ticks, and of them missed", f"{loop.ticks}, {loop.missed}"),
+        ("setpoints moved by the guard", number(result.guard_interventions, "d")),
+        ("ticks, missed ticks", f"{loop.ticks}, {loop.missed}"),
         ("wall time [s]", number(result.wall_time_s, ".1f")),
-        ("times real time", number(result.realtime_factor, ".3g")),
+        ("real-time factor", number(result.realtime_factor, ".3g")),
     )
     return Table("Metrics of the team", ("metric", "value"), rows)
 
 
 def event_table(events: Sequence[FlightEvent]) -> Table:
-    """Return all that happened, in order."""
+    """Return all events, in order."""
     rows = tuple((f"{event.time_s:.1f}", str(event.vehicle), event.kind, event.text) for event in events)
-    count = f"All {len(rows)} events" if len(rows) != 1 else "The only event"
-    return Table(count, ("time [s]", "vehicle", "kind", "what"), rows, words=4, folded=True)
+    caption = f"Events ({len(rows)})"
+    return Table(caption, ("time [s]", "vehicle", "kind", "event"), rows, words=4, folded=True)
 
 
 def reynolds_table(result: FlightResult) -> Table:
-    """Return Reynolds' figures in formation, on the ring, and over the whole flight."""
-    rows = tuple((name, *flocking_cells(figures)) for name, figures in stretches(result.reynolds))
-    return Table("Reynolds' rules in numbers", ("stretch", *FLOCKING_WORDS), rows)
+    """Return Reynolds' flocking metrics in formation, on the ring, and over the whole flight."""
+    rows = tuple((name, *flocking_cells(figures)) for name, figures in phases(result.reynolds))
+    return Table("Flocking metrics", ("phase", *FLOCKING_LABELS), rows)
 
 
-def decay_table(stretches: Sequence[Decay]) -> Table:
-    """Return how V fell after every change of the ring."""
+def decay_table(periods: Sequence[Decay]) -> Table:
+    """Return the decay of V after every change of the ring."""
     rows = tuple(
         (
             f"{each.start_s:.1f}",
             str(each.members),
             f"{each.start_rad2:.3g}",
-            number(each.fell_after_s, ".1f"),
-            number(each.promised_after_s, ".1f"),
+            number(each.decayed_after_s, ".1f"),
+            number(each.expected_after_s, ".1f"),
         )
-        for each in stretches
+        for each in periods
     )
-    share = f"{FALLEN_SHARE:.0%}"
-    columns = ("from [s]", "members", "V then [rad²]", f"stays below {share} after [s]", "promised [s]")
-    return Table("How V fell after every change of the ring", columns, rows)
+    share = f"{DECAYED_SHARE:.0%}"
+    columns = ("from [s]", "members", "initial V [rad²]", f"below {share} after [s]", "expected [s]")
+    return Table("Decay of V after every change of the ring", columns, rows)
 
 
-def error_table(caption: str, errors: Sequence[Error], evidence: FlightEvidence) -> Table:
-    """Return how large the errors were, and how often they stayed within the bounds that the vehicle believed in."""
+def error_table(caption: str, errors: Sequence[EstimateError], evidence: FlightEvidence) -> Table:
+    """Return the size of the errors, and the share of them within the vehicle's own 3σ bounds."""
     rows = []
     for error in errors:
         known = np.isfinite(error.error_m).all(axis=1)
@@ -118,12 +118,12 @@ def error_table(caption: str, errors: Sequence[Error], evidence: FlightEvidence)
                 f"{np.mean(np.abs(off_m) <= bound_m):.1%}",
             )
         )
-    columns = ("vehicle", "rms [m]", "at most [m]", "mean 3σ [m]", "within 3σ")
+    columns = ("vehicle", "rms [m]", "max [m]", "mean 3σ [m]", "within 3σ")
     return Table(caption, columns, tuple(rows))
 
 
 def loop_table(evidence: FlightEvidence) -> Table:
-    """Return how every loop kept its time, and where its plans and setpoints came from."""
+    """Return the timing of every control loop, and counts of its plans and guard interventions."""
     rows = []
     for vehicle in evidence.vehicles:
         loop = vehicle.loop
@@ -147,43 +147,45 @@ def loop_table(evidence: FlightEvidence) -> Table:
         "missed",
         "median [µs]",
         "99 % [µs]",
-        "at most [µs]",
-        "plans on a bound",
+        "max [µs]",
+        "bounded plans",
         "fallback plans",
-        "guard changed",
+        "guard: changed",
         "yielded",
         "braked",
     )
-    return Table("Every control loop", columns, tuple(rows))
+    return Table("Control loops", columns, tuple(rows))
 
 
 def link_table(evidence: FlightEvidence) -> Table:
-    """Return what every vehicle heard of its own autopilot and of every other vehicle."""
+    """Return the reception of telemetry and of peers' messages by every vehicle."""
     rows = []
     for vehicle in evidence.vehicles:
-        heard = [("own\u00a0autopilot", vehicle.telemetry)]
-        heard += [(f"vehicle\u00a0{sender}", hearing) for sender, hearing in sorted(vehicle.peers.items())]
-        rows += [_heard_row(vehicle, source, hearing) for source, hearing in heard if hearing.heard_s.size]
+        received = [("own\u00a0autopilot", vehicle.telemetry)]
+        received += [(f"vehicle\u00a0{sender}", reception) for sender, reception in sorted(vehicle.peers.items())]
+        rows += [
+            _reception_row(vehicle, source, reception) for source, reception in received if reception.received_s.size
+        ]
     columns = (
-        "heard by",
-        "from",
+        "receiver",
+        "sender",
         "messages",
-        "interval, median [ms]",
+        "median interval [ms]",
         "longest gap [ms]",
-        "age, median [ms]",
-        "99 % [ms]",
-        "oldest [ms]",
+        "median age [ms]",
+        "99 % age [ms]",
+        "max age [ms]",
     )
-    return Table("Who heard whom", columns, tuple(rows), words=2, folded=len(rows) > _FOLDED_ROWS)
+    return Table("Reception", columns, tuple(rows), words=2, folded=len(rows) > _FOLDED_ROWS)
 
 
-def _heard_row(vehicle: VehicleEvidence, source: str, hearing: Hearing) -> tuple[str, ...]:
-    _, interval_ms = intervals_ms(hearing)
-    ages_ms = 1e3 * hearing.age_s[np.isfinite(hearing.age_s)]
+def _reception_row(vehicle: VehicleEvidence, source: str, reception: Reception) -> tuple[str, ...]:
+    _, interval_ms = intervals_ms(reception)
+    ages_ms = 1e3 * reception.age_s[np.isfinite(reception.age_s)]
     return (
         f"vehicle\u00a0{vehicle.vehicle_id}",
         source,
-        str(hearing.heard_s.size),
+        str(reception.received_s.size),
         *_percentiles(interval_ms, (50, 100)),
         *_percentiles(ages_ms, (50, 99, 100)),
     )

@@ -1,4 +1,4 @@
-"""The report of a log that another program wrote: what it holds, and how the vehicle followed its setpoints."""
+"""The report of an autopilot's log: its contents, and how the vehicle followed its setpoints."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -9,10 +9,10 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.report.charts.chart import chart, over_time
-from gcs.report.charts.panels import say, title
+from gcs.report.charts.panels import mark_empty, title
 from gcs.report.charts.thinning import thinned, thinned_path
 from gcs.report.page import KeyLine, render
-from gcs.report.view import Section, Table
+from gcs.report.page_parts import Section, Table
 from gcs.style import (
     COLOURS,
     DESIRED,
@@ -53,7 +53,7 @@ def vehicle_report_html(logs: Sequence[VehicleLog]) -> str:
 
 
 def summarised(log: VehicleLog) -> dict[str, Any]:
-    """Return what a log holds for machines; a distance that is not known is None."""
+    """Return the contents of a log as plain data; a distance that is not known is None."""
     _, apart_m = distance_m(log)
     known = apart_m[np.isfinite(apart_m)]
     return {
@@ -90,22 +90,22 @@ def _section(log: VehicleLog) -> Section:
     if log.modes:
         charts.append(chart(f"{name}-modes", partial(_draw_modes, log=log), "Flight modes over time.", 1.6))
     held = (line.partition(": ") for line in describe(log))
-    holds = Table("What the log holds", ("", "holds"), tuple((name, what) for name, _, what in held), words=2)
+    holds = Table("Contents of the log", ("", "contents"), tuple((name, what) for name, _, what in held), words=2)
     texts = tuple((f"{text.time_s:.1f}", text.text) for text in log.texts)
-    said = (
-        (Table("What the autopilot said", ("time [s]", "text"), texts, words=2, folded=len(texts) > 8),)
+    autopilot_texts = (
+        (Table("Messages of the autopilot", ("time [s]", "text"), texts, words=2, folded=len(texts) > 8),)
         if texts
         else ()
     )
     lead = "Metres about the vehicle's own local origin, x north, y west, z up; seconds since the log's first sample."
-    missing = () if log.position is not None else ("The log holds no position: there is no flight to draw.",)
-    return Section(name, f"Vehicle {log.system_id}", lead, tuple(charts), (holds, *said), missing)
+    missing = () if log.position is not None else ("The log holds no position: charts are not available.",)
+    return Section(name, f"Vehicle {log.system_id}", lead, tuple(charts), (holds, *autopilot_texts), missing)
 
 
 def distance_m(log: VehicleLog) -> tuple[Vector, Vector]:
-    """Return times (T,) of the positions and how far each is, horizontally, from the setpoint that held then (T,).
+    """Return the times (T,) of the positions and their horizontal distance (T,) from the setpoint at that time.
 
-    NaN before the first setpoint, and wherever none is held by a computer's mode.
+    NaN before the first setpoint, and in modes that do not follow external setpoints.
     """
     if log.setpoint is None or log.position is None:
         return np.empty(0), np.empty(0)
@@ -149,7 +149,7 @@ def _draw_distance(axes: "Axes", log: VehicleLog) -> None:
     known = apart_m[np.isfinite(apart_m)]
     title(axes, "Distance from the setpoint", f"{np.sqrt(np.mean(known**2)):.2f} m rms" if known.size else "")
     if not known.size:
-        say(axes, "no setpoints of a computer in it")
+        mark_empty(axes, "the log holds no external setpoints")
         return
     over_time(axes, "distance [m]", time_s)
     axes.plot(*thinned(time_s, apart_m, _POINTS), **_LINES["position"])
@@ -159,13 +159,13 @@ def _draw_distance(axes: "Axes", log: VehicleLog) -> None:
 def _draw_speed(axes: "Axes", log: VehicleLog) -> None:
     assert log.velocity is not None
     speed_m_s = np.hypot(*log.velocity.values[:, :2].T)
-    title(axes, "Horizontal speed", f"{np.nanmax(speed_m_s):.1f} m/s at most")
+    title(axes, "Horizontal speed", f"{np.nanmax(speed_m_s):.1f} m/s max")
     over_time(axes, "speed [m/s]", log.velocity.time_s)
     axes.plot(*thinned(log.velocity.time_s, speed_m_s, _POINTS), **_LINES["position"])
 
 
 def _draw_modes(axes: "Axes", log: VehicleLog) -> None:
-    title(axes, "Flight modes", "framed: flown by a computer's setpoints")
+    title(axes, "Flight modes", "framed: external setpoints (offboard, guided)")
     names = list(dict.fromkeys(mode.name for mode in log.modes))
     axes.set(xlabel="time [s]", yticks=[], ylim=(0.0, 1.0), xlim=(0.0, max(log.duration_s, 1e-3)))
     for mode in log.modes:

@@ -1,4 +1,4 @@
-"""What 3-D viewers show of a flight, live or from a log.
+"""The 3-D scene of a flight for Foxglove viewers, live or in a log.
 
 It may import flightlog, style and mission.
 """

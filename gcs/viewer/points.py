@@ -1,4 +1,4 @@
-"""A flight as coloured points, for viewers that know point clouds but no scenes: Rerun is one of them."""
+"""A flight as a point cloud, for viewers without scene entities, such as Rerun."""
 
 from collections.abc import Sequence
 from math import cos, dist, sin
@@ -17,7 +17,7 @@ from gcs.viewer.drawing import (
     newest_target,
     position_covariance,
 )
-from gcs.viewer.seen import SeenVehicle
+from gcs.viewer.drawn_vehicle import DrawnVehicle
 from gcs.viewer.shapes import circle, ellipse, pose
 
 LAYOUT = np.dtype([("place", "<f4", 3), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])
@@ -26,7 +26,7 @@ _Points = NDArray[np.float64]
 
 
 class Cloud:
-    """Draws a team by points; what never changes is made once."""
+    """Draws a team as points; constant geometry is built once."""
 
     def __init__(self, safety: SafetySettings, ring_radius_m: float, ring_altitude_m: float) -> None:
         numbers = PackedElementFieldNumericType
@@ -41,15 +41,15 @@ class Cloud:
         self._ellipse = np.array(circle(1.0, ELLIPSE_POINTS))
         self._fence = _packed(_outline(safety), FAINT)
 
-    def message(self, team: Sequence[SeenVehicle], at: Timestamp) -> PointCloud:
-        """Return everything that there is to see of vehicles whose places are known."""
+    def message(self, team: Sequence[DrawnVehicle], at: Timestamp) -> PointCloud:
+        """Return the points of the vehicles with a known position."""
         parts = [self._fence]
         target = newest_target(team)
         if target is not None:
             place_m = np.array(ground_place(target))
             parts += [_packed(self._ring + place_m, FAINT), _packed(place_m[None], TARGET)]
-        for seen in team:
-            parts += self._vehicle(seen)
+        for vehicle in team:
+            parts += self._vehicle(vehicle)
         return PointCloud(
             timestamp=at,
             frame_id=MISSION_FRAME,
@@ -59,21 +59,21 @@ class Cloud:
             data=b"".join(parts),
         )
 
-    def _vehicle(self, seen: SeenVehicle) -> list[bytes]:
-        here_m = np.array(seen.place_m)
+    def _vehicle(self, vehicle: DrawnVehicle) -> list[bytes]:
+        here_m = np.array(vehicle.place_m)
         parts = [
-            _packed(self._bubble + here_m, FAIL if seen.guarded else seen.colour),
-            _packed(np.array([*seen.trail_m, here_m]), seen.colour),
+            _packed(self._bubble + here_m, FAIL if vehicle.guarded else vehicle.colour),
+            _packed(np.array([*vehicle.trail_m, here_m]), vehicle.colour),
         ]
-        if seen.decision is not None and seen.decision.setpoint is not None:
-            parts.append(_packed(np.array([seen.decision.setpoint.position_m]), seen.colour))
-        if seen.target is not None:
-            long_m, short_m, yaw_rad = ellipse(position_covariance(seen.target))
+        if vehicle.decision is not None and vehicle.decision.setpoint is not None:
+            parts.append(_packed(np.array([vehicle.decision.setpoint.position_m]), vehicle.colour))
+        if vehicle.target is not None:
+            long_m, short_m, yaw_rad = ellipse(position_covariance(vehicle.target))
             along, across = self._ellipse[:, 0] * long_m, self._ellipse[:, 1] * short_m
             turned = np.zeros_like(self._ellipse)
             turned[:, 0] = along * cos(yaw_rad) - across * sin(yaw_rad)
             turned[:, 1] = along * sin(yaw_rad) + across * cos(yaw_rad)
-            parts.append(_packed(turned + ground_place(seen.target), seen.colour))
+            parts.append(_packed(turned + ground_place(vehicle.target), vehicle.colour))
         return parts
 
 

@@ -1,6 +1,4 @@
-"""A flight in standard Foxglove messages, beside the records: what viewers show in 3-D, on a map and as a list of
-events without knowing anything of cordon.
-"""
+"""A flight in standard Foxglove messages, beside the records: 3-D scene, map and event list for any viewer."""
 
 from typing import NamedTuple
 
@@ -32,8 +30,8 @@ from gcs.flightlog.records import Decision
 from gcs.mission.mission import Mission
 from gcs.style import COLOURS
 from gcs.viewer.drawing import MISSION_FRAME, Drawing
+from gcs.viewer.drawn_vehicle import DrawnVehicle
 from gcs.viewer.points import Cloud
-from gcs.viewer.seen import SeenVehicle
 from gcs.viewer.shapes import (
     colour,
     pose,
@@ -42,7 +40,7 @@ from gcs.viewer.shapes import (
 )
 
 PERIOD_S = 0.2
-"""Of the mission's time: how often the team is shown."""
+"""Period of the scene messages in mission time."""
 _EARLY_S = 1e-6
 LEVELS = {
     "tactic": LogLevel.Info,
@@ -59,16 +57,16 @@ class _VehicleChannels(NamedTuple):
 
 
 class Scene:
-    """A picture of one run's records: call it with each, in order. Vehicles show up once their places are known."""
+    """The scene of one run: call it with each record in order. A vehicle appears once its position is known."""
 
     def __init__(self, context: Context, mission: Mission) -> None:
         self._context = context
         self._frame = mission.mission_frame()
         self._team = {
-            vehicle.id: SeenVehicle(mission.agent_config(vehicle), COLOURS[row % len(COLOURS)])
+            vehicle.id: DrawnVehicle(mission.agent_config(vehicle), COLOURS[row % len(COLOURS)])
             for row, vehicle in enumerate(mission.vehicles)
         }
-        altitude_m = min(seen.config.altitude_m for seen in self._team.values())
+        altitude_m = min(vehicle.config.altitude_m for vehicle in self._team.values())
         ring_m = mission.encirclement.radius_m
         self._drawing = Drawing(mission.safety, ring_m, altitude_m)
         self._cloud = Cloud(mission.safety, ring_m, altitude_m)
@@ -80,19 +78,19 @@ class Scene:
         self._shown_s: float | None = None
 
     def __call__(self, vehicle_id: int, time_ns: int, record: object) -> None:
-        """Take a record, and show what there is to show."""
-        seen = self._team.get(vehicle_id)
-        if seen is None:
+        """Add a record, and write the messages that are due."""
+        vehicle = self._team.get(vehicle_id)
+        if vehicle is None:
             return
         match record:
             case Telemetry():
-                seen.move(record, time_ns)
+                vehicle.move(record, time_ns)
             case Start():
-                seen.start_s = record.at_s
+                vehicle.start_s = record.at_s
             case Decision():
-                seen.decision = record
+                vehicle.decision = record
                 for note in record.notes:
-                    self._tell(vehicle_id, note, time_ns)
+                    self._log_note(vehicle_id, note, time_ns)
                 if self._is_due(record.time_s):
                     self._shown_s = record.time_s
                     self._show(time_ns)
@@ -100,7 +98,7 @@ class Scene:
     def _is_due(self, now_s: float) -> bool:
         return self._shown_s is None or not 0.0 <= now_s - self._shown_s < PERIOD_S - _EARLY_S
 
-    def _tell(self, vehicle_id: int, note: Note, time_ns: int) -> None:
+    def _log_note(self, vehicle_id: int, note: Note, time_ns: int) -> None:
         message = f"{note.text} ({note.because})" if note.because else note.text
         self._log.log(
             Log(timestamp=timestamp(time_ns), level=LEVELS[note.kind], name=f"vehicle {vehicle_id}", message=message),
@@ -108,23 +106,23 @@ class Scene:
         )
 
     def _show(self, time_ns: int) -> None:
-        """Show all vehicles at once: whoever looks at one message of a topic sees the team."""
-        team = [seen for seen in self._team.values() if seen.telemetry is not None]
+        """Write the messages of all vehicles: one message of a topic shows the whole team."""
+        team = [vehicle for vehicle in self._team.values() if vehicle.telemetry is not None]
         if not team:
             return
         at = timestamp(time_ns)
         self._transforms.log(FrameTransforms(transforms=list(map(_transform, team))), log_time=time_ns)
-        for seen in team:
-            self._show_vehicle(seen, time_ns)
+        for vehicle in team:
+            self._show_vehicle(vehicle, time_ns)
         self._scene.log(SceneUpdate(entities=self._drawing.entities(team, at)), log_time=time_ns)
         self._points.log(self._cloud.message(team, at), log_time=time_ns)
 
-    def _show_vehicle(self, seen: SeenVehicle, time_ns: int) -> None:
-        channels = self._channels.get(seen.vehicle_id) or self._open_channels(seen.vehicle_id)
-        at, place = timestamp(seen.place_ns), pose(seen.place_m, seen.yaw_rad)
+    def _show_vehicle(self, vehicle: DrawnVehicle, time_ns: int) -> None:
+        channels = self._channels.get(vehicle.vehicle_id) or self._open_channels(vehicle.vehicle_id)
+        at, place = timestamp(vehicle.place_ns), pose(vehicle.place_m, vehicle.yaw_rad)
         channels.pose.log(PoseInFrame(timestamp=at, frame_id=MISSION_FRAME, pose=place), log_time=time_ns)
         if channels.location is not None:
-            channels.location.log(_location(seen, self._frame), log_time=time_ns)
+            channels.location.log(_location(vehicle, self._frame), log_time=time_ns)
 
     def _open_channels(self, vehicle_id: int) -> _VehicleChannels:
         topic, context = f"/vehicle/{vehicle_id}", self._context
@@ -135,32 +133,32 @@ class Scene:
 
 
 def vehicle_frame(vehicle_id: int) -> str:
-    """Return the name of the frame that flies with a vehicle."""
+    """Return the name of a vehicle's body-fixed frame."""
     return f"vehicle_{vehicle_id}"
 
 
-def _transform(seen: SeenVehicle) -> FrameTransform:
-    x, y, z = seen.place_m
+def _transform(vehicle: DrawnVehicle) -> FrameTransform:
+    x, y, z = vehicle.place_m
     return FrameTransform(
-        timestamp=timestamp(seen.place_ns),
+        timestamp=timestamp(vehicle.place_ns),
         parent_frame_id=MISSION_FRAME,
-        child_frame_id=vehicle_frame(seen.vehicle_id),
+        child_frame_id=vehicle_frame(vehicle.vehicle_id),
         translation=Vector3(x=x, y=y, z=z),
-        rotation=rotation(seen.yaw_rad),
+        rotation=rotation(vehicle.yaw_rad),
     )
 
 
-def _location(seen: SeenVehicle, frame: MissionFrame) -> LocationFix:
-    assert seen.telemetry is not None
-    place = frame.geodetic_from_mission(seen.place_m)
-    north, east, down = frame.ned_from_mission(seen.telemetry.velocity_m_s)
+def _location(vehicle: DrawnVehicle, frame: MissionFrame) -> LocationFix:
+    assert vehicle.telemetry is not None
+    place = frame.geodetic_from_mission(vehicle.place_m)
+    north, east, down = frame.ned_from_mission(vehicle.telemetry.velocity_m_s)
     return LocationFix(
-        timestamp=timestamp(seen.place_ns),
-        frame_id=vehicle_frame(seen.vehicle_id),
+        timestamp=timestamp(vehicle.place_ns),
+        frame_id=vehicle_frame(vehicle.vehicle_id),
         latitude=place.latitude_deg,
         longitude=place.longitude_deg,
         altitude=place.altitude_m,
-        heading=frame.x_bearing_rad - seen.yaw_rad,
+        heading=frame.x_bearing_rad - vehicle.yaw_rad,
         velocity=Vector3(x=east, y=north, z=-down),
-        color=colour(seen.colour),
+        color=colour(vehicle.colour),
     )

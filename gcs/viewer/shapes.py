@@ -1,4 +1,4 @@
-"""The primitives that a flight is drawn with: standard Foxglove shapes, and the geometry behind them."""
+"""Foxglove primitives of the scene, and their geometry."""
 
 from collections.abc import Iterable
 from math import atan2, cos, hypot, log, sin, sqrt, tau
@@ -22,7 +22,7 @@ from estimation.frames import Triple
 
 CIRCLE_POINTS = 72
 ELLIPSE_SHARE = 0.95
-"""The probability that lies within an ellipse of uncertainty."""
+"""Probability within an uncertainty ellipse."""
 ELLIPSE_HEIGHT_M = 0.1
 LINE_PX, LABEL_PX = 2.0, 16.0
 
@@ -39,12 +39,12 @@ def timestamp(time_ns: int) -> Timestamp:
 
 
 def rotation(yaw_rad: float) -> Quaternion:
-    """Return a turn about z, counter-clockwise seen from above."""
+    """Return a rotation about z, counter-clockwise vehicle from above."""
     return Quaternion(x=0.0, y=0.0, z=sin(yaw_rad / 2.0), w=cos(yaw_rad / 2.0))
 
 
 def pose(place_m: Triple, yaw_rad: float = 0.0) -> Pose:
-    """Return a pose that is level."""
+    """Return a level pose."""
     x, y, z = place_m
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=rotation(yaw_rad))
 
@@ -67,7 +67,7 @@ def ellipse(covariance: tuple[float, float, float]) -> tuple[float, float, float
 
 
 def line(points: Iterable[Point3], color: Color, at_m: Triple = (0.0, 0.0, 0.0), *, closed: bool) -> LinePrimitive:
-    """Return a line through points relative to a place, as wide on the screen from near and far."""
+    """Return a line through points relative to a position, of constant width on the screen."""
     kind = LinePrimitiveLineType.LineLoop if closed else LinePrimitiveLineType.LineStrip
     return LinePrimitive(
         type=kind, pose=pose(at_m), thickness=LINE_PX, scale_invariant=True, points=list(points), color=color
@@ -75,7 +75,7 @@ def line(points: Iterable[Point3], color: Color, at_m: Triple = (0.0, 0.0, 0.0),
 
 
 def arrow(at_m: Triple, yaw_rad: float, color: Color) -> ArrowPrimitive:
-    """Return a vehicle: an arrow as long as it is large."""
+    """Return the arrow of a vehicle, in the size of the vehicle."""
     return ArrowPrimitive(
         pose=pose(at_m, yaw_rad),
         shaft_length=0.6,
@@ -87,7 +87,7 @@ def arrow(at_m: Triple, yaw_rad: float, color: Color) -> ArrowPrimitive:
 
 
 def label(text: str, at_m: Triple, color: Color) -> TextPrimitive:
-    """Return words that face the viewer, above a place."""
+    """Return text above a position that faces the viewer."""
     x, y, z = at_m
     return TextPrimitive(
         pose=pose((x, y, z + 1.0)), billboard=True, font_size=LABEL_PX, scale_invariant=True, color=color, text=text
@@ -95,14 +95,14 @@ def label(text: str, at_m: Triple, color: Color) -> TextPrimitive:
 
 
 def ball(at_m: Triple, diameter_m: float, color: Color) -> SpherePrimitive:
-    """Return a ball."""
+    """Return a sphere."""
     return SpherePrimitive(pose=pose(at_m), size=Vector3(x=diameter_m, y=diameter_m, z=diameter_m), color=color)
 
 
 def disc(
     at_m: Triple, axes_m: tuple[float, float], height_m: float, color: Color, yaw_rad: float = 0.0
 ) -> CylinderPrimitive:
-    """Return an upright cylinder about a place, elliptic if its axes (whole, not half) differ."""
+    """Return an upright cylinder about a position, elliptic if its axes (full lengths) differ."""
     along, across = axes_m
     size = Vector3(x=along, y=across, z=height_m)
     return CylinderPrimitive(pose=pose(at_m, yaw_rad), size=size, bottom_scale=1.0, top_scale=1.0, color=color)

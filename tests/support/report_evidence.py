@@ -20,12 +20,12 @@ from gcs.metrics.result import (
     RingReference,
     VerdictTolerances,
 )
-from gcs.report.evidence.asked import Asked
+from gcs.report.evidence.criteria import Criteria
 from gcs.report.evidence.flight import (
-    Belief,
+    EstimateSeries,
     FlightEvidence,
-    Hearing,
     Loop,
+    Reception,
     VehicleEvidence,
 )
 
@@ -35,7 +35,7 @@ SPACING_M, OWN_SIGMA_M, TARGET_SIGMA_M = 4.0, 0.04, 0.1
 
 def flown(
     count: int, *, duration_s: float = 600.0, rate_hz: float = 20.0, mission: str = "case2", engaging: bool = True
-) -> tuple[FlightEvidence, FlightResult, Asked]:
+) -> tuple[FlightEvidence, FlightResult, Criteria]:
     """`count` vehicles in line; from a third of the flight on, one after the other, onto a noisy ring."""
     random = np.random.default_rng(count)
     time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
@@ -63,9 +63,9 @@ def flown(
         in_order([FlightEvent(1.0, 1, "failsafe", "battery <b>low</b>"), FlightEvent(2.0, 1, "command", "hold")]),
     )
     formation = FormationReference(0.2, slots)
-    asked = Asked(RingReference(radius_m, 0.05), formation, TOLERANCES, 0.3)
+    criteria = Criteria(RingReference(radius_m, 0.05), formation, TOLERANCES, 0.3)
     evidence = FlightEvidence(record, vehicles, {"date": "2026-11-21", "log": "<b>/tmp/a&b.mcap</b>"})
-    return evidence, evaluate(record, asked.ring, formation, TOLERANCES), asked
+    return evidence, evaluate(record, criteria.ring, formation, TOLERANCES), criteria
 
 
 def _track(
@@ -92,9 +92,9 @@ def _track(
 def _evidence(
     track: VehicleTrack, time_s: Vector, target_m: Vector, count: int, random: np.random.Generator
 ) -> VehicleEvidence:
-    def belief(position_m: Vector, sigma_m: float) -> Belief:
+    def belief(position_m: Vector, sigma_m: float) -> EstimateSeries:
         motion = np.hstack((position_m + random.normal(0.0, sigma_m, position_m.shape), track.velocity_m_s))
-        return Belief(time_s, motion, np.full((time_s.size, 4), sigma_m))
+        return EstimateSeries(time_s, motion, np.full((time_s.size, 4), sigma_m))
 
     ticks = time_s.size
     loop = Loop(
@@ -106,7 +106,7 @@ def _evidence(
         np.zeros((ticks, 3)),
     )
     peers = {
-        sender: Hearing(time_s, random.uniform(0.02, 0.1, ticks))
+        sender: Reception(time_s, random.uniform(0.02, 0.1, ticks))
         for sender in range(1, count + 1)
         if sender != track.vehicle_id
     }
@@ -116,7 +116,7 @@ def _evidence(
         belief(target_m, TARGET_SIGMA_M),
         random.normal(8.0, 0.05, ticks),
         loop,
-        Hearing(time_s, random.uniform(0.0, 0.05, ticks)),
+        Reception(time_s, random.uniform(0.0, 0.05, ticks)),
         peers,
         track.vehicle_id,
         np.column_stack((time_s, np.linspace(0.9, 0.4, ticks))),

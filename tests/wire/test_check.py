@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -134,23 +135,24 @@ def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any],
         code, findings = checked(path)
     assert code == 3
     assert of(findings, "refuse") == [
-        ("vehicle 2", "COM_OF_LOSS_T", "COM_OF_LOSS_T = 6: 6 s without setpoints until its failsafe acts"),
+        ("vehicle 2", "COM_OF_LOSS_T", "COM_OF_LOSS_T = 6: 6 s without setpoints until the failsafe acts"),
     ]
     warned = {found for subject, _, found in of(findings, "warning") if subject == "vehicle 2"}
     assert "COM_OBL_RC_ACT = 0: position mode when setpoints stop" in warned
-    assert "the mission takes it up to 120 m from home; its fence GF_MAX_HOR_DIST is at 40 m" in warned
-    assert "areas in its geofence: 1, and the mission leads out of them, to (45, -5) among others" in warned
+    assert any(all(fact in found for fact in ("120 m", "GF_MAX_HOR_DIST", "40 m")) for found in warned)
+    assert any("geofence with 1 areas" in found and "(45, -5)" in found for found in warned)
     # The others are well, but for what the stub does not know.
     others = [each for each in findings if each["subject"] != "vehicle 2" and each["grade"] != "pass"]
     assert {each["check"] for each in others} <= {"acceleration limit"}
     areas = [each["found"] for each in findings if each["check"] == "fence areas" and each["subject"] == "vehicle 3"]
-    assert areas == ["areas in its geofence: 2; the mission stays where it may fly"]
+    assert len(areas) == 1
+    assert "geofence with 2 areas" in areas[0]
     told = {each["check"]: each["found"] for each in findings if each["subject"] == "vehicle 1"}
     assert told["gps"] == "GPS: 3D fix, 14 satellites"
     assert told["battery"] == "its battery is at 100%"
     assert told["clock"] == "its clock runs 5 times as fast as the wall's: it is a simulator's"
     assert told["health"] == "all of its 7 health items are well"
-    assert told["estimator"].startswith("its estimator's sensors agree: highest test ratio 0.0")
+    assert re.search(r"ratio 0\.0\d", told["estimator"])
     assert told["armed"] == "it is disarmed, on the ground"
     assert float(told["telemetry"].split()[3]) == pytest.approx(20.0, rel=0.1)
 
@@ -165,7 +167,7 @@ def test_estimators_whose_sensors_disagree(mission: Callable[..., Any], checked:
     assert code == 3
     refused = [each for each in findings if each["check"] == "estimator" and each["grade"] == "refuse"]
     assert [each["subject"] for each in refused] == ["vehicle 1", "vehicle 2"]
-    assert all("its estimator rejects what it is told about its velocity" in each["found"] for each in refused)
+    assert all(each["found"].startswith("velocity: rejected") for each in refused)
     assert [subject for subject, check, _ in of(findings, "pass") if check == "estimator"] == ["vehicle 3"]
 
 

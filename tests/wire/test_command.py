@@ -16,9 +16,9 @@ from rich.console import Console
 
 from agents.shell.outcome import Ending, Outcome
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.perception import TOPIC, Seen
+from agents.team.perception import TOPIC, ExternalSighting
+from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
-from gcs.console.operator import Operator
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -49,7 +49,7 @@ class Team:
 
     async def command(self, verb: str, vehicle: int | None = None, shape: str | None = None) -> dict[int, str]:
         asked = self.mission.ids if vehicle is None else (vehicle,)
-        answers = await Operator(self.mission).command(verb, asked, vehicle, shape)  # type: ignore[arg-type]
+        answers = await CommandClient(self.mission).command(verb, asked, vehicle, shape)  # type: ignore[arg-type]
         assert None not in answers.values(), answers
         return {i: answer.did for i, answer in answers.items() if answer is not None}
 
@@ -147,7 +147,9 @@ async def test_a_target_is_pointed_out_and_encircled_but_not_where_no_sighting_c
         assert [sum(words in said for said in team.said) for _, words in bad] == [3] * len(bad), team.said
         assert set(team.tactics.values()) == {"formation"}
         unsure = (0.25, 0.0, 0.25)
-        heard = await Operator(team.mission).point_out(Seen("mission", (8.0, 0.0), unsure, 0.8, 0.2), 0.0)
+        heard = await CommandClient(team.mission).send_sighting(
+            ExternalSighting("mission", (8.0, 0.0), unsure, 0.8, 0.2), 0.0
+        )
         assert set(heard) == {1, 2, 3}
         await until(lambda: list(team.tactics.values()) == ["encircle"] * 3, 20.0)
 
@@ -215,7 +217,7 @@ async def test_a_kill_that_is_not_obeyed_is_tried_again_and_told(
 
 async def test_a_team_holds_within_200_ms_of_the_word(fly_team: FlyTeam) -> None:
     async with fly_team(speed=1.0) as team:
-        answers = await Operator(team.mission).command("hold", team.mission.ids, None)
+        answers = await CommandClient(team.mission).command("hold", team.mission.ids, None)
     after_s = [answer.after_s for answer in answers.values() if answer is not None and answer.did == "holds"]
     assert len(after_s) == 3
     assert max(after_s) < 0.2

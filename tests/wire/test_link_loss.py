@@ -19,8 +19,8 @@ from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
+from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveRow, LiveView
-from gcs.console.operator import Operator
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -213,7 +213,7 @@ async def test_a_link_cut_for_five_seconds(team: Team) -> None:
         assert await team.telemetry_rate_hz(3) == pytest.approx(RATE_HZ, rel=0.15)
         print(f"held after {held_s:.2f} s, rates back {loop.time() - back_s - 1.0:.2f} s after the link")
 
-        answers = await Operator(team.mission).command("resume", (3,), 3)
+        answers = await CommandClient(team.mission).command("resume", (3,), 3)
         assert answers[3] is not None
         await until(lambda: vehicle.mode is NavMode.OFFBOARD and team.tactics(3) == ["encircle"], 5.0, "the return")
         assert team.watch.received_since(3, back_s) > 0
@@ -258,7 +258,7 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         assert team.tactics(2) == ["encircle"]
 
         # To resume is refused, for there is nothing to return from: it stands on the ground.
-        await Operator(team.mission).command("resume", (1,), 1)
+        await CommandClient(team.mission).command("resume", (1,), 1)
         await until(lambda: team.tactics(1) == ["pilot override"], 5.0, "standing down again")
         outcomes = (await flight).outcomes
     endings = [outcomes[i].ending for i in (1, 2, 3)]

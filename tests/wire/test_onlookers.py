@@ -18,7 +18,7 @@ from foxglove import Context
 from foxglove.channels import PointCloudChannel
 from foxglove.messages import PointCloud
 
-from gcs.viewer.onlookers import PARTING_S, Address, onlookers
+from gcs.viewer.live_server import STOP_TIMEOUT_S, Address, live_server
 from tests.support.onlooker import Onlooker
 from tests.support.paths import ROOT
 from tests.support.wire import LOOPBACK, free_port
@@ -112,7 +112,7 @@ def test_whoever_writes_waits_for_no_viewer_that_hangs_and_neither_does_who_ends
     channel, message = PointCloudChannel("/points", context=context), PointCloud(data=bytes(20_000))
     with subprocess.Popen([sys.executable, "-c", HANGS, str(address.port)], stdout=subprocess.PIPE, cwd=ROOT) as viewer:
         try:
-            with onlookers(address, context):
+            with live_server(address, context):
                 assert viewer.stdout is not None
                 assert viewer.stdout.readline() == b"looking\n"
                 time.sleep(0.2)  # until the server knows of it as well
@@ -124,7 +124,7 @@ def test_whoever_writes_waits_for_no_viewer_that_hangs_and_neither_does_who_ends
         finally:
             viewer.kill()
     assert wrote_s - began_s < 2.0
-    assert ended_s - wrote_s < PARTING_S + 1.0
+    assert ended_s - wrote_s < STOP_TIMEOUT_S + 1.0
 
 
 async def test_a_port_that_is_taken_is_a_refusal_before_anything_flies(mission_file: Callable[..., str]) -> None:
@@ -135,6 +135,6 @@ async def test_a_port_that_is_taken_is_a_refusal_before_anything_flies(mission_f
         async with flown(mission_file("case2"), "--live", "--live-address", address, "--no-log") as flight:
             out, err = await flight.communicate()
     assert (flight.returncode, out) == (3, b"")
-    assert f"nobody can listen at {address}" in err.decode()
+    assert f"cannot listen at {address}" in err.decode()
     assert "next: end what listens there already, or name another place by --live-address" in err.decode()
     assert "Traceback" not in err.decode()

@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 from agents.shell.outcome import Ending
+from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
-from gcs.console.operator import Operator
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -54,7 +54,7 @@ async def test_a_foreign_mode_is_obeyed_at_once_and_left_only_by_command(
         assert taken.mode is NavMode.HOLD
         assert (rows[1], rows[2]) == ("formation", "formation")
 
-        answers = await Operator(mission).command("resume", (3,), 3)
+        answers = await CommandClient(mission).command("resume", (3,), 3)
         assert answers[3] is not None
         await until(lambda: taken.mode is NavMode.OFFBOARD, 3.0)
         assert watch.received_since(3, told_s) > 0

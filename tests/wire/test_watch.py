@@ -77,10 +77,10 @@ async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable
                 vehicle.publish("member", encode(state))
                 return text in output.getvalue()
 
-            await until(lambda: shown("vehicle 1: heard, its tactic is formation"), 5.0)
+            await until(lambda: shown("vehicle 1: connected, tactic formation"), 5.0)
             await until(lambda: shown("vehicle 1: formation -> hold"), 5.0)
-            await until(lambda: "vehicle 1: fell silent, its tactic was hold" in output.getvalue(), 5.0)
-            await until(lambda: shown("vehicle 1: is heard again"), 5.0)
+            await until(lambda: "vehicle 1: no messages, last tactic hold" in output.getvalue(), 5.0)
+            await until(lambda: shown("vehicle 1: messages restored"), 5.0)
         await asyncio.sleep(0.3)
         assert (heard, vehicle.dropped) == ([], 0), "it has said something, or shown itself"
     finally:
@@ -94,8 +94,8 @@ def test_with_nobody_there_it_says_so_and_waits_until_it_is_told_to_end(
     with cordon("watch", "--mission", mission_file("case2")) as process:
         assert process.stderr is not None
         lines = [process.stderr.readline() for _ in range(2)]
-        assert "listening for the team cordon" in lines[0]
-        assert re.search(r"nobody heard for \d s, still waiting", lines[1])
+        assert "waiting for team cordon" in lines[0]
+        assert re.search(r"no vehicle received in \d s", lines[1])
         process.send_signal(number)
         out, err = process.communicate(timeout=10.0)
         assert (process.returncode, out) == (0, "")
@@ -115,7 +115,7 @@ def test_watches_that_come_and_are_killed_disturb_nobody(mission_file: Callable[
             with cordon("watch", "--mission", mission) as watching:
                 assert watching.stderr is not None
                 for line in watching.stderr:
-                    if re.search(r"vehicle \d: heard", line):
+                    if re.search(r"vehicle \d: connected", line):
                         break
                 else:
                     pytest.fail(f"watch {number} saw nobody")

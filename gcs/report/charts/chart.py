@@ -1,4 +1,4 @@
-"""A chart: axes drawn by matplotlib, cut to an SVG that stands inside a page of HTML."""
+"""A chart: axes drawn by matplotlib, reduced to an SVG inside an HTML page."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from estimation.state import Vector
-from gcs.report.charts.panels import said
+from gcs.report.charts.panels import empty_reason
 from gcs.style import DESIRED, STYLE
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.85, 0.2, 0.52, 0.1
 _LABEL_IN = 0.24
 _KEY_IN = 0.26
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# The page sets the letters in a font of its own; matplotlib leaves room for DejaVu Sans, which is wider than most.
+# The page uses another font; matplotlib leaves room for DejaVu Sans, which is wider than most.
 _PAGE_STYLE: dict[Any, Any] = STYLE | {
     "font.size": 10.5,
     "axes.labelsize": 10.5,
@@ -42,9 +42,9 @@ _NAMED = re.compile(r'<(g|text) id="[^"]*"')
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart with its heading, what was found, what it shows in words for those who do not see it, and its SVG.
+    """A chart: title, main figure, alternative text, and SVG.
 
-    `missing` says why there is nothing to see.
+    `missing` is the reason why the chart holds no data, empty if it does.
     """
 
     title: str
@@ -57,9 +57,9 @@ class Chart:
 def chart(
     name: str, draws: Draw | Sequence[Draw], alt: str, height_in: float = HEIGHT_IN, *, key_rows: int = 0
 ) -> Chart:
-    """Draw panels below each other on one axis of time; the first one's titles become the chart's.
+    """Draw panels below each other on one time axis; the titles of the first panel become the chart's.
 
-    `name` tells the parts of one SVG from those of the others on a page; `key_rows` adds room for a key below.
+    `name` makes the ids in the SVG unique on a page; `key_rows` adds room for a legend below.
     """
     from matplotlib import rc_context  # noqa: PLC0415
     from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
@@ -82,7 +82,7 @@ def chart(
             draw(axes)
             axes.label_outer()
             axes.yaxis.set_label_coords((_LABEL_IN - _LEFT_IN) / (WIDTH_IN - _LEFT_IN - _RIGHT_IN), 0.5)
-        missing = "; ".join(filter(None, map(said, rows)))
+        missing = "; ".join(filter(None, map(empty_reason, rows)))
         title, finding = rows[0].get_title(loc="left"), rows[0].get_title(loc="right")
         for axes in rows:
             axes.set_title("", loc="left")
@@ -93,7 +93,7 @@ def chart(
 
 
 def _inline(svg: str, alt: str) -> Markup:
-    """Return an SVG as a part of HTML: without prolog, names and comments, and with coordinates of 0.01 points."""
+    """Return an SVG for inline use: without prolog, ids and comments, coordinates rounded to 0.01 points."""
     svg = _CUT.sub("", svg[svg.index("<svg") :])
     head, _, body = svg.partition(">")
     box = re.search(r'viewBox="[^"]*"', head)
@@ -108,14 +108,14 @@ def _rounded(attribute: str) -> str:
 
 
 def over_time(axes: "Axes", label: str, time_s: Vector) -> None:
-    """Lay out axes of a quantity over the whole flight."""
+    """Set up the axes of a quantity over time."""
     axes.set(xlabel="time [s]", ylabel=label)
     if time_s.size > 1:
         axes.set_xlim(float(time_s[0]), float(time_s[-1]))
 
 
 def logarithmic(axes: "Axes", values: Vector, floor: float) -> None:
-    """Make the vertical axis logarithmic, from the least value but not from below the floor, in plain numbers."""
+    """Set a logarithmic vertical axis from the smallest value, but not below the floor, with plain tick labels."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: PLC0415
 
     known = values[np.isfinite(values) & (values > 0.0)]
@@ -137,11 +137,11 @@ def _plain(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
-def level(axes: "Axes", value: float, words: str, *, below: bool = False) -> None:
-    """Draw a level that something is held against, and say what it is, above or below the line's right end."""
+def level(axes: "Axes", value: float, label: str, *, below: bool = False) -> None:
+    """Draw a reference level with its label above or below the right end of the line."""
     axes.axhline(value, **DESIRED)
     axes.annotate(
-        words,
+        label,
         (1.0, value),
         xycoords=("axes fraction", "data"),
         xytext=(-2, -3 if below else 3),

@@ -1,4 +1,4 @@
-"""The time line of a flight: a lane for each vehicle with its tactics, and on it what happened to it."""
+"""The timeline of a flight: a lane for each vehicle with its tactics, commands, failsafes and guard interventions."""
 
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -24,18 +24,18 @@ _ACTS = ("changed", "yielded", "braked")
 _MARKS = {"command": ("v", "#0077BB"), "failsafe": ("D", FAIL), "guard": ("o", INK)}
 _LABELLED_SHARE = 0.16
 _GUARDING_GAP_S = 1.0
-# A bar shorter than this part of the flight would not be seen.
+# Minimum length of a bar as a share of the flight, so that it is visible.
 _SEEN_SHARE = 0.004
 
 
 def lanes_height_in(vehicles: int) -> float:
-    """Return how high the time line of so many vehicles is drawn."""
+    """Return the height of the timeline of a number of vehicles."""
     return 0.7 + (_LANE_IN if vehicles <= 6 else _SLIM_LANE_IN) * max(vehicles, 2)
 
 
 def draw_lanes(axes: "Axes", record: FlightRecord, evidence: FlightEvidence) -> None:
-    """Draw the lanes from the first vehicle at the top to the last."""
-    title(axes, "What happened when", "")
+    """Draw one lane per vehicle, the first one at the top."""
+    title(axes, "Timeline", "")
     ids = [track.vehicle_id for track in record.vehicles]
     axes.set(xlabel="time [s]", ylabel="vehicle", yticks=range(len(ids)), yticklabels=list(map(str, ids)))
     axes.set_ylim(len(ids) - 0.5, -0.5)
@@ -66,13 +66,13 @@ def draw_lanes(axes: "Axes", record: FlightRecord, evidence: FlightEvidence) -> 
 
 
 def _marks(evidence: FlightEvidence) -> dict[str, tuple[str, str]]:
-    """Return what marks which event: the guard's have a bar as long as it acted, where that is known."""
+    """Return the marker of each kind of event; guard events are drawn as bars where their duration is known."""
     barred = any(vehicle.loop.guard.size for vehicle in evidence.vehicles)
     return {kind: mark for kind, mark in _MARKS.items() if not (barred and kind == "guard")}
 
 
 def runs(track: VehicleTrack, record: FlightRecord) -> list[tuple[float, float, str]]:
-    """Return the stretches of one tactic: from when to when [s], and which."""
+    """Return the periods of one tactic: begin [s], end [s], tactic."""
     if not record.time_s.size:
         return []
     changed = np.flatnonzero(track.tactic[1:] != track.tactic[:-1]) + 1
@@ -93,7 +93,7 @@ def _draw_tactics(axes: "Axes", record: FlightRecord, track: VehicleTrack, lane:
 
 
 def _spans(time_s: "np.ndarray[tuple[int], np.dtype[np.float64]]", least_s: float) -> list[tuple[float, float]]:
-    """Join moments into spans (start, length) [s]."""
+    """Join times into spans (start, length) [s]."""
     if not time_s.size:
         return []
     breaks = np.flatnonzero(np.diff(time_s) > _GUARDING_GAP_S) + 1
@@ -101,7 +101,7 @@ def _spans(time_s: "np.ndarray[tuple[int], np.dtype[np.float64]]", least_s: floa
 
 
 def key_rows(record: FlightRecord, evidence: FlightEvidence) -> int:
-    """Return how many rows the key below the lanes takes."""
+    """Return the number of rows of the legend below the lanes."""
     return -(-(len(_tactics(record)) + len(_kinds(record, evidence)) + _guarded(evidence)) // _KEY_COLUMNS)
 
 
@@ -132,7 +132,7 @@ def _draw_key(axes: "Axes", record: FlightRecord, evidence: FlightEvidence) -> N
         for kind, (marker, colour) in _kinds(record, evidence).items()
     ]
     if _guarded(evidence):
-        handles.append(Patch(color=INK, label="guard acts"))
+        handles.append(Patch(color=INK, label="guard intervention"))
     axes.figure.legend(
         handles=handles,
         loc="lower center",

@@ -1,4 +1,4 @@
-"""The panels of the paper's figures 1 to 6 (section 5), drawn into axes that the caller brings.
+"""The panels of the paper's figures 1 to 6 (section 5), drawn into axes of the caller.
 
 Paths with the vehicles and the target, speeds in formation, radii, angular velocities and spacings on the ring.
 """
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """What every panel draws from; lines of more than `points_max` points are thinned, None: never."""
+    """The data of all panels; lines of more than `points_max` points are thinned, None: no limit."""
 
     record: FlightRecord
     result: FlightResult
@@ -39,7 +39,7 @@ class Sheet:
     points_max: int | None = None
 
     def style(self, row: int) -> dict[str, Any]:
-        """Return how a vehicle's lines look."""
+        """Return the line style of a vehicle."""
         return vehicle_style(row, len(self.record.vehicles))
 
     def line(self, time_s: Vector, values: Vector) -> tuple[Vector, Vector]:
@@ -63,7 +63,7 @@ def landmarks_m(sheet: Sheet) -> Vector:
 
 
 def draw_paths(axes: "Axes", sheet: Sheet) -> None:
-    """Draw everybody's path over ground, the target's, and the ring about it - figures 1 and 4."""
+    """Draw the paths of all vehicles and of the target, and the ring about it - figures 1 and 4."""
     record = sheet.record
     axes.update_datalim(landmarks_m(sheet))
     axes.margins(0.04)
@@ -121,7 +121,7 @@ def _mark_engagement(axes: "Axes", sheet: Sheet, row: int, x: Vector, y: Vector)
 
 
 def draw_speeds(axes: "Axes", sheet: Sheet) -> None:
-    """Draw the speed along the formation's way while in formation - figure 2."""
+    """Draw the speed in the direction of the formation - figure 2."""
     title(axes, "Speed in formation", "")
     axes.set(xlabel="time [s]", ylabel="speed in x [m/s]")
     if sheet.formation is not None:
@@ -136,11 +136,11 @@ def draw_speeds(axes: "Axes", sheet: Sheet) -> None:
     if end_s > 0.0:
         axes.set_xlim(0.0, 1.03 * end_s)
     else:
-        say(axes, "nobody flew in formation")
+        mark_empty(axes, "no vehicle flew in formation")
 
 
 def _held(values: Vector) -> Vector:
-    """Fill every NaN with the number before it, so that a mark just after a line's end finds it."""
+    """Replace every NaN with the last number before it, for a mark just after the end of a line."""
     known = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(values.size)))
     return values[known]
 
@@ -149,7 +149,7 @@ def draw_radii(axes: "Axes", sheet: Sheet) -> None:
     """Draw the distances to the target on the ring - figures 3 and 5."""
     axes.set(xlabel="time [s]", ylabel="radius [m]")
     errors_m = [v.radius_error_rms_m for v in sheet.result.vehicles if v.radius_error_rms_m is not None]
-    title(axes, "Radius about the target", f"error {max(errors_m):.2g} m rms at most" if errors_m else "")
+    title(axes, "Radius about the target", f"error {max(errors_m):.2g} m rms max" if errors_m else "")
     _draw_ring_panel(axes, sheet, sheet.motion.radius_m, sheet.ring.radius_m)
 
 
@@ -158,22 +158,22 @@ def draw_rates(axes: "Axes", sheet: Sheet) -> None:
     axes.set(xlabel="time [s]", ylabel="angular velocity [rad/s]")
     means_rad_s = [v.angular_rate_mean_rad_s for v in sheet.result.vehicles if v.angular_rate_mean_rad_s is not None]
     title(axes, "Angular velocity", f"mean {np.mean(means_rad_s):.4f} rad/s" if means_rad_s else "")
-    wanted_rad_s = sheet.ring.angular_rate_rad_s
-    _draw_ring_panel(axes, sheet, sheet.motion.rate_rad_s, wanted_rad_s)
-    # A vehicle that passes close to the target turns about it at a rate that would flatten all the rest.
+    desired_rad_s = sheet.ring.angular_rate_rad_s
+    _draw_ring_panel(axes, sheet, sheet.motion.rate_rad_s, desired_rad_s)
+    # The rate of a vehicle that passes close to the target is far out of scale.
     low_rad_s, high_rad_s = axes.get_ylim()
-    reach_rad_s = 4.0 * max(abs(wanted_rad_s), 0.05)
-    axes.set_ylim(max(low_rad_s, wanted_rad_s - reach_rad_s), min(high_rad_s, wanted_rad_s + reach_rad_s))
+    reach_rad_s = 4.0 * max(abs(desired_rad_s), 0.05)
+    axes.set_ylim(max(low_rad_s, desired_rad_s - reach_rad_s), min(high_rad_s, desired_rad_s + reach_rad_s))
 
 
 def draw_spacings(axes: "Axes", sheet: Sheet) -> None:
     """Draw the angle from each vehicle to the next on the ring - figure 6."""
-    axes.set(xlabel="time [s]", ylabel="angle to the next [°]")
+    axes.set(xlabel="time [s]", ylabel="spacing [°]")
     error_deg = sheet.result.ring.spacing_error_rms_deg
     title(axes, "Angular separation", f"error {error_deg:.2g}° rms" if error_deg is not None else "")
     lead_deg, desired_deg = np.degrees(sheet.motion.lead_rad), np.degrees(sheet.motion.desired_spacing_rad)
     if sheet.result.window_s is not None and np.isnan(lead_deg).all():
-        say(axes, "one vehicle on the ring: nothing to separate")
+        mark_empty(axes, "one vehicle on the ring: no spacing")
     else:
         _draw_ring_panel(axes, sheet, lead_deg, desired_deg)
 
@@ -181,7 +181,7 @@ def draw_spacings(axes: "Axes", sheet: Sheet) -> None:
 def _draw_ring_panel(axes: "Axes", sheet: Sheet, values: Vector, desired: Vector | float) -> None:
     """Draw one quantity (V, T) of the ring, from the first engagement on, over the window of the metrics."""
     if sheet.result.window_s is None:
-        say(axes, "nobody engaged")
+        mark_empty(axes, "no vehicle engaged")
         return
     time_s = sheet.record.time_s
     first_s = min(v.engaged_at_s for v in sheet.result.vehicles if v.engaged_at_s is not None)
@@ -201,17 +201,17 @@ def _verdict_line(result: FlightResult) -> str:
 
 
 def title(axes: "Axes", text: str, finding: str) -> None:
-    """Head a panel with what it shows on the left and what was found on the right."""
+    """Set the title of a panel on the left, and its main figure on the right."""
     axes.set_title(text, loc="left", fontweight="bold", parse_math=False)
     axes.set_title(finding, loc="right", fontsize=9, color=FAIL if "✗" in finding else FAINT)
 
 
-def say(axes: "Axes", text: str) -> None:
-    """Say why a panel is empty."""
+def mark_empty(axes: "Axes", text: str) -> None:
+    """Write into a panel why it is empty."""
     axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=FAINT)
 
 
-def said(axes: "Axes") -> str:
-    """Return why a panel is empty, as `say` said it there; empty if it is not."""
+def empty_reason(axes: "Axes") -> str:
+    """Return the reason that `mark_empty` wrote into a panel; empty if the panel holds data."""
     return axes.texts[0].get_text() if axes.texts and not axes.get_xticks().size else ""

@@ -1,4 +1,4 @@
-"""Fewer points for the same line: a figure some hundred pixels wide shows no more, and a page has to travel."""
+"""Thinning of lines to the points that a figure of some hundred pixels shows, to keep pages small."""
 
 import numpy as np
 
@@ -6,21 +6,21 @@ from estimation.state import Vector
 
 
 def thinned(time_s: Vector, values: Vector, points_max: int) -> tuple[Vector, Vector]:
-    """Return at most `points_max` points of a line (at least 8): its ends, and the extremes of every stretch.
+    """Return at most `points_max` points of a line (at least 8): its ends, and the extremes of every block.
 
-    Every peak stays. A stretch with a gap (NaN) keeps one, so that the line stays broken there.
+    Every peak is kept. A block with a NaN keeps one, so that the line is interrupted there.
     """
     kept = _kept(values[:, None], points_max) if values.size > points_max else slice(None)
     return time_s[kept], values[kept]
 
 
 def thinned_path(position_m: Vector, points_max: int) -> Vector:
-    """Return at most `points_max` points (at least 8) of a path (T, 2): its ends, and its outermost in x and in y."""
+    """Return at most `points_max` points (at least 8) of a path (T, 2): its ends, and the extremes in x and in y."""
     return position_m[_kept(position_m, points_max)] if len(position_m) > points_max else position_m
 
 
 def _kept(columns: Vector, points_max: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Return the indices of the samples (T, C) to keep, in order: per stretch, two a column and one for a gap."""
+    """Return the indices of the samples (T, C) to keep, in order: per block, two per column and one for a NaN."""
     samples, width = columns.shape
     stretches = max(1, (points_max - 2) // (2 * width + 1))
     length = -(-samples // stretches)

@@ -1,4 +1,4 @@
-"""What a log says about a flight, read once and held as arrays for charts and tables.
+"""The data of a flight from its logs, as arrays for charts and tables.
 
 It may import the readers of logs, metrics and mission, no chart and no page.
 """

@@ -1,7 +1,6 @@
-"""What a report shows beside the metrics: how well each vehicle knew, computed and heard.
+"""The data of a report beside the metrics: each vehicle's estimates, control loop and reception of messages.
 
-Times are seconds since the mission's start, places are in the mission frame. An array with nothing in it stands for
-what is not known.
+Times are seconds since the mission's start, positions are in the mission frame. An empty array means not recorded.
 """
 
 from dataclasses import dataclass, field
@@ -27,10 +26,10 @@ def _no_names() -> Names:
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
-    """What one vehicle believed of itself or of the target: `motion` (T, 4) = [x y x' y'], `sigma` (T, 4) its spread.
+class EstimateSeries:
+    """One vehicle's estimates of itself or of the target: `motion` (T, 4) = [x y x' y'], `sigma` (T, 4).
 
-    `sigma` holds the standard deviations: the roots of the covariance's diagonal.
+    `sigma` holds the standard deviations: the square roots of the covariance's diagonal.
     """
 
     time_s: Vector = field(default_factory=_none)
@@ -40,12 +39,11 @@ class Belief:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """One vehicle's control loop, an entry a tick: when (T,), its computing time [us], and ticks skipped before it.
+    """One vehicle's control loop, an entry per tick: time (T,), computing time [us], and ticks skipped before it.
 
-    `qp` says where each plan came from (`interior`, `bounded`, `fallback`), `guard` what the guard did with the wish
-    (`passed`, `changed`, `yielded`, `braked`); `setpoint_m` (T, 3) is what was sent, NaN where nothing was;
-    `velocity_m_s` (T, 3) is the velocity that went with it, 0 where none did, and `yaw_rad` (T,) the yaw, NaN where
-    nothing was sent.
+    `qp` is the source of each plan (`interior`, `bounded`, `fallback`), `guard` the action of the guard (`passed`,
+    `changed`, `yielded`, `braked`); `setpoint_m` (T, 3) is the position sent, NaN where none was sent; `velocity_m_s`
+    (T, 3) the velocity sent with it, 0 without one, and `yaw_rad` (T,) the yaw, NaN where none was sent.
     """
 
     time_s: Vector = field(default_factory=_none)
@@ -59,29 +57,29 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True)
-class Hearing:
-    """What came of one kind from one sender: when it was heard (K,), and how old it was then [s] (K,)."""
+class Reception:
+    """Messages of one kind from one sender: time of reception (K,), and age on reception [s] (K,)."""
 
-    heard_s: Vector
+    received_s: Vector
     age_s: Vector
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleEvidence:
-    """One vehicle's.
+    """The recorded data of one vehicle.
 
-    `telemetry` is what its own autopilot said; `peers` what each other vehicle said of itself, by its id; `dropped` is
-    how many messages it refused. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is over `own.time_s`.
-    `samples` (K, 3) are times, and places x and y that its autopilot said it was at.
+    `telemetry` is the reception of its own autopilot, `peers` that of each other vehicle, by id; `dropped` counts the
+    refused messages. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is at `own.time_s`. `samples` (K, 3)
+    are time, x and y of the autopilot's position.
     """
 
     vehicle_id: int
-    own: Belief = field(default_factory=Belief)
-    target: Belief = field(default_factory=Belief)
+    own: EstimateSeries = field(default_factory=EstimateSeries)
+    target: EstimateSeries = field(default_factory=EstimateSeries)
     altitude_m: Vector = field(default_factory=_none)
     loop: Loop = field(default_factory=Loop)
-    telemetry: Hearing = field(default_factory=lambda: Hearing(np.empty(0), np.empty(0)))
-    peers: dict[int, Hearing] = field(default_factory=dict)
+    telemetry: Reception = field(default_factory=lambda: Reception(np.empty(0), np.empty(0)))
+    peers: dict[int, Reception] = field(default_factory=dict)
     dropped: int = 0
     battery: Vector = field(default_factory=_no_pairs)
     samples: Vector = field(default_factory=lambda: np.empty((0, 3)))
@@ -89,9 +87,9 @@ class VehicleEvidence:
 
 @dataclass(frozen=True, slots=True)
 class FlightEvidence:
-    """A flight as a report needs it: the record behind the metrics, and each vehicle's evidence in the record's order.
+    """The record behind the metrics, and each vehicle's evidence in the record's order.
 
-    `facts` are what people want to know first, as name and value: date, versions, mission, where the log is.
+    `facts` are name and value of what heads the report: date, log, versions.
     """
 
     record: FlightRecord

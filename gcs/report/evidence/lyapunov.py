@@ -1,4 +1,4 @@
-"""The Lyapunov function of the ring's spacings - (17) to (20) - as flown, and the decay that the spacing law promises.
+"""The Lyapunov function of the ring's spacings - (17) to (20) - as flown, and the decay expected from the spacing law.
 
 `V = 1/2 sum e_i^2` over the errors `e_i` of the angles from each vehicle on the ring to the next. Where each error
 decays at the gain gamma, V decays at twice that: `V(t) = V(t0) exp(-2 gamma (t - t0))`.
@@ -14,16 +14,16 @@ from agents.control.ring import spacing_decay_per_s
 from estimation.state import Vector
 from gcs.metrics.metrics import RingMotion
 
-# How much smaller V has to become to count as fallen: every error to a tenth.
-FALLEN_SHARE = 0.01
+# V counts as decayed below this share of its initial value: every error to a tenth.
+DECAYED_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Decay:
-    """One stretch of a flight with the same members on the ring: from `start_s`, when V was `start_rad2`, to `end_s`.
+    """The decay of V while the members of the ring are the same: from `start_s`, when V was `start_rad2`, to `end_s`.
 
-    `decay_per_s` is the rate at which V is promised to decay, None without a gain. `fell_after_s` is when V had fallen
-    to `FALLEN_SHARE` of its start and stayed below to the end of the stretch; None if it never did.
+    `decay_per_s` is the expected rate of decay of V, None without a gain. `decayed_after_s` is the time after which V
+    stayed below `DECAYED_SHARE` of its initial value until `end_s`; None if it did not.
     """
 
     members: int
@@ -31,15 +31,15 @@ class Decay:
     end_s: float
     start_rad2: float
     decay_per_s: float | None
-    fell_after_s: float | None
+    decayed_after_s: float | None
 
     @property
-    def promised_after_s(self) -> float | None:
-        """When V should have fallen to `FALLEN_SHARE`; None without a promise."""
-        return -log(FALLEN_SHARE) / self.decay_per_s if self.decay_per_s else None
+    def expected_after_s(self) -> float | None:
+        """The expected time until V is below `DECAYED_SHARE` of its initial value; None without a gain."""
+        return -log(DECAYED_SHARE) / self.decay_per_s if self.decay_per_s else None
 
-    def promised_rad2(self, time_s: Vector) -> Vector:
-        """Return the promised V at each time; NaN outside the stretch and without a promise."""
+    def expected_rad2(self, time_s: Vector) -> Vector:
+        """Return the expected V at each time; NaN outside of `start_s` to `end_s` and without a gain."""
         if self.decay_per_s is None:
             return np.full(time_s.shape, np.nan)
         inside = (time_s >= self.start_s) & (time_s <= self.end_s)
@@ -48,7 +48,7 @@ class Decay:
 
 
 def lyapunov_rad2(motion: RingMotion) -> Vector:
-    """Return V (T,) of the ring - (18); NaN with fewer than two members, or where one of them was not heard."""
+    """Return V (T,) of the ring - (18); NaN with fewer than two members, or where one of them was not received."""
     error_rad = motion.lead_rad - motion.desired_spacing_rad
     known = np.isfinite(error_rad)
     whole = (known == motion.member).all(axis=0) & (motion.member.sum(axis=0) > 1)
@@ -57,17 +57,17 @@ def lyapunov_rad2(motion: RingMotion) -> Vector:
 
 
 def decays(time_s: Vector, motion: RingMotion, gain_per_s: float | None) -> tuple[Decay, ...]:
-    """Return the stretches in which the members of the ring stayed the same; V starts anew with every change."""
+    """Return one decay for each period with the same members on the ring; V restarts with every change."""
     value_rad2 = lyapunov_rad2(motion)
     if not time_s.size:
         return ()
     changed = np.flatnonzero((np.diff(motion.member.astype(int), axis=1) != 0).any(axis=0)) + 1
     bounds = [0, *changed.tolist(), time_s.size]
-    stretches = (
+    periods = (
         _decay(time_s[first:last], value_rad2[first:last], int(motion.member[:, first].sum()), gain_per_s)
         for first, last in pairwise(bounds)
     )
-    return tuple(stretch for stretch in stretches if stretch is not None)
+    return tuple(period for period in periods if period is not None)
 
 
 def _decay(time_s: Vector, value_rad2: Vector, members: int, gain_per_s: float | None) -> Decay | None:
@@ -75,7 +75,7 @@ def _decay(time_s: Vector, value_rad2: Vector, members: int, gain_per_s: float |
     if not known.size:
         return None
     start = int(known[0])
-    above = known[value_rad2[known] > FALLEN_SHARE * value_rad2[start]]
+    above = known[value_rad2[known] > DECAYED_SHARE * value_rad2[start]]
     after = known[known > above[-1]] if above.size else known
     return Decay(
         members,

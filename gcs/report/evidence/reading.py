@@ -1,4 +1,4 @@
-"""From logs to what a report needs: the record behind the metrics, and each vehicle's evidence."""
+"""Reads the logs of a flight: the record behind the metrics, and each vehicle's evidence."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -28,54 +28,53 @@ from gcs.flightlog.records import (
     VehicleEnd,
 )
 from gcs.flightlog.run import mission_of
-from gcs.metrics.journal import Journal
+from gcs.metrics.journal import Journal, RunTotals
 from gcs.mission.mission import Mission
 from gcs.report.evidence.flight import (
-    Belief,
+    EstimateSeries,
     FlightEvidence,
-    Hearing,
     Loop,
+    Reception,
     VehicleEvidence,
 )
 from sitl.server.server import TruthTrack
 
 SAME_START_S = 1.0
-"""Vehicles of one flight agree on when it starts: logs that differ by more, in wall seconds, are of several."""
+"""Vehicles of one flight agree on its start: logs that differ by more [wall s] are of different flights."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoggedFlight:
-    """A flight from its logs: the mission that was flown, and what is known of it."""
+    """A flight from its logs: its mission and its evidence."""
 
     mission: Mission
     evidence: FlightEvidence
 
 
 def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
-    """Put the logs of a flight's processes together; raises LogError when they are not of one flight."""
+    """Merge the logs of a flight's processes; raises LogError when they are not of one flight."""
     _require_one_flight(logs)
     mission = mission_of(logs[0])
     journal = Journal(mission)
-    passes = [_Pass(log, vehicle_id, journal) for log in logs for vehicle_id in log.run.vehicles]
-    starts_s = [each.start_s for each in passes if each.start_s is not None]
+    vehicles = [_VehicleReader(log, vehicle_id, journal) for log in logs for vehicle_id in log.run.vehicles]
+    starts_s = [each.start_s for each in vehicles if each.start_s is not None]
     if not starts_s:
-        raise LogError([f"{log.path}: the mission never started: there is nothing to report" for log in logs])
+        raise LogError([f"{log.path}: the mission did not start: there is nothing to report" for log in logs])
     start_s, speed = min(starts_s), logs[0].run.speed
     if max(starts_s) - start_s > SAME_START_S * speed:
         apart_s = (max(starts_s) - start_s) / speed
         raise LogError([f"the logs are of several flights: they start {apart_s:.0f} s apart"])
-    record = journal.record(
-        start_s,
-        _flown_s(logs, passes, start_s),
-        ticks=sum(each.ticks for each in passes),
-        missed=sum(each.missed for each in passes),
-        wall_time_s=max(_wall_time_s(log) for log in logs),
-        source=logs[0].run.source,
-        truth=tuple(track for each in passes if (track := each.truth(mission)) is not None),
-        seed=logs[0].run.seed,
+    totals = RunTotals(
+        logs[0].run.source,
+        sum(each.ticks for each in vehicles),
+        sum(each.missed for each in vehicles),
+        max(_wall_time_s(log) for log in logs),
+        tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
+        logs[0].run.seed,
     )
+    record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]
-    evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in passes}
+    evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in vehicles}
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
     return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs)))
 
@@ -85,21 +84,21 @@ def _require_one_flight(logs: Sequence[FlightLog]) -> None:
     seen: dict[int, FlightLog] = {}
     for log in logs:
         if log.run.mission_text != first.run.mission_text or log.run.source != first.run.source:
-            faults.append(f"{log.path}: it is of another mission than {first.path}")
+            faults.append(f"{log.path}: its mission differs from {first.path}")
         for vehicle_id in log.run.vehicles:
             if vehicle_id in seen:
-                faults.append(f"{log.path}: vehicle {vehicle_id} is in {seen[vehicle_id].path} already")
+                faults.append(f"{log.path}: vehicle {vehicle_id} is also in {seen[vehicle_id].path}")
             seen[vehicle_id] = log
     if faults:
         raise LogError(faults)
 
 
-def _flown_s(logs: Sequence[FlightLog], passes: Sequence["_Pass"], start_s: float) -> float:
-    """Return how long the mission was flown: as it was said at the end, else until the last tick that is known."""
-    said = [log.end.flown_s for log in logs if log.end is not None]
-    if len(said) == len(logs):
-        return max(said)
-    last_s = max((each.last_s for each in passes), default=start_s)
+def _flown_s(logs: Sequence[FlightLog], vehicles: Sequence["_VehicleReader"], start_s: float) -> float:
+    """Return the duration of the mission: from the end record, or from the last tick without one."""
+    flown = [log.end.flown_s for log in logs if log.end is not None]
+    if len(flown) == len(logs):
+        return max(flown)
+    last_s = max((each.last_s for each in vehicles), default=start_s)
     return max(min(last_s - start_s, logs[0].run.duration_s), 0.0)
 
 
@@ -114,17 +113,17 @@ def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
     run: Run = logs[0].run
     began = datetime.fromtimestamp(run.began_s, UTC)
     facts = {
-        "flown on": f"{began:%Y-%m-%d %H:%M:%S} UTC",
+        "date": f"{began:%Y-%m-%d %H:%M:%S} UTC",
         "log": ", ".join(log.path.name for log in logs),
         "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),
     }
     faults = [f"{log.path.name}: {fault}" for log in logs for fault in log.faults]
-    return {**facts, "not whole": "; ".join(faults)} if faults else facts
+    return {**facts, "incomplete": "; ".join(faults)} if faults else facts
 
 
 @dataclass(slots=True)
 class _Columns:
-    """What is gathered of a vehicle, a row a tick of its control loop."""
+    """The columns of a vehicle's data, a row per tick of its control loop."""
 
     time_s: list[float] = field(default_factory=list)
     own: list[list[float]] = field(default_factory=list)
@@ -142,8 +141,8 @@ class _Columns:
     yaw_rad: list[float] = field(default_factory=list)
 
 
-class _Pass:
-    """One pass over a vehicle's records, which feeds the journal and gathers the evidence."""
+class _VehicleReader:
+    """Reads a vehicle's records once: feeds the journal and collects the evidence."""
 
     def __init__(self, log: FlightLog, vehicle_id: int, journal: Journal) -> None:
         self.vehicle_id = vehicle_id
@@ -153,7 +152,7 @@ class _Pass:
         self._journal = journal
         self._rows = _Columns()
         self._telemetry: list[tuple[float, float, float, float, float]] = []
-        self._heard: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
+        self._received: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
         self._peers: dict[int, MemberState] = {}
         self._battery: list[tuple[float, float]] = []
         self._truth: list[tuple[float, ...]] = []
@@ -181,16 +180,16 @@ class _Pass:
 
     @property
     def ticks(self) -> int:
-        """How many ticks there were."""
+        """Number of ticks."""
         return len(self._rows.time_s) if self._end is None else self._end.ticks
 
     @property
     def missed(self) -> int:
-        """How many ticks were missed."""
+        """Number of missed ticks."""
         return sum(self._rows.skipped) if self._end is None else self._end.missed
 
     def truth(self, mission: Mission) -> TruthTrack | None:
-        """Return where the vehicle truly was, None where nobody knows."""
+        """Return the true positions of the vehicle, None where they are not known."""
         if not self._truth:
             return None
         rows = np.array(self._truth)
@@ -198,16 +197,16 @@ class _Pass:
         return TruthTrack(system_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
 
     def evidence(self, start_s: float, speed: float) -> VehicleEvidence:
-        """Return what is known of the vehicle, with times since `start_s`; ages are in wall seconds."""
+        """Return the evidence of the vehicle, with times since `start_s`; ages are in wall seconds."""
         rows, telemetry = self._rows, np.array(self._telemetry).reshape(-1, 5)
         own_s = np.array(rows.own_s)
-        heard_s, sampled_s = telemetry[:, 0], telemetry[:, 1]
+        received_s, sampled_s = telemetry[:, 0], telemetry[:, 1]
         altitude_m = np.interp(own_s, sampled_s, telemetry[:, 4]) if len(telemetry) else np.full(own_s.size, np.nan)
         battery = np.array(self._battery).reshape(-1, 2) - [start_s, 0.0]
         return VehicleEvidence(
             self.vehicle_id,
-            own=_belief(own_s - start_s, rows.own, rows.own_sigma),
-            target=_belief(np.array(rows.target_s) - start_s, rows.target, rows.target_sigma),
+            own=_estimates(own_s - start_s, rows.own, rows.own_sigma),
+            target=_estimates(np.array(rows.target_s) - start_s, rows.target, rows.target_sigma),
             altitude_m=altitude_m,
             loop=Loop(
                 np.array(rows.time_s) - start_s,
@@ -220,8 +219,8 @@ class _Pass:
                 np.array(rows.yaw_rad),
             ),
             samples=telemetry[:, 1:4] - [start_s, 0.0, 0.0],
-            telemetry=Hearing(heard_s - start_s, (heard_s - sampled_s) / speed),
-            peers={peer: _hearing(heard, start_s, speed) for peer, heard in sorted(self._heard.items())},
+            telemetry=Reception(received_s - start_s, (received_s - sampled_s) / speed),
+            peers={peer: _reception(received, start_s, speed) for peer, received in sorted(self._received.items())},
             dropped=self._dropped,
             battery=battery,
         )
@@ -229,7 +228,7 @@ class _Pass:
     def _decision(self, record: LogRecord) -> None:
         decision, journal = record.message(), self._journal
         notes = [Note(note.time_s, note.kind, note.text) for note in decision.notes]
-        journal.event_log.take(self.vehicle_id, notes)
+        journal.event_log.add_notes(self.vehicle_id, notes)
         self._dropped = decision.messages_dropped
         tick_us = self._costs_us.get(decision.time_s)
         if tick_us is None:  # outside the control loop
@@ -238,8 +237,8 @@ class _Pass:
         journal.tick(tick_us, decision.guard.causes)
         for peer in decision.peers:
             if peer in self._peers and peer not in self._log.run.vehicles:
-                journal.see_peer(self._peers[peer])
-                journal.event_log.watch(self._peers[peer])
+                journal.add_peer(self._peers[peer])
+                journal.event_log.add_peer(self._peers[peer])
         self._add(decision, tick_us)
 
     def _add(self, decision: Any, tick_us: float) -> None:
@@ -252,14 +251,14 @@ class _Pass:
         sent = decision.HasField("setpoint")
         rows.setpoint_m.append(tuple(decision.setpoint.position_m) if sent else (np.nan, np.nan, np.nan))
         rows.yaw_rad.append(decision.setpoint.yaw_rad if sent else np.nan)
-        # A log of before there were velocities has no such field.
+        # Older logs have no velocity in the setpoint.
         rows.velocity_m_s.append(tuple(getattr(decision.setpoint, "velocity_m_s", ())) or (0.0, 0.0, 0.0))
         if decision.HasField("own"):
             mean = list(decision.own.mean)
             rows.own_s.append(decision.time_s)
             rows.own.append(mean[MOTION])
             rows.own_sigma.append(_sigma(decision.own.covariance, 6))
-            self._journal.see(self.vehicle_id, decision.time_s, np.array(mean[MOTION]), decision.tactic)
+            self._journal.add_sample(self.vehicle_id, decision.time_s, np.array(mean[MOTION]), decision.tactic)
         if decision.HasField("target"):
             rows.target_s.append(decision.time_s)
             rows.target.append(list(decision.target.mean))
@@ -267,20 +266,20 @@ class _Pass:
 
     def _sample(self, record: LogRecord) -> None:
         sample = record.message()
-        heard_s = record.time_ns * 1e-9 * self._log.run.speed
-        self._telemetry.append((heard_s, sample.time_s, *sample.position_m))
+        received_s = record.time_ns * 1e-9 * self._log.run.speed
+        self._telemetry.append((received_s, sample.time_s, *sample.position_m))
 
     def _message(self, record: LogRecord) -> None:
-        heard = record.message()
+        received = record.message()
         with suppress(ValueError):
-            message = decode(heard.payload)
+            message = decode(received.payload)
             if isinstance(message, MemberState):
-                self._heard[message.sender].append((heard.now_s, message.time_s))
+                self._received[message.sender].append((received.now_s, message.time_s))
                 newest = self._peers.get(message.sender)
                 if newest is None or message.time_s > newest.time_s:
                     self._peers[message.sender] = message
             elif isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
-                self._journal.event_log.hear(message)
+                self._journal.event_log.add_answer(message)
 
     def _position(self, record: LogRecord) -> None:
         truth = record.message()
@@ -292,8 +291,8 @@ class _Pass:
             self._battery.append((record.time_ns * 1e-9 * self._log.run.speed, status.battery))
 
 
-def _belief(time_s: Vector, motion: list[list[float]], sigma: list[Vector]) -> Belief:
-    return Belief(time_s, np.array(motion).reshape(-1, 4), np.array(sigma).reshape(-1, 4))
+def _estimates(time_s: Vector, motion: list[list[float]], sigma: list[Vector]) -> EstimateSeries:
+    return EstimateSeries(time_s, np.array(motion).reshape(-1, 4), np.array(sigma).reshape(-1, 4))
 
 
 def _sigma(covariance: Sequence[float], size: int) -> Vector:
@@ -301,6 +300,6 @@ def _sigma(covariance: Sequence[float], size: int) -> Vector:
     return np.asarray(np.sqrt(np.maximum(diagonal, 0.0)))
 
 
-def _hearing(heard: list[tuple[float, float]], start_s: float, speed: float) -> Hearing:
-    heard_s, said_s = np.array(heard).T
-    return Hearing(heard_s - start_s, (heard_s - said_s) / speed)
+def _reception(received: list[tuple[float, float]], start_s: float, speed: float) -> Reception:
+    received_s, sent_s = np.array(received).T
+    return Reception(received_s - start_s, (received_s - sent_s) / speed)

@@ -10,11 +10,11 @@ import pytest
 from agents.team.messages import MemberState, encode
 from agents.team.perception import (
     SOURCES_FROM,
+    ExternalSighting,
     Perception,
     Refusal,
-    Seen,
-    encode_seen,
-    is_told_from_outside,
+    encode_sighting,
+    is_external_sighting,
 )
 from estimation.frames import Geodetic, MissionFrame
 
@@ -148,7 +148,7 @@ def test_a_reason_is_told_once_and_counted_ever_after() -> None:
 
 
 def test_peers_messages_are_none_from_outside() -> None:
-    seen = Seen("mission", (1.0, 2.0), (1.0, 0.0, 1.0), 0.5, 0.5, 10.0)
-    assert is_told_from_outside(encode_seen(seen))
+    seen = ExternalSighting("mission", (1.0, 2.0), (1.0, 0.0, 1.0), 0.5, 0.5, 10.0)
+    assert is_external_sighting(encode_sighting(seen))
     member = MemberState(1, 1.0, "encircle", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
-    assert not is_told_from_outside(encode(member))
+    assert not is_external_sighting(encode(member))

@@ -115,7 +115,7 @@ def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
     console, output = terminal()
     with LiveView(console) as view:
         view.update(ROWS, 1.0, "flying", "h hold")
-        view.say("0.5 s: vehicle 1: [holds]")
+        view.print_line("0.5 s: vehicle 1: [holds]")
         view.update(ROWS, 1.1, "flying", "h hold")
     told = output.getvalue()
     assert told.index("[holds]") < told.index("1.1 s") < told.rindex("h hold")
@@ -126,7 +126,7 @@ def test_elsewhere_there_are_news_but_no_hints() -> None:
     console, output = plain()
     with LiveView(console) as view:
         view.update((), 1.0, "", "h hold")
-        view.say("0.5 s: vehicle 1: [holds]")
+        view.print_line("0.5 s: vehicle 1: [holds]")
     assert output.getvalue() == "t=1.0s\n0.5 s: vehicle 1: [holds]\n"
 
 
@@ -172,11 +172,11 @@ def test_the_plain_line_leaves_out_what_is_not_known() -> None:
 
 def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
     lines = rendered(summary(RESULT)).splitlines()
-    assert lines[0].strip() == "case2  simulation, seed 7, 600 s in 6.0 s (100× real time), judged by truth"
+    assert lines[0].strip() == "case2  simulation, seed 7, 600 s in 6.0 s (100× real time), metrics from truth"
     assert [re.split(r"\s{2,}", line.strip()) for line in lines[1:6]] == [
         ["✓", "C1 radius", "error 0.012 m rms"],
         ["✓", "C2 angular rate", "mean 0.0501 rad/s"],
-        ["–", "C3 spacing", "error 0.58° rms, 4.96° at most; settled after 6.1 s"],
+        ["–", "C3 spacing", "error 0.58° rms, 4.96° max; settled after 6.1 s"],
         ["✓", "formation", "speed error 0.014 m/s rms, spacing error 0.020 m rms"],
         ["✗", "separation", "closest approach 1.370 m"],
     ]
@@ -212,6 +212,6 @@ def test_the_summary_of_a_flight_without_a_ring_claims_nothing() -> None:
     ]  # fmt: skip
     assert "guard" not in told
     assert "Reynolds" not in told
-    assert "600 s, judged by truth" in rendered(summary(RESULT.untimed()))
+    assert "600 s, metrics from truth" in rendered(summary(RESULT.untimed()))
     assert "tick took" not in told
-    assert "never settled" in rendered(summary(replace(RESULT, ring=RingResult())))
+    assert "did not settle" in rendered(summary(replace(RESULT, ring=RingResult())))

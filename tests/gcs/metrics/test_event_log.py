@@ -42,8 +42,8 @@ def test_the_vehicles_of_this_process_speak_for_themselves() -> None:
     event_log.note(status(2))
     for tactic in ("formation", "hold"):  # what the one hears of the other is known already
         event_log.note(status(2, (), [peer(1, 1.0, tactic)], [CommandAnswer(1, START_S, 7, "holds")]))
-    assert event_log.news() == [FlightEvent(START_S + 1.0, 1, "command", "hold by keys: holds")]
-    assert event_log.news() == []
+    assert event_log.new_events() == [FlightEvent(START_S + 1.0, 1, "command", "hold by keys: holds")]
+    assert event_log.new_events() == []
 
 
 def test_those_elsewhere_are_known_by_what_they_show_and_answer() -> None:
@@ -56,18 +56,18 @@ def test_those_elsewhere_are_known_by_what_they_show_and_answer() -> None:
         peer(3, 3.0, "hold"),
     ):
         event_log.note(status(1, (), [heard], [answer]))
-    assert [(e.time_s - START_S, e.vehicle, e.kind, e.text) for e in event_log.news()] == [
+    assert [(e.time_s - START_S, e.vehicle, e.kind, e.text) for e in event_log.new_events()] == [
         (1.5, 3, "command", "answers: holds"),
         (2.0, 3, "tactic", "formation -> hold"),
         (2.0, 3, "failsafe", "alert: battery low"),
-        (3.0, 3, "failsafe", "no alert any more: battery low"),
+        (3.0, 3, "failsafe", "alert cleared: battery low"),
     ]
 
 
 def test_an_alert_that_is_there_when_a_vehicle_is_first_heard_is_told() -> None:
     event_log = EventLog()
     event_log.note(status(1, (), [peer(3, 1.0, "hold", "battery low")]))
-    assert [event.text for event in event_log.news()] == ["alert: battery low"]
+    assert [event.text for event in event_log.new_events()] == ["alert: battery low"]
 
 
 def test_events_are_in_order_by_the_missions_clock() -> None:

@@ -11,7 +11,7 @@ from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
 from estimation.state import OwnEstimate, Vector
-from gcs.metrics.journal import Journal
+from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
@@ -67,9 +67,7 @@ def peer(vehicle_id: int, time_s: float, motion: Motion = parallel, tactic: str 
 
 
 def record(journal: Journal, duration_s: float = 10.0, truth: tuple[TruthTrack, ...] = ()) -> FlightRecord:
-    return journal.record(
-        START_S, duration_s, ticks=100, missed=3, wall_time_s=1.5, source="sitl" if truth else "flight", truth=truth
-    )
+    return journal.record(START_S, duration_s, RunTotals("sitl" if truth else "flight", 100, 3, 1.5, truth))
 
 
 def track(flight: FlightRecord, vehicle_id: int) -> VehicleTrack:

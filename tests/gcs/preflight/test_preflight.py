@@ -117,26 +117,25 @@ def test_a_healthy_team_has_no_grave_finding() -> None:
 
 def test_an_estimator_is_graded_by_its_test_ratios() -> None:
     (passed,) = (each for each in team() if (each.subject, each.check) == ("vehicle 2", "estimator"))
-    assert passed.found == "its estimator's sensors agree: highest test ratio 0.30, of 1 at most (compass)"
+    assert "0.30 (compass)" in passed.found
     shaky = replace(SURE, ratios=RATIOS | {"compass": 0.5, "velocity": 0.51, "height": 1.0})
     findings = team(estimator=shaky)
     assert grave(findings) == [("warning", "vehicle 2", "estimator")] * 2
-    assert [each.found for each in findings[:2]] == [
-        "its estimator hardly believes what it is told about its height: test ratio 1.00, of 1 at most",
-        "its estimator hardly believes what it is told about its velocity: test ratio 0.51, of 1 at most",
-    ]
+    for finding, facts in zip(findings, (("height", "1.00"), ("velocity", "0.51")), strict=False):
+        assert all(fact in finding.found for fact in facts)
     findings = team(estimator=replace(SURE, ratios=RATIOS | {"compass": 1.01}))
     assert grave(findings) == [("refuse", "vehicle 2", "estimator")]
-    assert "rejects what it is told about its compass: test ratio 1.01" in findings[0].found
-    assert "calibrate its compass" in findings[0].next_step
+    assert "compass" in findings[0].found
+    assert "1.01" in findings[0].found
+    assert "calibrate the compass" in findings[0].next_step
 
 
 @pytest.mark.parametrize(
     ("change", "grades"),
     [
         ({"absolute": False}, ["refuse"]),
-        ({"wrong": ("its accelerometer reads wrong",)}, ["refuse"]),
-        ({"wrong": ("it knows no attitude", "it knows no height")}, ["refuse", "refuse"]),
+        ({"wrong": ("accelerometer error",)}, ["refuse"]),
+        ({"wrong": ("no attitude", "no height")}, ["refuse", "refuse"]),
         ({"glitch": True}, ["warning"]),
         ({"ratios": {}}, ["warning"]),
         ({"relative": False}, []),
@@ -161,9 +160,9 @@ def test_an_estimator_in_a_local_frame_needs_no_place_on_earth() -> None:
 def test_an_estimator_that_is_not_heard_is_a_warning_that_names_the_message() -> None:
     findings = team(estimator=None)
     assert grave(findings) == [("warning", "vehicle 2", "estimator")]
-    assert "(ESTIMATOR_STATUS) could not be read" in findings[0].found
+    assert "(ESTIMATOR_STATUS)" in findings[0].found
     copter = team(estimator=None, autopilot=AutopilotKind.ARDUPILOT, parameters=ARDUCOPTER)
-    assert any("(EKF_STATUS_REPORT) could not be read" in each.found for each in copter)
+    assert any("(EKF_STATUS_REPORT)" in each.found for each in copter)
 
 
 def test_a_vehicle_without_a_place_is_not_told_so_by_its_estimator_again() -> None:
@@ -396,11 +395,8 @@ def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
     ]
     found = graded(worse, "ring spacing")
     assert found.subject == "mission"
-    assert found.found == (
-        f"3 vehicles on a ring of 10 m are {chord:.2f} m apart; they need 17 m of separation "
-        "and 0.57 m for the error of their positions"
-    )
-    assert found.next_step == "widen encirclement.radius_m to 12.1 m, fly fewer vehicles, or lower safety.separation_m"
+    assert all(fact in found.found for fact in ("3 vehicles", "10 m", f"{chord:.2f} m", "17 m", "0.57 m"))
+    assert all(fact in found.next_step for fact in ("encirclement.radius_m to 12.1 m", "safety.separation_m"))
 
 
 @pytest.mark.parametrize(
@@ -421,7 +417,7 @@ def test_missions_beyond_their_own_limits(sections: dict[str, Any], check: str, 
 
 def test_a_lead_that_is_held_too_short_is_refused_for_the_plant() -> None:
     # 0.6 m/s with a1/a0 = 0.87/0.8, and 0.025 m/s² inwards: 0.653 m.
-    assert "0.65 m ahead" in "".join(each.found for each in preflight(CASE2, ()))
+    assert "0.65 m at 0.60 m/s" in "".join(each.found for each in preflight(CASE2, ()))
     short = preflight(changed(safety={"setpoint_lead_max_m": 0.6}), ())
     assert [each for each in grave(short) if each[2] == "setpoint lead"] == [
         ("refuse", f"vehicle {i}", "setpoint lead") for i in CASE2.ids
@@ -482,7 +478,7 @@ def test_facts_hold_finite_numbers() -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"SYSID_MYGCS": 255.0}, ["SYSID_MYGCS = 255: its ground station failsafe watches system 255"]),
+        ({"SYSID_MYGCS": 255.0}, ["SYSID_MYGCS = 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 255.0}, ["MAV_GCS_SYSID = 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 245.0}, []),
         ({"SYSID_MYGCS": 255.0, "FS_GCS_ENABLE": 0.0}, []),

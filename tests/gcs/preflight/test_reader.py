@@ -58,7 +58,7 @@ def test_an_estimators_report_means(kind: AutopilotKind, fields: dict[str, float
     assert (blind.relative, blind.absolute, blind.wrong) == (
         False,
         False,
-        ("it knows no attitude", "it knows no height"),
+        ("no attitude", "no height"),
     )
     indoors = estimator_report(kind, fields | {"flags": 0b10_1111})
     assert indoors == EstimatorReport(RATIOS, relative=True, absolute=False)
@@ -73,8 +73,8 @@ def test_the_upper_flags_mean_another_thing_to_each_autopilot() -> None:
         return report.wrong, report.glitch
 
     assert told(px4, 1024) == ((), True)
-    assert told(px4, 2048) == (("its accelerometer reads wrong",), False)
-    assert told(copter, 1024) == (("it has not begun yet",), False)
+    assert told(px4, 2048) == (("accelerometer error",), False)
+    assert told(copter, 1024) == (("not initialized",), False)
     assert told(copter, 1 << 15) == ((), True)
     # On the ground ArduPilot may only predict a position; to PX4 that is none.
     predicted = {"flags": GPS_FLIGHT & ~(8 | 16)}

@@ -178,9 +178,9 @@ def test_a_narrow_gate_refuses_more(field: Flight) -> None:
 
 def test_innovations_are_normalised_by_what_was_expected_of_them() -> None:
     track = Track()
-    track.innovate(True, (np.array([3.0, 4.0, 0.0, 0.0]), np.diag([9.0, 4.0, 1.0, 1.0])))
-    track.innovate(False, (np.array([100.0, 0.0]), np.eye(2)))
-    track.innovate(True, None)
+    track.add_measurement(True, (np.array([3.0, 4.0, 0.0, 0.0]), np.diag([9.0, 4.0, 1.0, 1.0])))
+    track.add_measurement(False, (np.array([100.0, 0.0]), np.eye(2)))
+    track.add_measurement(True, None)
     figures = track.figures(None)
     assert (figures.measurements, figures.nis, figures.prediction_m) == (3, (1.0 + 4.0) / 4.0, 5.0)
     assert figures.refused == pytest.approx(1.0 / 3.0)

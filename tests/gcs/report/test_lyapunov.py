@@ -54,9 +54,9 @@ def test_errors_that_decay_at_the_gain_keep_the_promise_exactly() -> None:
     (stretch,) = decays(TIME_S, motion, GAMMA)
     assert (stretch.members, stretch.start_s, stretch.end_s) == (3, 0.0, 120.0)
     assert stretch.decay_per_s == pytest.approx(2.0 * GAMMA)
-    assert stretch.promised_rad2(TIME_S) == pytest.approx(lyapunov_rad2(motion), rel=1e-6, abs=1e-18)
-    assert stretch.promised_after_s == pytest.approx(log(100.0) / (2.0 * GAMMA))
-    assert stretch.fell_after_s == pytest.approx(log(100.0) / (2.0 * GAMMA), abs=0.1)
+    assert stretch.expected_rad2(TIME_S) == pytest.approx(lyapunov_rad2(motion), rel=1e-6, abs=1e-18)
+    assert stretch.expected_after_s == pytest.approx(log(100.0) / (2.0 * GAMMA))
+    assert stretch.decayed_after_s == pytest.approx(log(100.0) / (2.0 * GAMMA), abs=0.1)
 
 
 def test_it_starts_anew_when_a_vehicle_joins() -> None:
@@ -67,9 +67,9 @@ def test_it_starts_anew_when_a_vehicle_joins() -> None:
     assert three.start_rad2 == pytest.approx(
         0.5 * ((2.5 - tau / 3) ** 2 + (2.5 - tau / 3) ** 2 + (tau - 5.0 - tau / 3) ** 2)
     )
-    assert pair.fell_after_s is None
-    assert np.isnan(three.promised_rad2(np.array([59.0])))
-    assert three.promised_rad2(np.array([61.0])) == pytest.approx(three.start_rad2 * exp(-0.6))
+    assert pair.decayed_after_s is None
+    assert np.isnan(three.expected_rad2(np.array([59.0])))
+    assert three.expected_rad2(np.array([61.0])) == pytest.approx(three.start_rad2 * exp(-0.6))
 
 
 def test_a_member_that_is_not_heard_leaves_a_gap_but_not_the_ring() -> None:
@@ -94,5 +94,5 @@ def test_fewer_than_two_have_nothing_to_space(flight: FlightRecord) -> None:
 def test_without_a_gain_nothing_is_promised() -> None:
     (stretch,) = decays(TIME_S, ring_motion(closing(0.2, 0.0, 0.0)), None)
     assert stretch.decay_per_s is None
-    assert stretch.promised_after_s is None
-    assert np.isnan(stretch.promised_rad2(TIME_S)).all()
+    assert stretch.expected_after_s is None
+    assert np.isnan(stretch.expected_rad2(TIME_S)).all()

@@ -58,7 +58,7 @@ def test_another_plant_is_noticed_and_named(a0: float, a1: float, delay_s: float
     assert watched.best.delay_s == pytest.approx(delay_s, abs=0.05)
 
 
-@pytest.mark.parametrize(("gain", "told"), [(1.0, "it explains the flight"), (0.0, "velocities without effect): ")])
+@pytest.mark.parametrize(("gain", "told"), [(1.0, ": valid "), (0.0, "without velocity feed-forward): ")])
 def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> None:
     """A circle of 4 m at 0.2 rad/s: where a plant with feed-forward is, and one that leaves the velocities aside."""
     fed, time_s = Plant(FILE.x, FILE.y, 0.2, 1.0), np.arange(0.0, 120.0, 0.05)
@@ -112,7 +112,7 @@ def test_all_that_is_tried_is_another_plant() -> None:
 
 @pytest.mark.parametrize(
     ("stiffer", "expected"),
-    [(1.0, "it explains the flight"), (0.55, "identify it again (cordon excite)")],
+    [(1.0, "valid for this flight"), (0.55, "(cordon excite)")],
 )
 def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -> None:
     mission = load_mission("px4-trio")
@@ -124,5 +124,5 @@ def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
     told = plant_facts(mission, FlightEvidence(record, (seen, VehicleEvidence(2))))
     assert list(told) == ["plant of vehicle 1"]
-    assert told["plant of vehicle 1"].startswith("'px4' leaves 0.")
+    assert told["plant of vehicle 1"].startswith("'px4': residual 0.")
     assert told["plant of vehicle 1"].endswith(expected)

@@ -101,10 +101,10 @@ def test_what_was_heard_has_the_age_that_the_network_gives_it(flown: tuple[Fligh
     evidence = read_flight([read_log(path)]).evidence
     for vehicle in evidence.vehicles:
         assert set(vehicle.peers) == {1, 2, 3} - {vehicle.vehicle_id}
-        for hearing in vehicle.peers.values():
+        for reception in vehicle.peers.values():
             # Sent with 50 ms delay, taken in at the next tick of 100 ms; one in ten is lost.
-            assert hearing.age_s == pytest.approx(0.1, abs=1e-6)
-            assert 0.85 < hearing.heard_s.size / 400 < 0.95
+            assert reception.age_s == pytest.approx(0.1, abs=1e-6)
+            assert 0.85 < reception.received_s.size / 400 < 0.95
         assert vehicle.telemetry.age_s == pytest.approx(0.0, abs=1e-6)
 
 
@@ -148,7 +148,7 @@ def test_logs_of_different_flights_are_not_mixed(flown: tuple[FlightRecord, Path
     _, path = flown
     other = tmp_path / "other.mcap"
     record_simulation(load_mission("case2"), other, duration_s=3.0)
-    with pytest.raises(LogError, match="another mission"):
+    with pytest.raises(LogError, match="mission differs"):
         read_flight([part(read_log(path), 1), part(read_log(other), 2)])
-    with pytest.raises(LogError, match=r"vehicle 2 is in .* already"):
+    with pytest.raises(LogError, match="vehicle 2 is also in"):
         read_flight([part(read_log(path), 1, 2), part(read_log(path), 2, 3)])

@@ -94,7 +94,7 @@ def test_the_page_escapes_names_and_needs_nothing_from_elsewhere() -> None:
 def test_a_log_without_a_position_says_so() -> None:
     page = Text()
     page.feed(vehicle_report_html([replace(moving(), position=None, missing=("vehicle_local_position",))]))
-    assert "there is no flight to draw" in page.text
+    assert "holds no position" in page.text
     assert "no vehicle_local_position in it" in page.text
 
 

@@ -30,8 +30,8 @@ from gcs.flightlog.run import run_of
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.viewer.drawing import newest_target
+from gcs.viewer.drawn_vehicle import DrawnVehicle
 from gcs.viewer.scene import PERIOD_S, Scene
-from gcs.viewer.seen import SeenVehicle
 from gcs.viewer.shapes import ellipse
 from tests.conftest import CONFIG
 from tests.support.mission_text import content, parsed, put
@@ -200,13 +200,13 @@ def test_a_vehicle_that_flies_looks_ahead_unless_it_is_told_where_to_look(
     told = Decision(9.0, "encircle", 1.0, Setpoint((0.0, 0.0, 8.0), -1.2), *nothing)
     sideways = Telemetry(9.0, (1.0, 2.0, 8.0), (0.0, 1.5, 0.0))
     for config, yaw_rad in ((make_config(), pi / 2.0), (make_config(encirclement={"yaw": "target"}), -1.2)):
-        seen = SeenVehicle(config, "#000000", decision=told)
+        seen = DrawnVehicle(config, "#000000", decision=told)
         seen.move(sideways, 9)
         assert seen.yaw_rad == pytest.approx(yaw_rad)
 
 
 def test_of_several_beliefs_the_one_heard_of_last_is_shown() -> None:
-    def seen(vehicle_id: int, sighted_s: float | None) -> SeenVehicle:
+    def seen(vehicle_id: int, sighted_s: float | None) -> DrawnVehicle:
         belief = (
             None
             if sighted_s is None
@@ -214,7 +214,7 @@ def test_of_several_beliefs_the_one_heard_of_last_is_shown() -> None:
         )
         nothing = (None, None, None, None, None, "", (), (), (), (), 0)
         decision = Decision(9.0, "encircle", 1.0, None, None, belief, *nothing)
-        return SeenVehicle(CONFIG, "#000000", decision=decision)
+        return DrawnVehicle(CONFIG, "#000000", decision=decision)
 
     team = [seen(1, 3.0), seen(2, None), seen(3, 8.5), seen(4, 7.0)]
     target = newest_target(team)

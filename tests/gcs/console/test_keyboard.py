@@ -12,11 +12,11 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from gcs.console.keys import (
+from gcs.console.keyboard import (
     HINT,
     KILL_CONFIRMED_WITHIN_S,
-    KeyMeaning,
-    Keys,
+    KeyBindings,
+    Keyboard,
 )
 from tests.support.paths import ROOT
 
@@ -39,7 +39,7 @@ WAIT_S = 20.0
     ],
 )
 def test_a_key_is_a_verb_and_a_kill_takes_two(pressed: str, verbs: list[str]) -> None:
-    meaning = KeyMeaning()
+    meaning = KeyBindings()
     assert [verb for key in pressed if (verb := meaning.press(key, 1.0)) is not None] == verbs
 
 
@@ -47,7 +47,7 @@ def test_a_key_is_a_verb_and_a_kill_takes_two(pressed: str, verbs: list[str]) ->
     ("after_s", "verb"), [(KILL_CONFIRMED_WITHIN_S, "kill"), (KILL_CONFIRMED_WITHIN_S + 0.01, None)]
 )
 def test_a_kill_is_confirmed_in_time_or_not_at_all(after_s: float, verb: str | None) -> None:
-    meaning = KeyMeaning()
+    meaning = KeyBindings()
     meaning.press("k", 10.0)
     assert "motors" in meaning.hint(10.0)
     assert (meaning.hint(10.0 + after_s) == HINT) == (verb is None)
@@ -68,13 +68,13 @@ def settings(fd: int) -> Sequence[object]:
 
 
 async def test_no_terminal_no_keys() -> None:
-    with (ROOT / "README.md").open(encoding="utf-8") as stream, Keys(print, stream) as keys:
+    with (ROOT / "README.md").open(encoding="utf-8") as stream, Keyboard(print, stream) as keys:
         assert not keys.active
 
 
 def test_a_terminal_that_is_another_jobs_is_left_alone(terminal: tuple[int, int]) -> None:
     async def look() -> bool:
-        with os.fdopen(os.dup(terminal[1])) as stream, Keys(print, stream) as keys:
+        with os.fdopen(os.dup(terminal[1])) as stream, Keyboard(print, stream) as keys:
             return keys.active
 
     before = settings(terminal[1])
@@ -84,7 +84,7 @@ def test_a_terminal_that_is_another_jobs_is_left_alone(terminal: tuple[int, int]
 
 PROGRAM = """
 import asyncio, fcntl, sys, termios
-from gcs.keys import Keys
+from gcs.console.keyboard import Keyboard
 
 async def main():
     done = asyncio.Event()
@@ -97,7 +97,7 @@ async def main():
         if key == "e":
             loop.call_soon(task.cancel)
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
-    with Keys(press) as keys:
+    with Keyboard(press) as keys:
         print("active", keys.active, flush=True)
         await done.wait()
 

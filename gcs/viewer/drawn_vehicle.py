@@ -1,4 +1,4 @@
-"""What a log has shown of a team so far: all that a picture of this moment is drawn from."""
+"""The state of a vehicle from the records so far, as the scene draws it."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -14,14 +14,14 @@ from gcs.flightlog.records import Decision, TargetState
 
 TRAIL_POINTS, TRAIL_PERIOD_S = 120, 1.0
 TRAIL_GRID_PER_M = 64.0
-"""Trails are as fine as that: such numbers are short in binary, and compress well where they come again and again."""
+"""Resolution of the trails: such numbers have few binary digits, and repeated ones compress well."""
 MOVING_M_S = 0.3
 
 
 @dataclass(slots=True)
-class SeenVehicle:
-    """What is known of a vehicle; its colour is `#RRGGBB`. `place_ns` is when it was where its telemetry
-    says; `trail` is what `trail_m` holds, as viewers want it.
+class DrawnVehicle:
+    """A vehicle to draw; its colour is `#RRGGBB`. `place_ns` is the time of its telemetry; `trail` holds the points of
+    `trail_m` as Foxglove messages.
     """
 
     config: AgentConfig
@@ -42,12 +42,15 @@ class SeenVehicle:
 
     @property
     def place_m(self) -> Triple:
-        """Where it is."""
+        """The position of the vehicle."""
         assert self.telemetry is not None
         return self.telemetry.position_m
 
     def move(self, telemetry: Telemetry, time_ns: int) -> None:
-        """Take where it is now. It looks where it flies; standing still or told where to look, as its setpoint says."""
+        """Add a sample of telemetry.
+
+        The yaw is the direction of flight; below `MOVING_M_S`, and with a commanded yaw, that of the setpoint.
+        """
         self.telemetry, self.place_ns = telemetry, time_ns
         x_rate, y_rate, _ = telemetry.velocity_m_s
         if hypot(x_rate, y_rate) >= MOVING_M_S and not self.config.turns_nose:
@@ -62,17 +65,17 @@ class SeenVehicle:
 
     @property
     def guarded(self) -> bool:
-        """Whether the guard changed its newest setpoint."""
+        """Whether the guard moved the newest setpoint."""
         return self.decision is not None and self.decision.guard is not None and bool(self.decision.guard.causes)
 
     @property
     def target(self) -> TargetState | None:
-        """What it believes of the target."""
+        """The vehicle's target estimate."""
         return None if self.decision is None else self.decision.target
 
     @property
     def slot_m(self) -> Triple | None:
-        """Its slot beside the mission's line, while it flies in formation."""
+        """The vehicle's slot in the formation, None while it is not in formation."""
         decision, config = self.decision, self.config
         if decision is None or self.start_s is None or decision.tactic != Tactic.FORMATION.value:
             return None

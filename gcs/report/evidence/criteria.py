@@ -1,4 +1,4 @@
-"""What a flight is held against: the references, the tolerances and the gain of the spacing law."""
+"""The criteria of a flight: references, tolerances, and the gain of the spacing law."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,8 @@ from gcs.mission.mission import Mission
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What the mission asks for; `spacing_gain_per_s` is the gamma of (22), None if it is not known."""
+class Criteria:
+    """The references and tolerances of a mission; `spacing_gain_per_s` is gamma of (22), None if not known."""
 
     ring: RingReference
     formation: FormationReference
@@ -17,9 +17,9 @@ class Asked:
     spacing_gain_per_s: float | None = None
 
 
-def asked_of(mission: Mission) -> Asked:
-    """Return what a mission asks for."""
-    return Asked(
+def criteria_of(mission: Mission) -> Criteria:
+    """Return the criteria of a mission."""
+    return Criteria(
         ring_reference(mission),
         formation_reference(mission),
         verdict_tolerances(mission),

@@ -13,7 +13,7 @@ from agents.team.messages import (
     OperatorCommand,
     encode,
 )
-from gcs.console.picture import SILENT_AFTER_S, TeamPicture, WatchRow
+from gcs.console.team_state import SILENT_AFTER_S, TeamState, WatchRow
 from gcs.console.watch import watch_line, watch_table
 
 ROW = WatchRow(1, 0.1, "encircle", (1.0, -2.0), 8.0, 10.02, 0.051)
@@ -25,57 +25,66 @@ def state(sender: int = 1, time_s: float = 100.0, tactic: str = "formation", ale
 
 
 def test_who_has_said_nothing_has_an_empty_row() -> None:
-    picture = TeamPicture((1, 2))
+    picture = TeamState((1, 2))
     assert picture.rows(0.0) == [WatchRow(1), WatchRow(2)]
-    assert not picture.anybody
-    picture.hear(state(3), 0.0)
+    assert not picture.any_received
+    picture.receive(state(3), 0.0)
     assert [row.vehicle_id for row in picture.rows(0.0)] == [1, 2, 3], "whoever speaks is shown"
 
 
 def test_a_row_is_the_last_words_and_their_age() -> None:
-    picture = TeamPicture((1,))
-    picture.hear(state(), 5.0)
-    picture.hear(encode(NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5)), 5.0)
+    picture = TeamState((1,))
+    picture.receive(state(), 5.0)
+    picture.receive(encode(NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5)), 5.0)
     assert picture.rows(5.25) == [WatchRow(1, 0.25, "formation", (1.0, -2.0), 8.0, 10.5, 0.05)]
-    picture.hear(state(time_s=101.5), 6.0)
+    picture.receive(state(time_s=101.5), 6.0)
     (row,) = picture.rows(6.0)
     assert (row.radius_m, row.angular_rate_rad_s) == (None, None), "it has left the ring"
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xc1", b"hello", b"\x90"])
 def test_what_is_no_message_is_left_alone(payload: bytes) -> None:
-    picture = TeamPicture((1,))
-    picture.hear(payload, 0.0)
+    picture = TeamState((1,))
+    picture.receive(payload, 0.0)
     assert picture.rows(0.0) == [WatchRow(1)]
 
 
 def test_silence_is_news_once_and_so_is_its_end() -> None:
-    picture = TeamPicture((1,))
-    picture.hear(state(), 0.0)
-    assert picture.news(0.0) == ["vehicle 1: heard, its tactic is formation"]
-    assert picture.news(SILENT_AFTER_S) == []
-    assert picture.news(SILENT_AFTER_S + 0.1) == ["vehicle 1: fell silent, its tactic was formation"]
-    assert picture.news(SILENT_AFTER_S + 0.2) == []
+    picture = TeamState((1,))
+    picture.receive(state(), 0.0)
+    (connected,) = picture.new_events(0.0)
+    assert connected.startswith("vehicle 1: ")
+    assert "formation" in connected
+    assert picture.new_events(SILENT_AFTER_S) == []
+    (lost,) = picture.new_events(SILENT_AFTER_S + 0.1)
+    assert lost.startswith("vehicle 1: ")
+    assert "formation" in lost
+    assert picture.new_events(SILENT_AFTER_S + 0.2) == []
     assert picture.rows(SILENT_AFTER_S + 0.2)[0].silent
-    picture.hear(state(tactic="hold"), 3.0)
-    assert picture.news(3.0) == ["vehicle 1: is heard again", "vehicle 1: formation -> hold"]
+    picture.receive(state(tactic="hold"), 3.0)
+    restored, changed = picture.new_events(3.0)
+    assert restored.startswith("vehicle 1: ")
+    assert changed == "vehicle 1: formation -> hold"
     assert not picture.rows(3.0)[0].silent
 
 
 def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeated() -> None:
-    picture = TeamPicture((1,))
+    picture = TeamState((1,))
     for _ in range(3):
-        picture.hear(state(alert="battery low"), 0.0)
-        picture.hear(encode(OperatorCommand(100.0, "hold", None, "pat@here", 7)), 0.0)
-        picture.hear(encode(CommandAnswer(1, 100.0, 7, "holds")), 0.0)
-    picture.hear(state(), 0.1)
-    assert picture.news(0.1) == [
-        "vehicle 1: heard, its tactic is formation",
-        "vehicle 1: alert: battery low",
-        "all vehicles told by pat@here: hold",
-        "vehicle 1 answers: holds",
-        "vehicle 1: no alert any more",
-    ]
+        picture.receive(state(alert="battery low"), 0.0)
+        picture.receive(encode(OperatorCommand(100.0, "hold", None, "pat@here", 7)), 0.0)
+        picture.receive(encode(CommandAnswer(1, 100.0, 7, "holds")), 0.0)
+    picture.receive(state(), 0.1)
+    facts = (
+        ("vehicle 1", "formation"),
+        ("alert: battery low",),
+        ("pat@here", "all vehicles", "hold"),
+        ("holds",),
+        ("alert",),
+    )
+    events = picture.new_events(0.1)
+    assert len(events) == len(facts)
+    assert all(fact in event for event, expected in zip(events, facts, strict=True) for fact in expected)
 
 
 def rendered(rows: list[WatchRow]) -> list[str]:
@@ -87,17 +96,20 @@ def rendered(rows: list[WatchRow]) -> list[str]:
 def test_the_table_shows_every_number_with_its_unit_in_eighty_columns() -> None:
     lines = rendered([ROW, replace(ROW, vehicle_id=2, age_s=3.2, alert="battery low"), WatchRow(3)])
     assert lines[0].strip() == "watched for 12 s"
-    assert lines[2].split() == ["tactic", "[s", "ago]", "[m]", "[m]", "[m]", "[m]", "[rad/s]"]
+    assert lines[2].split() == ["tactic", "[s]", "[m]", "[m]", "[m]", "[m]", "[rad/s]"]
     assert lines[3].split() == ["1", "encircle", "0.1", "1.0", "-2.0", "8.0", "10.02", "+0.051"]
-    assert "silent for 3 s, battery low" in lines[4]
-    assert "not heard" in lines[5]
+    assert "for 3 s, battery low" in lines[4]
+    assert lines[5].split()[:1] == ["3"]
     assert lines[6].strip() == "go"
     assert max(map(len, lines)) <= 80
 
 
 def test_the_line_leaves_out_what_is_not_known() -> None:
     rows = [ROW, replace(ROW, radius_m=None, angular_rate_rad_s=None, age_s=2.0), WatchRow(3)]
-    assert watch_line(rows, 12.0, "") == (
-        "watched for 12 s | #1 encircle x=1.0m y=-2.0m height=8.0m r=10.02m w=+0.051rad/s"
-        " | #1 encircle x=1.0m y=-2.0m height=8.0m silent for 2 s | #3 not heard"
-    )
+    title, whole, without_ring, unknown = watch_line(rows, 12.0, "").split(" | ")
+    assert title == "watched for 12 s"
+    assert whole == "#1 encircle x=1.0m y=-2.0m height=8.0m r=10.02m w=+0.051rad/s"
+    assert without_ring.startswith("#1 encircle x=1.0m y=-2.0m height=8.0m ")
+    assert without_ring.endswith("for 2 s")
+    assert unknown.startswith("#3 ")
+    assert "=" not in unknown

@@ -1,4 +1,4 @@
-"""What one vehicle knows of its surroundings at a tick, from what its log holds."""
+"""The information that a vehicle had about its neighbours and its own state at a tick, from its log."""
 
 from math import hypot, inf
 from typing import NamedTuple
@@ -18,14 +18,14 @@ from gcs.replay.playback import Turn
 
 
 class Neighbour(NamedTuple):
-    """A peer, and how far away it is, going on at the velocity that it told."""
+    """A peer and its distance, extrapolated with the velocity that the peer reported."""
 
     vehicle_id: int
     distance_m: float
 
 
-class Scene:
-    """Follows a vehicle's tape turn by turn."""
+class Surroundings:
+    """Accumulates a vehicle's inputs turn by turn."""
 
     def __init__(self) -> None:
         self.start_s: float | None = None
@@ -36,7 +36,7 @@ class Scene:
         self.members: dict[int, MemberState] = {}
 
     def take(self, turn: Turn) -> None:
-        """Take in the next turn."""
+        """Add the next turn."""
         for item in turn.inputs:
             match item:
                 case Start():
@@ -47,15 +47,15 @@ class Scene:
                     self.late_ticks = item.count
                 case Telemetry():
                     self.height_m = item.position_m[2]
-            message = heard(item)
+            message = received_message(item)
             if isinstance(message, MemberState):
                 self.members[message.sender] = message
         if self.last is not None and self.last.tactic == Tactic.LAND.value:
-            self.late_ticks = 0  # it ticks beside the landing, at no fixed rate: nobody counts any more
+            self.late_ticks = 0  # ticks during a landing have no fixed rate: late ones are not counted
         self.last = turn.decision or self.last
 
     def nearest(self, decision: Decision) -> Neighbour | None:
-        """Return the nearest of those that a decision counted on, None where it knew of nobody or not of itself."""
+        """Return the nearest member among the peers of a decision, None without peers or without an own estimate."""
         if decision.own is None:
             return None
         x, y = decision.own.mean[:2]
@@ -72,8 +72,8 @@ class Scene:
         return nearest
 
 
-def heard(item: CoreInput) -> BusMessage | None:
-    """Return the message that an input is, None if it is none."""
+def received_message(item: CoreInput) -> BusMessage | None:
+    """Return the bus message of an input, None where the input is not a valid message."""
     if not isinstance(item, Message):
         return None
     try:

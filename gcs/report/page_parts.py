@@ -1,4 +1,4 @@
-"""What stands on a page, before anybody makes HTML of it: verdicts, tables, and sections of charts and tables."""
+"""The parts of a page before they are rendered to HTML: verdicts, tables, and sections of charts and tables."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,8 @@ _NARROW_COLUMNS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """A verdict (True holds, False does not, None does not apply) and its evidence: what was measured and allowed."""
+class VerdictEntry:
+    """A verdict (True holds, False does not, None does not apply) with its (measured, allowed) values."""
 
     name: str
     meaning: str
@@ -23,18 +23,18 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """The verdict as words."""
+        """The verdict as text."""
         return {True: "holds", False: "does not hold", None: "does not apply"}[self.holds]
 
     @property
     def style(self) -> str:
-        """The class of its looks."""
+        """The CSS class of the verdict."""
         return {True: "good", False: "bad", None: "none"}[self.holds]
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of text; the first `words` columns hold words, the others numbers. A folded one opens on demand."""
+    """A table; the first `words` columns hold text, the others numbers. A folded table opens on demand."""
 
     caption: str
     columns: tuple[str, ...]
@@ -50,9 +50,9 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of the page: what it is about, and what there is to see; `missing` says what there is not, and why.
+    """A section of a page: lead, charts and tables; `missing` states what is not available, and why.
 
-    One that is `keyed` shows which lines are whose.
+    A `keyed` section shows the legend of the vehicles' lines.
     """
 
     anchor: str
@@ -65,12 +65,12 @@ class Section:
 
     @property
     def drawn(self) -> tuple[Chart, ...]:
-        """The charts with something to see."""
+        """The charts that hold data."""
         return tuple(each for each in self.charts if not each.missing)
 
     @property
     def absent(self) -> tuple[str, ...]:
-        """What there is not to see, a line each: charts that are missing for the same reason together."""
+        """The missing charts by reason, and the other missing data, one line each."""
         reasons: dict[str, list[str]] = {}
         for each in self.charts:
             if each.missing:

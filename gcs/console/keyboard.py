@@ -1,4 +1,4 @@
-"""The keys of the live view: read from the terminal as they are pressed, and what they mean."""
+"""Keyboard input of the live view: keys read from the terminal one by one, and the commands bound to them."""
 
 import asyncio
 import atexit
@@ -16,49 +16,49 @@ from agents.team.messages import Verb
 
 KILL_CONFIRMED_WITHIN_S = 3.0
 AT_ONCE_MAX = 3
-"""More keys at once were not pressed but pasted, or are an arrow's: they mean nothing."""
+"""More characters in one read are pasted text or an escape sequence: they are ignored."""
 VERB_OF_KEY: dict[str, Verb] = {"h": "hold", "r": "resume", "l": "land", "t": "rtl", "a": "abort", "k": "kill"}
 HINT = "h hold · r resume · l land · t return and land · a abort · k kill"
 _ESCAPE = "\x1b"
 
 
-class KeyMeaning:
-    """What keys mean, one after the other: a verb each, and a kill only once it has been confirmed."""
+class KeyBindings:
+    """Maps keys to commands; a kill has to be confirmed by a second key."""
 
     def __init__(self) -> None:
-        self._asked_s: float | None = None
+        self._kill_requested_s: float | None = None
 
     def press(self, key: str, now_s: float) -> Verb | None:
-        """Return what is to be done about a key that was pressed at `now_s` [wall s]."""
-        asked = self.asks(now_s)
-        self._asked_s = None
-        if asked and key in "ky":
+        """Return the command of a key that was pressed at `now_s` [wall s], None without one."""
+        confirming = self.awaits_confirmation(now_s)
+        self._kill_requested_s = None
+        if confirming and key in "ky":
             return "kill"
         if key == "k":
-            self._asked_s = now_s
+            self._kill_requested_s = now_s
             return None
         return VERB_OF_KEY.get(key)
 
-    def asks(self, now_s: float) -> bool:
-        """Return whether a kill waits to be confirmed."""
-        return self._asked_s is not None and now_s - self._asked_s <= KILL_CONFIRMED_WITHIN_S
+    def awaits_confirmation(self, now_s: float) -> bool:
+        """Return whether a kill has to be confirmed."""
+        return self._kill_requested_s is not None and now_s - self._kill_requested_s <= KILL_CONFIRMED_WITHIN_S
 
     def hint(self, now_s: float) -> str:
-        """Return what to show below the table."""
-        if self.asks(now_s):
-            return f"cut all motors? k or y within {KILL_CONFIRMED_WITHIN_S:g} s does, any other key does not"
+        """Return the line to show below the table."""
+        if self.awaits_confirmation(now_s):
+            return f"cut all motors? confirm with k or y within {KILL_CONFIRMED_WITHIN_S:g} s, any other key cancels"
         return HINT
 
 
-class Keys:
-    """The keys of the terminal on standard input, one by one, while this context lasts; none where it is no terminal.
+class Keyboard:
+    """Context manager that reads single keys from the terminal on standard input; inactive without a terminal.
 
-    The terminal is as it was before however the program ends, but by a signal that nobody can catch. A job in the
-    background reads no keys, and is not stopped for having tried.
+    The terminal settings are restored however the program ends, except after SIGKILL. A background job reads no keys
+    and is not stopped by SIGTTIN.
     """
 
     def __init__(self, on_key: Callable[[str], object], stream: TextIO | None = None) -> None:
-        """Take what is to be called on the event loop with each key."""
+        """Call `on_key` on the event loop with each key; `stream` is standard input by default."""
         self._on_key = on_key
         self._stream = sys.stdin if stream is None else stream
         self._fd = -1
@@ -70,7 +70,7 @@ class Keys:
         return self._fd >= 0
 
     def __enter__(self) -> Self:
-        """Let keys through one by one, unseen."""
+        """Switch the terminal to unbuffered input without echo."""
         if not _in_foreground(self._stream):
             return self
         fd = self._stream.fileno()
@@ -86,7 +86,7 @@ class Keys:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave the terminal as it was."""
+        """Restore the terminal."""
         if self.active:
             asyncio.get_running_loop().remove_reader(self._fd)
         self._restore()
@@ -95,7 +95,7 @@ class Keys:
         atexit.unregister(self._restore)
         fd, self._fd = self._fd, -1
         if fd >= 0:
-            with suppress(termios.error, ValueError):  # the terminal is gone: there is nothing to leave as it was
+            with suppress(termios.error, ValueError):  # the terminal is gone: nothing to restore
                 termios.tcsetattr(fd, termios.TCSANOW, self._before)  # type: ignore[arg-type]
 
     def _read(self) -> None:
@@ -103,7 +103,7 @@ class Keys:
             pressed = os.read(self._fd, 256).decode("ascii", "ignore")
         except OSError:
             pressed = ""
-        if not pressed:  # it hung up, or it is another job's by now
+        if not pressed:  # the terminal hung up, or belongs to another job now
             asyncio.get_running_loop().remove_reader(self._fd)
         elif len(pressed) <= AT_ONCE_MAX and _ESCAPE not in pressed:
             for key in pressed:

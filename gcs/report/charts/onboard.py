@@ -1,4 +1,4 @@
-"""The panels of what went on inside: what vehicles believed, how long they computed, what they heard, their power."""
+"""Panels of on-board data: estimation errors, computing time, reception, height, yaw and battery."""
 
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
@@ -8,19 +8,19 @@ import numpy as np
 from estimation.state import Vector
 from gcs.report.charts.chart import level, logarithmic, over_time
 from gcs.report.charts.panels import Sheet, title
-from gcs.report.evidence.beliefs import SIGMAS, Error
-from gcs.report.evidence.flight import FlightEvidence, Hearing
+from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError
+from gcs.report.evidence.flight import FlightEvidence, Reception
 from gcs.style import FAIL, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# The first estimates are no better than their priors: they would flatten all the rest.
+# Percentile of the vertical scale: the first estimates are as uncertain as their priors.
 _SHOWN_SHARE = 99.0
 
 
-def draw_errors(axes: "Axes", sheet: Sheet, errors: Iterable[Error], axis: int, heading: str) -> None:
-    """Draw the errors along one axis, between lines at three standard deviations as each vehicle believed them."""
+def draw_errors(axes: "Axes", sheet: Sheet, errors: Iterable[EstimateError], axis: int, heading: str) -> None:
+    """Draw the errors along one axis, with the 3σ bounds of each vehicle's own covariance."""
     errors = tuple(errors)
     title(axes, heading, "")
     over_time(axes, f"in {'xy'[axis]} [m]", np.array([errors[0].time_s[0], errors[0].time_s[-1]]))
@@ -40,7 +40,7 @@ def draw_errors(axes: "Axes", sheet: Sheet, errors: Iterable[Error], axis: int, 
 
 
 def draw_ticks(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
-    """Draw how long each tick computed, beside median, 99 % and the period there is, and where ticks were skipped."""
+    """Draw the computing time of each tick with its median, 99 % and the period, and mark skipped ticks."""
     timed = [v for v in evidence.vehicles if v.loop.time_s.size]
     all_us = np.concatenate([v.loop.tick_us for v in timed])
     p50_us, p99_us = np.percentile(all_us, (50, 99))
@@ -54,17 +54,19 @@ def draw_ticks(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
         axes.plot(*sheet.line(loop.time_s, loop.tick_us), **sheet.style(row) | {"linewidth": 0.7, "alpha": 0.8})
         late = loop.skipped > 0
         axes.plot(loop.time_s[late], np.full(late.sum(), 0.7 * period_us), "x", color=FAIL, markersize=6, zorder=8)
-    level(axes, period_us, "one period")
+    level(axes, period_us, "period")
     level(axes, float(p50_us), "median")
     level(axes, float(p99_us), "99 %")
 
 
-def draw_heard(axes: "Axes", sheet: Sheet, heard: Iterable[tuple[int, Vector, Vector]], label: str, what: str) -> None:
+def draw_reception(
+    axes: "Axes", sheet: Sheet, received: Iterable[tuple[int, Vector, Vector]], label: str, what: str
+) -> None:
     """Draw times [ms] (K,) at (K,) moments of several vehicles, each by its row."""
-    series = [(row, time_s, value_ms) for row, time_s, value_ms in heard if time_s.size]
+    series = [(row, time_s, value_ms) for row, time_s, value_ms in received if time_s.size]
     everything_ms = np.concatenate([value_ms for _, _, value_ms in series])
     median_ms, worst_ms = np.percentile(everything_ms, (50, 100))
-    title(axes, what, f"median {median_ms:.0f} ms, at most {worst_ms:.0f} ms")
+    title(axes, what, f"median {median_ms:.0f} ms, max {worst_ms:.0f} ms")
     over_time(axes, label, np.empty(0))
     axes.set_xlim(min(time_s[0] for _, time_s, _ in series), max(time_s[-1] for _, time_s, _ in series))
     for row, time_s, value_ms in series:
@@ -73,25 +75,25 @@ def draw_heard(axes: "Axes", sheet: Sheet, heard: Iterable[tuple[int, Vector, Ve
     axes.set_ylim(-0.02 * top_ms, top_ms)
 
 
-def intervals_ms(hearing: Hearing) -> tuple[Vector, Vector]:
-    """Return when each message but the first was heard, and how long after the one before [ms]."""
-    return hearing.heard_s[1:], 1e3 * np.diff(hearing.heard_s)
+def intervals_ms(reception: Reception) -> tuple[Vector, Vector]:
+    """Return the reception time of each message but the first, and the interval to the previous one [ms]."""
+    return reception.received_s[1:], 1e3 * np.diff(reception.received_s)
 
 
 def ages_by_sender(evidence: FlightEvidence) -> list[tuple[int, Vector, Vector]]:
-    """Return the ages [ms] of what each vehicle said, wherever in the team it was heard, in the order of hearing."""
+    """Return the ages [ms] of each sender's messages at all receivers, in order of reception."""
     ages = []
     for row, sender in enumerate(evidence.vehicles):
-        heard = [each.peers[sender.vehicle_id] for each in evidence.vehicles if sender.vehicle_id in each.peers]
-        if heard:
-            heard_s = np.concatenate([each.heard_s for each in heard])
-            order = np.argsort(heard_s, kind="stable")
-            ages.append((row, heard_s[order], 1e3 * np.concatenate([each.age_s for each in heard])[order]))
+        received = [each.peers[sender.vehicle_id] for each in evidence.vehicles if sender.vehicle_id in each.peers]
+        if received:
+            received_s = np.concatenate([each.received_s for each in received])
+            order = np.argsort(received_s, kind="stable")
+            ages.append((row, received_s[order], 1e3 * np.concatenate([each.age_s for each in received])[order]))
     return ages
 
 
 def draw_altitudes(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
-    """Draw the heights above the mission's ground."""
+    """Draw the heights above the mission's origin."""
     title(axes, "Height", "")
     _draw_each(axes, sheet, "height [m]", evidence, lambda row: _height(evidence, row))
 
@@ -105,7 +107,7 @@ def draw_yaws(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
 
 
 def draw_batteries(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
-    """Draw what the batteries held."""
+    """Draw the charge of the batteries."""
     title(axes, "Battery", "")
     _draw_each(axes, sheet, "battery [%]", evidence, lambda row: _battery(evidence, row))
     axes.set_ylim(0.0, 105.0)
@@ -130,7 +132,7 @@ def _height(evidence: FlightEvidence, row: int) -> tuple[Vector, Vector]:
 
 
 def _yaw(evidence: FlightEvidence, row: int) -> tuple[Vector, Vector]:
-    """Return the yaws [degrees]; a line that leaves at one side, to come back at the other, has a gap between."""
+    """Return the yaws [degrees], with NaN where the yaw wraps, so that the line is interrupted there."""
     loop = evidence.vehicles[row].loop
     wraps = np.abs(np.diff(loop.yaw_rad, prepend=np.nan)) > np.pi
     return loop.time_s[: wraps.size], np.where(wraps, np.nan, np.degrees(loop.yaw_rad))

@@ -1,4 +1,4 @@
-"""The operator at the terminal of a flight: keys become commands, for the vehicles here and for those elsewhere."""
+"""Keyboard commands in the terminal of a flight, for the vehicles of this process and of other processes."""
 
 import asyncio
 from collections.abc import Sequence
@@ -8,29 +8,32 @@ from time import monotonic
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from agents.team.messages import OperatorCommand, Verb
-from gcs.console.keys import KeyMeaning
+from gcs.console.keyboard import KeyBindings
 
 ORIGIN = "keys"
 REPEAT_S, REPEATS = 0.2, 10
 
 
-class Helm:
-    """Commands the team by keys. Its own vehicles hear at once, the others over the bus, again and again for 2 s."""
+class KeyCommands:
+    """Sends a command to the team for each key.
+
+    The agents of this process receive it directly; for all others it is repeated on the bus for 2 s.
+    """
 
     def __init__(self, agents: Sequence[Agent], clock: MissionClock) -> None:
         self._agents = agents
         self._clock = clock
-        self._meaning = KeyMeaning()
+        self._bindings = KeyBindings()
         self._repeating: asyncio.Task[None] | None = None
 
     @property
     def hint(self) -> str:
-        """What the keys are, or what is asked about the last one."""
-        return self._meaning.hint(monotonic())
+        """The keys and their commands, or the request to confirm a kill."""
+        return self._bindings.hint(monotonic())
 
     def press(self, key: str) -> None:
-        """Take a key."""
-        verb = self._meaning.press(key, monotonic())
+        """Handle a key."""
+        verb = self._bindings.press(key, monotonic())
         if verb is not None:
             self._command(verb)
 

@@ -1,4 +1,4 @@
-"""What people and machines see of a replay."""
+"""The result of a replay as a table for a terminal and as JSON data."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -18,15 +18,15 @@ from gcs.replay.cores import (
     Replay,
     VehicleReplay,
 )
-from gcs.replay.words import input_words, mission_time
+from gcs.replay.input_text import input_text, mission_time
 
 FIELDS_SHOWN, INPUTS_SHOWN = 8, 20
 _COLUMNS = ("vehicle", "ticks", "compared", "identical")
 
 
 def replay_view(replay: Replay) -> RenderableType:
-    """Return a replay for people: what was compared, and the first difference of each vehicle with its inputs."""
-    parts: list[RenderableType] = [Text(_by_what(replay), style="yellow" if replay.other_versions else "dim")]
+    """Return a replay for a terminal: what was compared, and each vehicle's first difference with its inputs."""
+    parts: list[RenderableType] = [Text(_comparison_line(replay), style="yellow" if replay.other_versions else "dim")]
     parts.append(_table(replay.vehicles))
     for vehicle in replay.vehicles:
         parts += _findings(vehicle)
@@ -34,7 +34,7 @@ def replay_view(replay: Replay) -> RenderableType:
 
 
 def replay_dict(replay: Replay) -> dict[str, Any]:
-    """Return a replay as plain data, its tolerance None where it has to be identical to the last bit."""
+    """Return a replay as plain data; the tolerance is None where decisions have to be identical bit for bit."""
     return {
         "mission": replay.mission,
         "same": replay.same,
@@ -44,12 +44,12 @@ def replay_dict(replay: Replay) -> dict[str, Any]:
     }
 
 
-def _by_what(replay: Replay) -> str:
+def _comparison_line(replay: Replay) -> str:
     if not replay.other_versions:
-        return f"{replay.mission}: compared bit for bit: all versions are those that it was flown with"
+        return f"{replay.mission}: compared bit for bit (all versions as in the flight)"
     return (
-        f"{replay.mission}: compared within {TOLERANCE:g} (m, m/s, rad; covariances within {COVARIANCE_TOLERANCE:g}): "
-        f"other versions: {'; '.join(replay.other_versions)}"
+        f"{replay.mission}: compared within {TOLERANCE:g} (m, m/s, rad; covariances {COVARIANCE_TOLERANCE:g}); "
+        f"versions differ: {'; '.join(replay.other_versions)}"
     )
 
 
@@ -61,7 +61,7 @@ def _table(vehicles: Sequence[VehicleReplay]) -> Table:
     table.add_column("", no_wrap=False)
     for each in vehicles:
         same = each.difference is None and each.failure is None
-        # What could not be compared to the end is neither right nor wrong.
+        # A vehicle that was not compared to the end gets no verdict.
         sign, style = VERDICT_SIGNS[None if same and each.gap else same]
         counts = map(str, (each.vehicle_id, each.ticks, each.compared, each.identical))
         table.add_row(Text(sign, style=style), *counts, Text(each.gap, style="yellow"))
@@ -71,7 +71,7 @@ def _table(vehicles: Sequence[VehicleReplay]) -> Table:
 def _findings(vehicle: VehicleReplay) -> Iterator[RenderableType]:
     failure, difference = vehicle.failure, vehicle.difference
     if failure is not None:
-        then = "as it did when it was recorded" if failure.recorded else "which it did not when it was recorded"
+        then = "as in the flight" if failure.recorded else "unlike in the flight"
         headline = f"vehicle {vehicle.vehicle_id}: its core fails, {then}: {_when(failure.moment)}"
         yield Text(f"\n{headline}", style="bold red")
         yield Text(f"  {failure.error}")
@@ -101,12 +101,12 @@ def _fields(fields: Sequence[FieldDifference]) -> Iterator[RenderableType]:
 
 def _inputs(moment: Moment) -> Iterator[RenderableType]:
     time = partial(mission_time, start_s=moment.start_s)
-    yield Text("  what went in since the tick before:", style="dim")
+    yield Text("  inputs since the previous tick:", style="dim")
     hidden = len(moment.inputs) - INPUTS_SHOWN
     if hidden > 0:
-        yield Text(f"    {hidden} more, then", style="dim")
+        yield Text(f"    {hidden} earlier inputs not shown", style="dim")
     for item in moment.inputs[-INPUTS_SHOWN:]:
-        yield Text(f"    {input_words(item, time)}")
+        yield Text(f"    {input_text(item, time)}")
 
 
 def _vehicle_dict(vehicle: VehicleReplay) -> dict[str, Any]:
@@ -136,5 +136,5 @@ def _moment_dict(moment: Moment) -> dict[str, Any]:
     return {
         "tick": moment.tick,
         "time_s": moment.time_s - moment.start_s if known else None,  # type: ignore[operator]  # both are known
-        "inputs": [input_words(item, time) for item in moment.inputs],
+        "inputs": [input_text(item, time) for item in moment.inputs],
     }

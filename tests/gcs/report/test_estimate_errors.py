@@ -7,16 +7,16 @@ import pytest
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.report.evidence.beliefs import own_errors, target_errors
-from gcs.report.evidence.flight import Belief, VehicleEvidence
+from gcs.report.evidence.estimate_errors import own_errors, target_errors
+from gcs.report.evidence.flight import EstimateSeries, VehicleEvidence
 
 TIME_S = np.arange(101) / 10.0
 TARGET_M = np.column_stack((35.0 + 0.5 * TIME_S, -5.0 - 0.2 * TIME_S))
 OFFSETS_M = ((0.3, 0.0), (0.0, -0.6), (-0.3, 0.3))
 
 
-def belief(place_m: Vector, time_s: Vector = TIME_S) -> Belief:
-    return Belief(time_s, np.hstack((place_m, np.zeros_like(place_m))), np.full((time_s.size, 4), 0.1))
+def belief(place_m: Vector, time_s: Vector = TIME_S) -> EstimateSeries:
+    return EstimateSeries(time_s, np.hstack((place_m, np.zeros_like(place_m))), np.full((time_s.size, 4), 0.1))
 
 
 def flight(*vehicles: VehicleEvidence) -> FlightRecord:
@@ -36,8 +36,7 @@ TEAM = tuple(off_by(index + 1, offset_m) for index, offset_m in enumerate(OFFSET
 
 
 def test_where_there_is_a_truth_the_error_is_the_distance_to_it() -> None:
-    words, errors = target_errors(flight(*TEAM), TEAM)
-    assert words == "error of the belief"
+    _, errors = target_errors(flight(*TEAM), TEAM)
     assert [tuple(each.error_m.mean(axis=0).round(9).tolist()) for each in errors] == list(OFFSETS_M)
     own = own_errors(flight(*TEAM), TEAM)
     assert [tuple(each.error_m.mean(axis=0).round(9).tolist()) for each in own] == list(OFFSETS_M)
@@ -60,13 +59,13 @@ def test_outside_the_record_nothing_is_compared() -> None:
 def test_without_a_truth_nobody_is_told_how_wrong_it_was_about_itself() -> None:
     unknown = replace(flight(*TEAM), reference="estimate")
     assert own_errors(unknown, TEAM) == []
-    assert target_errors(unknown, TEAM)[0] == "belief less the record's target"
+    assert "record" in target_errors(unknown, TEAM)[0]
 
 
 def test_where_nobody_knows_the_target_each_is_held_against_the_others() -> None:
     blind = replace(flight(*TEAM), reference="estimate", target_position_m=np.full_like(TARGET_M, np.nan))
-    words, errors = target_errors(blind, TEAM)
-    assert words == "belief less the others' mean"
+    reference, errors = target_errors(blind, TEAM)
+    assert "other vehicles" in reference
     for row, error in enumerate(errors):
         others = np.mean([OFFSETS_M[other] for other in range(3) if other != row], axis=0)
         assert error.error_m == pytest.approx(np.tile(OFFSETS_M[row] - others, (TIME_S.size, 1)))

@@ -1,6 +1,6 @@
-"""Viewers that look on while it flies, over the Foxglove WebSocket: shown what the log holds, and able to do nothing.
+"""Read-only live view of a flight over the Foxglove WebSocket, with the channels of the log.
 
-A viewer that is slow misses messages, the oldest first; one that dies is forgotten. Neither is waited for.
+For a slow viewer the oldest messages are dropped, and a dead viewer is removed. The flight waits for neither.
 """
 
 import logging
@@ -19,39 +19,41 @@ from gcs.errors import InputError
 SERVER_NAME = "cordon"
 _EXAMPLE = "127.0.0.1:8765"
 BACKLOG = 256
-"""Messages that wait for a slow viewer: some seconds of a team's."""
+"""Messages queued for a slow viewer: some seconds of a team's messages."""
 
-PARTING_S = 1.0
+STOP_TIMEOUT_S = 1.0
 
 
-# What becomes of viewers is theirs to know: the server's words about it would tear the view of the flight apart.
+# The server's log messages about viewers would break the live table in the terminal.
 logging.getLogger("foxglove").addHandler(logging.NullHandler())
 
 
 class Address(NamedTuple):
-    """Where viewers connect to."""
+    """Host and port that viewers connect to."""
 
     host: str
     port: int
 
     @classmethod
     def parsed(cls, text: str) -> Self:
-        """Return what HOST:PORT says, [HOST]:PORT for IPv6; raises InputError."""
+        """Parse HOST:PORT, or [HOST]:PORT for IPv6; raises InputError."""
         host, _, port = text.rpartition(":")
         bare = host.removeprefix("[").removesuffix("]")
         bracketed = host == f"[{bare}]"
         if not bare or (":" in bare) != bracketed or not port.isdecimal() or not 0 < int(port) < 65536:
-            raise InputError([f"--live-address: an address is like {_EXAMPLE} or [::1]:8765 (given: {text!r})"])
+            raise InputError(
+                [f"--live-address: it must be HOST:PORT, for example {_EXAMPLE} or [::1]:8765 (given: {text!r})"]
+            )
         return cls(bare, int(port))
 
     @property
     def url(self) -> str:
-        """What a viewer is told to open."""
+        """The URL to open in a viewer."""
         return f"ws://[{self.host}]:{self.port}" if ":" in self.host else f"ws://{self.host}:{self.port}"
 
     @property
     def is_loopback(self) -> bool:
-        """Whether nobody else's computer can connect to it."""
+        """Whether only this computer can connect to it."""
         try:
             return ip_address(self.host).is_loopback
         except ValueError:
@@ -59,8 +61,8 @@ class Address(NamedTuple):
 
 
 @contextmanager
-def onlookers(address: Address, context: Context) -> Iterator[None]:
-    """Show viewers whatever is written to the context; raises VehicleRefusedError when nobody can listen there."""
+def live_server(address: Address, context: Context) -> Iterator[None]:
+    """Serve the channels of the context to viewers; raises VehicleRefusedError when the address is not available."""
     try:
         server = foxglove.start_server(
             name=SERVER_NAME,
@@ -72,13 +74,13 @@ def onlookers(address: Address, context: Context) -> Iterator[None]:
         )
     except RuntimeError as error:
         raise VehicleRefusedError(
-            f"--live: nobody can listen at {address.host}:{address.port} ({error})",
-            "end what listens there already, or name another place by --live-address HOST:PORT",
+            f"--live: cannot listen at {address.host}:{address.port} ({error})",
+            "end the program that uses the port, or choose another address by --live-address HOST:PORT",
         ) from error
     try:
         yield
     finally:
-        # It waits for viewers to take their leave, and one that hangs never does.
-        parting = threading.Thread(target=server.stop, name="onlookers' leave", daemon=True)
-        parting.start()
-        parting.join(PARTING_S)
+        # `stop` waits for viewers to disconnect, and a hung viewer never does.
+        stopping = threading.Thread(target=server.stop, name="live-server-stop", daemon=True)
+        stopping.start()
+        stopping.join(STOP_TIMEOUT_S)

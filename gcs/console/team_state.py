@@ -1,0 +1,132 @@
+"""State of a running team from its bus messages: the latest of each vehicle, and the changes between them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from agents.team.messages import (
+    TOPICS,
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    OperatorCommand,
+    decode,
+)
+
+SILENT_AFTER_S = 1.0
+"""Vehicles send ten messages per second of mission time, which is at least as fast as the wall clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class WatchRow:
+    """The latest state that one vehicle sent; None where it sent none. `age_s` is the age of the message [wall s]."""
+
+    vehicle_id: int
+    age_s: float | None = None
+    tactic: str = "-"
+    position_m: tuple[float, float] | None = None
+    altitude_m: float | None = None
+    radius_m: float | None = None
+    angular_rate_rad_s: float | None = None
+    alert: str = ""
+
+    @property
+    def silent(self) -> bool:
+        """Whether its messages have stopped."""
+        return self.age_s is not None and self.age_s > SILENT_AFTER_S
+
+
+@dataclass(slots=True)
+class _LatestMessages:
+    """The latest messages of one vehicle, and their time of reception [wall s]."""
+
+    state: MemberState
+    received_s: float
+    angle: NeighbourAngle | None = None
+    silence_reported: bool = False
+
+
+@dataclass(slots=True)
+class TeamState:
+    """The state of a team from its bus messages, and the events since the last call of `new_events`."""
+
+    vehicle_ids: Sequence[int]
+    _latest: dict[int, _LatestMessages] = field(default_factory=dict)
+    _known: set[tuple[object, ...]] = field(default_factory=set)
+    _events: list[str] = field(default_factory=list)
+
+    @property
+    def any_received(self) -> bool:
+        """Whether any vehicle has been received."""
+        return bool(self._latest)
+
+    def receive(self, payload: bytes, now_s: float) -> None:
+        """Add a bus message received at `now_s` [wall s]; a payload that is not a message is ignored."""
+        try:
+            message = decode(payload)
+        except ValueError:
+            return
+        match message:
+            case MemberState():
+                self._receive_state(message, now_s)
+            case NeighbourAngle() if message.sender in self._latest:
+                self._latest[message.sender].angle = message
+            case OperatorCommand() | CommandAnswer():
+                self._receive_command(message)
+            case _:
+                pass
+
+    def rows(self, now_s: float) -> list[WatchRow]:
+        """Return a row for each vehicle of the mission and for any other sender."""
+        return [self._row(each, now_s) for each in sorted({*self.vehicle_ids, *self._latest})]
+
+    def new_events(self, now_s: float) -> list[str]:
+        """Return the events since the last call, as text."""
+        for vehicle_id, latest in sorted(self._latest.items()):
+            if now_s - latest.received_s > SILENT_AFTER_S and not latest.silence_reported:
+                latest.silence_reported = True
+                self._events.append(f"vehicle {vehicle_id}: no messages, last tactic {latest.state.tactic}")
+        events, self._events = self._events, []
+        return events
+
+    def _receive_state(self, state: MemberState, now_s: float) -> None:
+        last = self._latest.get(state.sender)
+        self._latest[state.sender] = _LatestMessages(state, now_s, None if last is None else last.angle)
+        name = f"vehicle {state.sender}"
+        if last is None:
+            self._events.append(f"{name}: connected, tactic {state.tactic}")
+        elif last.silence_reported:
+            self._events.append(f"{name}: messages restored")
+        if last is not None and state.tactic != last.state.tactic:
+            self._events.append(f"{name}: {last.state.tactic} -> {state.tactic}")
+        if state.alert != ("" if last is None else last.state.alert):
+            self._events.append(f"{name}: {f'alert: {state.alert}' if state.alert else 'alert cleared'}")
+
+    def _receive_command(self, message: OperatorCommand | CommandAnswer) -> None:
+        """Add commands and answers once; they are repeated on the bus."""
+        if isinstance(message, OperatorCommand):
+            key: tuple[object, ...] = (message.number,)
+            receiver = "all vehicles" if message.vehicle is None else f"vehicle {message.vehicle}"
+            text = f"command from {message.origin} to {receiver}: {message.verb}"
+        else:
+            key = (message.number, message.sender, message.did)
+            text = f"vehicle {message.sender} answers: {message.did}"
+        if key not in self._known:
+            self._known.add(key)
+            self._events.append(text)
+
+    def _row(self, vehicle_id: int, now_s: float) -> WatchRow:
+        latest = self._latest.get(vehicle_id)
+        if latest is None:
+            return WatchRow(vehicle_id)
+        state, angle = latest.state, latest.angle
+        on_ring = angle is not None and abs(state.time_s - angle.time_s) < TOPICS[NeighbourAngle].age_max_s
+        return WatchRow(
+            vehicle_id,
+            now_s - latest.received_s,
+            state.tactic,
+            state.position_m,
+            state.altitude_m,
+            angle.radius_m if angle is not None and on_ring else None,
+            angle.angular_rate_rad_s if angle is not None and on_ring else None,
+            state.alert,
+        )

@@ -1,0 +1,339 @@
+"""Detectors of the events in a vehicle's timeline: each one follows one quantity turn by turn."""
+
+from collections.abc import Iterator, Sequence
+from math import degrees, hypot
+from typing import NamedTuple, Protocol
+
+from agents.control.lmpc import QpStatus
+from agents.ports import VehicleStatus
+from agents.safety.interventions import QUIET_S
+from agents.tape import (
+    Autopilot,
+    Bus,
+    Message,
+    TacticEvent,
+)
+from agents.team.messages import TargetPackage
+from estimation.state import Sighting, Telemetry
+from gcs.flightlog.records import Decision
+from gcs.replay.input_text import place
+from gcs.replay.playback import Turn
+from gcs.replay.surroundings import Neighbour, Surroundings, received_message
+
+TELEMETRY_GAP_S = 0.5
+"""Wall seconds: at this gap several samples are missing."""
+
+
+class TimelineEntry(NamedTuple):
+    """An entry of the timeline: its time on the core's clock, kind, text, and the values that caused it.
+
+    Entries of one `key` are alike: many of them are folded into one.
+    """
+
+    time_s: float
+    kind: str
+    text: str
+    because: str = ""
+    key: str = ""
+
+
+class EventDetector(Protocol):
+    """Detects one kind of event."""
+
+    def update(self, turn: Turn, surroundings: Surroundings, /) -> Iterator[TimelineEntry]:
+        """Return the events of a turn; `surroundings` already includes it."""
+        ...
+
+    def end(self) -> Iterator[TimelineEntry]:
+        """Return the events that were still active at the end of the log."""
+        ...
+
+
+class MomentaryDetector:
+    """A detector of momentary events: none is active at the end of the log."""
+
+    def end(self) -> Iterator[TimelineEntry]:
+        """Return no event."""
+        return iter(())
+
+
+class NoteEvents(MomentaryDetector):
+    """Notes of the vehicle: tactics, commands, failsafes; with its position at a change of tactic."""
+
+    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        decision = turn.decision
+        if decision is None:
+            return
+        events = [item.event.value for item in turn.inputs if isinstance(item, TacticEvent)]
+        for note in decision.notes:
+            if note.kind == "guard":
+                continue  # GuardEvents covers these
+            because = [note.because] if note.because else []
+            if note.kind == "tactic":
+                if note.text.rpartition(": ")[2] in events:
+                    because.append("requested by the agent's shell")
+                if decision.own is not None:
+                    because.append(f"at {place(decision.own.mean[:2])} m, height {surroundings.height_m:.1f} m")
+            yield TimelineEntry(note.time_s, note.kind, note.text, "; ".join(because))
+
+
+class RingEvents(MomentaryDetector):
+    """Changes of the number of vehicles on the ring, and the vehicle's spacing to its neighbours."""
+
+    def __init__(self) -> None:
+        self._members = 0
+
+    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        decision = turn.decision
+        if decision is None:
+            return
+        spot = decision.place
+        members = 0 if spot is None else spot.members
+        if members != self._members and spot is not None and decision.polar is not None:
+            verb = "joins" if not self._members else "is now on"
+            around = (
+                "alone"
+                if spot.lead_rad is None or spot.lag_rad is None
+                else f"spacing {degrees(spot.lead_rad):.1f}° ahead, {degrees(spot.lag_rad):.1f}° behind "
+                f"(even: {360.0 / members:.0f}°)"
+            )
+            because = f"{around}; radius {decision.polar.radius_m:.2f} m"
+            yield TimelineEntry(decision.time_s, "ring", f"{verb} a ring of {members}", because)
+        self._members = members
+
+
+class PeerEvents(MomentaryDetector):
+    """Changes of the peers that the vehicle takes into account."""
+
+    def __init__(self) -> None:
+        self._peers: frozenset[int] = frozenset()
+
+    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        decision = turn.decision
+        if decision is None or self._peers.symmetric_difference(decision.peers) == set():
+            return
+        peers = frozenset(decision.peers)
+        new, gone = sorted(peers - self._peers), sorted(self._peers - peers)
+        if new:
+            yield TimelineEntry(
+                decision.time_s, "team", f"{_vehicles(new)} added to the peers", _positions(new, surroundings)
+            )
+        if gone:
+            text = f"{_vehicles(gone)} removed from the peers"
+            yield TimelineEntry(decision.time_s, "team", text, _last_messages(gone, surroundings, decision.time_s))
+        self._peers = peers
+
+
+class TargetEvents(MomentaryDetector):
+    """The target found and lost, with the sensor that sighted it."""
+
+    def __init__(self) -> None:
+        self._known = False
+        self._ever = False
+        self._sighted_s = 0.0
+
+    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        decision = turn.decision
+        if decision is None:
+            return
+        if decision.target is not None:
+            self._sighted_s = decision.target.sighted_s
+        if (decision.target is not None) == self._known:
+            return
+        target, self._known = decision.target, not self._known
+        if target is None:
+            because = f"last accepted sighting {decision.time_s - self._sighted_s:.1f} s ago"
+            yield TimelineEntry(decision.time_s, "target", "target lost", because)
+            return
+        again, self._ever = " again" if self._ever else "", True
+        sigma_m = max(target.covariance[0], target.covariance[5]) ** 0.5
+        away = ""
+        if decision.own is not None:
+            x, y = decision.own.mean[:2]
+            away = f", distance {hypot(target.mean[0] - x, target.mean[1] - y):.2f} m"
+        because = (
+            f"{_sighted_by(turn)}: at {place(target.mean[:2])} m (σ {sigma_m:.2f} m){away}; "
+            f"importance {target.importance:.3f}, threat {target.threat:.3f}"
+        )
+        yield TimelineEntry(decision.time_s, "target", f"target estimate available{again}", because)
+
+
+class GuardEvents:
+    """Interventions of the guard: causes, duration, and the closest peer."""
+
+    def __init__(self) -> None:
+        self._begin_s = self._last_s = 0.0
+        self._changed = 0
+        self._causes: dict[str, None] = {}
+        self._gravest = ""
+        self._moved = ""
+        self._nearest: Neighbour | None = None
+
+    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        decision = turn.decision
+        if decision is None or decision.guard is None or not decision.guard.causes:
+            return
+        if self._changed and decision.time_s - self._last_s > QUIET_S:
+            yield from self.end()
+        if not self._changed:
+            self._begin_s, self._nearest, self._gravest, self._causes = decision.time_s, None, "", {}
+            self._moved = next((note.because for note in decision.notes if note.kind == "guard"), "")
+        self._changed += 1
+        self._last_s = decision.time_s
+        self._causes |= dict.fromkeys(decision.guard.causes)
+        if decision.guard.status in ("yielded", "braked"):
+            yielded = f"not all constraints could be met, up to {decision.guard.yielded}"
+            self._gravest = "the guard braked to a stop" if decision.guard.status == "braked" else yielded
+        nearest = surroundings.nearest(decision)
+        if nearest and (self._nearest is None or nearest.distance_m < self._nearest.distance_m):
+            self._nearest = nearest
+
+    def end(self) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        if not self._changed:
+            return
+        lasting_s, causes = self._last_s - self._begin_s, ", ".join(self._causes)
+        near = self._nearest and f"closest peer: vehicle {self._nearest.vehicle_id}, {self._nearest.distance_m:.2f} m"
+        because = "; ".join(filter(None, (self._moved, near, self._gravest)))
+        many = "1 setpoint" if self._changed == 1 else f"{self._changed} setpoints in {lasting_s:.1f} s"
+        yield TimelineEntry(self._begin_s, "guard", f"guard moved {many} ({causes})", because, f"guard {causes}")
+        self._changed = 0
+
+
+class PlanFailures:
+    """Failed plans, during which the fallback plan was flown."""
+
+    def __init__(self) -> None:
+        self._times_s: list[float] = []
+
+    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        decision = turn.decision
+        if decision is None or decision.qp != QpStatus.FALLBACK.value:
+            return
+        if self._times_s and decision.time_s - self._times_s[-1] > QUIET_S:
+            yield from self.end()
+        self._times_s.append(decision.time_s)
+
+    def end(self) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        if self._times_s:
+            lasting_s = self._times_s[-1] - self._times_s[0]
+            text = f"no feasible plan: fallback plan for {len(self._times_s)} ticks in {lasting_s:.1f} s"
+            yield TimelineEntry(self._times_s[0], "plan", text, key="plan")
+        self._times_s = []
+
+
+class TelemetryGaps(MomentaryDetector):
+    """Gaps in the vehicle's telemetry."""
+
+    def __init__(self) -> None:
+        self._received_s: float | None = None
+
+    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        for item in turn.inputs:
+            if isinstance(item, Telemetry):
+                if (
+                    self._received_s is not None
+                    and item.time_s - self._received_s > TELEMETRY_GAP_S * surroundings.time_scale
+                ):
+                    text = f"no telemetry for {item.time_s - self._received_s:.2f} s"
+                    yield TimelineEntry(self._received_s, "link", text, key="telemetry")
+                self._received_s = item.time_s
+
+
+class LoopEvents:
+    """Late ticks, and the state of the bus."""
+
+    def __init__(self) -> None:
+        self._begin_s = self._last_s = 0.0
+        self._skipped: list[int] = []
+
+    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        if turn.tick is None:
+            return
+        now_s = turn.tick.now_s
+        for item in turn.inputs:
+            if isinstance(item, Bus):
+                yield TimelineEntry(now_s, "link", "bus connected" if item.alive else "bus lost")
+        if surroundings.late_ticks:
+            if self._skipped and now_s - self._last_s > QUIET_S * surroundings.time_scale:
+                yield from self.end()
+            if not self._skipped:
+                self._begin_s = now_s
+            self._skipped.append(surroundings.late_ticks)
+            self._last_s = now_s
+
+    def end(self) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        if self._skipped:
+            total, lasting_s = sum(self._skipped), self._last_s - self._begin_s
+            many = "1 tick" if total == 1 else f"{total} ticks"
+            worst = f", at most {max(self._skipped)} in a row" if len(self._skipped) > 1 else ""
+            text = f"control loop late: {many} skipped in {lasting_s:.1f} s{worst}"
+            yield TimelineEntry(self._begin_s, "loop", text, key="late")
+        self._skipped = []
+
+
+class AutopilotEvents(MomentaryDetector):
+    """Changes of the autopilot's status; the battery is added to them, and is not an event of its own."""
+
+    def __init__(self) -> None:
+        self._before: tuple[str, ...] = ()
+
+    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+        """See EventDetector."""
+        for item in turn.inputs:
+            if isinstance(item, Autopilot) and turn.tick is not None:
+                facts = _facts(item.status)
+                changed = [fact for fact in facts if fact and fact not in self._before]
+                if changed:
+                    battery = item.status.battery
+                    because = "" if battery is None else f"battery {battery:.0%}"
+                    yield TimelineEntry(turn.tick.now_s, "autopilot", ", ".join(changed), because)
+                self._before = facts
+
+
+def _facts(status: VehicleStatus) -> tuple[str, ...]:
+    return (
+        "connected" if status.connected else "connection lost",
+        "armed" if status.armed else "disarmed",
+        "in the air" if status.in_air else "on the ground",
+        f"mode {status.mode.value}",
+        f"{status.restarts} restarts" if status.restarts else "",
+    )
+
+
+def _vehicles(ids: Sequence[int]) -> str:
+    return f"vehicle {ids[0]}" if len(ids) == 1 else f"vehicles {', '.join(map(str, ids))}"
+
+
+def _positions(ids: Sequence[int], surroundings: Surroundings) -> str:
+    known = [surroundings.members[each] for each in ids if each in surroundings.members]
+    return ", ".join(f"{each.sender} in {each.tactic} at {place(each.position_m)} m" for each in known)
+
+
+def _last_messages(ids: Sequence[int], surroundings: Surroundings, now_s: float) -> str:
+    known = [surroundings.members[each] for each in ids if each in surroundings.members]
+    return ", ".join(f"{each.sender} sent {each.tactic} {now_s - each.time_s:.2f} s ago" for each in known)
+
+
+def _sighted_by(turn: Turn) -> str:
+    """Return the source of the sightings in a turn."""
+    if any(isinstance(item, Sighting) for item in turn.inputs):
+        return "own sensor"
+    messages = (received_message(item) for item in turn.inputs if isinstance(item, Message))
+    senders = {message.sender for message in messages if isinstance(message, TargetPackage)}
+    return f"sighted by {_vehicles(sorted(senders))}" if senders else "earlier sightings"
+
+
+def changed_setpoint(decision: Decision) -> bool:
+    """Return whether the guard moved the planned setpoint."""
+    return decision.guard is not None and bool(decision.guard.causes)

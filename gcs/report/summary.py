@@ -1,0 +1,163 @@
+"""Text of a flight report: the verdicts with their measurements, and a paragraph that summarizes the flight."""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from gcs.metrics.result import FlightResult
+from gcs.report.evidence.criteria import Criteria
+from gcs.report.page_parts import VerdictEntry
+
+# More vehicles than these are not named one by one.
+_NAMED = 4
+_SOURCES = {
+    "simulation": "in simulation",
+    "sitl": "with simulated autopilots",
+    "flight": "in a flight",
+}
+
+
+def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ...]:
+    """Return the verdicts in the paper's order, each with its measured and its allowed values."""
+    holds, allowed, ring = result.verdicts, criteria.tolerances, result.ring
+    rates = [
+        None if v.angular_rate_mean_rad_s is None else v.angular_rate_mean_rad_s - criteria.ring.angular_rate_rad_s
+        for v in result.vehicles
+    ]
+    worst = {name: _worst(getattr(v, name) for v in result.vehicles) for name in _JUDGED}
+    speed, spacing = worst["formation_speed_error_rms_m_s"], worst["formation_spacing_error_rms_m"]
+    rows = (
+        ("C1", "radius", holds.c1, [("", worst["radius_error_rms_m"], allowed.radius_error_rms_m, ".3f", " m", "rms")]),
+        (
+            "C2",
+            "angular velocity",
+            holds.c2,
+            [("", _worst(rates), allowed.angular_rate_error_rad_s, ".4f", " rad/s", "mean error")],
+        ),
+        (
+            "C3",
+            "spacing",
+            holds.c3,
+            [("", ring.spacing_error_rms_deg, allowed.spacing_error_rms_deg, ".2f", "°", "rms")],
+        ),
+        (
+            "formation",
+            "speed and spacing",
+            holds.formation,
+            [
+                ("speed ", speed, allowed.formation_speed_error_rms_m_s, ".3f", " m/s", "rms"),
+                ("spacing ", spacing, allowed.formation_spacing_error_rms_m, ".3f", " m", "rms"),
+            ],
+        ),
+    )
+    entries = [VerdictEntry(name, meaning, held, _evidence(measured)) for name, meaning, held, measured in rows]
+    closest = result.closest_approach_m
+    apart = () if closest is None else ((f"{closest:.3f} m", f"at least {allowed.separation_m:g} m"),)
+    return (*entries, VerdictEntry("separation", "closest approach", holds.separation, apart))
+
+
+_JUDGED = ("radius_error_rms_m", "formation_speed_error_rms_m_s", "formation_spacing_error_rms_m")
+
+
+def _evidence(measured: Sequence[tuple[str, float | None, float, str, str, str]]) -> tuple[tuple[str, str], ...]:
+    return tuple(
+        (f"{what}{value:{form}}{unit} {kind}", f"at most {tolerance:g}{unit}")
+        for what, value, tolerance, form, unit, kind in measured
+        if value is not None
+    )
+
+
+def headline(result: FlightResult) -> str:
+    """Return the verdicts in one line."""
+    held = list(result.verdicts.named().values())
+    applied, failed = len(held) - held.count(None), held.count(False)
+    if not applied:
+        return "No verdict applies"
+    if failed:
+        return f"{failed} of {applied} verdicts {'does' if failed == 1 else 'do'} not hold"
+    return "All verdicts hold" if applied == len(held) else f"All {applied} verdicts that apply hold"
+
+
+def summary(result: FlightResult, criteria: Criteria) -> str:
+    """Return the flight in a paragraph."""
+    sentences = [
+        _flown(result),
+        *_engaged(result),
+        *_ring(result, criteria),
+        *_apart(result, criteria),
+        *_guarded(result),
+        *_troubles(result),
+        f"{headline(result)}.",
+    ]
+    return re.sub(r"(\d) (s|m|setpoints?)\b", "\\1\u00a0\\2", " ".join(sentences))
+
+
+def _flown(result: FlightResult) -> str:
+    count = len(result.vehicles)
+    source = _SOURCES.get(result.source, f"({result.source})")
+    known = "" if result.reference == "truth" else "; positions are the vehicles' own estimates"
+    return f"{count} vehicle{_s(count)} flew {result.mission} for {result.duration_s:g} s {source}{known}."
+
+
+def _engaged(result: FlightResult) -> list[str]:
+    joined = sorted((v.engaged_at_s, v.id) for v in result.vehicles if v.engaged_at_s is not None)
+    if not joined:
+        return ["No vehicle engaged the target."]
+    each = [f"vehicle {vehicle_id} after {at_s:.1f} s" for at_s, vehicle_id in joined]
+    shown = _listed(each) if len(each) <= _NAMED else f"{len(each)} vehicles, from {each[0]} to {each[-1]}"
+    stayed = [str(v.id) for v in result.vehicles if v.engaged_at_s is None]
+    rest = f"; not engaged: {_listed(stayed)}" if stayed else ""
+    return [f"Engaged on the ring: {shown}{rest}."]
+
+
+def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
+    if result.window_s is None:
+        return []
+    settled = result.ring.settling_time_s
+    radius_m = _worst(v.radius_error_rms_m for v in result.vehicles)
+    largest_m = _worst(v.radius_error_max_m for v in result.vehicles)
+    parts = []
+    if radius_m is not None and largest_m is not None:
+        parts.append(f"radius error {radius_m:.3f} m rms ({largest_m:.2f} m max) of {criteria.ring.radius_m:g} m")
+    if result.ring.spacing_error_rms_deg is not None:
+        parts.append(f"spacing error {result.ring.spacing_error_rms_deg:.2f}° rms")
+    if settled is None:
+        start = "The ring did not settle; in the last quarter of the flight"
+    else:
+        start = f"The ring settled {settled:.1f} s after the last engagement; from then on"
+    return [f"{start}: {', '.join(parts)}."] if parts else []
+
+
+def _apart(result: FlightResult, criteria: Criteria) -> list[str]:
+    if result.closest_approach_m is None:
+        return []
+    required_m = criteria.tolerances.separation_m
+    return [f"Closest approach: {result.closest_approach_m:.2f} m (required separation {required_m:g} m)."]
+
+
+def _guarded(result: FlightResult) -> list[str]:
+    if result.guard_interventions is None:
+        return []
+    if not result.guard_interventions:
+        return ["The guard moved no setpoint."]
+    counted = [f"{cause} {count}" for cause, count in result.guard_causes.items()]
+    why = f" ({_listed(counted)})" if counted else ""
+    return [f"The guard moved {result.guard_interventions} setpoint{_s(result.guard_interventions)}{why}."]
+
+
+def _troubles(result: FlightResult) -> list[str]:
+    kinds = Counter(event.kind for event in result.events)
+    named = (("failsafe", "failsafe event"), ("command", "operator command event"))
+    return [f"{kinds[kind]} {name}{_s(kinds[kind])} (see the timeline)." for kind, name in named if kinds[kind]]
+
+
+def _s(count: int) -> str:
+    return "" if count == 1 else "s"
+
+
+def _listed(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _worst(values: Iterable[float | None]) -> float | None:
+    return max((abs(value) for value in values if value is not None), default=None)
