@@ -397,9 +397,8 @@ async def test_time_that_cannot_be_caught_up_is_given_up_and_told() -> None:
     assert len(track.time_s) == pytest.approx(18, abs=1)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
+def test_configurations_that_make_no_vehicle_are_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[dict[str, Any], ...] = (
         {"vehicle_id": 0},
         {"vehicle_id": 255},
         {"client_port": 0},
@@ -407,8 +406,7 @@ async def test_time_that_cannot_be_caught_up_is_given_up_and_told() -> None:
         {"wind_m_s2": (0.0, nan)},
         {"battery_fraction": 1.1},
         {"seed": -1},
-    ],
-)
-def test_configurations_that_make_no_vehicle_are_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"vehicle|client_port"):
-        config(**changes)
+    )
+    for changes in rows:
+        with subtests.test(changes=changes), pytest.raises(ValueError, match=r"vehicle|client_port"):
+            config(**changes)

@@ -42,11 +42,12 @@ def test_a_row_is_the_last_words_and_their_age() -> None:
     assert (row.radius_m, row.angular_rate_rad_s) == (None, None), "it has left the ring"
 
 
-@pytest.mark.parametrize("payload", [b"", b"\xc1", b"hello", b"\x90"])
-def test_what_is_no_message_is_left_alone(payload: bytes) -> None:
-    picture = TeamPicture((1,))
-    picture.hear(payload, 0.0)
-    assert picture.rows(0.0) == [WatchRow(1)]
+def test_what_is_no_message_is_left_alone(subtests: pytest.Subtests) -> None:
+    for payload in [b"", b"\xc1", b"hello", b"\x90"]:
+        with subtests.test():
+            picture = TeamPicture((1,))
+            picture.hear(payload, 0.0)
+            assert picture.rows(0.0) == [WatchRow(1)]
 
 
 def test_silence_is_news_once_and_so_is_its_end() -> None:

@@ -120,20 +120,19 @@ def test_an_estimator_is_graded_by_its_test_ratios() -> None:
     assert "calibrate its compass" in findings[0].next_step
 
 
-@pytest.mark.parametrize(
-    ("change", "grades"),
-    [
+def test_an_estimator_that_does_not_know_what_it_should(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, Any], list[str]], ...] = (
         ({"absolute": False}, ["refuse"]),
         ({"wrong": ("its accelerometer reads wrong",)}, ["refuse"]),
         ({"wrong": ("it knows no attitude", "it knows no height")}, ["refuse", "refuse"]),
         ({"glitch": True}, ["warning"]),
         ({"ratios": {}}, ["warning"]),
         ({"relative": False}, []),
-    ],
-)
-def test_an_estimator_that_does_not_know_what_it_should(change: dict[str, Any], grades: list[str]) -> None:
-    findings = team(estimator=replace(SURE, **change))
-    assert grave(findings) == [(grade, "vehicle 2", "estimator") for grade in grades]
+    )
+    for change, grades in rows:
+        with subtests.test(change=change, grades=grades):
+            findings = team(estimator=replace(SURE, **change))
+            assert grave(findings) == [(grade, "vehicle 2", "estimator") for grade in grades]
 
 
 def test_an_estimator_in_a_local_frame_needs_no_place_on_earth() -> None:
@@ -210,9 +209,8 @@ def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
     assert [each.check for each in findings if each.subject == "vehicle 2"] == ["link", "setpoint lead"]
 
 
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
+def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, Any], list[tuple[str, str]]], ...] = (
         ({"autopilot": AutopilotKind.OTHER}, [("refuse", "autopilot")]),
         ({"multicopter": False}, [("refuse", "airframe")]),
         ({"health": {}}, [("refuse", "health")]),
@@ -226,15 +224,14 @@ def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
         ({"telemetry_rate_hz": 7.9}, [("refuse", "telemetry")]),
         ({"clock_ratio": None}, [("warning", "clock")]),
         ({"clock_ratio": 1.05}, [("warning", "clock")]),
-    ],
-)
-def test_what_is_not_well_with_one_vehicle(changes: dict[str, Any], expected: list[tuple[str, str]]) -> None:
-    assert [(grade, check) for grade, _, check in grave(team(**changes))] == expected
+    )
+    for changes, expected in rows:
+        with subtests.test(changes=changes, expected=expected):
+            assert [(grade, check) for grade, _, check in grave(team(**changes))] == expected
 
 
-@pytest.mark.parametrize(
-    ("status", "expected"),
-    [
+def test_what_is_not_well_with_its_status(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, Any], list[tuple[str, str]]], ...] = (
         ({"armed": True}, [("refuse", "armed")]),
         ({"in_air": True}, [("refuse", "armed")]),
         ({"mode": FlightMode.READY}, []),
@@ -244,23 +241,22 @@ def test_what_is_not_well_with_one_vehicle(changes: dict[str, Any], expected: li
         ({"battery": 0.49}, [("warning", "battery")]),
         ({"battery": 0.25}, [("warning", "battery")]),
         ({"battery": 0.24}, [("refuse", "battery")]),
-    ],
-)
-def test_what_is_not_well_with_its_status(status: dict[str, Any], expected: list[tuple[str, str]]) -> None:
-    findings = team(status=replace(well(2).status, **status))
-    assert [(grade, check) for grade, _, check in grave(findings)] == expected
+    )
+    for status, expected in rows:
+        with subtests.test(status=status, expected=expected):
+            findings = team(status=replace(well(2).status, **status))
+            assert [(grade, check) for grade, _, check in grave(findings)] == expected
 
 
-@pytest.mark.parametrize(
-    ("off_m", "expected"),
-    [
+def test_a_vehicle_beside_its_start(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, list[tuple[str, str, str]]], ...] = (
         (1.9, []),
         (2.1, [("warning", "mission", "origin agreement"), ("warning", "vehicle 2", "start")]),
         (10.1, [("refuse", "mission", "origin agreement"), ("refuse", "vehicle 2", "start")]),
-    ],
-)
-def test_a_vehicle_beside_its_start(off_m: float, expected: list[tuple[str, str, str]]) -> None:
-    assert grave(team(position_m=(-off_m, 0.0, 0.0))) == expected
+    )
+    for off_m, expected in rows:
+        with subtests.test(off_m=off_m, expected=expected):
+            assert grave(team(position_m=(-off_m, 0.0, 0.0))) == expected
 
 
 @pytest.mark.parametrize(("mode", "grade"), [(FlightMode.HOLD, "refuse"), (FlightMode.LAND, "warning")])
@@ -283,12 +279,17 @@ def test_vehicles_too_near_to_each_other_on_the_ground_are_refused() -> None:
     assert f"vehicles 1 and 2 are nearest to each other, {near:.1f} m" in "".join(each.found for each in findings)
 
 
-@pytest.mark.parametrize(
-    ("ground_m", "expected"), [(1.9, []), (-2.1, ["warning"]), (6.9, ["warning"]), (7.1, ["refuse"])]
-)
-def test_the_height_of_the_ground(ground_m: float, expected: list[str]) -> None:
-    findings = team(position_m=(*CASE2.vehicle(2).section.start_m, ground_m))
-    assert [grade for grade, _, check in grave(findings) if check == "height"] == expected
+def test_the_height_of_the_ground(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, list[str]], ...] = (
+        (1.9, []),
+        (-2.1, ["warning"]),
+        (6.9, ["warning"]),
+        (7.1, ["refuse"]),
+    )
+    for ground_m, expected in rows:
+        with subtests.test(ground_m=ground_m, expected=expected):
+            findings = team(position_m=(*CASE2.vehicle(2).section.start_m, ground_m))
+            assert [grade for grade, _, check in grave(findings) if check == "height"] == expected
 
 
 def test_clocks_of_different_speed_are_refused() -> None:
@@ -296,9 +297,8 @@ def test_clocks_of_different_speed_are_refused() -> None:
     assert grave(preflight(CASE2, [well(i, clock_ratio=4.0) for i in CASE2.ids])) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "grade"),
-    [
+def test_px4_parameters(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[str, float, str | None], ...] = (
         ("COM_OBL_RC_ACT", 0.0, "warning"),
         ("COM_OBL_RC_ACT", 3.0, "warning"),
         ("COM_OBL_RC_ACT", 5.0, None),
@@ -319,17 +319,16 @@ def test_clocks_of_different_speed_are_refused() -> None:
         ("MPC_XY_VEL_MAX", 1.0, None),
         ("MPC_ACC_HOR", 0.02, "refuse"),
         ("MPC_ACC_HOR", 0.026, "warning"),
-    ],
-)
-def test_px4_parameters(name: str, value: float, grade: str | None) -> None:
-    findings = team(parameters={**PX4, name: value})
-    assert [each[0] for each in grave(findings)] == ([] if grade is None else [grade])
-    assert any(name in each.found for each in findings)
+    )
+    for name, value, grade in rows:
+        with subtests.test(name=name, value=value, grade=grade):
+            findings = team(parameters={**PX4, name: value})
+            assert [each[0] for each in grave(findings)] == ([] if grade is None else [grade])
+            assert any(name in each.found for each in findings)
 
 
-@pytest.mark.parametrize(
-    ("changes", "grades"),
-    [
+def test_arducopter_parameters(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, float | None], list[str]], ...] = (
         ({}, []),
         ({"FS_THR_ENABLE": 0.0}, ["warning"]),
         ({"FS_GCS_ENABLE": 0.0}, ["warning"]),
@@ -344,11 +343,11 @@ def test_px4_parameters(name: str, value: float, grade: str | None) -> None:
         ({"WPNAV_SPEED": None, "WP_SPD": 0.59}, ["refuse"]),
         ({"WPNAV_SPEED": None, "WP_SPD": 10.0}, []),
         ({"WPNAV_ACCEL": 2.0}, ["refuse"]),
-    ],
-)
-def test_arducopter_parameters(changes: dict[str, float | None], grades: list[str]) -> None:
-    findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
-    assert [each[0] for each in grave(findings)] == grades
+    )
+    for changes, grades in rows:
+        with subtests.test(changes=changes, grades=grades):
+            findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
+            assert [each[0] for each in grave(findings)] == grades
 
 
 @pytest.mark.parametrize("kind", [AutopilotKind.PX4, AutopilotKind.ARDUPILOT])
@@ -392,9 +391,8 @@ def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
     assert found.next_step == "widen encirclement.radius_m to 12.1 m, fly fewer vehicles, or lower safety.separation_m"
 
 
-@pytest.mark.parametrize(
-    ("sections", "check", "grade"),
-    [
+def test_missions_beyond_their_own_limits(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, Any], str, Grade], ...] = (
         ({"target": {"velocity_m_s": (2.6, 0.0)}}, "target speed", Grade.REFUSE),
         ({"target": {"velocity_m_s": (0.0, -2.4)}}, "target speed", Grade.WARNING),
         ({"encirclement": {"angular_rate_rad_s": -0.46}}, "ring acceleration", Grade.REFUSE),
@@ -402,10 +400,10 @@ def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
         ({"formation": {"speed_m_s": 2.1}}, "formation speed", Grade.REFUSE),
         ({"formation": {"speed_m_s": 1.7}}, "formation speed", Grade.WARNING),
         ({"formation": {"spacing_m": 1.0}}, "line spacing", Grade.REFUSE),
-    ],
-)
-def test_missions_beyond_their_own_limits(sections: dict[str, Any], check: str, grade: Grade) -> None:
-    assert graded(changed(**sections), check).grade is grade
+    )
+    for sections, check, grade in rows:
+        with subtests.test(sections=sections, check=check, grade=grade):
+            assert graded(changed(**sections), check).grade is grade
 
 
 def test_a_lead_that_is_held_too_short_is_refused_for_the_plant() -> None:
@@ -468,24 +466,21 @@ def test_facts_hold_finite_numbers() -> None:
 # The ground station that a failsafe watches, and the fence's areas
 
 
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
+def test_an_arducopter_whose_failsafe_watches_another_station(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, float | None], list[str]], ...] = (
         ({"SYSID_MYGCS": 255.0}, ["SYSID_MYGCS = 255: its ground station failsafe watches system 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 255.0}, ["MAV_GCS_SYSID = 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 245.0}, []),
         ({"SYSID_MYGCS": 255.0, "FS_GCS_ENABLE": 0.0}, []),
-    ],
-)
-def test_an_arducopter_whose_failsafe_watches_another_station(
-    changes: dict[str, float | None], expected: list[str]
-) -> None:
-    findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
-    told = [each for each in findings if each.check == "ground station id" and each.grade is Grade.WARNING]
-    assert len(told) == len(expected)
-    for finding, words in zip(told, expected, strict=True):
-        assert finding.found.startswith(words)
-        assert finding.next_step.endswith(" = 245")
+    )
+    for changes, expected in rows:
+        with subtests.test(changes=changes, expected=expected):
+            findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
+            told = [each for each in findings if each.check == "ground station id" and each.grade is Grade.WARNING]
+            assert len(told) == len(expected)
+            for finding, words in zip(told, expected, strict=True):
+                assert finding.found.startswith(words)
+                assert finding.next_step.endswith(" = 245")
 
 
 def square(half_m: float, *, stay_in: bool, about: tuple[float, float] = (50.0, 0.0)) -> FenceArea:
@@ -497,9 +492,8 @@ def square(half_m: float, *, stay_in: bool, about: tuple[float, float] = (50.0, 
 WIDE = square(90.0, stay_in=True)
 
 
-@pytest.mark.parametrize(
-    ("areas", "expected"),
-    [
+def test_the_areas_of_the_fence(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[tuple[FenceArea, ...] | None, list[str]], ...] = (
         ((WIDE,), ["pass"]),
         ((square(50.5, stay_in=True),), ["warning"]),
         ((square(50.5, stay_in=True), WIDE), ["pass"]),
@@ -507,26 +501,23 @@ WIDE = square(90.0, stay_in=True)
         ((WIDE, square(3.0, stay_in=False, about=(50.0, 60.0))), ["pass"]),
         ((), []),
         (None, ["warning"]),
-    ],
-)
-def test_the_areas_of_the_fence(areas: tuple[FenceArea, ...] | None, expected: list[str]) -> None:
-    findings = team(fence_areas=areas)
-    assert [each.grade.value for each in findings if each.check == "fence areas"] == expected
+    )
+    for areas, expected in rows:
+        with subtests.test(areas=areas, expected=expected):
+            findings = team(fence_areas=areas)
+            assert [each.grade.value for each in findings if each.check == "fence areas"] == expected
 
 
-@pytest.mark.parametrize(
-    ("kind", "parameters", "acts"),
-    [
+def test_areas_of_a_fence_that_does_not_act_are_none(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[AutopilotKind, dict[str, float], bool], ...] = (
         (AutopilotKind.PX4, {**PX4, "GF_ACTION": 1.0}, False),
         (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0}, True),
         (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0}, False),
-    ],
-)
-def test_areas_of_a_fence_that_does_not_act_are_none(
-    kind: AutopilotKind, parameters: dict[str, float], acts: bool
-) -> None:
-    findings = team(autopilot=kind, parameters=parameters, fence_areas=(square(5.0, stay_in=True),))
-    assert bool([each for each in findings if each.check == "fence areas"]) is acts
+    )
+    for kind, parameters, acts in rows:
+        with subtests.test(kind=kind, parameters=parameters, acts=acts):
+            findings = team(autopilot=kind, parameters=parameters, fence_areas=(square(5.0, stay_in=True),))
+            assert bool([each for each in findings if each.check == "fence areas"]) is acts
 
 
 def test_an_area_is_a_polygon_of_finite_corners() -> None:
