@@ -25,7 +25,6 @@ from sitl.server.server import StubConfig
 
 pytestmark = [
     pytest.mark.wire,
-    pytest.mark.team,
     pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens"),
 ]
 

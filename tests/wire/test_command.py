@@ -29,7 +29,7 @@ from sitl.autopilot.px4 import Autopilot
 from tests.support.paths import ROOT
 from tests.support.wire import StubWatch, served, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.operator]
+pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 

@@ -23,7 +23,7 @@ from tests.support.onlooker import Onlooker
 from tests.support.paths import ROOT
 from tests.support.wire import LOOPBACK, free_port
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 VEHICLES = (1, 2, 3)
 MESSAGES = 400

@@ -83,7 +83,7 @@ def test_a_terminal_that_is_another_jobs_is_left_alone(terminal: tuple[int, int]
 
 PROGRAM = """
 import asyncio, fcntl, sys, termios
-from gcs.keys import Keys
+from gcs.console.keys import Keys
 
 async def main():
     done = asyncio.Event()
