@@ -264,34 +264,25 @@ def test_two_devices_or_two_hosts_are_no_clash(subtests: pytest.Subtests) -> Non
 # What is wrong: one key at a time
 
 
-def test_nan_and_infinity_are_refused_wherever_they_stand() -> None:
-    values = (nan, inf, -inf)
-    missed = [
-        (shown(path), value)
-        for path, value in product(NUMBERS, values)
-        if places(put(content(), path, value)) != [shown(path)]
-    ]
-    assert missed == []
+def test_nan_and_infinity_are_refused_wherever_they_stand(subtests: pytest.Subtests) -> None:
+    for path, value in product(NUMBERS, (nan, inf, -inf)):
+        with subtests.test(path=shown(path), value=value):
+            assert places(put(content(), path, value)) == [shown(path)]
 
 
-def test_a_number_with_its_unit_is_refused_wherever_it_stands() -> None:
-    told = {shown(path): faults(put(content(), path, "10 m")) for path in NUMBERS}
-    missed = [
-        (place, found)
-        for place, found in told.items()
-        if len(found) != 1 or not found[0].startswith(f"{place}: ") or "'10 m'" not in found[0]
-    ]
-    assert missed == []
+def test_a_number_with_its_unit_is_refused_wherever_it_stands(subtests: pytest.Subtests) -> None:
+    for path in NUMBERS:
+        with subtests.test(path=shown(path)):
+            (fault,) = faults(put(content(), path, "10 m"))
+            assert fault.startswith(f"{shown(path)}: ")
+            assert "'10 m'" in fault
 
 
-def test_what_is_counted_is_a_whole_number() -> None:
-    values = (1.5, "1", True, -1)
-    missed = [
-        (shown(path), value)
-        for path, value in product(WHOLE_NUMBERS, values)
-        if places(put(content(), path, value)) != [shown(path)]
-    ]
-    assert missed == []
+def test_what_is_counted_is_a_whole_number(subtests: pytest.Subtests) -> None:
+    values: tuple[object, ...] = (1.5, "1", True, -1)
+    for path, value in product(WHOLE_NUMBERS, values):
+        with subtests.test(path=shown(path), value=value):
+            assert places(put(content(), path, value)) == [shown(path)]
 
 
 def test_an_unknown_key_is_refused_in_every_table(subtests: pytest.Subtests) -> None:
