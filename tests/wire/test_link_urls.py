@@ -40,6 +40,7 @@ from tests.support.wire import (
     served,
     until,
 )
+from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
 
@@ -177,19 +178,19 @@ def told_of(url: str) -> VehicleRefusedError:
 
 def test_a_serial_device_that_is_not_there_is_named() -> None:
     told = told_of("serial:///dev/ttyNOWHERE:57600")
-    assert told.reason.startswith("serial:///dev/ttyNOWHERE:57600: the serial device /dev/ttyNOWHERE does not exist; ")
-    assert told.next_step == "plug the autopilot or radio in, then write the name that appears under /dev"
+    assert facts_missing(told.reason, "serial:///dev/ttyNOWHERE:57600: ", "/dev/ttyNOWHERE does not exist") == []
+    assert "under /dev" in told.next_step
 
 
 def test_a_file_is_no_serial_device(tmp_path: Path) -> None:
     told = told_of(f"serial://{tmp_path}:57600")
-    assert told.reason == f"serial://{tmp_path}:57600: {tmp_path} is not a serial device"
+    assert facts_missing(told.reason, f"serial://{tmp_path}:57600: ", "not a serial device") == []
 
 
 def test_a_device_of_somebody_else_tells_the_group_to_join(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
     told = told_of("serial:///dev/null:57600")
-    assert told.reason == "serial:///dev/null:57600: this user may not open /dev/null"
+    assert facts_missing(told.reason, "serial:///dev/null:57600: ", "may not open /dev/null") == []
     assert "dialout" in told.next_step
 
 
@@ -200,17 +201,16 @@ def test_a_host_that_is_not_known_is_named(scheme: str, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(socket, "getaddrinfo", unknown)
     told = told_of(f"{scheme}://drone.example:5760")
-    assert (
-        told.reason == f"{scheme}://drone.example:5760: the host drone.example is not known (Name or service not known)"
-    )
+    assert told.reason.startswith(f"{scheme}://drone.example:5760: ")
+    assert facts_missing(told.reason, "host drone.example", "Name or service not known") == []
     assert "in numbers" in told.next_step
 
 
 def test_a_tcp_server_that_is_not_there_is_told_at_once() -> None:
     (port,) = free_ports(1)
     told = told_of(f"tcpout://{LOOPBACK}:{port}")
-    assert told.reason == f"tcpout://{LOOPBACK}:{port}: tcp port {port} of {LOOPBACK} refuses connections"
-    assert told.next_step == "start the vehicle or the bridge that serves it, or check host and port"
+    assert facts_missing(told.reason, f"tcpout://{LOOPBACK}:{port}: ", f"tcp port {port}", "refuses") == []
+    assert "host and port" in told.next_step
 
 
 @pytest.mark.parametrize(("scheme", "kind"), [("udpin", socket.SOCK_DGRAM), ("tcpin", socket.SOCK_STREAM)])

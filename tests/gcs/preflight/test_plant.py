@@ -15,6 +15,7 @@ from gcs.preflight.findings import AutopilotKind, Finding, Grade
 from gcs.preflight.mission import extent_m
 from gcs.preflight.preflight import preflight
 from tests.gcs.preflight.test_preflight import well
+from tests.support.wording import facts_missing
 
 CASE2 = load_mission("case2")
 TODAY = date(2026, 11, 21)
@@ -50,7 +51,7 @@ def found(mission: Mission, today: date | None = TODAY, **facts: Any) -> list[Fi
 def test_a_good_plant_of_this_firmware_is_well() -> None:
     (finding,) = found(flown_with(identified()))
     assert finding.grade is Grade.PASS
-    assert finding.found == "its plant file 'stub', identified on 2026-11-01 on its firmware, is good"
+    assert facts_missing(finding.found, "'stub'", "2026-11-01", "good") == []
 
 
 def test_a_file_that_does_not_say_where_it_is_from_is_not_judged() -> None:
@@ -100,7 +101,7 @@ def test_without_a_date_no_file_is_old() -> None:
 
 def test_all_doubts_are_told_at_once() -> None:
     (finding,) = found(flown_with(identified(date=date(2020, 1, 1), firmware="1.13")))
-    assert "days old; it is of firmware 1.13" in finding.found
+    assert facts_missing(finding.found, "days old", "firmware 1.13") == []
 
 
 def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(subtests: pytest.Subtests) -> None:

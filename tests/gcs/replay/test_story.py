@@ -62,6 +62,7 @@ from gcs.replay.witnesses import (
     Witness,
 )
 from tests.support.flight_logs import engaging, record_simulation
+from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 
@@ -189,10 +190,12 @@ def test_an_intervention_is_told_once_with_the_nearest_that_anybody_came() -> No
         turn(20.0, **guarded("changed", "fence")),
     ]
     one, other = lines(GuardWitness(), turns)
-    assert (one.time_s, one.text) == (1.0, "separation, fence: changes 3 setpoints in 3.0 s")
+    assert one.time_s == 1.0
+    assert facts_missing(one.text, "separation, fence", "3 setpoints", "3.0 s") == []
     # At 1.9 s it was 1.9 m away and flew on with 1 m/s.
-    assert one.because == "was moved by 0.50 m; nearest: vehicle 3, 2.00 m away; it stopped the vehicle"
-    assert (other.time_s, other.text) == (20.0, "fence: changes 1 setpoint")
+    assert facts_missing(one.because, "0.50 m", "vehicle 3, 2.00 m", "stopped") == []
+    assert other.time_s == 20.0
+    assert facts_missing(other.text, "fence", "1 setpoint") == []
 
 
 def test_notes_of_failsafes_commands_and_tactics_are_told_with_their_numbers() -> None:
@@ -203,17 +206,16 @@ def test_notes_of_failsafes_commands_and_tactics_are_told_with_their_numbers() -
     )
     said = lines(Notes(), [turn(7.0, TacticEvent(Event.HOLD), notes=notes, own=OWN)])
     assert [(line.kind, line.text) for line in said] == [(note.kind, note.text) for note in notes]
-    assert said[2].because == "told by the program that flies it; at (0.00, 0.00) m, 0.0 m high"
+    assert facts_missing(said[2].because, "(0.00, 0.00) m", "0.0 m high") == []
 
 
 def test_who_is_counted_on_and_who_is_not_any_more() -> None:
     said = lines(Peers(), [turn(0.0), turn(1.0, member(0.9, 4.0), peers=(3,)), turn(2.0, peers=(3,)), turn(3.0)])
-    assert [(line.time_s, line.text) for line in said] == [
-        (1.0, "counts on vehicle 3"),
-        (3.0, "does not count on vehicle 3 any more"),
-    ]
-    assert said[0].because == "3 in encircle at (4.00, 0.00) m"
-    assert said[1].because == "3 said encircle 2.10 s ago"
+    assert [line.time_s for line in said] == [1.0, 3.0]
+    assert all("vehicle 3" in line.text for line in said)
+    assert ["not" in line.text for line in said] == [False, True]
+    assert facts_missing(said[0].because, "encircle", "(4.00, 0.00) m") == []
+    assert facts_missing(said[1].because, "encircle", "2.10 s") == []
 
 
 def test_the_ring_is_told_when_it_grows_and_shrinks() -> None:
@@ -223,12 +225,8 @@ def test_the_ring_is_told_when_it_grows_and_shrinks() -> None:
         turn(float(i), place=place, polar=polar) for i, place in enumerate((None, alone, alone, pair, alone, None))
     ]
     said = lines(Ring(), turns)
-    assert [(line.time_s, line.text) for line in said] == [
-        (1.0, "enters a ring of 1"),
-        (3.0, "is now in a ring of 2"),
-        (4.0, "is now in a ring of 1"),
-    ]
-    assert said[1].because.startswith("90.0° to the one ahead, 270.0° to the one behind, 180° would be even; 10.00 m")
+    assert [(line.time_s, line.text.rpartition("ring of ")[2]) for line in said] == [(1.0, "1"), (3.0, "2"), (4.0, "1")]
+    assert facts_missing(said[1].because, "90.0°", "270.0°", "180°", "10.00 m") == []
 
 
 def test_the_target_is_told_when_it_is_known_and_when_it_is_lost() -> None:
@@ -237,15 +235,17 @@ def test_the_target_is_told_when_it_is_known_and_when_it_is_lost() -> None:
     turns = [turn(0.0), turn(1.0, target=belief, own=OWN), turn(11.5), turn(12.0, target=belief, own=OWN)]
     first, lost, again = lines(Target(), turns)
     assert first.text == "the target is known"
-    assert "at (3.00, 4.00) m to 0.50 m, 5.00 m away" in first.because
-    assert (lost.text, lost.because) == ("the target is lost", "last believable sighting 10.5 s before")
+    assert facts_missing(first.because, "(3.00, 4.00) m", "0.50 m", "5.00 m") == []
+    assert "lost" in lost.text
+    assert "10.5 s" in lost.because
     assert again.text == "the target is known again"
 
 
 def test_failed_plans_are_one_line_for_each_time() -> None:
     turns = [turn(i / 10.0, qp="fallback" if i in (10, 11, 15, 90) else "interior") for i in range(100)]
     one, other = lines(Plans(), turns)
-    assert (one.time_s, one.text.partition(": ")[2]) == (1.0, "the substitute flies, 3 ticks in 0.5 s")
+    assert one.time_s == 1.0
+    assert facts_missing(one.text, "3 ticks", "0.5 s") == []
     assert other.time_s == 9.0
 
 
@@ -259,17 +259,17 @@ def test_a_late_computer_is_counted_tick_by_tick() -> None:
     """On tape is only when the count changes: it holds until then."""
     turns = [turn(1.0, LateTicks(2)), turn(1.3), turn(1.4, LateTicks(0)), turn(9.0, LateTicks(1), Bus(alive=False))]
     bus, *late = sorted(lines(LoopWitness(), turns), key=lambda line: line.kind != "link")
-    assert (bus.time_s, bus.text) == (9.0, "the bus does not work")
-    assert [(line.time_s, line.text) for line in late] == [
-        (1.0, "the computer was late: 4 ticks skipped in 0.3 s, 2 at once at most"),
-        (9.0, "the computer was late: 1 tick skipped in 0.0 s"),
-    ]
+    assert bus.time_s == 9.0
+    assert "bus" in bus.text
+    assert [line.time_s for line in late] == [1.0, 9.0]
+    assert facts_missing(late[0].text, "4 ticks", "0.3 s", "2 at once") == []
+    assert facts_missing(late[1].text, "1 tick ", "0.0 s") == []
 
 
 def test_ticks_beside_a_landing_are_not_late() -> None:
     turns = [turn(1.0, LateTicks(2), tactic="land"), turn(1.1, tactic="land"), turn(1.2, tactic="land")]
     (late,) = lines(LoopWitness(), turns)
-    assert late.text == "the computer was late: 2 ticks skipped in 0.0 s"
+    assert facts_missing(late.text, "2 ticks", "0.0 s") == []
 
 
 def test_an_autopilot_is_told_of_when_more_changes_than_its_battery() -> None:
