@@ -188,7 +188,7 @@ async def test_a_kill_cuts_the_motors_whatever_the_vehicle_is_doing(when: str, f
 
 
 async def test_a_vehicle_that_is_told_to_land_on_its_way_up_comes_down_from_there(fly_team: FlyTeam) -> None:
-    async with fly_team(speed=1.0, until_tactic="") as team:
+    async with fly_team(speed=2.0, until_tactic="") as team:
         await until(lambda: 3 in team.watch.vehicles and not team.watch.vehicles[3].landed)
         assert await team.command("land", 3) == {3: "lands"}
         await until(lambda: team.watch.vehicles[3].mode is NavMode.LAND, 6.0)

@@ -40,6 +40,7 @@ from sitl.mavlink_constants import MessageId, Outgoing
 from sitl.server.process import StubProcess, unix_clock
 from sitl.server.server import StubConfig, serve
 from tests.support.wire import free_port
+from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
 
@@ -427,7 +428,7 @@ async def test_a_vehicle_that_finds_itself_nowhere_is_refused(calls_and_feed: tu
     calls, feed = calls_and_feed
     with pytest.raises(VehicleRefusedError) as refusal:
         await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
-    assert "within 0.1 s (global position, arming checks); it says “Preflight Fail: no GPS”" in refusal.value.reason
+    assert facts_missing(refusal.value.reason, "0.1 s", "global position", "“Preflight Fail: no GPS”") == []
     feed.plugin.get_gps_global_origin = lambda: Geodetic(-33.9, 151.2, 20.0)
     with pytest.raises(VehicleRefusedError, match="km from the mission's origin") as refusal:
         await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)

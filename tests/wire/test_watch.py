@@ -32,7 +32,7 @@ SOON = (
     ("velocity_m_s = [0.1, 0.0]", "velocity_m_s = [0.0, 0.0]"),
 )
 """What makes the ring form soon."""
-WATCHES = 10
+WATCHES = 5
 
 
 @contextmanager

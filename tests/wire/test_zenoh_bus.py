@@ -18,7 +18,7 @@ from tests.support.wire import free_ports
 
 PEER_PROCESS = """
 import asyncio, sys
-from agents.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import ZenohBus
 
 async def main():
     bus = ZenohBus(9, "wire", sys.argv[1], sys.argv[2:])
