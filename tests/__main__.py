@@ -1,13 +1,14 @@
 """Check everything: format, lint, types, import contracts, tests. Further arguments go to pytest."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import sysconfig
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -20,11 +21,11 @@ CHECKS = (
     ("lint-imports", "--no-logo"),
 )
 
-COMPUTING = "not wire"
-"""Runs beside checks and stages; these mostly wait for sockets, and it gives way to them when their time comes."""
-STAGES = (("wire and not team", "team and not (operator or processes or alone)"), ("operator", "processes"))
-"""What runs side by side, one pair after the other."""
-ALONE = "alone"
+SOCKETS = ("-m", "wire", "-n", str(2 * (os.cpu_count() or 1)), "--dist", "load", "--maxschedchunk", "1")
+"""Tests on real sockets mostly wait: more of them than there are cores run side by side, each worker takes the next."""
+COMPUTING = ("-m", "not wire", "-n", "auto", "--dist", "loadfile")
+"""Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
+GIVES_WAY = ("nice", "-n", "19")
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
 """Matrices here are small: more threads only spin, in the way of the other processes."""
 HANGS_AFTER_S = 1500.0
@@ -38,37 +39,28 @@ def main() -> int:
         checks = _failing_checks()
         tests_fail = _run("pytest", *arguments) != 0
     else:
-        with _started(COMPUTING, "nice", "-n", "19") as computing:
+        with _pytest(*SOCKETS) as sockets, _pytest(*COMPUTING, prefix=GIVES_WAY) as computing:
             checks = _failing_checks()
-            failed = [_fail(parts) for parts in STAGES]
-            failed.append(not computing())
-        tests_fail = any([*failed, _fail([ALONE])])
+            tests_fail = not all([sockets(), computing()])  # both are shown
     for check in checks:
         print(f"failed: {check}", file=sys.stderr)
     return int(tests_fail or bool(checks))
 
 
 def _failing_checks() -> list[str]:
-    return [" ".join(check) for check in CHECKS if _run(*check) != 0]
-
-
-def _fail(parts: Sequence[str]) -> bool:
-    """Run parts side by side, and return whether one of them fails."""
-    with ExitStack() as stack:
-        runs = [stack.enter_context(_started(part)) for part in parts]
-        return not min([passes() for passes in runs])  # all of them are shown
+    return [" ".join(check) for check in CHECKS if _run(*check, prefix=GIVES_WAY) != 0]
 
 
 @contextmanager
-def _started(part: str, *prefix: str) -> Iterator[Callable[[], bool]]:
-    """Start the tests of one part; what is yielded waits for their end, shows the output and says whether they pass."""
-    command = [*prefix, str(SCRIPTS / "pytest"), "-m", part]
+def _pytest(*arguments: str, prefix: Sequence[str] = ()) -> Iterator[Callable[[], bool]]:
+    """Start some of the tests; what is yielded waits for their end, shows the output and returns whether they pass."""
+    command = [*prefix, str(SCRIPTS / "pytest"), *arguments]
     end_s = time.monotonic() + HANGS_AFTER_S
     with TemporaryFile() as output:
         process = subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=output, stderr=output)
 
         def passes() -> bool:
-            print(f"--- pytest -m '{part}'", flush=True)
+            print(f"--- pytest {shlex.join(arguments)}", flush=True)
             _wait(process, end_s)
             output.seek(0)
             sys.stdout.buffer.write(output.read())
@@ -90,9 +82,9 @@ def _wait(process: subprocess.Popen[bytes], end_s: float) -> None:
         process.wait()
 
 
-def _run(tool: str, *arguments: str) -> int:
-    print(f"--- {tool} {' '.join(arguments)}", flush=True)
-    return subprocess.run([SCRIPTS / tool, *arguments], cwd=ROOT, check=False).returncode
+def _run(tool: str, *arguments: str, prefix: Sequence[str] = ()) -> int:
+    print(f"--- {tool} {shlex.join(arguments)}", flush=True)
+    return subprocess.run([*prefix, SCRIPTS / tool, *arguments], cwd=ROOT, check=False).returncode
 
 
 if __name__ == "__main__":

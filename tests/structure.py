@@ -6,6 +6,7 @@ A circle is a set of siblings - files or folders of one folder - that import one
 import ast
 import sys
 from collections.abc import Iterator, Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -14,6 +15,7 @@ PACKAGES = ("gcs", "agents", "sitl", "estimation")
 FILES_MAX = {"gcs": 6, "agents": 10}
 FILES_MAX_ELSEWHERE = 16
 FUNCTION_LINES_MAX = 40
+FILE_LINES_MAX = 400
 
 
 def sources() -> list[Path]:
@@ -47,6 +49,22 @@ def long_functions(files: list[Path]) -> list[str]:
                 if length > FUNCTION_LINES_MAX:
                     rows.append(f"{path.as_posix()}:{node.lineno} {node.name}: {length} lines")
     return rows
+
+
+def long_files(files: list[Path]) -> list[str]:
+    """Return the files of more than `FILE_LINES_MAX` lines, each with its length."""
+    rows = [(path.as_posix(), len(_text(path).splitlines())) for path in files]
+    return [f"{name}: {count} lines" for name, count in rows if count > FILE_LINES_MAX]
+
+
+def unseeded_generators(files: list[Path]) -> list[str]:
+    """Return the places that make a random generator without a seed, which the linter has no rule for."""
+    calls = ((path, node) for path in files for node in ast.walk(_tree(path)) if isinstance(node, ast.Call))
+    return [
+        f"{path.as_posix()}:{node.lineno} {ast.unparse(node)}"
+        for path, node in calls
+        if not node.args and not node.keywords and ast.unparse(node.func).endswith("default_rng")
+    ]
 
 
 def file_circles(files: list[Path]) -> list[str]:
@@ -113,8 +131,13 @@ def _circle(graph: Mapping[str, set[str]]) -> list[str]:
     return []
 
 
+@cache
 def _tree(path: Path) -> ast.Module:
-    return ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    return ast.parse(_text(path))
+
+
+def _text(path: Path) -> str:
+    return (ROOT / path).read_text(encoding="utf-8")
 
 
 def main() -> int:
@@ -123,9 +146,7 @@ def main() -> int:
     for folder, count in files_per_folder(files).items():
         print(f"{count:4d} files  {folder}")
     for package in PACKAGES:
-        lines = [
-            len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in files if path.parts[0] == package
-        ]
+        lines = [len(_text(path).splitlines()) for path in files if path.parts[0] == package]
         print(f"{sum(lines):6d} lines  {package} ({len(lines)} files, the longest {max(lines)})")
     faults = 0
     for title, rows in (
@@ -133,6 +154,8 @@ def main() -> int:
         ("circles of files", file_circles(files)),
         ("circles of folders", folder_circles(files)),
         (f"functions over {FUNCTION_LINES_MAX} lines", long_functions(files)),
+        (f"files over {FILE_LINES_MAX} lines", long_files(files)),
+        ("random generators without a seed", unseeded_generators(files)),
     ):
         print(f"{title}: {len(rows)}", *rows, sep="\n  ")
         faults += len(rows)

@@ -1,7 +1,6 @@
 """The documentation says what the code does."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -12,9 +11,10 @@ from tests.support.paths import DOCS
 ROOT = DOCS.parent
 
 
-@pytest.mark.parametrize("name", GENERATED)
-def test_generated_parts_are_up_to_date(name: str) -> None:
-    assert (DOCS / name).read_text(encoding="utf-8") == renewed(name), "run python -m tests.support.docs"
+def test_generated_parts_are_up_to_date(subtests: pytest.Subtests) -> None:
+    for name in GENERATED:
+        with subtests.test(name=name):
+            assert (DOCS / name).read_text(encoding="utf-8") == renewed(name), "run python -m tests.support.docs"
 
 
 def test_readme_holds_exactly_two_commands() -> None:
@@ -24,10 +24,11 @@ def test_readme_holds_exactly_two_commands() -> None:
     assert blocks[1].strip().endswith("python -m tests"), ".ci/run looks for this line"
 
 
-@pytest.mark.parametrize("document", sorted(ROOT.glob("*.md")) + sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
-def test_links_lead_somewhere(document: Path) -> None:
-    targets = re.findall(r"\]\((?!https?://)([^)#]+)\)", document.read_text(encoding="utf-8"))
-    assert [target for target in targets if not (document.parent / target).exists()] == []
+def test_links_lead_somewhere(subtests: pytest.Subtests) -> None:
+    for document in sorted(ROOT.glob("*.md")) + sorted(DOCS.glob("*.md")):
+        with subtests.test(document=document):
+            targets = re.findall(r"\]\((?!https?://)([^)#]+)\)", document.read_text(encoding="utf-8"))
+            assert [target for target in targets if not (document.parent / target).exists()] == []
 
 
 def test_every_exit_code_is_documented() -> None:

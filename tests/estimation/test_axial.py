@@ -40,64 +40,71 @@ def covariance(axis: AxisEstimate) -> Vector:
     return half + np.triu(half, 1).T
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_prediction_equals_filterpy_s(seed: int) -> None:
-    axis, random = drawn(seed)
-    plant, disturbed, aimed = random.standard_normal((2, 2)), random.standard_normal(2), random.standard_normal(2)
-    rotation, (pp, pv, vv, walk_c, walk_s) = 0.7, random.uniform(0.1, 1.0, 5).tolist()
-    transition, noise, gain = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 1))
-    transition[:2, :2] = plant
-    transition[:2, 2] = transition[:2, 3] = disturbed
-    transition[2, 2] = 1.0
-    transition[3:, 3:] = [[cos(rotation), -sin(rotation)], [sin(rotation), cos(rotation)]]
-    gain[:2, 0] = aimed
-    noise[:2, :2] = [[pp, pv], [pv, vv]]
-    noise[2, 2], noise[3, 3], noise[4, 4] = walk_c, walk_s, walk_s
-    expected = kalman.predict(
-        mean(axis).reshape(-1, 1), covariance(axis), F=transition, Q=noise, u=np.array([[1.7]]), B=gain
-    )
-    step = Step(
-        pp=plant[0, 0],
-        pv=plant[0, 1],
-        vp=plant[1, 0],
-        vv=plant[1, 1],
-        disturbed_p=disturbed[0],
-        disturbed_v=disturbed[1],
-        aimed_p=aimed[0],
-        aimed_v=aimed[1],
-        ramp_p=0.0,
-        ramp_v=0.0,
-        noise_pp=pp,
-        noise_pv=pv,
-        noise_vv=vv,
-        walk_c=walk_c,
-        walk_s=walk_s,
-    )
+def test_the_prediction_equals_filterpy_s(subtests: pytest.Subtests) -> None:
+    for seed in range(5):
+        with subtests.test(seed=seed):
+            axis, random = drawn(seed)
+            plant, disturbed, aimed = (
+                random.standard_normal((2, 2)),
+                random.standard_normal(2),
+                random.standard_normal(2),
+            )
+            rotation, (pp, pv, vv, walk_c, walk_s) = 0.7, random.uniform(0.1, 1.0, 5).tolist()
+            transition, noise, gain = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 1))
+            transition[:2, :2] = plant
+            transition[:2, 2] = transition[:2, 3] = disturbed
+            transition[2, 2] = 1.0
+            transition[3:, 3:] = [[cos(rotation), -sin(rotation)], [sin(rotation), cos(rotation)]]
+            gain[:2, 0] = aimed
+            noise[:2, :2] = [[pp, pv], [pv, vv]]
+            noise[2, 2], noise[3, 3], noise[4, 4] = walk_c, walk_s, walk_s
+            expected = kalman.predict(
+                mean(axis).reshape(-1, 1), covariance(axis), F=transition, Q=noise, u=np.array([[1.7]]), B=gain
+            )
+            step = Step(
+                pp=plant[0, 0],
+                pv=plant[0, 1],
+                vp=plant[1, 0],
+                vv=plant[1, 1],
+                disturbed_p=disturbed[0],
+                disturbed_v=disturbed[1],
+                aimed_p=aimed[0],
+                aimed_v=aimed[1],
+                ramp_p=0.0,
+                ramp_v=0.0,
+                noise_pp=pp,
+                noise_pv=pv,
+                noise_vv=vv,
+                walk_c=walk_c,
+                walk_s=walk_s,
+            )
 
-    after = predicted(axis, step, (cos(rotation), sin(rotation)), 1.7)
+            after = predicted(axis, step, (cos(rotation), sin(rotation)), 1.7)
 
-    assert mean(after) == pytest.approx(expected[0].ravel(), abs=1e-9)
-    assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
-    assert predicted_mean(axis, step, (cos(rotation), sin(rotation)), 1.7) == astuple(after)[:5]
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_update_equals_filterpy_s(seed: int) -> None:
-    axis, random = drawn(seed)
-    measured, noise = random.standard_normal(2), random.uniform(0.1, 1.0, 2)
-    expected = kalman.update(mean(axis), covariance(axis), measured, np.diag(noise), OBSERVATION)
-    off = measured - mean(axis)[:2]
-    squared_expected = off @ np.linalg.inv(covariance(axis)[:2, :2] + np.diag(noise)) @ off
-
-    after, squared = updated(axis, measured[0], measured[1], (noise[0], noise[1]))
-
-    assert mean(after) == pytest.approx(expected[0], abs=1e-9)
-    assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
-    assert squared == pytest.approx(squared_expected)
+            assert mean(after) == pytest.approx(expected[0].ravel(), abs=1e-9)
+            assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
+            assert predicted_mean(axis, step, (cos(rotation), sin(rotation)), 1.7) == astuple(after)[:5]
 
 
-@pytest.mark.parametrize("far_m", [1e200, -1e308, nan])
-def test_nothing_so_far_out_stops_the_filter(far_m: float) -> None:
-    axis, _ = drawn(0)
-    _, squared = updated(axis, far_m, 0.0, (1.0, 1.0))
-    assert not squared <= 1e300
+def test_the_update_equals_filterpy_s(subtests: pytest.Subtests) -> None:
+    for seed in range(5):
+        with subtests.test(seed=seed):
+            axis, random = drawn(seed)
+            measured, noise = random.standard_normal(2), random.uniform(0.1, 1.0, 2)
+            expected = kalman.update(mean(axis), covariance(axis), measured, np.diag(noise), OBSERVATION)
+            off = measured - mean(axis)[:2]
+            squared_expected = off @ np.linalg.inv(covariance(axis)[:2, :2] + np.diag(noise)) @ off
+
+            after, squared = updated(axis, measured[0], measured[1], (noise[0], noise[1]))
+
+            assert mean(after) == pytest.approx(expected[0], abs=1e-9)
+            assert covariance(after) == pytest.approx(expected[1], abs=1e-9)
+            assert squared == pytest.approx(squared_expected)
+
+
+def test_nothing_so_far_out_stops_the_filter(subtests: pytest.Subtests) -> None:
+    for far_m in [1e200, -1e308, nan]:
+        with subtests.test(far_m=far_m):
+            axis, _ = drawn(0)
+            _, squared = updated(axis, far_m, 0.0, (1.0, 1.0))
+            assert not squared <= 1e300

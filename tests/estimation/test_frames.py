@@ -45,18 +45,19 @@ def axes_of(frame: MissionFrame) -> tuple[Vector, Vector, Vector]:
     return x, np.cross(up, x), up
 
 
-@pytest.mark.parametrize("origin", ORIGINS)
-@pytest.mark.parametrize("bearing_deg", [0.0, 90.0, -135.0])
-def test_places_agree_with_earth_centred_geometry_and_come_back(origin: Geodetic, bearing_deg: float) -> None:
-    frame = MissionFrame(origin, radians(bearing_deg))
-    for offset in [(0.0, 0.0, 0.0), (0.01, 0.0, 3.0), (-0.004, 0.013, -40.0), (0.0, -0.02, 120.0)]:
-        longitude = degrees(wrap_signed_rad(radians(origin.longitude_deg + offset[1])))
-        place = Geodetic(origin.latitude_deg + offset[0], longitude, origin.altitude_m + offset[2])
-        line = earth_centred_m(place) - earth_centred_m(origin)
-        mission = frame.mission_from_geodetic(place)
-        assert mission == pytest.approx([axis @ line for axis in axes_of(frame)], abs=1e-6)
-        again = frame.geodetic_from_mission(mission)
-        assert earth_centred_m(again) == pytest.approx(earth_centred_m(place), abs=1e-6)
+def test_places_agree_with_earth_centred_geometry_and_come_back(subtests: pytest.Subtests) -> None:
+    for origin in ORIGINS:
+        for bearing_deg in [0.0, 90.0, -135.0]:
+            with subtests.test(origin=origin, bearing_deg=bearing_deg):
+                frame = MissionFrame(origin, radians(bearing_deg))
+                for offset in [(0.0, 0.0, 0.0), (0.01, 0.0, 3.0), (-0.004, 0.013, -40.0), (0.0, -0.02, 120.0)]:
+                    longitude = degrees(wrap_signed_rad(radians(origin.longitude_deg + offset[1])))
+                    place = Geodetic(origin.latitude_deg + offset[0], longitude, origin.altitude_m + offset[2])
+                    line = earth_centred_m(place) - earth_centred_m(origin)
+                    mission = frame.mission_from_geodetic(place)
+                    assert mission == pytest.approx([axis @ line for axis in axes_of(frame)], abs=1e-6)
+                    again = frame.geodetic_from_mission(mission)
+                    assert earth_centred_m(again) == pytest.approx(earth_centred_m(place), abs=1e-6)
 
 
 def test_a_place_on_the_x_axis_lies_on_its_bearing_over_the_ground() -> None:
@@ -69,23 +70,20 @@ def test_a_place_on_the_x_axis_lies_on_its_bearing_over_the_ground() -> None:
     assert 2.0 * asin(hypot(north, east) / 2.0) * SEMI_MAJOR_M == pytest.approx(500.0, rel=5e-3)
 
 
-@pytest.mark.parametrize(
-    ("bearing_deg", "ned", "mission"),
-    [
+def test_north_east_down_by_hand(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, tuple[float, float, float], tuple[float, float, float]], ...] = (
         (0.0, (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
         (0.0, (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)),
         (90.0, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
         (90.0, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
         (180.0, (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)),
         (45.0, (1.0, 1.0, -2.0), (sqrt(2.0), 0.0, 2.0)),
-    ],
-)
-def test_north_east_down_by_hand(
-    bearing_deg: float, ned: tuple[float, float, float], mission: tuple[float, float, float]
-) -> None:
-    frame = MissionFrame(ZURICH, radians(bearing_deg))
-    assert frame.mission_from_ned(ned) == pytest.approx(mission, abs=1e-12)
-    assert frame.ned_from_mission(mission) == pytest.approx(ned, abs=1e-12)
+    )
+    for bearing_deg, ned, mission in rows:
+        with subtests.test(bearing_deg=bearing_deg, ned=ned, mission=mission):
+            frame = MissionFrame(ZURICH, radians(bearing_deg))
+            assert frame.mission_from_ned(ned) == pytest.approx(mission, abs=1e-12)
+            assert frame.ned_from_mission(mission) == pytest.approx(ned, abs=1e-12)
 
 
 @given(angles, metres, metres, metres)
@@ -105,19 +103,30 @@ def test_wrapping_changes_an_angle_by_whole_turns_only(angle: float) -> None:
         assert isclose(turns, round(turns), abs_tol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("angle", "signed", "turn"),
-    [(0.0, 0.0, tau), (tau, 0.0, tau), (-tau, 0.0, tau), (1.5 * pi, -0.5 * pi, 1.5 * pi), (-0.1, -0.1, tau - 0.1)],
-)
-def test_wrapping_by_hand(angle: float, signed: float, turn: float) -> None:
-    assert wrap_signed_rad(angle) == pytest.approx(signed, abs=1e-12)
-    assert wrap_turn_rad(angle) == pytest.approx(turn, abs=1e-12)
+def test_wrapping_by_hand(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float, float], ...] = (
+        (0.0, 0.0, tau),
+        (tau, 0.0, tau),
+        (-tau, 0.0, tau),
+        (1.5 * pi, -0.5 * pi, 1.5 * pi),
+        (-0.1, -0.1, tau - 0.1),
+    )
+    for angle, signed, turn in rows:
+        with subtests.test(angle=angle, signed=signed, turn=turn):
+            assert wrap_signed_rad(angle) == pytest.approx(signed, abs=1e-12)
+            assert wrap_turn_rad(angle) == pytest.approx(turn, abs=1e-12)
 
 
-@pytest.mark.parametrize("place", [(90.1, 0.0, 0.0), (0.0, -180.1, 0.0), (nan, 0.0, 0.0), (0.0, 0.0, nan)])
-def test_what_is_no_place_on_earth_is_refused(place: tuple[float, float, float]) -> None:
-    with pytest.raises(ValueError, match="not a place on Earth"):
-        Geodetic(*place)
+def test_what_is_no_place_on_earth_is_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float, float], ...] = (
+        (90.1, 0.0, 0.0),
+        (0.0, -180.1, 0.0),
+        (nan, 0.0, 0.0),
+        (0.0, 0.0, nan),
+    )
+    for place in rows:
+        with subtests.test(place=place), pytest.raises(ValueError, match="not a place on Earth"):
+            Geodetic(*place)
 
 
 def test_a_bearing_that_is_not_finite_is_refused() -> None:

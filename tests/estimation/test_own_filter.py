@@ -173,18 +173,22 @@ def test_setpoints_act_one_delay_later() -> None:
     assert np.abs(estimated(hasty, 15.0)[4:] - 0.1).max() > 0.05
 
 
-@pytest.mark.parametrize("ahead_s", [0.0, 0.13, 0.25])
-def test_the_motion_is_predicted_through_the_setpoints_on_their_way(ahead_s: float) -> None:
-    own = OwnFilter(DELAYED, SETTINGS)
-    truth = fly(own, DELAYED, 150)
-    sent = [(tick * PERIOD_S + 0.25, 2.0 * np.sin(0.5 * tick * PERIOD_S), 0.3 * tick * PERIOD_S) for tick in range(151)]
-    time_s = 15.0
-    while time_s < 15.0 + ahead_s - 1e-9:
-        until_s = min(15.0 + ahead_s, *(acts_s for acts_s, _, _ in sent if acts_s > time_s + 1e-9))
-        _, x, y = [entry for entry in sent if entry[0] <= time_s + 1e-9][-1]
-        truth = exact_step(DELAYED, until_s - time_s).advance(truth, np.array([x, y]), np.zeros(2))
-        time_s = until_s
-    assert own.predicted(15.0 + ahead_s, 0.0)[:4] == pytest.approx(truth, abs=2e-3)
+def test_the_motion_is_predicted_through_the_setpoints_on_their_way(subtests: pytest.Subtests) -> None:
+    for ahead_s in [0.0, 0.13, 0.25]:
+        with subtests.test(ahead_s=ahead_s):
+            own = OwnFilter(DELAYED, SETTINGS)
+            truth = fly(own, DELAYED, 150)
+            sent = [
+                (tick * PERIOD_S + 0.25, 2.0 * np.sin(0.5 * tick * PERIOD_S), 0.3 * tick * PERIOD_S)
+                for tick in range(151)
+            ]
+            time_s = 15.0
+            while time_s < 15.0 + ahead_s - 1e-9:
+                until_s = min(15.0 + ahead_s, *(acts_s for acts_s, _, _ in sent if acts_s > time_s + 1e-9))
+                _, x, y = [entry for entry in sent if entry[0] <= time_s + 1e-9][-1]
+                truth = exact_step(DELAYED, until_s - time_s).advance(truth, np.array([x, y]), np.zeros(2))
+                time_s = until_s
+            assert own.predicted(15.0 + ahead_s, 0.0)[:4] == pytest.approx(truth, abs=2e-3)
 
 
 def test_there_is_no_estimate_before_telemetry_and_none_before_its_time() -> None:
@@ -197,12 +201,13 @@ def test_there_is_no_estimate_before_telemetry_and_none_before_its_time() -> Non
     assert early.time_s == own.heard_s == 5.0
 
 
-@pytest.mark.parametrize("field", range(3))
-def test_telemetry_that_is_not_finite_never_reaches_the_filter(field: int) -> None:
-    values = [1.0, (1.0, 2.0, 3.0), (1.0, 2.0, 3.0)]
-    values[field] = nan if field == 0 else (1.0, nan, 3.0)
-    with pytest.raises(ValueError, match="not finite"):
-        Telemetry(*values)  # type: ignore[arg-type]
+def test_telemetry_that_is_not_finite_never_reaches_the_filter(subtests: pytest.Subtests) -> None:
+    for field in range(3):
+        with subtests.test(field=field):
+            values = [1.0, (1.0, 2.0, 3.0), (1.0, 2.0, 3.0)]
+            values[field] = nan if field == 0 else (1.0, nan, 3.0)
+            with pytest.raises(ValueError, match="not finite"):
+                Telemetry(*values)  # type: ignore[arg-type]
 
 
 def settled() -> OwnFilter:

@@ -32,45 +32,48 @@ def positive(random: np.random.Generator, size: int) -> Vector:
     return np.asarray(root @ root.T + 0.1 * np.eye(size), dtype=np.float64)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_prediction_equals_filterpy_s(seed: int) -> None:
-    motion, random = drawn(seed)
-    step = MotionStep(*random.uniform(0.1, 2.0, 5).tolist())
-    axis = np.array([[1.0, step.velocity_s], [0.0, step.velocity_share]])
-    noise = np.array([[step.noise_position, step.noise_cross], [step.noise_cross, step.noise_velocity]])
-    mean, covariance = kalman.predict(
-        motion.mean, motion.covariance, F=np.kron(axis, np.eye(2)), Q=np.kron(noise, np.eye(2))
-    )
+def test_the_prediction_equals_filterpy_s(subtests: pytest.Subtests) -> None:
+    for seed in range(5):
+        with subtests.test(seed=seed):
+            motion, random = drawn(seed)
+            step = MotionStep(*random.uniform(0.1, 2.0, 5).tolist())
+            axis = np.array([[1.0, step.velocity_s], [0.0, step.velocity_share]])
+            noise = np.array([[step.noise_position, step.noise_cross], [step.noise_cross, step.noise_velocity]])
+            mean, covariance = kalman.predict(
+                motion.mean, motion.covariance, F=np.kron(axis, np.eye(2)), Q=np.kron(noise, np.eye(2))
+            )
 
-    after = predicted(motion, 3.5, step)
+            after = predicted(motion, 3.5, step)
 
-    assert after.time_s == 3.5
-    assert after.mean == pytest.approx(mean, abs=1e-9)
-    assert after.covariance == pytest.approx(covariance, abs=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_update_equals_filterpy_s(seed: int) -> None:
-    motion, random = drawn(seed)
-    noise, position = positive(random, 2), random.standard_normal(2)
-    mean, covariance = kalman.update(motion.mean, motion.covariance, position, noise, OBSERVATION)
-    off = position - motion.mean[:2]
-    squared = off @ np.linalg.inv(motion.covariance[:2, :2] + noise) @ off
-
-    x, y = position.tolist()
-    after, innovation = updated(motion, (x, y), (noise[0, 0], noise[0, 1], noise[1, 1]))
-
-    assert after.time_s == 3.0
-    assert after.mean == pytest.approx(mean, abs=1e-9)
-    assert after.covariance == pytest.approx(covariance, abs=1e-9)
-    assert innovation.squared == pytest.approx(squared)
+            assert after.time_s == 3.5
+            assert after.mean == pytest.approx(mean, abs=1e-9)
+            assert after.covariance == pytest.approx(covariance, abs=1e-9)
 
 
-@pytest.mark.parametrize("far_m", [1e200, -1e308, nan])
-def test_nothing_so_far_out_stops_the_filter(far_m: float) -> None:
-    motion, _ = drawn(0)
-    _, innovation = updated(motion, (0.0, far_m), (1.0, 0.0, 1.0))
-    assert not innovation.squared <= 1e300
+def test_the_update_equals_filterpy_s(subtests: pytest.Subtests) -> None:
+    for seed in range(5):
+        with subtests.test(seed=seed):
+            motion, random = drawn(seed)
+            noise, position = positive(random, 2), random.standard_normal(2)
+            mean, covariance = kalman.update(motion.mean, motion.covariance, position, noise, OBSERVATION)
+            off = position - motion.mean[:2]
+            squared = off @ np.linalg.inv(motion.covariance[:2, :2] + noise) @ off
+
+            x, y = position.tolist()
+            after, innovation = updated(motion, (x, y), (noise[0, 0], noise[0, 1], noise[1, 1]))
+
+            assert after.time_s == 3.0
+            assert after.mean == pytest.approx(mean, abs=1e-9)
+            assert after.covariance == pytest.approx(covariance, abs=1e-9)
+            assert innovation.squared == pytest.approx(squared)
+
+
+def test_nothing_so_far_out_stops_the_filter(subtests: pytest.Subtests) -> None:
+    for far_m in [1e200, -1e308, nan]:
+        with subtests.test(far_m=far_m):
+            motion, _ = drawn(0)
+            _, innovation = updated(motion, (0.0, far_m), (1.0, 0.0, 1.0))
+            assert not innovation.squared <= 1e300
 
 
 def test_a_noise_that_is_almost_a_line_leaves_a_covariance() -> None:

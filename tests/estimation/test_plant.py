@@ -34,14 +34,15 @@ def continuous(plant: Plant) -> Vector:
     return system
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-@pytest.mark.parametrize("step_s", [0.0, 1e-4, 0.1, 0.5, 3.0, 40.0])
-def test_exact_step_is_the_matrix_exponential(plant: Plant, step_s: float) -> None:
-    truth = expm(continuous(plant) * step_s)[:4]
-    step = exact_step(plant, step_s)
-    assert step.transition == pytest.approx(truth[:, :4], abs=1e-9)
-    assert step.input_gain == pytest.approx(truth[:, 4:6], abs=1e-9)
-    assert step.disturbance_gain == pytest.approx(truth[:, 6:], abs=1e-9)
+def test_exact_step_is_the_matrix_exponential(subtests: pytest.Subtests) -> None:
+    for plant in PLANTS:
+        for step_s in [0.0, 1e-4, 0.1, 0.5, 3.0, 40.0]:
+            with subtests.test(plant=plant, step_s=step_s):
+                truth = expm(continuous(plant) * step_s)[:4]
+                step = exact_step(plant, step_s)
+                assert step.transition == pytest.approx(truth[:, :4], abs=1e-9)
+                assert step.input_gain == pytest.approx(truth[:, 4:6], abs=1e-9)
+                assert step.disturbance_gain == pytest.approx(truth[:, 6:], abs=1e-9)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -75,10 +76,10 @@ def test_a_velocity_beside_the_setpoint_acts_as_the_aim_says(plant: Plant) -> No
     assert plant.aim_m(setpoint.tolist(), velocity.tolist()) == pytest.approx(setpoint)
 
 
-@pytest.mark.parametrize("gain", [-0.1, 2.1, nan, inf])
-def test_a_feed_forward_that_no_vehicle_has_is_refused(gain: float) -> None:
-    with pytest.raises(ValueError, match="feedforward"):
-        Plant(UNDERDAMPED, UNDERDAMPED, 0.0, gain)
+def test_a_feed_forward_that_no_vehicle_has_is_refused(subtests: pytest.Subtests) -> None:
+    for gain in [-0.1, 2.1, nan, inf]:
+        with subtests.test(gain=gain), pytest.raises(ValueError, match="feedforward"):
+            Plant(UNDERDAMPED, UNDERDAMPED, 0.0, gain)
 
 
 @given(st.floats(0.01, 5.0), st.floats(0.01, 5.0), st.floats(0.001, 3.0), st.floats(0.001, 3.0))
@@ -90,15 +91,16 @@ def test_two_steps_are_one_long_step(a0: float, a1: float, first_s: float, secon
     assert exact_step(plant, second_s).advance(middle, *held) == pytest.approx(long, abs=1e-9)
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-def test_a_held_setpoint_is_reached_but_for_the_push_of_the_wind(plant: Plant) -> None:
-    setpoint, wind = np.array([3.0, -2.0]), np.array([0.1, -0.2])
-    settled = exact_step(plant, 60.0)
-    motion = np.zeros(4)
-    for _ in range(200):
-        motion = settled.advance(motion, setpoint, wind)
-    assert motion[:2] == pytest.approx(setpoint + wind / plant.a0_per_s2, abs=1e-6)
-    assert motion[2:] == pytest.approx(0.0, abs=1e-6)
+def test_a_held_setpoint_is_reached_but_for_the_push_of_the_wind(subtests: pytest.Subtests) -> None:
+    for plant in PLANTS:
+        with subtests.test(plant=plant):
+            setpoint, wind = np.array([3.0, -2.0]), np.array([0.1, -0.2])
+            settled = exact_step(plant, 60.0)
+            motion = np.zeros(4)
+            for _ in range(200):
+                motion = settled.advance(motion, setpoint, wind)
+            assert motion[:2] == pytest.approx(setpoint + wind / plant.a0_per_s2, abs=1e-6)
+            assert motion[2:] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_an_overdamped_plant_can_be_left_alone_for_minutes() -> None:
@@ -106,13 +108,19 @@ def test_an_overdamped_plant_can_be_left_alone_for_minutes() -> None:
     assert exact_step(plant, 200.0).transition == pytest.approx(expm(continuous(plant) * 200.0)[:4, :4], abs=1e-9)
 
 
-@pytest.mark.parametrize(("a0", "a1"), [(0.0, 1.0), (1.0, -0.1), (nan, 1.0), (1.0, inf)])
-def test_an_unstable_axis_is_refused(a0: float, a1: float) -> None:
-    with pytest.raises(ValueError, match="must be positive"):
-        PlantAxis(a0, a1)
+def test_an_unstable_axis_is_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float], ...] = (
+        (0.0, 1.0),
+        (1.0, -0.1),
+        (nan, 1.0),
+        (1.0, inf),
+    )
+    for a0, a1 in rows:
+        with subtests.test(a0=a0, a1=a1), pytest.raises(ValueError, match="must be positive"):
+            PlantAxis(a0, a1)
 
 
-@pytest.mark.parametrize("delay_s", [-0.01, 1.01, nan])
-def test_a_delay_out_of_bounds_is_refused(delay_s: float) -> None:
-    with pytest.raises(ValueError, match="between 0 and 1 s"):
-        Plant(UNDERDAMPED, UNDERDAMPED, delay_s)
+def test_a_delay_out_of_bounds_is_refused(subtests: pytest.Subtests) -> None:
+    for delay_s in [-0.01, 1.01, nan]:
+        with subtests.test(delay_s=delay_s), pytest.raises(ValueError, match="between 0 and 1 s"):
+            Plant(UNDERDAMPED, UNDERDAMPED, delay_s)

@@ -79,9 +79,8 @@ def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
         ProfileShelf(tmp_path).load("stubb")
 
 
-@pytest.mark.parametrize(
-    ("content", "fault"),
-    [
+def test_a_fault_is_told_with_its_place(subtests: pytest.Subtests, tmp_path: Path) -> None:
+    rows: tuple[tuple[bytes, str], ...] = (
         (b"a0 = = 1", "'own.toml' is not TOML"),
         (b"\xff\xfe", "'own.toml' is not TOML"),
         (AXES.encode() + b"extra = 1\n", "own.toml: y.extra: Extra inputs are not permitted"),
@@ -95,14 +94,14 @@ def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
         (AXES.encode() + b"[own_filter]\ngate = 5", "own.toml: own_filter.gate: Extra inputs are not permitted"),
         (AXES.encode() + b"[limits]\nspeed_max_m_s = inf", "own.toml: limits.speed_max_m_s: Input should be a finite"),
         (AXES.replace("0.6", "-0.6").encode(), "own.toml: y: a0_per_s2 = -0.6 makes the plant unstable"),
-    ],
-)
-def test_a_fault_is_told_with_its_place(content: bytes, fault: str, tmp_path: Path) -> None:
-    (tmp_path / "own.toml").write_bytes(content)
-    with pytest.raises(ProfileError) as caught:
-        ProfileShelf(tmp_path).load("own.toml")
-    assert len(caught.value.faults) == 1
-    assert caught.value.faults[0].startswith(fault)
+    )
+    for content, fault in rows:
+        with subtests.test(fault=fault):
+            (tmp_path / "own.toml").write_bytes(content)
+            with pytest.raises(ProfileError) as caught:
+                ProfileShelf(tmp_path).load("own.toml")
+            assert len(caught.value.faults) == 1
+            assert caught.value.faults[0].startswith(fault)
 
 
 @pytest.mark.parametrize("wrong", [{"0.5": "-0.5", "0.6": "0.0"}, {"a0_per_s2 = 0.5\n": "", "1.1": "true"}])
@@ -132,22 +131,19 @@ def test_a_file_without_that_section_tells_nothing_of_it(tmp_path: Path) -> None
     assert ProfileShelf(tmp_path).load("own.toml").identified is None
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong", "fault"),
-    [
+def test_a_fault_in_how_it_was_identified_is_told_with_its_place(subtests: pytest.Subtests, tmp_path: Path) -> None:
+    rows: tuple[tuple[str, str, str], ...] = (
         ('verdict = "usable"', 'verdict = "fine"', "identified.verdict: Input should be"),
         ("vehicle = 3", "vehicle = 3\nextra = 1", "identified.extra: Extra inputs are not permitted"),
         ("2026-11-21", "2026-13-21", "identified.date: String should match pattern"),
         ("0a0a", "xyz0", "identified.logs.0.sha256: String should match pattern"),
         ("[0.01, 0.0, 0.0, 0.0, 0.0], ", "", "identified: Value error, covariance must have 5 rows of 5 numbers"),
         ("[[0.01", "[[-0.01", "identified: Value error, covariance has a negative variance"),
-    ],
-)
-def test_a_fault_in_how_it_was_identified_is_told_with_its_place(
-    right: str, wrong: str, fault: str, tmp_path: Path
-) -> None:
-    assert right in IDENTIFIED
-    (tmp_path / "own.toml").write_text(AXES + IDENTIFIED.replace(right, wrong, 1))
-    with pytest.raises(ProfileError) as caught:
-        ProfileShelf(tmp_path).load("own.toml")
-    assert [each.startswith(f"own.toml: {fault}") for each in caught.value.faults] == [True]
+    )
+    for right, wrong, fault in rows:
+        with subtests.test(right=right, wrong=wrong, fault=fault):
+            assert right in IDENTIFIED
+            (tmp_path / "own.toml").write_text(AXES + IDENTIFIED.replace(right, wrong, 1))
+            with pytest.raises(ProfileError) as caught:
+                ProfileShelf(tmp_path).load("own.toml")
+            assert [each.startswith(f"own.toml: {fault}") for each in caught.value.faults] == [True]

@@ -12,18 +12,19 @@ CASES = [(0.8, 0.87), (1.5, 1.9), (0.25, 1.0), (0.2, 1.5), (1.0, 2.0)]
 """Underdamped, nearly so, critically damped, overdamped, critically damped."""
 
 
-@pytest.mark.parametrize(("a0", "a1"), CASES)
-def test_held_setpoints_on_the_grid_are_answered_as_by_the_exact_step(a0: float, a1: float) -> None:
-    random = np.random.default_rng(1)
-    setpoint_m = random.normal(size=80).repeat(3)
-    axis = PlantAxis(a0, a1)
-    step = exact_step(Plant(axis, axis), 0.1)
-    state, positions = np.array([setpoint_m[0], 0.0, 0.0, 0.0]), []
-    for setpoint in setpoint_m:
-        positions.append(state[0])
-        state = step.advance(state, np.array([setpoint, 0.0]), np.zeros(2))
-    steps = steps_of(np.linspace(0.0, 23.9, 240), setpoint_m, Between.HELD)
-    assert response_of(a0, a1).forced(steps, 0.0, 0.0, 0.1, 240) == pytest.approx(np.array(positions), abs=1e-7)
+def test_held_setpoints_on_the_grid_are_answered_as_by_the_exact_step(subtests: pytest.Subtests) -> None:
+    for a0, a1 in CASES:
+        with subtests.test(a0=a0, a1=a1):
+            random = np.random.default_rng(1)
+            setpoint_m = random.normal(size=80).repeat(3)
+            axis = PlantAxis(a0, a1)
+            step = exact_step(Plant(axis, axis), 0.1)
+            state, positions = np.array([setpoint_m[0], 0.0, 0.0, 0.0]), []
+            for setpoint in setpoint_m:
+                positions.append(state[0])
+                state = step.advance(state, np.array([setpoint, 0.0]), np.zeros(2))
+            steps = steps_of(np.linspace(0.0, 23.9, 240), setpoint_m, Between.HELD)
+            assert response_of(a0, a1).forced(steps, 0.0, 0.0, 0.1, 240) == pytest.approx(np.array(positions), abs=1e-7)
 
 
 @pytest.mark.parametrize("between", [Between.HELD, Between.MIDWAY, Between.LINEAR])
@@ -58,17 +59,18 @@ def test_setpoints_at_any_time_are_answered_as_a_solver_has_it(between: Between,
     assert found == pytest.approx(solved.y[0] + lead_s * solved.y[1], abs=2e-3)
 
 
-@pytest.mark.parametrize(("a0", "a1"), CASES)
-def test_free_motion_spans_that_of_the_exact_step(a0: float, a1: float) -> None:
-    axis = PlantAxis(a0, a1)
-    step = exact_step(Plant(axis, axis), 0.1)
-    state, positions = np.array([0.7, 0.0, -0.4, 0.0]), []
-    for _ in range(100):
-        positions.append(state[0])
-        state = step.advance(state, np.zeros(2), np.zeros(2))
-    basis = response_of(a0, a1).free(np.linspace(0.0, 9.9, 100))
-    coefficients, *_ = np.linalg.lstsq(basis, np.array(positions), rcond=None)
-    assert basis @ coefficients == pytest.approx(np.array(positions), abs=1e-7)
+def test_free_motion_spans_that_of_the_exact_step(subtests: pytest.Subtests) -> None:
+    for a0, a1 in CASES:
+        with subtests.test(a0=a0, a1=a1):
+            axis = PlantAxis(a0, a1)
+            step = exact_step(Plant(axis, axis), 0.1)
+            state, positions = np.array([0.7, 0.0, -0.4, 0.0]), []
+            for _ in range(100):
+                positions.append(state[0])
+                state = step.advance(state, np.zeros(2), np.zeros(2))
+            basis = response_of(a0, a1).free(np.linspace(0.0, 9.9, 100))
+            coefficients, *_ = np.linalg.lstsq(basis, np.array(positions), rcond=None)
+            assert basis @ coefficients == pytest.approx(np.array(positions), abs=1e-7)
 
 
 def test_a_jump_between_samples_is_one_and_a_ramp_is_another() -> None:

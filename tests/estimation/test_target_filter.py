@@ -210,9 +210,8 @@ def test_outliers_do_not_keep_a_target_fresh() -> None:
     assert target.estimate(19.8) is None
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
+def test_a_sighting_that_makes_no_sense_is_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, int, tuple[float, float], tuple[float, float, float], float, float], ...] = (
         (nan, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 0.5, 0.5),
         (0.0, 1, (0.0, nan), (1.0, 0.0, 1.0), 0.5, 0.5),
         (0.0, 1, (0.0, 0.0), (1.0, nan, 1.0), 0.5, 0.5),
@@ -222,13 +221,13 @@ def test_outliers_do_not_keep_a_target_fresh() -> None:
         (0.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 1.1, 0.5),
         (0.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 0.5, -0.1),
         (0.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), nan, 0.5),
-    ],
-)
-def test_a_sighting_that_makes_no_sense_is_refused(
-    fields: tuple[float, int, tuple[float, float], tuple[float, float, float], float, float],
-) -> None:
-    with pytest.raises(ValueError, match=r"not finite|positive definite|\[0, 1\]"):
-        Sighting(*fields)
+    )
+    for fields in rows:
+        with (
+            subtests.test(fields=fields),
+            pytest.raises(ValueError, match=r"not finite|positive definite|\[0, 1\]"),
+        ):
+            Sighting(*fields)
 
 
 def test_a_sighting_of_absurd_accuracy_does_not_spoil_the_belief_for_ever() -> None:

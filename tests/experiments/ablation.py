@@ -1,13 +1,10 @@
-"""What each part of the control earns: `python -m tests.experiments.ablation [SEEDS]`.
-
-It flies missions with one part off in turn.
+"""Fly missions with one part of the control off in turn, and print what each part contributes.
 
 Every switch is a change of the mission's text, so that `cordon sim` and `cordon fly` fly the same; `--write FOLDER`
 writes those missions (of px4-trio too) there instead of flying them.
 """
 
 import os
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import astuple, dataclass, replace
@@ -22,6 +19,7 @@ from gcs.metrics.metrics import evaluate
 from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
 from gcs.mission.file import parse_mission
 from gcs.mission.mission import Mission
+from tests.experiments.arguments import parser
 from tests.support.mission_text import (
     Content,
     content,
@@ -128,12 +126,9 @@ def write(folder: Path) -> None:
         print(path)
 
 
-def main(arguments: list[str]) -> int:
-    """Fly, or write, all of it."""
-    if arguments[:1] == ["--write"]:
-        write(Path(arguments[1]))
-        return 0
-    seeds = range(int(arguments[0]) if arguments else 1)
+def main(count: int) -> None:
+    """Fly each mission with each switch over so many seeds, and print the means."""
+    seeds = range(count)
     print(f"{'mission':12} {'':26} radius rms  rate off  spacing rms  formation rms  closest")
     with ProcessPoolExecutor(initializer=os.nice, initargs=(10,)) as pool:
         for name, switch in product(SIMULATED, SWITCHES):
@@ -145,8 +140,14 @@ def main(arguments: list[str]) -> int:
                 f"{table[:, 4].min():6.2f} m",
                 flush=True,
             )
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    reader = parser("ablation", __doc__)
+    reader.add_argument("count", nargs="?", type=int, default=1, help="number of seeds (default: %(default)s)")
+    reader.add_argument("--write", type=Path, metavar="FOLDER", help="write the missions there instead of flying them")
+    given = reader.parse_args()
+    if given.write is not None:
+        write(given.write)
+    else:
+        main(given.count)

@@ -1,4 +1,4 @@
-"""What the control loop costs, against a reference measured in the same run: `python -m tests.experiments.benchmark`.
+"""Measure what the control loop costs, against a reference of the same run.
 
 The reference is one predict and update of filterpy's own `KalmanFilter` with six states and four measurements: pure
 Python and numpy like the loop itself, so that the ratio says more than microseconds on an unknown machine. It is
@@ -30,6 +30,7 @@ from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.viewer.scene import Scene
+from tests.experiments.arguments import parser
 from tests.experiments.membership_scenes import sixteen
 from tests.support.mission_text import content, parsed
 from tests.support.paths import MISSIONS
@@ -226,4 +227,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    parser("benchmark", __doc__).parse_args()
     main()

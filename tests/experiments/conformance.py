@@ -1,9 +1,8 @@
-"""The conformance list: what a MAVLink client does with an autopilot, and what it has to find.
+"""Fly the conformance list, exercises of a MAVLink client, on the stub and on PX4, and print both side by side.
 
 Each exercise flies a `Client` and returns its observation: words and numbers by name. The expectations come from what
 PX4 did (1.17, its built-in simulator), never from the stub. The same list is flown against the stub in every test run
-and against PX4 under the marker `px4`; `python -m tests.experiments.conformance`
-prints both side by side and marks differences.
+and against PX4 under the marker `px4`. The table marks differences.
 """
 
 import struct
@@ -18,6 +17,7 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
+from tests.experiments.arguments import parser
 from tests.support.conformance_client import Client, NeverHappenedError
 from tests.support.px4 import Px4Missing, Px4Simulator
 from tests.support.wire import free_port
@@ -682,11 +682,12 @@ def main() -> None:
     try:
         px4 = flown(Px4Simulator(SYSTEM_ID - 1, speed=PX4_SPEED, place=PLACE))
     except Px4Missing as missing:
-        sys.stderr.write(f"no PX4: {missing}\n")
+        print(f"no PX4: {missing}", file=sys.stderr)
         px4 = {}
     for line in table(stub, px4):
-        sys.stdout.write(line.rstrip() + "\n")
+        print(line.rstrip())
 
 
 if __name__ == "__main__":
+    parser("conformance", __doc__).parse_args()
     main()

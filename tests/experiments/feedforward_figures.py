@@ -1,6 +1,4 @@
-"""What velocity feed-forward is worth on plants that differ from their files.
-
-`python -m tests.experiments.feedforward_figures` prints it.
+"""Measure what velocity feed-forward contributes on plants that differ from their files.
 
 Flies case2 with vehicles whose true a0 and a1 are up to 30 % off their plant file, with setpoints alone and with
 velocities beside them, each with the disturbance estimate and without; and with vehicles that feed less, or nothing, of
@@ -14,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from gcs.flight.simulated import fly_simulated
+from tests.experiments.arguments import parser
 from tests.support.mission_text import content, parsed, put
 
 PLANTS = ((1.0, 1.0), *product((0.7, 1.3), repeat=2))
@@ -67,4 +66,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    parser("feedforward_figures", __doc__).parse_args()
     sys.exit(main())

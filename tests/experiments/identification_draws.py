@@ -1,9 +1,9 @@
-"""`python -m tests.experiments.identification_draws 100`: are plants found that are known?
+"""Identify plants that are drawn from a seed, and compare what is found with what was drawn.
 
 Draws plants within 50 % of those that cordon comes with and delays of 0 to 0.4 s, flies 150 s of random steps and a
 swept circle, adds coloured noise of 0.05 to 0.3 m, logs setpoints at 5 or 20 Hz, and identifies. It fails when the 95 %
 intervals hold the truth in less than 90 or more than 99 of 100 cases, or the median error at 0.05 m exceeds 2 %.
-With `feedforward` as a second argument the setpoints of the circle come with their velocities, and plants feed 0.7 to
+With `--feedforward` the setpoints of the circle come with their velocities, and plants feed 0.7 to
 1.2 of those forward.
 """
 
@@ -16,6 +16,7 @@ from estimation.identification.identified import Found, Interval
 from estimation.identification.identify import identify
 from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
+from tests.experiments.arguments import parser
 from tests.support.synthetic_flights import Truth, recorded
 
 SHIPPED = ((1.7, 1.8), (0.97, 1.33), (0.80, 0.87))
@@ -99,4 +100,8 @@ def main(count: int, *, fed: bool = False) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 100, fed="feedforward" in sys.argv))
+    reader = parser("identification_draws", __doc__)
+    reader.add_argument("count", nargs="?", type=int, default=100, help="number of draws (default: %(default)s)")
+    reader.add_argument("--feedforward", action="store_true", help="fly the circle with velocities, too")
+    given = reader.parse_args()
+    sys.exit(main(given.count, fed=given.feedforward))

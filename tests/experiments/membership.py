@@ -1,4 +1,4 @@
-"""Members that come, go and are lost, over many seeds: `python -m tests.experiments.membership 50`.
+"""Fly teams whose members join, leave and are lost, and measure how long rings and formations take to settle.
 
 Everything follows from a seed: who it is, when and where, the ring's rate, the target's course, true plants up to 20 %
 off the plant file in each number, and a network that loses and delays; telemetry and sightings are as noisy as in
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from estimation.state import POSITION, Vector
 from sitl.simulation.simulation import SimulatedFlight
+from tests.experiments.arguments import parser
 from tests.experiments.membership_scenes import SCENES, Scene, flown
 
 ON_RING_SHARE = 0.05
@@ -136,9 +137,8 @@ def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
     return least
 
 
-def main(arguments: list[str]) -> int:
-    """Fly as many seeds of each scene as the first argument says; further ones choose scenes by their beginnings."""
-    count, chosen = int(arguments[0]), arguments[1:]
+def main(count: int, chosen: list[str]) -> int:
+    """Fly so many seeds of each scene whose name begins with one of those chosen, of all if none is."""
     missed = 0
     with ProcessPoolExecutor() as pool:
         for name, (build, in_formation, limit_s) in SCENES.items():
@@ -163,4 +163,8 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    reader = parser("membership", __doc__)
+    reader.add_argument("count", nargs="?", type=int, default=50, help="number of seeds (default: %(default)s)")
+    reader.add_argument("scenes", nargs="*", help="beginnings of the scenes' names (default: all)")
+    given = reader.parse_args()
+    sys.exit(main(given.count, given.scenes))

@@ -1,4 +1,4 @@
-"""The family of plants in closed loop: `python -m tests.experiments.plant_family 500`, or `... 500 FIRST_SEED`.
+"""Encircle with a family of plants drawn about the nominal one, and judge radius, rate and stability.
 
 Three vehicles encircle a target that moves at 0.1 to 1 m/s. Their plant file is a nominal plant; each vehicle's truth
 is drawn from the family about it (plant_draws.py), all in one wind. Judged are the true paths after settling: a draw
@@ -27,6 +27,7 @@ from sitl.vehicle.estimator_drift import EstimatorDriftModel
 from sitl.vehicle.imperfections import IDEAL, Imperfections
 from sitl.vehicle.shaping import ShapeLimits
 from sitl.vehicle.telemetry_schedule import TelemetryTiming
+from tests.experiments.arguments import seeded_parser
 from tests.experiments.plant_draws import (
     ACCELERATION_M_S2,
     GAP_S,
@@ -297,9 +298,8 @@ def _told(title: str, flights: list[Flown], held: Callable[[Flown], bool]) -> in
     return len(failed)
 
 
-def main(arguments: list[str]) -> int:
-    """Fly as many draws as the first argument says, from the seed that the second one says, on all cores."""
-    count, first = int(arguments[0]), int(arguments[1]) if len(arguments) > 1 else 0
+def main(count: int, first: int) -> int:
+    """Fly so many draws, from the seed `first` on, on all cores."""
     seeds: Iterable[int] = range(first, first + count)
     with ProcessPoolExecutor(initializer=os.nice, initargs=(10,)) as pool:
         manoeuvres = list(pool.map(named, MANOEUVRES))
@@ -313,4 +313,5 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    given = seeded_parser("plant_family", __doc__, 500).parse_args()
+    sys.exit(main(given.count, given.first))

@@ -1,4 +1,4 @@
-"""The drills on PX4: `python -m tests.experiments.px4_drills` flies px4-trio on three simulators, named by CORDON_PX4.
+"""Fly the drills with px4-trio on three PX4 simulators, found by the environment variable CORDON_PX4.
 
 Between each autopilot and cordon is a relay: it cuts the link, counts the setpoints, and plays the second client that
 changes a flight mode. Modes are those that PX4 tells twenty times a second (CURRENT_MODE); its heartbeats are kept
@@ -29,6 +29,7 @@ from gcs.drill.roles import Roles
 from gcs.drill.run import DrillRun
 from gcs.drill.view import DrillProgress, drill_table
 from sitl.autopilot.modes import NavMode
+from tests.experiments.arguments import parser
 from tests.support.px4 import FIRST_PORT, Px4Missing, Px4Simulator
 from tests.support.relay import (
     CURRENT_MODE,
@@ -200,9 +201,8 @@ def stood_down_after_s(flight: Px4Flight) -> dict[int, float]:
     }
 
 
-async def main() -> int:
-    """Fly them all, and print the table."""
-    names = sys.argv[1:]
+async def main(names: list[str]) -> int:
+    """Fly the drills of these names, all if none is given, and print the table."""
     drills = [drill for drill in DRILLS if not names or drill.fault.replace(" ", "-") in names]
     progress = DrillProgress(STDERR, len(drills))
     rows = await DrillRun(MISSION, fly, drills, progress, speed=1.0).run()
@@ -215,7 +215,10 @@ async def main() -> int:
 
 
 if __name__ == "__main__":
+    reader = parser("px4_drills", __doc__)
+    reader.add_argument("faults", nargs="*", metavar="fault", help="names of faults, as battery-low (default: all)")
+    given = reader.parse_args()
     try:
-        sys.exit(asyncio.run(main()))
+        sys.exit(asyncio.run(main(given.faults)))
     except (Px4Missing, VehicleRefusedError) as reason:
         sys.exit(str(reason))

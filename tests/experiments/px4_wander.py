@@ -1,6 +1,4 @@
-"""What PX4's wandering estimate costs a ring: `python -m tests.experiments.px4_wander ULG ULG ULG`.
-
-The logs are those of one px4-trio flight.
+"""Measure what PX4's wandering position estimate costs a ring, from the logs of one px4-trio flight.
 
 PX4's simulator logs the truth beside the estimate. The difference, as it was in that flight, is given to three
 simulated vehicles that are otherwise perfect: the plant of the plant file, no noise, no wind. What is left in their
@@ -8,7 +6,6 @@ radius, judged by their estimates as a flight's verdicts are, is the wander's; f
 the controller leaves by itself.
 """
 
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +17,7 @@ from estimation.state import POSITION, Telemetry, Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.file import load_mission
 from sitl.simulation.simulation import NetworkModel, SimulatedVehicle, simulate
+from tests.experiments.arguments import parser
 
 MISSION, SETTLED_S, ALOFT_M = "px4-trio", 60.0, 5.0
 
@@ -96,9 +94,9 @@ def radius_rms_m(wanders: list[Wander]) -> Vector:
     return np.asarray(np.sqrt(np.mean(np.square(errors), axis=1)), dtype=np.float64)
 
 
-def main(paths: list[str]) -> int:
+def main(paths: list[Path]) -> None:
     """Print how the estimates wandered, and what that leaves in the radius."""
-    wanders = [wander_of(Path(path)) for path in paths]
+    wanders = [wander_of(path) for path in paths]
     for path, wander in zip(paths, wanders, strict=True):
         (x, y), (x_rate, y_rate) = wander.position_m.std(axis=0), wander.velocity_m_s.std(axis=0)
         print(f"{path}: off by {x:.3f} and {y:.3f} m (east, north; rms about the mean), {x_rate:.3f}, {y_rate:.3f} m/s")
@@ -107,8 +105,9 @@ def main(paths: list[str]) -> int:
         print(
             f"radius error {what}:", ", ".join(f"{each:.3f}" for each in radius_rms_m(flown)), "m rms by the estimate"
         )
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    reader = parser("px4_wander", __doc__)
+    reader.add_argument("logs", nargs=3, type=Path, metavar="ULG", help="log of each vehicle")
+    main(reader.parse_args().logs)

@@ -1,4 +1,4 @@
-"""Random missions, and what no mission may break: `python -m tests.experiments.random_missions 200`.
+"""Fly random missions, and report each that breaks separation, fence, setpoint or speed limits.
 
 Everything follows from a seed: how many vehicles there are and where, their true plants, target, ring, thresholds, and
 a fence that lies as close about starts and ring as the mission check allows. Telemetry and network are as in
@@ -20,6 +20,7 @@ from estimation.state import POSITION, VELOCITY, Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
+from tests.experiments.arguments import seeded_parser
 from tests.support.mission_text import (
     Content,
     content,
@@ -200,9 +201,8 @@ def random_flight(seed: int) -> Flown:
     return flown(random_mission(seed), seed)
 
 
-def main(arguments: list[str]) -> int:
-    """Fly as many missions as the first argument says, from the seed that the second one says, on all cores."""
-    count, first = int(arguments[0]), int(arguments[1]) if len(arguments) > 1 else 0
+def main(count: int, first: int) -> int:
+    """Fly so many missions, from the seed `first` on, on all cores."""
     with ProcessPoolExecutor() as pool:
         flights = []
         for flight in pool.map(random_flight, range(first, first + count)):
@@ -222,4 +222,5 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    given = seeded_parser("random_missions", __doc__, 200).parse_args()
+    sys.exit(main(given.count, given.first))

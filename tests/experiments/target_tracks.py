@@ -1,4 +1,4 @@
-"""The target filter against others, on seeded tracks of targets: `python -m tests.experiments.target_tracks 20`.
+"""Compare the target filter with others on seeded tracks of targets.
 
 Every track lasts 80 s and is seen by three sensors at 5 Hz with 0.5 m of noise per axis; one sighting in 20 is an
 outlier by 3 to 20 m. Exit code 1 when the target filter misses what docs/target.md promises.
@@ -16,6 +16,7 @@ import numpy as np
 from estimation.filters.target import TargetFilter
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting, Vector
+from tests.experiments.arguments import parser
 from tests.experiments.target_rivals import FixedNoise, Imm
 
 DURATION_S, STEP_S, TICK_S, SETTLED_S = 80.0, 0.01, 0.1, 5.0
@@ -170,9 +171,8 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def main(arguments: list[str]) -> int:
+def main(count: int) -> int:
     """Print the table over so many tracks of each kind."""
-    count = int(arguments[0]) if arguments else 10
     for line in table(count):
         print(line, flush=True)
     worst_m = max(rms(together("adaptive noise (the target filter)", kind, count).position_m) for kind in KINDS)
@@ -181,4 +181,6 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    reader = parser("target_tracks", __doc__)
+    reader.add_argument("count", nargs="?", type=int, default=10, help="tracks of each kind (default: %(default)s)")
+    sys.exit(main(reader.parse_args().count))

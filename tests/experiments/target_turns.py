@@ -1,4 +1,4 @@
-"""Flights about a target that turns: `python -m tests.experiments.target_turns 10`.
+"""Fly about a target that turns and is lost for a while, and measure how far ring and setpoints jump.
 
 Each seed flies case3-turns as it is - 2 m/s, turns of 90 degrees, stops, outliers, late sightings, a silent sensor -
 and twice with nobody seeing the target for 20 s: once with the patience to wait for it, and once as it is shipped, so
@@ -19,6 +19,7 @@ from estimation.state import POSITION
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
+from tests.experiments.arguments import seeded_parser
 from tests.support.mission_text import content, parsed
 from tests.support.paths import MISSIONS
 
@@ -117,9 +118,8 @@ def _all(seed: int) -> dict[Flight, Turns]:
     return {flight: flown(seed, flight) for flight in Flight}
 
 
-def main(arguments: list[str]) -> int:
-    """Fly so many seeds, from the second argument on, and print the figures of each."""
-    count, first = (*map(int, arguments), *(5, 0)[len(arguments) :])
+def main(count: int, first: int) -> int:
+    """Fly so many seeds, from the seed `first` on, and print the figures of each."""
     failures = 0
     with ProcessPoolExecutor(2) as pool:
         seeds = range(first, first + count)
@@ -136,4 +136,5 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    given = seeded_parser("target_turns", __doc__, 5).parse_args()
+    sys.exit(main(given.count, given.first))

@@ -93,10 +93,15 @@ def test_a_long_way_takes_the_time_that_the_limits_ask_for() -> None:
     assert states[-1] == pytest.approx((200.0, 0.0, 0.0, 0.0), abs=0.05)
 
 
-@pytest.mark.parametrize("wrong", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])
-def test_limits_are_positive(wrong: tuple[float, float, float]) -> None:
-    with pytest.raises(ValueError, match="it must be positive"):
-        ShapeLimits(*wrong)
+def test_limits_are_positive(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float, float], ...] = (
+        (0.0, 1.0, 1.0),
+        (1.0, -1.0, 1.0),
+        (1.0, 1.0, float("nan")),
+    )
+    for wrong in rows:
+        with subtests.test(wrong=wrong), pytest.raises(ValueError, match="it must be positive"):
+            ShapeLimits(*wrong)
 
 
 # The autopilot
@@ -238,14 +243,20 @@ def test_armed_anew_it_does_not_follow_the_last_flights_setpoint() -> None:
     assert copter.airframe.position_m[2] == pytest.approx(4.0, abs=0.05)
 
 
-@pytest.mark.parametrize(("delay_s", "stays_s"), [(10, 9.9), (3, 2.9), (0, 60.0)])
-def test_idle_on_the_ground_it_disarms_after_the_delay(delay_s: int, stays_s: float) -> None:
-    copter = ready(DISARM_DELAY=delay_s)
-    copter.arm()
-    wait(copter, stays_s)
-    assert is_armed(copter)
-    wait(copter, 0.2)
-    assert is_armed(copter) is (delay_s == 0)
+def test_idle_on_the_ground_it_disarms_after_the_delay(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[int, float], ...] = (
+        (10, 9.9),
+        (3, 2.9),
+        (0, 60.0),
+    )
+    for delay_s, stays_s in rows:
+        with subtests.test(delay_s=delay_s, stays_s=stays_s):
+            copter = ready(DISARM_DELAY=delay_s)
+            copter.arm()
+            wait(copter, stays_s)
+            assert is_armed(copter)
+            wait(copter, 0.2)
+            assert is_armed(copter) is (delay_s == 0)
 
 
 def test_the_motion_is_as_fast_as_its_parameters_say() -> None:

@@ -96,16 +96,19 @@ def test_every_mode_under_every_condition() -> None:
         assert intention.mode is (mode if accepted else NavMode.HOLD)
 
 
-@pytest.mark.parametrize(("before", "after"), [(NavMode.OFFBOARD, NavMode.OFFBOARD), (NavMode.HOLD, NavMode.HOLD)])
-@pytest.mark.parametrize("last", [NavMode.LAND, NavMode.RETURN, NavMode.TAKE_OFF])
-def test_a_disarmed_vehicle_rests_in_the_last_mode_that_allows_it(
-    before: NavMode, after: NavMode, last: NavMode
-) -> None:
-    intention = Intention()
-    intention.request(before, armed=True, conditions=FLOWING)
-    intention.request(last, armed=True, conditions=FLOWING)
-    intention.on_event(ModeEvent.DISARMED)
-    assert intention.mode is after
+def test_a_disarmed_vehicle_rests_in_the_last_mode_that_allows_it(subtests: pytest.Subtests) -> None:
+    modes: tuple[tuple[NavMode, NavMode], ...] = (
+        (NavMode.OFFBOARD, NavMode.OFFBOARD),
+        (NavMode.HOLD, NavMode.HOLD),
+    )
+    for before, after in modes:
+        for last in [NavMode.LAND, NavMode.RETURN, NavMode.TAKE_OFF]:
+            with subtests.test(before=before, after=after, last=last):
+                intention = Intention()
+                intention.request(before, armed=True, conditions=FLOWING)
+                intention.request(last, armed=True, conditions=FLOWING)
+                intention.on_event(ModeEvent.DISARMED)
+                assert intention.mode is after
 
 
 def test_take_off_ends_in_hold_and_nothing_else_does() -> None:
@@ -147,14 +150,15 @@ def test_wind_pushes_as_a_disturbance_acceleration() -> None:
     assert (x, y) == pytest.approx((exact(PLANT.x, 0.0, 0.3, 1.5), exact(PLANT.y, 0.0, -0.2, 1.5)), abs=1e-9)
 
 
-@pytest.mark.parametrize("offset_s", [0.0, 0.004, 0.013, 0.019])
-def test_a_setpoint_between_two_steps_acts_from_the_nearest_step(offset_s: float) -> None:
-    autopilot = offboard()
-    start_s = autopilot.time_s
-    autopilot.receive_setpoint(start_s + offset_s, PositionTarget((1.0, 0.0, 5.0)))
-    autopilot.step(start_s + 0.8)
-    acted_s = 0.8 - PLANT.delay_s - round(offset_s / STEP_S) * STEP_S
-    assert autopilot.airframe.position_m[0] == pytest.approx(exact(PLANT.x, 1.0, 0.0, acted_s), abs=1e-9)
+def test_a_setpoint_between_two_steps_acts_from_the_nearest_step(subtests: pytest.Subtests) -> None:
+    for offset_s in [0.0, 0.004, 0.013, 0.019]:
+        with subtests.test(offset_s=offset_s):
+            autopilot = offboard()
+            start_s = autopilot.time_s
+            autopilot.receive_setpoint(start_s + offset_s, PositionTarget((1.0, 0.0, 5.0)))
+            autopilot.step(start_s + 0.8)
+            acted_s = 0.8 - PLANT.delay_s - round(offset_s / STEP_S) * STEP_S
+            assert autopilot.airframe.position_m[0] == pytest.approx(exact(PLANT.x, 1.0, 0.0, acted_s), abs=1e-9)
 
 
 def test_standing_vehicles_stay_where_they_are() -> None:
@@ -199,14 +203,21 @@ def test_arming_waits_for_the_estimator() -> None:
     assert autopilot.arm() is CommandResult.ACCEPTED
 
 
-@pytest.mark.parametrize("mode", [NavMode.LAND, NavMode.RETURN, NavMode.OFFBOARD, NavMode.POSITION])
-def test_arming_is_refused_in_modes_that_cannot_start_a_flight(mode: NavMode) -> None:
-    autopilot = ready()
-    assert autopilot.select(mode) is CommandResult.ACCEPTED  # disarmed, any mode may be chosen
-    assert not autopilot.armable
-    assert autopilot.arm() is CommandResult.REJECTED
-    autopilot.select(NavMode.HOLD)
-    assert autopilot.arm() is CommandResult.ACCEPTED
+def test_arming_is_refused_in_modes_that_cannot_start_a_flight(subtests: pytest.Subtests) -> None:
+    rows: tuple[NavMode, ...] = (
+        NavMode.LAND,
+        NavMode.RETURN,
+        NavMode.OFFBOARD,
+        NavMode.POSITION,
+    )
+    for mode in rows:
+        with subtests.test(mode=mode):
+            autopilot = ready()
+            assert autopilot.select(mode) is CommandResult.ACCEPTED  # disarmed, any mode may be chosen
+            assert not autopilot.armable
+            assert autopilot.arm() is CommandResult.REJECTED
+            autopilot.select(NavMode.HOLD)
+            assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 def test_arming_in_offboard_takes_a_flowing_stream() -> None:
@@ -445,9 +456,8 @@ KEPT_OUT = Zone(False, ((20.0, 0.0),), radius_m=4.0)
 TRIANGLE = Zone(True, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)))
 
 
-@pytest.mark.parametrize(
-    ("zone", "place_m", "allowed"),
-    [
+def test_what_a_zone_allows(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[Zone, tuple[float, float], bool], ...] = (
         (SQUARE, (4.9, -4.9), True),
         (SQUARE, (5.1, 0.0), False),
         (SQUARE, (0.0, -5.1), False),
@@ -457,49 +467,51 @@ TRIANGLE = Zone(True, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)))
         (TRIANGLE, (4.9, 4.9), True),
         (TRIANGLE, (5.1, 5.1), False),
         (TRIANGLE, (-0.1, 5.0), False),
-    ],
-)
-def test_what_a_zone_allows(zone: Zone, place_m: tuple[float, float], allowed: bool) -> None:
-    assert zone.allows(place_m) is allowed
+    )
+    for zone, place_m, allowed in rows:
+        with subtests.test(zone=zone, place_m=place_m, allowed=allowed):
+            assert zone.allows(place_m) is allowed
 
 
-@pytest.mark.parametrize(
-    ("parameters", "zones", "place_m", "says"),
-    [
+def test_a_breach_flies_what_gf_action_says(subtests: pytest.Subtests) -> None:
+    breaches: tuple[tuple[dict[str, float], tuple[Zone, ...], tuple[float, float, float], str], ...] = (
         ({}, (SQUARE,), (9.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
         ({}, (KEPT_OUT,), (20.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
         ({"GF_MAX_HOR_DIST": 6.0}, (), (6.0, 6.0, 5.0), "Geofence: exceeding maximum distance to Home"),
         ({"GF_MAX_VER_DIST": 8.0}, (), (0.0, 0.0, 12.0), "Geofence: exceeding maximum altitude above Home"),
-    ],
-)
-@pytest.mark.parametrize(("action", "mode"), [(2, NavMode.HOLD), (3, NavMode.RETURN), (5, NavMode.LAND)])
-def test_a_breach_flies_what_gf_action_says(
-    parameters: dict[str, float],
-    zones: tuple[Zone, ...],
-    place_m: tuple[float, float, float],
-    says: str,
-    action: int,
-    mode: NavMode,
-) -> None:
-    autopilot = offboard(GF_ACTION=action, **parameters)
-    autopilot.zones = zones
-    stream(autopilot, PositionTarget((0.0, 0.0, 5.0)), 1.0)
-    assert mode_of(autopilot) is NavMode.OFFBOARD
-    stream(autopilot, PositionTarget(place_m), 6.0)
-    assert mode_of(autopilot) is mode
-    assert autopilot.failsafe
-    texts = [text for _, text in autopilot.take_texts()]
-    assert texts[-2:] == [says, "Failsafe activated"]
-    assert texts.count(says) == 1
+    )
+    actions: tuple[tuple[int, NavMode], ...] = (
+        (2, NavMode.HOLD),
+        (3, NavMode.RETURN),
+        (5, NavMode.LAND),
+    )
+    for parameters, zones, place_m, says in breaches:
+        for action, mode in actions:
+            with subtests.test(
+                parameters=parameters, zones=zones, place_m=place_m, says=says, action=action, mode=mode
+            ):
+                autopilot = offboard(GF_ACTION=action, **parameters)
+                autopilot.zones = zones
+                stream(autopilot, PositionTarget((0.0, 0.0, 5.0)), 1.0)
+                assert mode_of(autopilot) is NavMode.OFFBOARD
+                stream(autopilot, PositionTarget(place_m), 6.0)
+                assert mode_of(autopilot) is mode
+                assert autopilot.failsafe
+                texts = [text for _, text in autopilot.take_texts()]
+                assert texts[-2:] == [says, "Failsafe activated"]
+                assert texts.count(says) == 1
 
 
-@pytest.mark.parametrize("action", [0, 1, 4])
-def test_a_fence_that_does_not_act_stops_nobody(action: int) -> None:
-    autopilot = offboard(GF_ACTION=action)
-    autopilot.zones = (SQUARE,)
-    stream(autopilot, PositionTarget((9.0, 0.0, 5.0)), 6.0)
-    assert mode_of(autopilot) is NavMode.OFFBOARD
-    assert (action == 1) is ("Geofence: approaching or outside geofence" in [t for _, t in autopilot.take_texts()])
+def test_a_fence_that_does_not_act_stops_nobody(subtests: pytest.Subtests) -> None:
+    for action in [0, 1, 4]:
+        with subtests.test(action=action):
+            autopilot = offboard(GF_ACTION=action)
+            autopilot.zones = (SQUARE,)
+            stream(autopilot, PositionTarget((9.0, 0.0, 5.0)), 6.0)
+            assert mode_of(autopilot) is NavMode.OFFBOARD
+            assert (action == 1) is (
+                "Geofence: approaching or outside geofence" in [t for _, t in autopilot.take_texts()]
+            )
 
 
 def test_one_of_several_inclusions_is_enough_and_whoever_chooses_a_mode_flies_on_outside() -> None:
@@ -587,15 +599,16 @@ def test_not_localised_it_arms_in_no_mode() -> None:
 # Values
 
 
-@pytest.mark.parametrize("bad", [nan, inf, -inf])
-def test_setpoints_that_are_not_finite_are_refused(bad: float) -> None:
-    for index in range(3):
-        position = [0.0, 0.0, 0.0]
-        position[index] = bad
-        with pytest.raises(ValueError, match="not finite"):
-            PositionTarget((position[0], position[1], position[2]))
-    with pytest.raises(ValueError, match="not finite"):
-        PositionTarget((0.0, 0.0, 0.0), bad)
+def test_setpoints_that_are_not_finite_are_refused(subtests: pytest.Subtests) -> None:
+    for bad in [nan, inf, -inf]:
+        with subtests.test(bad=bad):
+            for index in range(3):
+                position = [0.0, 0.0, 0.0]
+                position[index] = bad
+                with pytest.raises(ValueError, match="not finite"):
+                    PositionTarget((position[0], position[1], position[2]))
+            with pytest.raises(ValueError, match="not finite"):
+                PositionTarget((0.0, 0.0, 0.0), bad)
 
 
 def test_parameters_keep_their_types_and_refuse_nan() -> None:
@@ -613,20 +626,21 @@ def test_parameters_keep_their_types_and_refuse_nan() -> None:
         Parameters(COM_OF_LOSS_T=1)
 
 
-@pytest.mark.parametrize("extreme", [0.0, 1e4])
-@pytest.mark.parametrize("name", [name for name, value in DEFAULTS.items() if isinstance(value, float)])
-def test_no_parameter_breaks_a_flight(name: str, extreme: float) -> None:
-    autopilot = ready(**{name: extreme})
-    autopilot.arm()
-    autopilot.take_off()
-    wait(autopilot, 8.0)
-    stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 0.2)
-    autopilot.select(NavMode.OFFBOARD)
-    stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 2.0)
-    autopilot.select(NavMode.RETURN)
-    wait(autopilot, 10.0)
-    assert np.isfinite(autopilot.airframe.position_m).all()
-    assert max(map(abs, autopilot.airframe.position_m)) < 1e3
+def test_no_parameter_breaks_a_flight(subtests: pytest.Subtests) -> None:
+    for extreme in [0.0, 1e4]:
+        for name in [name for name, value in DEFAULTS.items() if isinstance(value, float)]:
+            with subtests.test(extreme=extreme, name=name):
+                autopilot = ready(**{name: extreme})
+                autopilot.arm()
+                autopilot.take_off()
+                wait(autopilot, 8.0)
+                stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 0.2)
+                autopilot.select(NavMode.OFFBOARD)
+                stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 2.0)
+                autopilot.select(NavMode.RETURN)
+                wait(autopilot, 10.0)
+                assert np.isfinite(autopilot.airframe.position_m).all()
+                assert max(map(abs, autopilot.airframe.position_m)) < 1e3
 
 
 def test_the_battery_drains_while_armed() -> None:

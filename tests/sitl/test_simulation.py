@@ -117,52 +117,54 @@ def weave(now_s: float) -> tuple[float, float]:
     return 2.0 * np.sin(0.7 * now_s), 0.5 * now_s
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.035, 0.1, 0.25, 0.985])
-def test_the_true_motion_is_exact_with_every_setpoint_acting_one_delay_later(delay_s: float) -> None:
-    flow = np.zeros((6, 6))
-    flow[:2, 2:4] = np.eye(2)
-    flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
-    flow[2:4, 4:] = np.eye(2)
-    grid_s = 0.005
-    response = expm(flow * grid_s)
-    truth: list[Vector] = []
-    motion = np.array([1.0, -2.0, 0.0, 0.0])
-    for step in range(1001):
-        if step % 20 == 0:
-            truth.append(motion)
-        tick = (step - round(delay_s / grid_s)) // 20
-        setpoint = np.array(weave(tick / RATE_HZ)) if tick >= 0 else np.array([1.0, -2.0])
-        motion = (response @ np.concatenate([motion, PLANT.a0_per_s2 * setpoint + WIND]))[:4]
+def test_the_true_motion_is_exact_with_every_setpoint_acting_one_delay_later(subtests: pytest.Subtests) -> None:
+    for delay_s in [0.0, 0.035, 0.1, 0.25, 0.985]:
+        with subtests.test(delay_s=delay_s):
+            flow = np.zeros((6, 6))
+            flow[:2, 2:4] = np.eye(2)
+            flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
+            flow[2:4, 4:] = np.eye(2)
+            grid_s = 0.005
+            response = expm(flow * grid_s)
+            truth: list[Vector] = []
+            motion = np.array([1.0, -2.0, 0.0, 0.0])
+            for step in range(1001):
+                if step % 20 == 0:
+                    truth.append(motion)
+                tick = (step - round(delay_s / grid_s)) // 20
+                setpoint = np.array(weave(tick / RATE_HZ)) if tick >= 0 else np.array([1.0, -2.0])
+                motion = (response @ np.concatenate([motion, PLANT.a0_per_s2 * setpoint + WIND]))[:4]
 
-    flight = fly([vehicle(Recorder(weave), Plant(PLANT.x, PLANT.y, delay_s), wind=WIND)], 5.0)
+            flight = fly([vehicle(Recorder(weave), Plant(PLANT.x, PLANT.y, delay_s), wind=WIND)], 5.0)
 
-    assert flight.time_s == pytest.approx(np.arange(51) / RATE_HZ)
-    assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
-    assert flight.tick_us.shape == (51, 1)
+            assert flight.time_s == pytest.approx(np.arange(51) / RATE_HZ)
+            assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
+            assert flight.tick_us.shape == (51, 1)
 
 
 def gust(now_s: float) -> tuple[float, ...]:
     return 1.3 * np.cos(0.9 * now_s), -0.4, 0.0
 
 
-@pytest.mark.parametrize("gain", [0.0, 0.7, 1.0])
-def test_a_velocity_beside_the_setpoint_pushes_as_the_equation_says(gain: float) -> None:
+def test_a_velocity_beside_the_setpoint_pushes_as_the_equation_says(subtests: pytest.Subtests) -> None:
     """x'' = a0 (X_d - x) + a1 (g V_d - x'), by the matrix exponential over each tick."""
-    flow = np.zeros((6, 6))
-    flow[:2, 2:4] = np.eye(2)
-    flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
-    flow[2:4, 4:] = np.eye(2)
-    response = expm(flow / RATE_HZ)
-    truth, motion = [], np.array([1.0, -2.0, 0.0, 0.0])
-    for tick in range(51):
-        truth.append(motion)
-        setpoint, velocity = np.array(weave(tick / RATE_HZ)), np.array(gust(tick / RATE_HZ)[:2])
-        push = PLANT.a0_per_s2 * setpoint + gain * PLANT.a1_per_s * velocity
-        motion = (response @ np.concatenate([motion, push]))[:4]
+    for gain in [0.0, 0.7, 1.0]:
+        with subtests.test(gain=gain):
+            flow = np.zeros((6, 6))
+            flow[:2, 2:4] = np.eye(2)
+            flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
+            flow[2:4, 4:] = np.eye(2)
+            response = expm(flow / RATE_HZ)
+            truth, motion = [], np.array([1.0, -2.0, 0.0, 0.0])
+            for tick in range(51):
+                truth.append(motion)
+                setpoint, velocity = np.array(weave(tick / RATE_HZ)), np.array(gust(tick / RATE_HZ)[:2])
+                push = PLANT.a0_per_s2 * setpoint + gain * PLANT.a1_per_s * velocity
+                motion = (response @ np.concatenate([motion, push]))[:4]
 
-    flight = fly([vehicle(Recorder(weave, velocity=gust), Plant(PLANT.x, PLANT.y, 0.0, gain))], 5.0)
+            flight = fly([vehicle(Recorder(weave, velocity=gust), Plant(PLANT.x, PLANT.y, 0.0, gain))], 5.0)
 
-    assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
+            assert flight.motion[:, 0] == pytest.approx(np.array(truth), abs=1e-9)
 
 
 def test_a_vehicle_without_setpoints_hovers_where_it_started() -> None:
@@ -183,13 +185,16 @@ def test_instruments_say_the_truth_plus_the_noise_stated() -> None:
     assert [one.position_m for one in core.sightings] == [tuple(place) for place in flight.motion[::10, 0, :2].tolist()]
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.14, 0.25, 0.3])
-def test_a_message_arrives_at_the_first_tick_after_its_delay(delay_s: float) -> None:
-    listener = Recorder(still)
-    fly([vehicle(Recorder(still, packets=2)), vehicle(listener)], 3.0, NetworkModel(100.0, delay_s))
-    late = max(int(np.ceil(round(delay_s * RATE_HZ, 6))), 1)
-    expected = [(tick + late, f"{2 * tick + number}".encode()) for tick in range(31 - late) for number in range(2)]
-    assert [(round(time_s * RATE_HZ), payload) for time_s, payload in listener.heard] == expected
+def test_a_message_arrives_at_the_first_tick_after_its_delay(subtests: pytest.Subtests) -> None:
+    for delay_s in [0.0, 0.1, 0.14, 0.25, 0.3]:
+        with subtests.test(delay_s=delay_s):
+            listener = Recorder(still)
+            fly([vehicle(Recorder(still, packets=2)), vehicle(listener)], 3.0, NetworkModel(100.0, delay_s))
+            late = max(int(np.ceil(round(delay_s * RATE_HZ, 6))), 1)
+            expected = [
+                (tick + late, f"{2 * tick + number}".encode()) for tick in range(31 - late) for number in range(2)
+            ]
+            assert [(round(time_s * RATE_HZ), payload) for time_s, payload in listener.heard] == expected
 
 
 def test_each_copy_is_lost_on_its_own_in_the_share_stated() -> None:

@@ -34,7 +34,13 @@ def test_gaps_come_as_often_and_last_as_long_as_told() -> None:
     assert np.median(gaps) < 0.4 + 2.0 / 50.0 + 1e-9
 
 
-@pytest.mark.parametrize(("rate_hz", "jitter"), [(0.0, 0.0), (float("nan"), 0.0), (10.0, 0.5), (10.0, -0.1)])
-def test_what_cannot_be_is_refused(rate_hz: float, jitter: float) -> None:
-    with pytest.raises(ValueError, match="it must be"):
-        TelemetryTiming(rate_hz, jitter)
+def test_what_cannot_be_is_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float], ...] = (
+        (0.0, 0.0),
+        (float("nan"), 0.0),
+        (10.0, 0.5),
+        (10.0, -0.1),
+    )
+    for rate_hz, jitter in rows:
+        with subtests.test(rate_hz=rate_hz, jitter=jitter), pytest.raises(ValueError, match="it must be"):
+            TelemetryTiming(rate_hz, jitter)

@@ -28,9 +28,15 @@ def look(sensor: SimulatedSensor, seconds: float, rate_hz: float = 10.0) -> list
     return [one for one in seen if one is not None]
 
 
-@pytest.mark.parametrize(("time_s", "place"), [(-3.0, (35.0, -5.0)), (0.0, (35.0, -5.0)), (10.0, (36.0, -7.0))])
-def test_the_target_sets_out_when_the_mission_does(time_s: float, place: tuple[float, float]) -> None:
-    assert TARGET.position_m(time_s) == pytest.approx(place)
+def test_the_target_sets_out_when_the_mission_does(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, tuple[float, float]], ...] = (
+        (-3.0, (35.0, -5.0)),
+        (0.0, (35.0, -5.0)),
+        (10.0, (36.0, -7.0)),
+    )
+    for time_s, place in rows:
+        with subtests.test(time_s=time_s, place=place):
+            assert TARGET.position_m(time_s) == pytest.approx(place)
 
 
 def test_an_ideal_sensor_sees_the_truth_and_knows_that_it_is_not_quite() -> None:
@@ -45,11 +51,18 @@ def test_a_sensor_sees_as_far_as_it_does(distance: float, seen: bool) -> None:
     assert (sensor.sight(0.0, (x, y)) is not None) is seen
 
 
-@pytest.mark.parametrize(("rate_hz", "period_s"), [(5.0, 0.2), (10.0, 0.1), (2.0, 0.5), (50.0, 0.1)])
-def test_a_sensor_looks_at_its_rate_however_often_it_is_asked(rate_hz: float, period_s: float) -> None:
-    model = SensorModel(inf, rate_hz, 0.0, 0.8, 0.2)
-    times_s = [one.time_s for one in look(SimulatedSensor(1, model, TARGET, 0.0, seed=0), 100.0)]
-    assert np.diff(times_s) == pytest.approx(period_s)
+def test_a_sensor_looks_at_its_rate_however_often_it_is_asked(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float], ...] = (
+        (5.0, 0.2),
+        (10.0, 0.1),
+        (2.0, 0.5),
+        (50.0, 0.1),
+    )
+    for rate_hz, period_s in rows:
+        with subtests.test(rate_hz=rate_hz, period_s=period_s):
+            model = SensorModel(inf, rate_hz, 0.0, 0.8, 0.2)
+            times_s = [one.time_s for one in look(SimulatedSensor(1, model, TARGET, 0.0, seed=0), 100.0)]
+            assert np.diff(times_s) == pytest.approx(period_s)
 
 
 def test_noise_is_white_of_the_size_stated_and_the_covariance_says_so() -> None:
@@ -76,9 +89,8 @@ FIELD = TargetMotion(
 )
 
 
-@pytest.mark.parametrize(
-    ("time_s", "place", "velocity"),
-    [
+def test_a_target_goes_along_its_legs_pauses_and_goes_around_again(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, tuple[float, float], tuple[float, float]], ...] = (
         (-1.0, (0.0, 0.0), (2.0, 0.0)),
         (2.5, (5.0, 0.0), (2.0, 0.0)),
         (8.0, (10.0, 3.0), (0.0, 1.0)),
@@ -86,13 +98,11 @@ FIELD = TargetMotion(
         (15.5, (5.0, 3.0), (-10.0, -6.0)),
         (18.5, (5.0, 0.0), (2.0, 0.0)),
         (1000.0, (0.0, 0.0), (0.0, 0.0)),
-    ],
-)
-def test_a_target_goes_along_its_legs_pauses_and_goes_around_again(
-    time_s: float, place: tuple[float, float], velocity: tuple[float, float]
-) -> None:
-    assert FIELD.position_m(time_s) == pytest.approx(place)
-    assert FIELD.velocity_at_m_s(time_s) == pytest.approx(velocity)
+    )
+    for time_s, place, velocity in rows:
+        with subtests.test(time_s=time_s, place=place, velocity=velocity):
+            assert FIELD.position_m(time_s) == pytest.approx(place)
+            assert FIELD.velocity_at_m_s(time_s) == pytest.approx(velocity)
 
 
 def test_a_path_has_all_its_corners_however_few_points_are_asked_for() -> None:

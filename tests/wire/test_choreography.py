@@ -30,7 +30,7 @@ from sitl.autopilot.px4 import Autopilot
 from tests.support.paths import ROOT
 from tests.support.wire import served
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 RETURN = ("[safety]", '[choreography]\nlayer_m = 3.0\nlanding = "return"\nlanding_order = [3, 1, 2]\n\n[safety]')

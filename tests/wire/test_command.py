@@ -29,7 +29,7 @@ from sitl.autopilot.px4 import Autopilot
 from tests.support.paths import ROOT
 from tests.support.wire import StubWatch, served, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.operator]
+pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 
@@ -190,7 +190,7 @@ async def test_a_kill_cuts_the_motors_whatever_the_vehicle_is_doing(when: str, f
 
 
 async def test_a_vehicle_that_is_told_to_land_on_its_way_up_comes_down_from_there(fly_team: FlyTeam) -> None:
-    async with fly_team(speed=1.0, until_tactic="") as team:
+    async with fly_team(speed=2.0, until_tactic="") as team:
         await until(lambda: 3 in team.watch.vehicles and not team.watch.vehicles[3].landed)
         assert await team.command("land", 3) == {3: "lands"}
         await until(lambda: team.watch.vehicles[3].mode is NavMode.LAND, 6.0)

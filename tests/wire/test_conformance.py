@@ -52,23 +52,24 @@ def px4() -> Iterator[Client]:
 
 
 @pytest.mark.wire
-@pytest.mark.parametrize("exercise", EXERCISES, ids=NAMES)
-def test_the_stub_conforms(stub: Client, exercise: Exercise) -> None:
-    assert exercise.faults(exercise.run(stub)) == []
+def test_the_stub_conforms(subtests: pytest.Subtests, stub: Client) -> None:
+    for exercise in EXERCISES:
+        with subtests.test(exercise=exercise):
+            assert exercise.faults(exercise.run(stub)) == []
 
 
 @pytest.mark.px4
-@pytest.mark.parametrize("exercise", EXERCISES, ids=NAMES)
-def test_px4_conforms(px4: Client, exercise: Exercise) -> None:
-    assert exercise.faults(exercise.run(px4)) == []
+def test_px4_conforms(subtests: pytest.Subtests, px4: Client) -> None:
+    for exercise in EXERCISES:
+        with subtests.test(exercise=exercise):
+            assert exercise.faults(exercise.run(px4)) == []
 
 
 # The list itself
 
 
-@pytest.mark.parametrize(
-    ("expected", "value", "holds"),
-    [
+def test_an_expectation_judges(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[Is | Within, Value, bool], ...] = (
         (Is("HOLD"), "HOLD", True),
         (Is("HOLD"), "LAND", False),
         (Is(True), False, False),
@@ -76,10 +77,10 @@ def test_px4_conforms(px4: Client, exercise: Exercise) -> None:
         (Within(1.0, 2.0), 2.01, False),
         (Within(1.0, 2.0), float("nan"), False),
         (Within(1.0, 2.0), "silence", False),
-    ],
-)
-def test_an_expectation_judges(expected: Is | Within, value: Value, holds: bool) -> None:
-    assert expected.holds(value) is holds
+    )
+    for expected, value, holds in rows:
+        with subtests.test(expected=expected, value=value, holds=holds):
+            assert expected.holds(value) is holds
 
 
 def look(client: Client) -> Observation:

@@ -19,7 +19,7 @@ from gcs.drill.run import DrillRow, DrillRun
 from gcs.drill.stubs import StubFlight
 from gcs.mission.file import parse_mission
 
-pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.alone]
+pytestmark = pytest.mark.wire
 
 REACTIONS_OFF = (
     ("safety", "telemetry_timeout_s", 30.0),

@@ -16,7 +16,7 @@ from gcs.mission.file import load_mission
 from gcs.replay.cores import replay
 from tests.support.paths import ROOT
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SHORT = """[excitation]
 offset_m = [0.0, 6.0]

@@ -19,7 +19,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.support.wire import StubWatch, served, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 QUICK = (

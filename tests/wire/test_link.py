@@ -245,14 +245,22 @@ async def test_the_speed_of_a_simulation_is_measured(stubs: StubProcess) -> None
         assert await link.measure_speed() == SPEED
 
 
-@pytest.mark.parametrize(
-    ("rate", "ratio"), [(1.0, 1.0), (1.08, 1.0), (0.93, 1.0), (0.5, 0.5), (4.7, 5.0), (1.45, 1.45), (-3.0, None)]
-)
-def test_a_speed_near_a_whole_number_is_that_number(rate: float, ratio: float | None) -> None:
-    times = [(100.0 + 0.1 * step, 7.0 + 0.1 * step * rate) for step in range(10)]
-    assert link_calls.clock_ratio(times, 1.0) == (None if ratio is None else pytest.approx(ratio))
-    assert link_calls.clock_ratio(times[:4], 1.0) is None
-    assert link_calls.clock_ratio([], 1.0) is None
+def test_a_speed_near_a_whole_number_is_that_number(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float | None], ...] = (
+        (1.0, 1.0),
+        (1.08, 1.0),
+        (0.93, 1.0),
+        (0.5, 0.5),
+        (4.7, 5.0),
+        (1.45, 1.45),
+        (-3.0, None),
+    )
+    for rate, ratio in rows:
+        with subtests.test(rate=rate, ratio=ratio):
+            times = [(100.0 + 0.1 * step, 7.0 + 0.1 * step * rate) for step in range(10)]
+            assert link_calls.clock_ratio(times, 1.0) == (None if ratio is None else pytest.approx(ratio))
+            assert link_calls.clock_ratio(times[:4], 1.0) is None
+            assert link_calls.clock_ratio([], 1.0) is None
 
 
 async def test_what_is_out_of_order_is_refused(stubs: StubProcess) -> None:
@@ -343,12 +351,18 @@ async def test_two_vehicles_with_one_system_id_are_refused(stubs: StubProcess) -
         await hub.close()
 
 
-@pytest.mark.parametrize("bad", ["carrier-pigeon://coop", "udpin://", "serial:///dev/null:57600"])
-async def test_urls_that_lead_nowhere_are_refused(bad: str) -> None:
-    hub = MavsdkHub()
-    with pytest.raises(VehicleRefusedError, match="cannot be opened"):
-        await hub.find(bad, 1, 1.0)
-    await hub.close()
+async def test_urls_that_lead_nowhere_are_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[str, ...] = (
+        "carrier-pigeon://coop",
+        "udpin://",
+        "serial:///dev/null:57600",
+    )
+    for bad in rows:
+        with subtests.test(bad=bad):
+            hub = MavsdkHub()
+            with pytest.raises(VehicleRefusedError, match="cannot be opened"):
+                await hub.find(bad, 1, 1.0)
+            await hub.close()
 
 
 async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None:

@@ -42,7 +42,7 @@ from tests.support.wire import (
     until,
 )
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 RATE_HZ = 20.0

@@ -20,7 +20,7 @@ from gcs.preflight.link_facts import gather_facts
 from gcs.preflight.preflight import preflight
 from sitl.server.process import StubProcess
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 DURATION_S = 20.0

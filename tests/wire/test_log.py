@@ -30,7 +30,7 @@ from gcs.flightlog.records import (
 from gcs.flightlog.run import mission_of
 from tests.support.paths import ROOT
 
-pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.processes]
+pytestmark = pytest.mark.wire
 
 ValueT = TypeVar("ValueT")
 SPEED = 5.0

@@ -11,9 +11,9 @@ import pytest
 
 from tests.support.paths import ROOT
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
-SPEED, SECONDS = 10.0, 30.0
+SPEED, SECONDS = 5.0, 30.0
 
 
 async def cordon(*arguments: str) -> tuple[int | None, str, str]:

@@ -15,7 +15,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission, MissionVehicle
 from tests.support.wire import served, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SPEED = 5.0
 

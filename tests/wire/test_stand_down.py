@@ -20,7 +20,7 @@ from sitl.server.process import unix_clock
 from sitl.server.server import serve
 from tests.support.wire import StubWatch, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SPEED = 4.0
 

@@ -29,7 +29,7 @@ from sitl.server.server import serve
 from tests.support.paths import ROOT
 from tests.support.wire import StubWatch, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team, pytest.mark.processes]
+pytestmark = pytest.mark.wire
 
 FAST = 6.0
 OUT_OF_OFFBOARD_MAX_S = 2.0

@@ -16,7 +16,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from tests.support.wire import served, until
 
-pytestmark = [pytest.mark.wire, pytest.mark.team]
+pytestmark = pytest.mark.wire
 
 SPEED, TARGET_ID, PLACE_M = 5.0, 40, (9.0, 1.0)
 NAMED = f'[target]\nsource = "mavlink"\nurl = "udpin://127.0.0.1:14550"\nsystem_id = {TARGET_ID}\n'

@@ -32,7 +32,7 @@ SOON = (
     ("velocity_m_s = [0.1, 0.0]", "velocity_m_s = [0.0, 0.0]"),
 )
 """What makes the ring form soon."""
-WATCHES = 10
+WATCHES = 5
 
 
 @contextmanager
@@ -102,8 +102,6 @@ def test_with_nobody_there_it_says_so_and_waits_until_it_is_told_to_end(
         assert "Traceback" not in err
 
 
-@pytest.mark.team
-@pytest.mark.processes
 def test_watches_that_come_and_are_killed_disturb_nobody(mission_file: Callable[..., str]) -> None:
     mission = mission_file("case2", *SOON)
     with cordon("fly", mission, "--sitl", "--speed", "2", "--duration", "60", "--json") as flight:

@@ -18,7 +18,7 @@ from tests.support.wire import free_ports
 
 PEER_PROCESS = """
 import asyncio, sys
-from agents.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import ZenohBus
 
 async def main():
     bus = ZenohBus(9, "wire", sys.argv[1], sys.argv[2:])
@@ -88,12 +88,13 @@ def peer_process(listen: str, connect: str) -> subprocess.Popen[str]:
     return process
 
 
-@pytest.mark.parametrize("name", ["", "a/b", "*", "a b", "$", "a#"])
-def test_names_that_are_patterns_are_refused(name: str) -> None:
-    with pytest.raises(ValueError, match="team"):
-        ZenohBus(1, name)
-    with pytest.raises(ValueError, match="topic"):
-        ZenohBus(1, "team").publish(name, b"")
+def test_names_that_are_patterns_are_refused(subtests: pytest.Subtests) -> None:
+    for name in ["", "a/b", "*", "a b", "$", "a#"]:
+        with subtests.test(name=name):
+            with pytest.raises(ValueError, match="team"):
+                ZenohBus(1, name)
+            with pytest.raises(ValueError, match="topic"):
+                ZenohBus(1, "team").publish(name, b"")
 
 
 async def test_an_unopened_bus_drops_and_closes() -> None:

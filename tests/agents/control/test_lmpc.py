@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pytest
@@ -129,33 +130,33 @@ def bounds(input_max: float = FREE, state_max: float = FREE) -> Bounds:
     return Bounds(both_ways(np.full(2, input_max)), both_ways(states))
 
 
-@pytest.mark.parametrize("control_horizon", [1, 2, 4])
-@pytest.mark.parametrize("seed", range(5))
-def test_without_bounds_the_plan_is_the_least_squares_solution(seed: int, control_horizon: int) -> None:
-    given = problem(seed, control_horizon)
-    plan = given.lmpc().solve(given.state, given.reference, given.previous, bounds())
-    optimum = given.unbounded_optimum()
-    assert plan.status is QpStatus.INTERIOR
-    assert plan.inputs.ravel() == pytest.approx(optimum, abs=1e-8)
-    assert plan.first_input == pytest.approx(optimum[:2], abs=1e-8)
+def test_without_bounds_the_plan_is_the_least_squares_solution(subtests: pytest.Subtests) -> None:
+    for control_horizon in [1, 2, 4]:
+        for seed in range(5):
+            with subtests.test(control_horizon=control_horizon, seed=seed):
+                given = problem(seed, control_horizon)
+                plan = given.lmpc().solve(given.state, given.reference, given.previous, bounds())
+                optimum = given.unbounded_optimum()
+                assert plan.status is QpStatus.INTERIOR
+                assert plan.inputs.ravel() == pytest.approx(optimum, abs=1e-8)
+                assert plan.first_input == pytest.approx(optimum[:2], abs=1e-8)
 
 
-@pytest.mark.parametrize("control_horizon", [1, 2, 4])
-@pytest.mark.parametrize(("input_max", "state_max"), [(0.5, FREE), (FREE, 2.5), (3.0, 3.0)])
-@pytest.mark.parametrize("seed", range(5))
-def test_on_the_bounds_the_plan_is_what_slsqp_finds(
-    seed: int, input_max: float, state_max: float, control_horizon: int
-) -> None:
-    given = problem(seed, control_horizon)
-    limits = bounds(input_max, max(state_max, 1.05 * np.abs(given.state[2:]).max()))
-    unbounded = given.unbounded_optimum()
-    inside = (np.abs(unbounded) <= input_max).all() and (np.abs(given.speeds(unbounded)) <= limits.states[1]).all()
-    plan = given.lmpc().solve(given.state, given.reference, given.previous, limits)
-    assert plan.status is (QpStatus.INTERIOR if inside else QpStatus.BOUNDED)
-    optimum = given.bounded_optimum(limits)
-    assert plan.first_input == pytest.approx(optimum[:2], abs=2e-3)
-    assert given.states(plan.inputs.ravel()) == pytest.approx(given.states(optimum), abs=2e-3)
-    assert (np.abs(plan.inputs) <= input_max).all()
+def test_on_the_bounds_the_plan_is_what_slsqp_finds(subtests: pytest.Subtests) -> None:
+    limit_rows = ((0.5, FREE), (FREE, 2.5), (3.0, 3.0))
+    for control_horizon, (input_max, state_max), seed in product((1, 2, 4), limit_rows, range(5)):
+        with subtests.test(control_horizon=control_horizon, input_max=input_max, state_max=state_max, seed=seed):
+            given = problem(seed, control_horizon)
+            limits = bounds(input_max, max(state_max, 1.05 * np.abs(given.state[2:]).max()))
+            unbounded = given.unbounded_optimum()
+            slow_enough = (np.abs(given.speeds(unbounded)) <= limits.states[1]).all()
+            inside = (np.abs(unbounded) <= input_max).all() and slow_enough
+            plan = given.lmpc().solve(given.state, given.reference, given.previous, limits)
+            assert plan.status is (QpStatus.INTERIOR if inside else QpStatus.BOUNDED)
+            optimum = given.bounded_optimum(limits)
+            assert plan.first_input == pytest.approx(optimum[:2], abs=2e-3)
+            assert given.states(plan.inputs.ravel()) == pytest.approx(given.states(optimum), abs=2e-3)
+            assert (np.abs(plan.inputs) <= input_max).all()
 
 
 def test_a_warm_start_leads_to_the_same_plan() -> None:

@@ -1,6 +1,7 @@
 """The ring that can be flown about a target: slower, then wider; by steps, with hysteresis, and agreed on."""
 
 from collections.abc import Callable
+from itertools import product
 from math import sqrt
 
 import pytest
@@ -31,22 +32,19 @@ def test_a_ring_that_can_be_flown_is_flown_as_asked(target_m_s: float, make_conf
     assert (ring_feasibility.orbit.radius_m, ring_feasibility.orbit.angular_rate_rad_s) == (10.0, 0.15)
 
 
-@pytest.mark.parametrize("target_m_s", [0.1 * k for k in range(31)])
-@pytest.mark.parametrize("acceleration_m_s2", [0.5, 1.0, 2.0, 4.0])
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_what_is_flown_keeps_the_limits_and_the_rate_goes_first(
-    target_m_s: float, acceleration_m_s2: float, sign: float, make_config: Maker
-) -> None:
-    ring = RING | {"acceleration_max_m_s2": acceleration_m_s2, "angular_rate_rad_s": sign * 0.15}
-    shares = RingFeasibility(make_config(encirclement=ring)).shares(target_m_s)
-    rate, radius_m = shares.rate * 0.15, shares.radius * 10.0
-    assert 0.0 <= shares.rate <= 1.0 <= shares.radius <= 2.0
-    assert rate * radius_m + target_m_s <= RESERVE * 3.0 + 1e-9 or shares.rate == 0.0
-    if shares.radius > 1.0:
-        assert shares.rate <= 0.3
-    if shares.radius < 2.0 and target_m_s > 0.0:
-        turning_m_s2 = target_m_s**2 / (BROKEN_MAX * radius_m)
-        assert turning_m_s2 + rate**2 * radius_m <= acceleration_m_s2 + 1e-9
+def test_what_is_flown_keeps_the_limits_and_the_rate_goes_first(subtests: pytest.Subtests, make_config: Maker) -> None:
+    for target_m_s, acceleration_m_s2, sign in product([0.1 * k for k in range(31)], (0.5, 1.0, 2.0, 4.0), (-1.0, 1.0)):
+        with subtests.test(target_m_s=target_m_s, acceleration_m_s2=acceleration_m_s2, sign=sign):
+            ring = RING | {"acceleration_max_m_s2": acceleration_m_s2, "angular_rate_rad_s": sign * 0.15}
+            shares = RingFeasibility(make_config(encirclement=ring)).shares(target_m_s)
+            rate, radius_m = shares.rate * 0.15, shares.radius * 10.0
+            assert 0.0 <= shares.rate <= 1.0 <= shares.radius <= 2.0
+            assert rate * radius_m + target_m_s <= RESERVE * 3.0 + 1e-9 or shares.rate == 0.0
+            if shares.radius > 1.0:
+                assert shares.rate <= 0.3
+            if shares.radius < 2.0 and target_m_s > 0.0:
+                turning_m_s2 = target_m_s**2 / (BROKEN_MAX * radius_m)
+                assert turning_m_s2 + rate**2 * radius_m <= acceleration_m_s2 + 1e-9
 
 
 def test_what_is_lowered_is_the_most_that_the_speed_allows(make_config: Maker) -> None:

@@ -1,7 +1,7 @@
 """The formation's shapes: who is where, and that nobody is nearer to anybody than the spacing."""
 
 from collections.abc import Callable
-from itertools import combinations
+from itertools import combinations, product
 from math import dist, sqrt
 
 import pytest
@@ -24,13 +24,14 @@ def test_shapes_by_hand(shape: Shape, places: list[tuple[float, float]]) -> None
     assert [offset_m(shape, place, 2, 5.0) for place in range(5)] == [pytest.approx(p, abs=1e-3) for p in places]
 
 
-@pytest.mark.parametrize("shape", ["line", "column", "wedge"])
-@pytest.mark.parametrize("leader", range(16))
-def test_in_no_shape_is_anybody_nearer_than_the_spacing(shape: Shape, leader: int) -> None:
-    slots = [offset_m(shape, place, leader, 4.0) for place in range(16)]
-    assert min(dist(*pair) for pair in combinations(slots, 2)) >= 4.0 - 1e-9
-    assert slots[leader] == pytest.approx((0.0, 0.0))
-    assert all(x <= 1e-9 for x, _ in slots)
+def test_in_no_shape_is_anybody_nearer_than_the_spacing(subtests: pytest.Subtests) -> None:
+    shapes: tuple[Shape, ...] = ("line", "column", "wedge")
+    for shape, leader in product(shapes, range(16)):
+        with subtests.test(shape=shape, leader=leader):
+            slots = [offset_m(shape, place, leader, 4.0) for place in range(16)]
+            assert min(dist(*pair) for pair in combinations(slots, 2)) >= 4.0 - 1e-9
+            assert slots[leader] == pytest.approx((0.0, 0.0))
+            assert all(x <= 1e-9 for x, _ in slots)
 
 
 @pytest.mark.parametrize("leader", [0, 1, 2])

@@ -516,7 +516,6 @@ def test_a_team_flies_with_stubs_of_its_own(own_ports: str) -> None:
 
 
 @pytest.mark.wire
-@pytest.mark.team
 def test_a_drill_tells_its_progress_and_its_table() -> None:
     ran = cordon("drill", "case2", "--fault", "frozen-interpreter", "--json")
     assert ran.code == 0, ran.err

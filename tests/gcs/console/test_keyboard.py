@@ -23,9 +23,8 @@ from tests.support.paths import ROOT
 WAIT_S = 20.0
 
 
-@pytest.mark.parametrize(
-    ("pressed", "verbs"),
-    [
+def test_a_key_is_a_verb_and_a_kill_takes_two(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[str, list[str]], ...] = (
         ("hrlta", ["hold", "resume", "land", "rtl", "abort"]),
         ("k", []),
         ("kk", ["kill"]),
@@ -36,11 +35,11 @@ WAIT_S = 20.0
         ("y", []),
         ("kkk", ["kill"]),
         ("xyzHKQ\n ", []),
-    ],
-)
-def test_a_key_is_a_verb_and_a_kill_takes_two(pressed: str, verbs: list[str]) -> None:
-    meaning = KeyBindings()
-    assert [verb for key in pressed if (verb := meaning.press(key, 1.0)) is not None] == verbs
+    )
+    for pressed, verbs in rows:
+        with subtests.test(pressed=pressed, verbs=verbs):
+            meaning = KeyBindings()
+            assert [verb for key in pressed if (verb := meaning.press(key, 1.0)) is not None] == verbs
 
 
 @pytest.mark.parametrize(

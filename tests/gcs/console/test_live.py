@@ -87,12 +87,18 @@ def test_brackets_in_a_note_are_no_markup() -> None:
     assert "guard [pair 1]" in rendered(live_table(ROWS, 0.0, ""), width=120)
 
 
-@pytest.mark.parametrize(
-    ("battery", "style"), [(0.83, ""), (0.35, ""), (0.34, "\x1b[33m"), (0.2, "\x1b[33m"), (0.19, "\x1b[1;31m")]
-)
-def test_a_low_battery_is_coloured(battery: float, style: str) -> None:
-    told = rendered(live_table([replace(ROWS[0], battery=battery)], 0.0, ""), colour=True)
-    assert f"{style} {battery:.0%}" in told if style else f"\x1b[33m {battery:.0%}" not in told
+def test_a_low_battery_is_coloured(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, str], ...] = (
+        (0.83, ""),
+        (0.35, ""),
+        (0.34, "\x1b[33m"),
+        (0.2, "\x1b[33m"),
+        (0.19, "\x1b[1;31m"),
+    )
+    for battery, style in rows:
+        with subtests.test(battery=battery, style=style):
+            told = rendered(live_table([replace(ROWS[0], battery=battery)], 0.0, ""), colour=True)
+            assert f"{style} {battery:.0%}" in told if style else f"\x1b[33m {battery:.0%}" not in told
 
 
 def test_a_lost_link_is_red() -> None:

@@ -217,21 +217,22 @@ def test_a_damaged_chunk_is_skipped_and_what_it_held_is_told(sample: Sample) -> 
     assert "are lost" in told(log)
 
 
-@pytest.mark.parametrize("which", [0, 5, -1], ids=["first", "middle", "last"])
-@pytest.mark.parametrize("field", ["length", "kind"])
-def test_a_chunk_whose_length_or_kind_is_damaged_costs_that_chunk(which: int, field: str, sample: Sample) -> None:
-    offset, _ = chunks_of(sample.data)[which]
-    data = bytearray(sample.data)
-    if field == "length":
-        data[offset + 3] ^= 0x40
-    else:
-        data[offset] ^= 0x01
-    log = assert_honest(sample, bytes(data))
-    if which == 0:  # it said what was flown
-        assert log is None
-        return
-    assert log is not None
-    assert held(log) == sample.total - len(_messages(sample.data, which))
+def test_a_chunk_whose_length_or_kind_is_damaged_costs_that_chunk(subtests: pytest.Subtests, sample: Sample) -> None:
+    for which in [0, 5, -1]:
+        for field in ["length", "kind"]:
+            with subtests.test(which=which, field=field):
+                offset, _ = chunks_of(sample.data)[which]
+                data = bytearray(sample.data)
+                if field == "length":
+                    data[offset + 3] ^= 0x40
+                else:
+                    data[offset] ^= 0x01
+                log = assert_honest(sample, bytes(data))
+                if which == 0:  # it said what was flown
+                    assert log is None
+                else:
+                    assert log is not None
+                    assert held(log) == sample.total - len(_messages(sample.data, which))
 
 
 def test_a_chunk_that_passes_for_an_index_is_noticed_by_its_place(sample: Sample) -> None:
@@ -251,20 +252,18 @@ def test_an_index_that_is_damaged_costs_no_record(sample: Sample) -> None:
     assert "its index is damaged" in told(log)
 
 
-@pytest.mark.parametrize(
-    ("data", "reason"),
-    [
+def test_what_is_no_log_is_refused(subtests: pytest.Subtests, sample: Sample) -> None:
+    rows: tuple[tuple[bytes, str], ...] = (
         (b"", "it is empty"),
         (b"# Flight logs", "it is no MCAP file"),
         (b"\x89MCAP0\r\n", "it holds no record of cordon's"),
         (b"\x89MCAP0\r\n" + bytes(10_000_000), "it holds no record of cordon's"),
-    ],
-    ids=["empty", "foreign", "magic only", "zeros"],
-)
-def test_what_is_no_log_is_refused(data: bytes, reason: str, sample: Sample) -> None:
-    path = sample.written(data)
-    with pytest.raises(LogError, match=reason):
-        read_log(path)
+    )
+    for data, reason in rows:
+        with subtests.test(reason=reason):
+            path = sample.written(data)
+            with pytest.raises(LogError, match=reason):
+                read_log(path)
 
 
 def test_another_s_mcap_file_is_refused(sample: Sample) -> None:
@@ -331,23 +330,24 @@ CLAIMS: dict[str, Callable[[], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("claim", CLAIMS)
-def test_a_claim_is_not_believed(claim: str, sample: Sample) -> None:
-    begin = chunks_of(sample.data)[3][0]
-    inserted = CLAIMS[claim]()
-    path = sample.written(sample.data[:begin] + inserted + sample.data[begin:])
-    began_s = time.perf_counter()
-    tracemalloc.start()
-    try:
-        log = read_log(path)
-        peak_bytes = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak_bytes < MEMORY_MAX_BYTES
-    assert time.perf_counter() - began_s < SECONDS_MAX
-    assert 1 <= len(log.faults) < 40, "not one for each of a hundred thousand"
-    if claim not in ("many small bombs", "countless chunks that only look like chunks"):  # it gives up
-        assert held(log) == sample.total
+def test_a_claim_is_not_believed(subtests: pytest.Subtests, sample: Sample) -> None:
+    for claim, make in CLAIMS.items():
+        with subtests.test(claim=claim):
+            begin = chunks_of(sample.data)[3][0]
+            inserted = make()
+            path = sample.written(sample.data[:begin] + inserted + sample.data[begin:])
+            began_s = time.perf_counter()
+            tracemalloc.start()
+            try:
+                log = read_log(path)
+                peak_bytes = tracemalloc.get_traced_memory()[1]
+            finally:
+                tracemalloc.stop()
+            assert peak_bytes < MEMORY_MAX_BYTES
+            assert time.perf_counter() - began_s < SECONDS_MAX
+            assert 1 <= len(log.faults) < 40, "not one for each of a hundred thousand"
+            if claim not in ("many small bombs", "countless chunks that only look like chunks"):  # it gives up
+                assert held(log) == sample.total
 
 
 @pytest.mark.parametrize(
@@ -430,18 +430,21 @@ def test_a_field_that_this_version_does_not_know_is_no_matter(sample: Sample) ->
     assert list(log.of_kind(1, Start)) == [Start(1.0)]
 
 
-@pytest.mark.parametrize("broken", ["missing", "other form", "damaged", "none"])
-def test_records_whose_schema_is_not_as_it_must_be_are_left_out_and_told(broken: str, sample: Sample) -> None:
-    alive = entry("/vehicle/1/bus", Bus(alive=True), 2)
-    topic, name, schema, payload = {
-        "missing": entry("/vehicle/1/bus", msgspec.defstruct("Bus", [])(), 2),
-        "other form": entry("/vehicle/1/bus", msgspec.defstruct("Bus", [("alive", int)])(1), 2),
-        "damaged": (*alive[:2], alive[2][:-5], alive[3]),
-        "none": (*alive[:2], b"", alive[3]),
-    }[broken]
-    log = read_log(made_up(sample, entry("/vehicle/1/start", Start(1.0), 1), (topic, name, schema, payload)))
-    assert "1 records are not read: /vehicle/1/bus: " in told(log)
-    assert [each.kind for each in log.vehicles[1]] == [Start]
+def test_records_whose_schema_is_not_as_it_must_be_are_left_out_and_told(
+    subtests: pytest.Subtests, sample: Sample
+) -> None:
+    for broken in ["missing", "other form", "damaged", "none"]:
+        with subtests.test(broken=broken):
+            alive = entry("/vehicle/1/bus", Bus(alive=True), 2)
+            topic, name, schema, payload = {
+                "missing": entry("/vehicle/1/bus", msgspec.defstruct("Bus", [])(), 2),
+                "other form": entry("/vehicle/1/bus", msgspec.defstruct("Bus", [("alive", int)])(1), 2),
+                "damaged": (*alive[:2], alive[2][:-5], alive[3]),
+                "none": (*alive[:2], b"", alive[3]),
+            }[broken]
+            log = read_log(made_up(sample, entry("/vehicle/1/start", Start(1.0), 1), (topic, name, schema, payload)))
+            assert "1 records are not read: /vehicle/1/bus: " in told(log)
+            assert [each.kind for each in log.vehicles[1]] == [Start]
 
 
 def test_a_record_without_its_number_is_left_out_and_told(sample: Sample) -> None:

@@ -229,21 +229,20 @@ def test_a_home_that_nobody_knows_is_no_place(
     assert f"{FOLDER_VARIABLE} may name a folder for logs" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("name", "reason"),
-    [
+def test_a_place_that_was_told_and_is_none_ends_in_bad_input(subtests: pytest.Subtests, tmp_path: Path) -> None:
+    rows: tuple[tuple[str, str], ...] = (
         ("file", "exists already"),
         (".", "exists already"),
         ("nowhere/log.mcap", "No such file"),
         ("file/log.mcap", "Not a directory"),
         ("x" * 300, "File name too long"),
-    ],
-)
-def test_a_place_that_was_told_and_is_none_ends_in_bad_input(name: str, reason: str, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("kept")
-    with (
-        pytest.raises(InputError, match=reason),
-        flight_log(RecordingOptions(tmp_path / name), "case2"),
-    ):
-        pass
-    assert (tmp_path / "file").read_text() == "kept"
+    )
+    for name, reason in rows:
+        with subtests.test(name=name, reason=reason):
+            (tmp_path / "file").write_text("kept")
+            with (
+                pytest.raises(InputError, match=reason),
+                flight_log(RecordingOptions(tmp_path / name), "case2"),
+            ):
+                pass
+            assert (tmp_path / "file").read_text() == "kept"

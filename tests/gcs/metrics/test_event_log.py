@@ -87,13 +87,12 @@ def test_events_are_in_order_by_the_missions_clock() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("start_s", "line"),
-    [
+def test_an_event_in_one_line(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float | None, str], ...] = (
         (START_S, "12.3 s: vehicle 2: lands"),
         (None, "before the start: vehicle 2: lands"),
         (START_S + 20.0, "before the start: vehicle 2: lands"),
-    ],
-)
-def test_an_event_in_one_line(start_s: float | None, line: str) -> None:
-    assert event_line(FlightEvent(START_S + 12.34, 2, "command", "lands"), start_s) == line
+    )
+    for start_s, line in rows:
+        with subtests.test(start_s=start_s, line=line):
+            assert event_line(FlightEvent(START_S + 12.34, 2, "command", "lands"), start_s) == line

@@ -108,11 +108,14 @@ def test_the_loop_is_told_as_it_was_counted(mission: Mission) -> None:
     np.testing.assert_array_equal(loop.tick_us, (70.0, 90.0, 800.0))
 
 
-@pytest.mark.parametrize("period_s", [0.1, 0.07, 0.25, 0.9])
-def test_a_straight_flight_is_given_back_whatever_the_rate_it_was_noted_at(mission: Mission, period_s: float) -> None:
-    flight = record(noted(mission, np.arange(-1.0, 11.0, period_s)))
-    assert_flies(track(flight, 1), flight.time_s, straight)
-    assert set(track(flight, 1).tactic) == {"formation"}
+def test_a_straight_flight_is_given_back_whatever_the_rate_it_was_noted_at(
+    subtests: pytest.Subtests, mission: Mission
+) -> None:
+    for period_s in [0.1, 0.07, 0.25, 0.9]:
+        with subtests.test(period_s=period_s):
+            flight = record(noted(mission, np.arange(-1.0, 11.0, period_s)))
+            assert_flies(track(flight, 1), flight.time_s, straight)
+            assert set(track(flight, 1).tactic) == {"formation"}
 
 
 def test_a_tactic_holds_from_its_note_to_the_next(mission: Mission) -> None:

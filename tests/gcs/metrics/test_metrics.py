@@ -154,12 +154,19 @@ def test_radius_errors_are_the_closed_form_of_an_offset_and_a_ripple() -> None:
     assert judged(orbit(1, 0.0, radius_m=10.2 - 1e-6)).verdicts.c1 is True
 
 
-@pytest.mark.parametrize(("rate", "holds"), [(0.053, False), (0.047, False), (0.0515, True), (-0.05, False)])
-def test_the_mean_rate_counts_whole_turns_and_direction(rate: float, holds: bool) -> None:
-    result = judged(orbit(1, 3.0, rate_rad_s=rate))  # wraps past pi within seconds, four turns or more in all
-    assert result.vehicles[0].angular_rate_mean_rad_s == pytest.approx(rate, rel=1e-9)
-    assert result.vehicles[0].angular_rate_error_rms_rad_s == pytest.approx(abs(rate - 0.05), rel=1e-9)
-    assert result.verdicts.c2 is holds
+def test_the_mean_rate_counts_whole_turns_and_direction(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, bool], ...] = (
+        (0.053, False),
+        (0.047, False),
+        (0.0515, True),
+        (-0.05, False),
+    )
+    for rate, holds in rows:
+        with subtests.test(rate=rate, holds=holds):
+            result = judged(orbit(1, 3.0, rate_rad_s=rate))  # wraps past pi within seconds, four turns or more in all
+            assert result.vehicles[0].angular_rate_mean_rad_s == pytest.approx(rate, rel=1e-9)
+            assert result.vehicles[0].angular_rate_error_rms_rad_s == pytest.approx(abs(rate - 0.05), rel=1e-9)
+            assert result.verdicts.c2 is holds
 
 
 def test_mean_rate_is_of_bearings_and_rate_error_of_velocities() -> None:
@@ -334,22 +341,34 @@ def test_a_follower_is_judged_against_the_nearest_one_ahead_still_in_formation()
     assert result.vehicles[2].formation_spacing_error_rms_m == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize(("error_m", "speed_m_s", "holds"), [(0.3, 0.0, False), (0.0, 0.06, False), (0.2, 0.04, True)])
-def test_the_formation_verdict_needs_speed_and_spacing(error_m: float, speed_m_s: float, holds: bool) -> None:
-    assert judged(line(1), line(2, error_m, speed_m_s)).verdicts.formation is holds
+def test_the_formation_verdict_needs_speed_and_spacing(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, float, bool], ...] = (
+        (0.3, 0.0, False),
+        (0.0, 0.06, False),
+        (0.2, 0.04, True),
+    )
+    for error_m, speed_m_s, holds in rows:
+        with subtests.test(error_m=error_m, speed_m_s=speed_m_s, holds=holds):
+            assert judged(line(1), line(2, error_m, speed_m_s)).verdicts.formation is holds
 
 
 # --- separation ---
 
 
-@pytest.mark.parametrize(("closest_m", "holds"), [(2.9, False), (3.0, True), (3.1, True)])
-def test_closest_approach_is_the_smallest_over_pairs_and_time(closest_m: float, holds: bool) -> None:
-    passing = line(3)
-    passing.position_m[1234] = line(2).position_m[1234] - (0.0, closest_m)
-    result = judged(line(1), line(2), passing)
-    assert result.closest_approach_m == pytest.approx(closest_m)
-    assert result.verdicts.separation is holds
-    assert result.all_hold is holds
+def test_closest_approach_is_the_smallest_over_pairs_and_time(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, bool], ...] = (
+        (2.9, False),
+        (3.0, True),
+        (3.1, True),
+    )
+    for closest_m, holds in rows:
+        with subtests.test(closest_m=closest_m, holds=holds):
+            passing = line(3)
+            passing.position_m[1234] = line(2).position_m[1234] - (0.0, closest_m)
+            result = judged(line(1), line(2), passing)
+            assert result.closest_approach_m == pytest.approx(closest_m)
+            assert result.verdicts.separation is holds
+            assert result.all_hold is holds
 
 
 def test_closest_approach_counts_the_moments_in_which_both_were_heard() -> None:
@@ -540,20 +559,19 @@ def test_a_loop_that_was_not_timed_has_no_percentiles() -> None:
     assert (loop.tick_p50_us, loop.tick_p99_us) == (None, None)
 
 
-@pytest.mark.parametrize(
-    "faulty",
-    [
+def test_faulty_references_are_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[object, ...] = (
         lambda: RingReference(0.0, 0.05),
         lambda: RingReference(10.0, float("nan")),
         lambda: FormationReference(float("inf"), {}),
         lambda: FormationReference(0.2, {1: (0.0, float("nan"))}),
         lambda: replace(TOLERANCES, separation_m=-1.0),
-    ],
-)
-def test_faulty_references_are_refused(faulty: object) -> None:
-    assert callable(faulty)
-    with pytest.raises(ValueError, match=r"must|not finite"):
-        faulty()
+    )
+    for faulty in rows:
+        with subtests.test(faulty=faulty):
+            assert callable(faulty)
+            with pytest.raises(ValueError, match=r"must|not finite"):
+                faulty()
 
 
 def test_a_ten_minute_flight_is_evaluated_in_well_under_a_tenth_of_a_second() -> None:

@@ -43,14 +43,15 @@ def test_a_line_abreast_is_aligned_and_as_wide_as_it_is() -> None:
     assert figures.off_centre_m[:, -1] == pytest.approx([5.0 - centre_m, -centre_m, 7.0 + centre_m])
 
 
-@pytest.mark.parametrize("count", [2, 3, 5, 16])
-def test_on_an_even_ring_the_chords_are_equal_and_the_directions_cancel_out(count: int) -> None:
-    radius_m, rate_rad_s = 10.0, 0.05
-    figures = flocking(record(*(around(index * tau / count, radius_m, rate_rad_s) for index in range(count))))
-    assert figures.nearest_m == pytest.approx(np.full((count, TIME_S.size), 2.0 * radius_m * sin(pi / count)))
-    assert figures.mismatch_m_s == pytest.approx(np.full((count, TIME_S.size), radius_m * rate_rad_s))
-    assert figures.order == pytest.approx(np.zeros(TIME_S.size), abs=1e-12)
-    assert figures.off_centre_m == pytest.approx(np.full((count, TIME_S.size), radius_m))
+def test_on_an_even_ring_the_chords_are_equal_and_the_directions_cancel_out(subtests: pytest.Subtests) -> None:
+    for count in [2, 3, 5, 16]:
+        with subtests.test(count=count):
+            radius_m, rate_rad_s = 10.0, 0.05
+            figures = flocking(record(*(around(index * tau / count, radius_m, rate_rad_s) for index in range(count))))
+            assert figures.nearest_m == pytest.approx(np.full((count, TIME_S.size), 2.0 * radius_m * sin(pi / count)))
+            assert figures.mismatch_m_s == pytest.approx(np.full((count, TIME_S.size), radius_m * rate_rad_s))
+            assert figures.order == pytest.approx(np.zeros(TIME_S.size), abs=1e-12)
+            assert figures.off_centre_m == pytest.approx(np.full((count, TIME_S.size), radius_m))
 
 
 def test_one_of_three_that_flies_the_other_way_leaves_a_third_of_the_order() -> None:

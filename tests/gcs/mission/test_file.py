@@ -4,6 +4,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from math import inf, isfinite, nan, pi
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -113,13 +114,14 @@ def test_the_writer_of_these_tests_is_true() -> None:
 # What is right
 
 
-@pytest.mark.parametrize("name", BUNDLED)
-def test_bundled_missions_load(name: str) -> None:
-    mission = load_mission(name)
-    assert bundled_missions() == BUNDLED
-    assert mission.mission.name == name
-    assert mission.ids == tuple(range(1, len(mission.vehicles) + 1))
-    assert mission.formation.leader in mission.ids
+def test_bundled_missions_load(subtests: pytest.Subtests) -> None:
+    for name in BUNDLED:
+        with subtests.test(name=name):
+            mission = load_mission(name)
+            assert bundled_missions() == BUNDLED
+            assert mission.mission.name == name
+            assert mission.ids == tuple(range(1, len(mission.vehicles) + 1))
+            assert mission.formation.leader in mission.ids
 
 
 def test_case2_is_the_papers() -> None:
@@ -224,21 +226,20 @@ def test_without_layers_vehicles_take_off_to_where_they_fly() -> None:
     assert [config.take_off_altitude_m for config in configs] == [8.0, 10.0, 8.0]
 
 
-@pytest.mark.parametrize(
-    ("choreography", "place", "told"),
-    [
+def test_a_way_home_that_cannot_be_is_refused(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, object], str, str], ...] = (
         ({"landing": "return"}, "choreography.layer_m", "layers of at least 1.0 m"),
         ({"landing": "home"}, "choreography.landing", "'in_place' or 'return'"),
         ({"landing_order": [1, 7]}, "choreography.landing_order[1]", "no vehicle has the id 7 (ids: 1, 2, 3)"),
         ({"landing_order": [2, 1, 2]}, "choreography.landing_order[2]", "vehicle 2 is in the order already"),
         ({"landing_order": [0]}, "choreography.landing_order[0]", "greater than or equal to 1"),
         ({"landing_order": 2}, "choreography.landing_order", "a list of vehicles' ids"),
-    ],
-)
-def test_a_way_home_that_cannot_be_is_refused(choreography: dict[str, object], place: str, told: str) -> None:
-    (fault,) = faults(put(content(), ("choreography",), choreography))
-    assert fault.startswith(f"{place}: ")
-    assert told in fault
+    )
+    for choreography, place, told in rows:
+        with subtests.test(choreography=choreography, place=place, told=told):
+            (fault,) = faults(put(content(), ("choreography",), choreography))
+            assert fault.startswith(f"{place}: ")
+            assert told in fault
 
 
 def test_a_vehicle_that_is_not_there_is_a_key_error() -> None:
@@ -246,64 +247,67 @@ def test_a_vehicle_that_is_not_there_is_a_key_error() -> None:
         load_mission("case1").vehicle(4)
 
 
-@pytest.mark.parametrize(
-    "urls",
-    [
+def test_two_devices_or_two_hosts_are_no_clash(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[str, str], ...] = (
         ("serial:///dev/ttyUSB0:57600", "serial:///dev/ttyUSB1:57600"),
         ("tcpout://10.0.0.1:5760", "tcpout://10.0.0.2:5760"),
         ("udpout://10.0.0.1:14550", "udpout://10.0.0.2:14550"),
-    ],
-    ids=["serial", "tcp", "udp"],
-)
-def test_two_devices_or_two_hosts_are_no_clash(urls: tuple[str, str]) -> None:
-    mission = put(put(content(), ("vehicles", 0, "url"), urls[0]), ("vehicles", 1, "url"), urls[1])
-    assert tuple(vehicle.section.url for vehicle in parsed(mission).vehicles)[:2] == urls
+    )
+    for urls in rows:
+        with subtests.test(urls=urls):
+            mission = put(put(content(), ("vehicles", 0, "url"), urls[0]), ("vehicles", 1, "url"), urls[1])
+            assert tuple(vehicle.section.url for vehicle in parsed(mission).vehicles)[:2] == urls
 
 
 # What is wrong: one key at a time
 
 
-@pytest.mark.parametrize("path", NUMBERS, ids=shown)
-@pytest.mark.parametrize("value", [nan, inf, -inf], ids=repr)
-def test_nan_and_infinity_are_refused_wherever_they_stand(path: Place, value: float) -> None:
-    assert places(put(content(), path, value)) == [shown(path)]
+def test_nan_and_infinity_are_refused_wherever_they_stand(subtests: pytest.Subtests) -> None:
+    for path, value in product(NUMBERS, (nan, inf, -inf)):
+        with subtests.test(path=shown(path), value=value):
+            assert places(put(content(), path, value)) == [shown(path)]
 
 
-@pytest.mark.parametrize("path", NUMBERS, ids=shown)
-def test_a_number_with_its_unit_is_refused_wherever_it_stands(path: Place) -> None:
-    mission = put(content(), path, "10 m")
-    assert places(mission) == [shown(path)]
-    assert "'10 m'" in faults(mission)[0]
+def test_a_number_with_its_unit_is_refused_wherever_it_stands(subtests: pytest.Subtests) -> None:
+    for path in NUMBERS:
+        with subtests.test(path=shown(path)):
+            (fault,) = faults(put(content(), path, "10 m"))
+            assert fault.startswith(f"{shown(path)}: ")
+            assert "'10 m'" in fault
 
 
-@pytest.mark.parametrize("path", WHOLE_NUMBERS, ids=shown)
-@pytest.mark.parametrize("value", [1.5, "1", True, -1], ids=repr)
-def test_what_is_counted_is_a_whole_number(path: Place, value: object) -> None:
-    assert places(put(content(), path, value)) == [shown(path)]
+def test_what_is_counted_is_a_whole_number(subtests: pytest.Subtests) -> None:
+    values: tuple[object, ...] = (1.5, "1", True, -1)
+    for path, value in product(WHOLE_NUMBERS, values):
+        with subtests.test(path=shown(path), value=value):
+            assert places(put(content(), path, value)) == [shown(path)]
 
 
-@pytest.mark.parametrize("path", TABLES, ids=shown)
-def test_an_unknown_key_is_refused_in_every_table(path: Place) -> None:
-    (fault,) = faults(put(content(), (*path, "colour"), "red"))
-    assert fault.startswith(f"{shown(path)}.colour: unknown key; known keys: ")
-    known = set(fault.rpartition("known keys: ")[2].split(", "))
-    assert known == {str(key[len(path)]) for key, _ in KEYS if key[: len(path)] == path}
+def test_an_unknown_key_is_refused_in_every_table(subtests: pytest.Subtests) -> None:
+    for path in TABLES:
+        with subtests.test(path=shown(path)):
+            (fault,) = faults(put(content(), (*path, "colour"), "red"))
+            assert fault.startswith(f"{shown(path)}.colour: unknown key; known keys: ")
+            known = set(fault.rpartition("known keys: ")[2].split(", "))
+            assert known == {str(key[len(path)]) for key, _ in KEYS if key[: len(path)] == path}
 
 
-@pytest.mark.parametrize("path", TABLES, ids=shown)
-def test_a_value_in_place_of_a_table_is_refused(path: Place) -> None:
-    mission = put(content(), path, 5)
-    assert shown(path) in places(mission)
-    assert any(fault.startswith(f"{shown(path)}: ") and "table" in fault for fault in faults(mission))
+def test_a_value_in_place_of_a_table_is_refused(subtests: pytest.Subtests) -> None:
+    for path in TABLES:
+        with subtests.test(path=shown(path)):
+            mission = put(content(), path, 5)
+            assert shown(path) in places(mission)
+            assert any(fault.startswith(f"{shown(path)}: ") and "table" in fault for fault in faults(mission))
 
 
-@pytest.mark.parametrize("path", [path for path in NUMBERS if isinstance(path[-1], int) and path[-1] == 0], ids=shown)
-@pytest.mark.parametrize("value", [[1.0], [1.0, 2.0, 3.0], 1.0, "1, 2", []], ids=repr)
-def test_a_place_has_two_coordinates(path: Place, value: object) -> None:
-    place = shown(path[:-1])
-    found = places(put(content(), path[:-1], value))
-    assert found
-    assert all(re.fullmatch(re.escape(place) + r"(\[\d\])?", fault) for fault in found)
+def test_a_place_has_two_coordinates(subtests: pytest.Subtests) -> None:
+    pairs = [path[:-1] for path in NUMBERS if path[-1] == 0]
+    values: tuple[object, ...] = ([1.0], [1.0, 2.0, 3.0], 1.0, "1, 2", [])
+    for pair, value in product(pairs, values):
+        with subtests.test(pair=shown(pair), value=value):
+            found = places(put(content(), pair, value))
+            assert found
+            assert all(re.fullmatch(re.escape(shown(pair)) + r"(\[\d\])?", fault) for fault in found)
 
 
 # What is wrong: the table of the issue
@@ -470,13 +474,14 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_refused_with_its_place_and_reason(name: str) -> None:
-    mission, expected = BAD[name]
-    found = faults(mission)
-    assert sorted(fault.partition(": ")[0] for fault in found) == sorted(place for place, _ in expected)
-    for place, reason in expected:
-        assert any(fault.startswith(f"{place}: ") and reason in fault for fault in found), (place, reason, found)
+def test_bad_input_is_refused_with_its_place_and_reason(subtests: pytest.Subtests) -> None:
+    for name, (mission, expected) in BAD.items():
+        with subtests.test(name):
+            found = faults(mission)
+            assert sorted(fault.partition(": ")[0] for fault in found) == sorted(place for place, _ in expected)
+            for place, reason in expected:
+                told = (fault.startswith(f"{place}: ") and reason in fault for fault in found)
+                assert any(told), (place, reason, found)
 
 
 def test_all_faults_are_told_at_once() -> None:
@@ -600,10 +605,10 @@ def test_a_plant_name_that_is_no_file_is_a_fault(name: str, tmp_path: Path) -> N
 # Files that are no missions
 
 
-@pytest.mark.parametrize("name", ["nowhere", "nowhere.toml", "", "case3"])
-def test_a_mission_that_is_not_there_names_those_that_are(name: str) -> None:
-    with pytest.raises(MissionError, match="bundled missions: " + ", ".join(BUNDLED)):
-        load_mission(name)
+def test_a_mission_that_is_not_there_names_those_that_are(subtests: pytest.Subtests) -> None:
+    for name in ["nowhere", "nowhere.toml", "", "case3"]:
+        with subtests.test(name=name), pytest.raises(MissionError, match="bundled missions: " + ", ".join(BUNDLED)):
+            load_mission(name)
 
 
 def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
@@ -621,36 +626,42 @@ def test_a_folder_or_a_picture_is_no_mission(tmp_path: Path) -> None:
         assert str(path) in caught.value.faults[0]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_what_is_no_toml_is_one_fault(subtests: pytest.Subtests) -> None:
+    rows: tuple[str, ...] = (
         "[mission",
         "a = 1\na = 2",
         "a = " + "[" * 5000 + "]" * 5000,
         "a = " + "1" * 5000,
         "\0",
         "[mission]\nname = 2020-99-99",
-    ],
-    ids=["unclosed", "twice", "nested", "long number", "zero byte", "no date"],
-)
-def test_what_is_no_toml_is_one_fault(text: str) -> None:
-    assert places(text) == ["not TOML"]
+    )
+    for text in rows:
+        with subtests.test(text=text):
+            assert places(text) == ["not TOML"]
 
 
-@pytest.mark.parametrize("value", ["0x" + "f" * 5000, "1979-05-27T07:32:00Z", "1" * 400, '"""a\nb"""'])
-def test_odd_values_are_shown_on_one_short_line(value: str) -> None:
-    (fault,) = faults(CASE2.replace("radius_m = 10.0", f"radius_m = {value}"))
-    assert fault.startswith("encirclement.radius_m: ")
-    assert len(fault) < 160
+def test_odd_values_are_shown_on_one_short_line(subtests: pytest.Subtests) -> None:
+    rows: tuple[str, ...] = (
+        "0x" + "f" * 5000,
+        "1979-05-27T07:32:00Z",
+        "1" * 400,
+        '"""a\nb"""',
+    )
+    for value in rows:
+        with subtests.test(value=value):
+            (fault,) = faults(CASE2.replace("radius_m = 10.0", f"radius_m = {value}"))
+            assert fault.startswith("encirclement.radius_m: ")
+            assert len(fault) < 160
 
 
-@pytest.mark.parametrize("key", ['"a\\nb"', '"a.b"', '""', '"[x]"'])
-def test_odd_keys_are_one_fault_on_one_line(key: str) -> None:
-    with pytest.raises(MissionError) as caught:
-        parse_mission(CASE2.replace("radius_m = 10.0", f"radius_m = 10.0\n{key} = 1"), MISSIONS)
-    (fault,) = caught.value.faults
-    assert fault.startswith("encirclement.")
-    assert len(fault.splitlines()) == 1
+def test_odd_keys_are_one_fault_on_one_line(subtests: pytest.Subtests) -> None:
+    for key in ['"a\\nb"', '"a.b"', '""', '"[x]"']:
+        with subtests.test(key=key):
+            with pytest.raises(MissionError) as caught:
+                parse_mission(CASE2.replace("radius_m = 10.0", f"radius_m = 10.0\n{key} = 1"), MISSIONS)
+            (fault,) = caught.value.faults
+            assert fault.startswith("encirclement.")
+            assert len(fault.splitlines()) == 1
 
 
 # Whatever the file holds, it gives a sound mission or a MissionError with every fault on a line

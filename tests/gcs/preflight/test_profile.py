@@ -16,6 +16,7 @@ from gcs.preflight.findings import AutopilotKind, Finding, Grade
 from gcs.preflight.mission import extent_m
 from gcs.preflight.preflight import preflight
 from tests.gcs.preflight.test_preflight import well
+from tests.support.wording import facts_missing
 
 CASE2 = load_mission("case2")
 TODAY = date(2026, 11, 21)
@@ -54,16 +55,15 @@ def found(mission: Mission, today: date | None = TODAY, **facts: Any) -> list[Fi
 def test_a_good_plant_of_this_firmware_is_well() -> None:
     (finding,) = found(flown_with(identified()))
     assert finding.grade is Grade.PASS
-    assert finding.found == "its profile 'stub', identified on 2026-11-01 on its firmware, is good"
+    assert facts_missing(finding.found, "'stub'", "2026-11-01", "good") == []
 
 
 def test_a_file_that_does_not_say_where_it_is_from_is_not_judged() -> None:
     assert found(flown_with(None)) == []
 
 
-@pytest.mark.parametrize(
-    ("plant", "facts", "doubt"),
-    [
+def test_each_doubt_is_a_warning_with_its_reason(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, Any], dict[str, Any], str], ...] = (
         ({"date": TODAY - timedelta(days=181)}, {}, "it is 181 days old"),
         ({"autopilot": "ArduPilot"}, {}, "it is of ArduPilot, and the vehicle flies PX4"),
         ({}, {"autopilot": AutopilotKind.ARDUPILOT}, "it is of PX4, and the vehicle flies ArduPilot"),
@@ -74,29 +74,28 @@ def test_a_file_that_does_not_say_where_it_is_from_is_not_judged() -> None:
             {},
             "its own verdict is 'do not fly this', too little excitation",
         ),
-    ],
-)
-def test_each_doubt_is_a_warning_with_its_reason(plant: dict[str, Any], facts: dict[str, Any], doubt: str) -> None:
-    (finding,) = found(flown_with(identified(**plant)), **facts)
-    assert finding.grade is Grade.WARNING
-    assert finding.found.endswith(f": {doubt}")
-    assert "cordon excite" in finding.next_step
+    )
+    for plant, facts, doubt in rows:
+        with subtests.test(plant=plant, facts=facts, doubt=doubt):
+            (finding,) = found(flown_with(identified(**plant)), **facts)
+            assert finding.grade is Grade.WARNING
+            assert finding.found.endswith(f": {doubt}")
+            assert "cordon excite" in finding.next_step
 
 
-@pytest.mark.parametrize(
-    ("plant", "facts"),
-    [
+def test_what_is_near_enough_or_not_known_is_no_doubt(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
         ({"date": TODAY - timedelta(days=180)}, {}),
         ({"autopilot": "px4"}, {}),
         ({"firmware": "1.17.3"}, {}),
         ({"firmware": ""}, {}),
         ({}, {"firmware": ""}),
         ({"verdict": "usable"}, {}),
-    ],
-)
-def test_what_is_near_enough_or_not_known_is_no_doubt(plant: dict[str, Any], facts: dict[str, Any]) -> None:
-    (finding,) = found(flown_with(identified(**plant)), **facts)
-    assert finding.grade is Grade.PASS
+    )
+    for plant, facts in rows:
+        with subtests.test(plant=plant, facts=facts):
+            (finding,) = found(flown_with(identified(**plant)), **facts)
+            assert finding.grade is Grade.PASS
 
 
 def test_without_a_date_no_file_is_old() -> None:
@@ -106,24 +105,23 @@ def test_without_a_date_no_file_is_old() -> None:
 
 def test_all_doubts_are_told_at_once() -> None:
     (finding,) = found(flown_with(identified(date=date(2020, 1, 1), firmware="1.13")))
-    assert "days old; it is of firmware 1.13" in finding.found
+    assert facts_missing(finding.found, "days old", "firmware 1.13") == []
 
 
-@pytest.mark.parametrize(
-    ("size", "gain", "doubt"),
-    [
+def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[int, float, str], ...] = (
         (5, 0.0, ""),
         (6, 0.9, ""),
         (6, 0.0, "it is of setpoints with velocities beside them, and with its feedforward = 0 none are sent"),
         (5, 0.9, "it is of setpoints alone, and with its feedforward = 0.9 velocities are sent beside them"),
-    ],
-)
-def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(size: int, gain: float, doubt: str) -> None:
-    mission = flown_with(identified(covariance=[[0.0] * size] * size))
-    changed = [replace(each, plant=replace(each.plant, feedforward=gain)) for each in mission.vehicles]
-    (finding,) = found(replace(mission, vehicles=tuple(changed)))
-    assert finding.grade is (Grade.WARNING if doubt else Grade.PASS)
-    assert finding.found.endswith(f": {doubt}" if doubt else "is good")
+    )
+    for size, gain, doubt in rows:
+        with subtests.test(size=size, gain=gain, doubt=doubt):
+            mission = flown_with(identified(covariance=[[0.0] * size] * size))
+            changed = [replace(each, plant=replace(each.plant, feedforward=gain)) for each in mission.vehicles]
+            (finding,) = found(replace(mission, vehicles=tuple(changed)))
+            assert finding.grade is (Grade.WARNING if doubt else Grade.PASS)
+            assert finding.found.endswith(f": {doubt}" if doubt else "is good")
 
 
 def profiled(autopilot: Autopilot | None, chosen: Autopilot | None = None) -> Mission:

@@ -17,9 +17,8 @@ def in_a_floats_bytes(value: int) -> float:
     return float(struct.unpack("<f", struct.pack("<i", value))[0])
 
 
-@pytest.mark.parametrize(
-    ("kind", "wire_type", "value", "expected"),
-    [
+def test_a_parameter_means(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[AutopilotKind, int, float | None, float | None], ...] = (
         (AutopilotKind.PX4, INT32, in_a_floats_bytes(4), 4.0),
         (AutopilotKind.PX4, INT32, in_a_floats_bytes(10040), 10040.0),
         (AutopilotKind.PX4, INT32, in_a_floats_bytes(-1), None),  # no number: JSON has lost it on the way
@@ -29,10 +28,10 @@ def in_a_floats_bytes(value: int) -> float:
         (AutopilotKind.ARDUPILOT, REAL32, 250.0, 250.0),
         (AutopilotKind.PX4, REAL32, nan, None),
         (AutopilotKind.PX4, REAL32, None, None),
-    ],
-)
-def test_a_parameter_means(kind: AutopilotKind, wire_type: int, value: float | None, expected: float | None) -> None:
-    assert parameter_value(kind, wire_type, value) == expected
+    )
+    for kind, wire_type, value, expected in rows:
+        with subtests.test(kind=kind, wire_type=wire_type, value=value, expected=expected):
+            assert parameter_value(kind, wire_type, value) == expected
 
 
 PX4_FIELDS = {"vel_ratio": 0.1, "pos_horiz_ratio": 0.2, "pos_vert_ratio": 0.3, "mag_ratio": 0.4, "hagl_ratio": 9.0}
@@ -85,15 +84,20 @@ def test_the_upper_flags_mean_another_thing_to_each_autopilot() -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("spoilt", [nan, inf, None, "0.1", [1.0]])
-def test_a_ratio_that_is_no_number_is_left_out(kind: AutopilotKind, fields: dict[str, float], spoilt: object) -> None:
-    first = next(iter(fields))
-    report = estimator_report(kind, {**fields, first: spoilt, "flags": GPS_FLIGHT})
-    assert report is not None
-    assert report.ratios == {name: ratio for name, ratio in RATIOS.items() if name != "velocity"}
+def test_a_ratio_that_is_no_number_is_left_out(
+    subtests: pytest.Subtests, kind: AutopilotKind, fields: dict[str, float]
+) -> None:
+    for spoilt in (nan, inf, None, "0.1", [1.0]):
+        with subtests.test(spoilt=spoilt):
+            first = next(iter(fields))
+            report = estimator_report(kind, {**fields, first: spoilt, "flags": GPS_FLIGHT})
+            assert report is not None
+            assert report.ratios == {name: ratio for name, ratio in RATIOS.items() if name != "velocity"}
 
 
-@pytest.mark.parametrize("fields", [{}, {"flags": None}, {"flags": 1.5}, {"vel_ratio": 0.1}])
-def test_what_is_no_report_is_none(fields: dict[str, object]) -> None:
-    assert estimator_report(AutopilotKind.PX4, fields) is None
-    assert estimator_report(AutopilotKind.OTHER, PX4_FIELDS | {"flags": 1}) is None
+def test_what_is_no_report_is_none(subtests: pytest.Subtests) -> None:
+    rows: tuple[dict[str, float | None], ...] = ({}, {"flags": None}, {"flags": 1.5}, {"vel_ratio": 0.1})
+    for fields in rows:
+        with subtests.test(fields=fields):
+            assert estimator_report(AutopilotKind.PX4, fields) is None
+            assert estimator_report(AutopilotKind.OTHER, PX4_FIELDS | {"flags": 1}) is None

@@ -236,9 +236,8 @@ def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path:
     assert f"within {TOLERANCE:g}" in err
 
 
-@pytest.mark.parametrize(
-    ("field", "one", "other", "same"),
-    [
+def test_what_is_close(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[str, object, object, bool], ...] = (
         ("own.mean[0]", 1.0, 1.0 + 0.9 * TOLERANCE, True),
         ("own.covariance[0]", 1.0, 1.0 + 2.0 * COVARIANCE_TOLERANCE, False),
         ("notes[0].because", "moved by 0.53 m", "moved by 0.54 m", True),
@@ -247,10 +246,10 @@ def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path:
         ("notes[0].text", "hold", "land", False),
         ("messages_dropped", 3, 4, False),
         ("own", None, 1.0, False),
-    ],
-)
-def test_what_is_close(field: str, one: object, other: object, same: bool) -> None:
-    assert close(field, one, other) is same
+    )
+    for field, one, other, same in rows:
+        with subtests.test(field=field, one=one, other=other, same=same):
+            assert close(field, one, other) is same
 
 
 # Logs that are not whole
@@ -345,9 +344,8 @@ def test_a_tick_without_a_decision_in_mid_flight_is_a_difference(copy: FlightLog
 # Bad input
 
 
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
+def test_what_cannot_be_done_is_told(subtests: pytest.Subtests, case2: FlightLog, cordon: Ran) -> None:
+    rows: tuple[tuple[tuple[str, ...], str], ...] = (
         (("--explain", "9"), "--explain: the log has no records of a vehicle 9 (it has 1, 2, 3)"),
         (("--set", "own_filter.gate_sigm=3"), "gate_sigm: unknown key; did you mean 'gate_sigma'?"),
         (("--set", "own_filtr.gate_sigma=3"), "own_filtr: unknown key; did you mean 'own_filter'?"),
@@ -356,12 +354,12 @@ def test_a_tick_without_a_decision_in_mid_flight_is_a_difference(copy: FlightLog
         (("--set", "own_filter.gate_sigma=3\nx=1"), "own_filter.gate_sigma: "),
         (("--set", "target_filter.gate_sigma=-3"), "gate_sigma: it must be greater than 1 (given: -3)"),
         (("--set", "own_filter.gate_sigma"), "it must be KEY=VALUE"),
-    ],
-)
-def test_what_cannot_be_done_is_told(arguments: tuple[str, ...], told: str, case2: FlightLog, cordon: Ran) -> None:
-    code, out, err = cordon("replay", str(case2.path), *arguments)
-    assert (code, out) == (2, "")
-    assert told in err
+    )
+    for arguments, told in rows:
+        with subtests.test(arguments=arguments, told=told):
+            code, out, err = cordon("replay", str(case2.path), *arguments)
+            assert (code, out) == (2, "")
+            assert told in err
 
 
 def test_all_faults_are_told_at_once(case2: FlightLog, cordon: Ran) -> None:

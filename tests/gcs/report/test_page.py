@@ -187,18 +187,17 @@ def test_a_verdict_that_fails_is_told_on_top_and_in_the_summary(page: Page) -> N
     assert page.html.index("✗") < page.html.index("<figure>")
 
 
-@pytest.mark.parametrize(
-    ("held", "words"),
-    [
+def test_the_headline_counts_only_what_applies(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[tuple[bool | None, ...], str], ...] = (
         ((True, True, True, True, True), "All verdicts hold"),
         ((True, None, None, True, True), "All 3 verdicts that apply hold"),
         ((False, None, None, True, True), "1 of 3 verdicts does not hold"),
         ((None, None, None, None, None), "No verdict applies"),
-    ],
-)
-def test_the_headline_counts_only_what_applies(held: tuple[bool | None, ...], words: str) -> None:
-    _, result, _ = flown(2, duration_s=60.0, rate_hz=5.0)
-    assert headline(replace(result, verdicts=Verdicts(*held))) == words
+    )
+    for held, words in rows:
+        with subtests.test(held=held, words=words):
+            _, result, _ = flown(2, duration_s=60.0, rate_hz=5.0)
+            assert headline(replace(result, verdicts=Verdicts(*held))) == words
 
 
 def test_the_summary_tells_the_flight_in_words() -> None:

@@ -32,15 +32,16 @@ def test_a_short_line_stays_as_it_is() -> None:
     assert np.array_equal(thinned(time_s, values, 100)[1], values)
 
 
-@pytest.mark.parametrize("width", [1, 7, 500])
-def test_a_gap_stays_a_gap(width: int) -> None:
+def test_a_gap_stays_a_gap(subtests: pytest.Subtests) -> None:
     """Between the last point before the gap and the first after it there is a NaN, however many are left out."""
-    values = np.ones(12000)
-    values[6000 : 6000 + width] = np.nan
-    kept_s, kept = thinned(np.arange(12000.0), values, 300)
-    inside = (kept_s >= 6000) & (kept_s < 6000 + width)
-    assert np.isnan(kept[inside]).any()
-    assert np.isfinite(kept[~inside]).all()
+    for width in [1, 7, 500]:
+        with subtests.test(width=width):
+            values = np.ones(12000)
+            values[6000 : 6000 + width] = np.nan
+            kept_s, kept = thinned(np.arange(12000.0), values, 300)
+            inside = (kept_s >= 6000) & (kept_s < 6000 + width)
+            assert np.isnan(kept[inside]).any()
+            assert np.isfinite(kept[~inside]).all()
 
 
 def test_a_single_spike_in_every_stretch_survives() -> None:

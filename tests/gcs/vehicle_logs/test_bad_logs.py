@@ -88,9 +88,8 @@ def test_bad_input_ends_in_exit_code_two() -> None:
     assert issubclass(LogError, InputError), f"that is {Exit.BAD_INPUT!r} to the command line"
 
 
-@pytest.mark.parametrize(
-    ("content", "fault"),
-    [
+def test_what_is_no_log_is_refused(subtests: pytest.Subtests, read: Callable[[bytes], VehicleLog]) -> None:
+    rows: tuple[tuple[bytes, str], ...] = (
         (b"", "is empty"),
         (b"\x00" * 5000, "none of the logs that can be read: PX4"),
         (b"time_s,x\n0,1\n", "none of the logs"),
@@ -99,10 +98,10 @@ def test_bad_input_ends_in_exit_code_two() -> None:
         (b"ULog\x01\x12\x35\x01" + bytes(8), "holds none of the topics trajectory_setpoint"),
         (b"\xa3\x95\x80" + bytes(40), "holds none of the messages XKF1"),
         (struct.pack(">Q", 1_763_700_000_000_000) + b"\xfd" + bytes(400), "no autopilot's HEARTBEAT"),
-    ],
-)
-def test_what_is_no_log_is_refused(read: Callable[[bytes], VehicleLog], content: bytes, fault: str) -> None:
-    assert fault in faults(read, content)
+    )
+    for content, fault in rows:
+        with subtests.test(fault=fault):
+            assert fault in faults(read, content)
 
 
 def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
@@ -130,36 +129,43 @@ def record(kind: str, body: bytes) -> bytes:
     return struct.pack("<HB", len(body), ord(kind)) + body
 
 
-@pytest.mark.parametrize(
-    "formats",
-    [
+def test_formats_cannot_claim_gigabytes(subtests: pytest.Subtests, read: Callable[[bytes], VehicleLog]) -> None:
+    rows: tuple[list[bytes], ...] = (
         [b"vehicle_status:uint64_t timestamp;vehicle_status[60000] me;"],
         [b"vehicle_status:uint64_t timestamp;a[60000] x;", b"a:b[60000] x;", b"b:uint8_t x;"],
         [b"vehicle_status:uint64_t timestamp;a[60000] x;", b"a:b[60000] x;", b"b:"],
         [b"vehicle_status:uint64_t timestamp;" + b"".join(b"uint8_t[65535] a%d;" % i for i in range(3000))],
-    ],
-)
-def test_formats_cannot_claim_gigabytes(read: Callable[[bytes], VehicleLog], formats: list[bytes]) -> None:
-    added = b"".join(record("A", struct.pack("<BH", 0, number) + b"vehicle_status") for number in range(50))
-    begin_s = time.process_time()
-    told = faults(read, ULOG[:ULOG_HEADER_BYTES] + b"".join(record("F", body) for body in formats) + added)
-    assert "claim more fields than a log of PX4 can have" in told
-    assert time.process_time() - begin_s < READ_MAX_S
+    )
+    for formats in rows:
+        with subtests.test():
+            added = b"".join(record("A", struct.pack("<BH", 0, number) + b"vehicle_status") for number in range(50))
+            begin_s = time.process_time()
+            told = faults(read, ULOG[:ULOG_HEADER_BYTES] + b"".join(record("F", body) for body in formats) + added)
+            assert "claim more fields than a log of PX4 can have" in told
+            assert time.process_time() - begin_s < READ_MAX_S
 
 
-@pytest.mark.parametrize(("offset", "value"), [(4, 0), (4, 2), (4, 255), (9, ord("!")), (9, ord("Z"))])
 def test_a_format_of_ardupilot_that_makes_no_sense_costs_its_own_records_only(
-    read: Callable[[bytes], VehicleLog], offset: int, value: int
+    subtests: pytest.Subtests, read: Callable[[bytes], VehicleLog]
 ) -> None:
     """A length of 0, of less than a header, of too much; a letter that is none; one that changes the length."""
-    log = bytearray(BIN)
-    at = next(at for at, name in bin_records(BIN) if name == "FMT" and BIN[at + 5 : at + 9] == b"GUIP")
-    log[at + offset] = value
-    vehicle = read(bytes(log))
-    assert "GUIP" in vehicle.missing
-    assert vehicle.position is not None
-    assert vehicle.position.time_s.size > 200
-    assert any("GUIP" in note for note in vehicle.notes)
+    rows: tuple[tuple[int, int], ...] = (
+        (4, 0),
+        (4, 2),
+        (4, 255),
+        (9, ord("!")),
+        (9, ord("Z")),
+    )
+    for offset, value in rows:
+        with subtests.test(offset=offset, value=value):
+            log = bytearray(BIN)
+            at = next(at for at, name in bin_records(BIN) if name == "FMT" and BIN[at + 5 : at + 9] == b"GUIP")
+            log[at + offset] = value
+            vehicle = read(bytes(log))
+            assert "GUIP" in vehicle.missing
+            assert vehicle.position is not None
+            assert vehicle.position.time_s.size > 200
+            assert any("GUIP" in note for note in vehicle.notes)
 
 
 def test_pyulog_does_not_search_beyond_the_end_for_ever(read: Callable[[bytes], VehicleLog]) -> None:
@@ -274,9 +280,10 @@ def test_a_stamp_that_is_no_time_is_refused(read: Callable[[bytes], VehicleLog])
 X, VELOCITY, PLACE = (40, "<3f"), (64, "<3f"), (24, "<2d")
 
 
-@pytest.mark.parametrize(
-    ("log", "fault"),
-    [
+def test_other_units_are_refused_with_topic_and_time(
+    subtests: pytest.Subtests, read: Callable[[bytes], VehicleLog]
+) -> None:
+    rows: tuple[tuple[bytes, str], ...] = (
         (scaled(LOCAL, *X, 1000.0), "vehicle_local_position: the position moves about 1000 times"),
         (scaled(LOCAL, *X, 1e-5), "vehicle_local_position: the position moves about 1e-05 times"),
         (scaled(LOCAL, *VELOCITY, 1000.0), "m/s at"),
@@ -284,15 +291,12 @@ X, VELOCITY, PLACE = (40, "<3f"), (64, "<3f"), (24, "<2d")
         (scaled(LOCAL, *PLACE, 1e7), "s since boot: its origin, Geodetic("),
         (scaled(SETPOINT, 8, "<3f", 1000.0), "trajectory_setpoint: the setpoints move about 1000 times"),
         (scaled(SETPOINT, 8, "<3f", 1e7), "is beyond any plausible setpoint (100000 m)"),
-    ],
-    ids=["mm", "degrees", "mm/s", "cm/s", "degrees * 1e7", "setpoint mm", "setpoint 1e7"],
-)
-def test_other_units_are_refused_with_topic_and_time(
-    read: Callable[[bytes], VehicleLog], log: bytes, fault: str
-) -> None:
-    told = faults(read, log)
-    assert fault in told
-    assert " s" in told.partition(" at ")[2]
+    )
+    for log, fault in rows:
+        with subtests.test(fault=fault):
+            told = faults(read, log)
+            assert fault in told
+            assert " s" in told.partition(" at ")[2]
 
 
 def guided(multiplier: bytes, change: Callable[[float, float, float], tuple[float, float, float]]) -> bytes:
