@@ -15,6 +15,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending, Outcome, Stop
+from agents.shell.parts import AgentParts
 from agents.team.perception import Perception
 from gcs.console.helm import Helm
 from gcs.console.keys import Keys
@@ -135,21 +136,18 @@ def _member(
         settings=mission.link,
         origin_m=vehicle.origin_m,
     )
-    agent = Agent(
-        recording.core(config),
-        link,
-        equipment.bus(mission, vehicle),
-        clock,
-        vehicle_id=vehicle.id,
-        members=mission.ids,
-        altitude_m=config.take_off_altitude_m,
-        rate_hz=config.rate_hz,
-        sensor=partial(equipment.sensor, mission, vehicle.id),
+    parts = AgentParts(
+        core=recording.core(config),
+        config=config,
+        link=link,
+        bus=equipment.bus(mission, vehicle),
+        clock=clock,
+        make_sensor=partial(equipment.sensor, mission, vehicle.id),
         observe=partial(_observe, journal, recording),
         heartbeat=supervision.signs(vehicle.id),
         perception=Perception(mission.mission_frame(), lambda text: say(f"vehicle {vehicle.id}: {text}")),
     )
-    return _Member(vehicle, link, agent)
+    return _Member(vehicle, link, Agent(parts))
 
 
 def _observe(journal: Journal, recording: Recording, status: CoreStatus, tick_us: float | None) -> None:

@@ -1,9 +1,12 @@
 """The parts of the documentation that are made from the code: `python -m tests.support.docs` writes them anew."""
 
+from collections.abc import Callable
+
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from agents.safety.failsafe import TABLE, Reaction, Row
+from agents.shell import life
 from agents.tactics import diagram
 from estimation.settings import Settings
 from gcs.mission.file import SECTIONS
@@ -37,26 +40,34 @@ def tactic_diagram() -> str:
     return f"```mermaid\n{diagram()}\n```"
 
 
+def life_diagram() -> str:
+    """Return the life of an agent as a Mermaid block."""
+    return f"```mermaid\n{life.diagram()}\n```"
+
+
 def failsafe_table() -> str:
     """Return the failsafe table as Markdown, its grace times with their defaults."""
     head = ["| condition | detected when | grace | reaction | on the way down | left |", "|---|---|---|---|---|---|"]
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
-GENERATED = {
-    "missions.md": ("keys", key_tables),
-    "design.md": ("tactics", tactic_diagram),
-    "safety.md": ("failsafes", failsafe_table),
+GENERATED: dict[str, dict[str, Callable[[], str]]] = {
+    "missions.md": {"keys": key_tables},
+    "design.md": {"tactics": tactic_diagram, "life": life_diagram},
+    "safety.md": {"failsafes": failsafe_table},
 }
+"""By document, its generated parts: what makes each, by the mark that it stands between."""
 
 
 def renewed(name: str) -> str:
-    """Return a document's text with its generated part made anew."""
-    mark, generate = GENERATED[name]
-    begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
-    before, _, rest = (DOCS / name).read_text(encoding="utf-8").partition(begin)
-    _, _, after = rest.partition(end)
-    return f"{before}{begin}\n{generate()}\n{end}{after}"
+    """Return a document's text with its generated parts made anew."""
+    text = (DOCS / name).read_text(encoding="utf-8")
+    for mark, generate in GENERATED[name].items():
+        begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
+        before, _, rest = text.partition(begin)
+        _, _, after = rest.partition(end)
+        text = f"{before}{begin}\n{generate()}\n{end}{after}"
+    return text
 
 
 def _failsafe(row: Row) -> str:
