@@ -52,7 +52,7 @@ class Activities:
         return any(not task.done() for task in self._tasks[kind])
 
     def cancel(self, *kinds: Kind) -> None:
-        """Cancel activities: they report no event any more."""
+        """Cancel activities."""
         for kind in kinds:
             for task in self._tasks[kind]:
                 task.cancel()
@@ -76,6 +76,5 @@ class Activities:
         except Exception as error:
             self._fail(kind, error)
             return
-        task = asyncio.current_task()
-        if event is not None and task is not None and not task.cancelling():
+        if event is not None:
             self._report(event, refusal)

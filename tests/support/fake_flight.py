@@ -57,6 +57,9 @@ class FakeLink:
         self.stuck: set[str] = set()
         self.telemetry = True
         self.cancelled: list[str] = []
+        self.overlapping: list[str] = []
+        """What was called before another call had ended, but for a kill, which waits for none."""
+        self._under_way: list[str] = []
         self._calls: list[str] = []
         self._lost, self._released = asyncio.Event(), asyncio.Event()
         self._telling: asyncio.Task[None] | None = None
@@ -68,7 +71,7 @@ class FakeLink:
 
     @property
     def calls(self) -> list[str]:
-        return [call for call, _ in groupby(self._calls)]
+        return [call for i, call in enumerate(self._calls) if call != "send" or self._calls[i - 1 : i] != ["send"]]
 
     def change(self, **changes: object) -> None:
         self.status = replace(self.status, **changes)  # type: ignore[arg-type]
@@ -129,6 +132,8 @@ class FakeLink:
 
     async def _carry_out(self, call: str) -> None:
         self._calls.append(call)
+        self.overlapping += [f"{call} during {other}" for other in self._under_way if call != "kill"]
+        self._under_way.append(call)
         try:
             if call in self.broken:
                 raise ZeroDivisionError(call)
@@ -142,8 +147,11 @@ class FakeLink:
             if call in self.refused:
                 raise VehicleRefusedError(f"refused to {call}", "look at it")
         except asyncio.CancelledError:
+            await asyncio.sleep(0.05)  # a real link has to tidy up too
             self.cancelled.append(call)
             raise
+        finally:
+            self._under_way.remove(call)
 
     async def _tell(self, on_telemetry: Callable[[Telemetry], None]) -> None:
         clock = SimulatedClock(1.0)

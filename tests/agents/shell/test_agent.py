@@ -103,6 +103,7 @@ def fly_disturbed(phase: Phase, disturb: Disturb) -> tuple[FakeFlight, list[str]
         outcome = await flight.outcome()
         await asyncio.sleep(5.0)
         assert flight.agent.phase is P.ENDED
+        assert flight.link.overlapping == []
         assert asyncio.all_tasks() == {asyncio.current_task()}
         return flight, flight.link.calls[before:], outcome
 
@@ -176,6 +177,31 @@ def test_a_vehicle_that_refuses_to_cut_its_motors_is_landed(phase: Phase) -> Non
     _, calls, outcome = fly_disturbed(phase, disturb)
     assert calls == ["kill", *LAND]
     assert (outcome.ending, outcome.reason) == (X.REFUSED, "refused to kill")
+
+
+CALL_STOPPED = {
+    P.TAKE_OFF: "take_off",
+    P.ENTERING_OFFBOARD: "start_offboard",
+    P.TAKING_BACK: "start_offboard",
+    P.LEAVING_OFFBOARD: "stop_offboard",
+    P.LANDING: "land",
+}
+
+
+@pytest.mark.parametrize("phase", CALL_STOPPED)
+def test_a_kill_waits_for_no_call_and_stops_the_one_under_way(phase: Phase) -> None:
+    async def main() -> None:
+        flight = await reach(phase)
+        flight.link.stuck.add("kill")
+        flight.command("kill")
+        await asyncio.sleep(0.01)
+        assert flight.link.calls[-1] == "kill"
+        await asyncio.sleep(0.1)
+        assert flight.link.cancelled == [CALL_STOPPED[phase]]
+        flight.link.release()
+        assert (await flight.outcome()).ending is X.KILLED
+
+    run_simulated(main())
 
 
 def test_a_kill_commanded_again_is_one_call_while_it_is_under_way_and_another_one_after_a_refusal() -> None:
@@ -328,6 +354,19 @@ def test_a_refused_arming_ends_the_flight_on_the_ground() -> None:
         assert flight.link.calls == ["take_off"]
         assert flight.heartbeat.signs == ["rising", "ended"]
         assert flight.events() == []
+
+    run_simulated(main())
+
+
+def test_a_vehicle_that_lands_takes_part_in_no_start_agreement() -> None:
+    async def main() -> None:
+        flight = await reach(P.AGREEING_START)
+        flight.command("land")
+        await flight.until(P.LANDING)
+        flight.bus.published.clear()
+        await flight.outcome()
+        assert flight.bus.published
+        assert not [payload for _, payload in flight.bus.published if isinstance(decode(payload), Muster)]
 
     run_simulated(main())
 
@@ -511,6 +550,7 @@ def test_a_vehicle_held_on_its_way_back_goes_on_when_it_is_sent_to_its_mission()
     assert steered(calls) == LAND
     assert outcome.ending is X.COMPLETED
     assert flight.events() == [Event.END, Event.END, Event.LAND]
+    assert flight.agent.ended_s == pytest.approx((flight.agent.start_s or 0.0) + DURATION_S, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -599,6 +639,27 @@ def test_a_bug_in_the_core_or_a_cancelled_flight_brings_the_vehicle_down(
         assert steered(flight.link.calls[before:]) == BUG[phase]
         # A landing that was broken off is the supervisor's.
         assert (flight.heartbeat.signs[-1] == "ended") is not (phase is P.LANDING and how == "cancelled")
+
+    run_simulated(main())
+
+
+@pytest.mark.parametrize("broken", [Event.HOLD, Event.LAND])
+def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        flight = await reach(P.FLYING)
+        on_event = flight.core.on_event
+
+        def crash(event: Event) -> None:
+            if event is broken:
+                raise ZeroDivisionError
+            on_event(event)
+
+        monkeypatch.setattr(flight.core, "on_event", crash)
+        flight.stop.ask()
+        with pytest.raises(ZeroDivisionError):
+            await flight.outcome()
+        assert flight.link.calls == FLOWN
+        assert flight.heartbeat.signs == ["rising", "tick", "ended"]
 
     run_simulated(main())
 
