@@ -54,31 +54,7 @@ class Agent:
         self._ended_s: float | None = None
         self._duration_s = 0.0
         self._stop = Stop()
-        self._perform: dict[Action, Callable[[], object]] = {
-            Action.COMPARE_CLOCKS: self._compare_clocks,
-            Action.TAKE_OFF: self._take_off,
-            Action.ABANDON_TAKE_OFF: self._abandon_take_off,
-            Action.START_CONTROL: self._start_control,
-            Action.START_OFFBOARD: self._start_offboard,
-            Action.AGREE_START: self._agree_start,
-            Action.START_MISSION: self._start_mission,
-            Action.HOLD: self._hold,
-            Action.END_MISSION: self._end_mission,
-            Action.HAND_OVER: self._hand_over,
-            Action.TAKE_BACK: self._take_back,
-            Action.CHECK_ARMED: self._check_armed,
-            Action.PREPARE_LANDING: self._prepare_landing,
-            Action.STOP_OFFBOARD: self._stop_offboard,
-            Action.LAND: self._land,
-            Action.CUT_MOTORS: self._cut_motors,
-            Action.REPORT_COMPLETED: lambda: self._report(Outcome(Ending.COMPLETED)),
-            Action.REPORT_STOPPED: lambda: self._report(_STOPPED),
-            Action.REPORT_LAND_DECISION: self._report_land_decision,
-            Action.REPORT_REFUSAL: self._report_refusal,
-            Action.REPORT_OVERRIDE: self._report_override,
-            Action.REPORT_KILLED: lambda: self._report(_KILLED),
-            Action.END_SUPERVISION: parts.heartbeat.ended,
-        }
+        self._perform = self._performers()
 
     @property
     def phase(self) -> Phase:
@@ -369,6 +345,34 @@ class Agent:
         if self._link.status.restarts:
             reason, step = f"{reason}: its autopilot restarted", "go and see, and look at its log for the reason"
         self._report(Outcome(Ending.PILOT_OVERRIDE, reason, step))
+
+    def _performers(self) -> dict[Action, Callable[[], object]]:
+        """Return what performs each action."""
+        return {
+            Action.COMPARE_CLOCKS: self._compare_clocks,
+            Action.TAKE_OFF: self._take_off,
+            Action.ABANDON_TAKE_OFF: self._abandon_take_off,
+            Action.START_CONTROL: self._start_control,
+            Action.START_OFFBOARD: self._start_offboard,
+            Action.AGREE_START: self._agree_start,
+            Action.START_MISSION: self._start_mission,
+            Action.HOLD: self._hold,
+            Action.END_MISSION: self._end_mission,
+            Action.HAND_OVER: self._hand_over,
+            Action.TAKE_BACK: self._take_back,
+            Action.CHECK_ARMED: self._check_armed,
+            Action.PREPARE_LANDING: self._prepare_landing,
+            Action.STOP_OFFBOARD: self._stop_offboard,
+            Action.LAND: self._land,
+            Action.CUT_MOTORS: self._cut_motors,
+            Action.REPORT_COMPLETED: lambda: self._report(Outcome(Ending.COMPLETED)),
+            Action.REPORT_STOPPED: lambda: self._report(_STOPPED),
+            Action.REPORT_LAND_DECISION: self._report_land_decision,
+            Action.REPORT_REFUSAL: self._report_refusal,
+            Action.REPORT_OVERRIDE: self._report_override,
+            Action.REPORT_KILLED: lambda: self._report(_KILLED),
+            Action.END_SUPERVISION: self._parts.heartbeat.ended,
+        }
 
     # What several of them need.
 
