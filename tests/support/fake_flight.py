@@ -18,8 +18,8 @@ from agents.shell.life import Phase
 from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.tactics import Event
-from agents.tape import CoreInput, TapedCore, Told
-from agents.team.messages import Muster, OperatorCommand, Verb, encode
+from agents.tape import CoreInput, TacticEvent, TapedCore
+from agents.team.messages import OperatorCommand, StartProposal, Verb, encode
 from agents.team.perception import Perception
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting, Telemetry
@@ -274,10 +274,10 @@ class FakeFlight:
 
     def events(self) -> list[Event]:
         """Return the events that the core was given."""
-        return [item.event for _, item in self.inputs if isinstance(item, Told)]
+        return [item.event for _, item in self.inputs if isinstance(item, TacticEvent)]
 
     def hear_peer_clock(self, ahead_s: float, times: int = 10) -> None:
         """Let vehicle 2 be present and tell a time that is `ahead_s` of the agent's."""
         self.bus.appear(2, True)
         for _ in range(times):
-            self.bus.deliver(encode(Muster(2, self.clock.now_s() + ahead_s, None, ready=False)))
+            self.bus.deliver(encode(StartProposal(2, self.clock.now_s() + ahead_s, None, ready=False)))

@@ -11,8 +11,8 @@ from agents.ports import FlightMode
 from agents.shell.life import Phase
 from agents.shell.outcome import Ending, Outcome
 from agents.tactics import Event, Tactic
-from agents.tape import Patience, Start, Tick, Told
-from agents.team.messages import CommandAnswer, Muster, decode, encode
+from agents.tape import Start, TacticEvent, Tick, TimeScale
+from agents.team.messages import CommandAnswer, StartProposal, decode, encode
 from tests.support.fake_flight import ALONE, PAIR, FakeFlight
 from tests.support.simulated_loop import run_simulated
 
@@ -124,14 +124,14 @@ def test_a_flight_from_the_ground_to_the_ground() -> None:
         assert flight.link.calls == FLOWN
         assert flight.heartbeat.signs == ["rising", "tick", "ended"]
         assert flight.events() == [Event.END, Event.LAND]
-        kept = [item for _, item in flight.inputs if isinstance(item, Patience | Start | Told)]
+        kept = [item for _, item in flight.inputs if isinstance(item, TimeScale | Start | TacticEvent)]
         start_s = flight.agent.start_s
         assert start_s is not None
-        assert kept == [Patience(1.0), Start(start_s), Told(Event.END), Told(Event.LAND)]
-        assert isinstance(flight.inputs[0][1], Patience)
+        assert kept == [TimeScale(1.0), Start(start_s), TacticEvent(Event.END), TacticEvent(Event.LAND)]
+        assert isinstance(flight.inputs[0][1], TimeScale)
         assert flight.agent.ended_s == pytest.approx(start_s + DURATION_S, abs=1e-6)
         assert flight.agent.loop.missed == 0
-        told_s = {item.event: time_s for time_s, item in flight.inputs if isinstance(item, Told)}
+        told_s = {item.event: time_s for time_s, item in flight.inputs if isinstance(item, TacticEvent)}
         ticks_s = [item.now_s for _, item in flight.inputs if isinstance(item, Tick)]
         up_s = 1_000.0 + flight.link.takes_s["take_off"]
         steering = sum(up_s < tick_s < told_s[Event.LAND] for tick_s in ticks_s)
@@ -372,7 +372,7 @@ def test_a_vehicle_that_lands_takes_part_in_no_start_agreement() -> None:
         flight.bus.published.clear()
         await flight.outcome()
         assert flight.bus.published
-        assert not [payload for _, payload in flight.bus.published if isinstance(decode(payload), Muster)]
+        assert not [payload for _, payload in flight.bus.published if isinstance(decode(payload), StartProposal)]
 
     run_simulated(main())
 
@@ -423,7 +423,7 @@ def test_the_operator_stops_the_flight(phase: Phase) -> None:
     assert flight.events()[began:] == events
     assert outcome.ending is ending
     if Event.HOLD in events:
-        times_s = {item.event: time_s for time_s, item in flight.inputs if isinstance(item, Told)}
+        times_s = {item.event: time_s for time_s, item in flight.inputs if isinstance(item, TacticEvent)}
         assert times_s[Event.END] - times_s[Event.HOLD] == pytest.approx(3.0, abs=1e-6)
 
 
@@ -528,7 +528,7 @@ def test_the_start_is_agreed_on_while_a_pilot_has_the_vehicle() -> None:
         flight = await reach(P.AGREEING_START)
         flight.link.change(mode=FlightMode.HOLD)
         await flight.until(P.PILOT_OVERRIDE)
-        flight.bus.deliver(encode(Muster(2, flight.clock.now_s(), flight.clock.now_s() + 2.0)))
+        flight.bus.deliver(encode(StartProposal(2, flight.clock.now_s(), flight.clock.now_s() + 2.0)))
         await asyncio.sleep(3.0)
         assert [item for _, item in flight.inputs if isinstance(item, Start)] == [Start(flight.agent.start_s or 0.0)]
         assert flight.agent.phase is P.PILOT_OVERRIDE

@@ -27,7 +27,7 @@ from agents.team.messages import (
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[StartProposal].period_s
-# At most three losses in a row: with the longest delay a readiness is through within a second, half the lead time.
+# At most three losses in a row: with the longest delay a proposal is through within a second, half the lead time.
 fates = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.2)), min_size=1, max_size=40)
 
 
@@ -35,7 +35,7 @@ def exchange(
     up_s: tuple[float, float, float], fates: list[tuple[int, float]]
 ) -> tuple[list[TeamReadiness], list[float]]:
     """Let everybody speak from the moment it is up until its start, as agents do; return all starts proposed, too."""
-    teams = [TeamReadiness(member, MEMBERS) for member in MEMBERS]
+    vehicles = [TeamReadiness(member, MEMBERS) for member in MEMBERS]
     flying: list[tuple[float, int, int, StartProposal]] = []
     losses: dict[tuple[int, int], int] = defaultdict(int)
     proposed: list[float] = []
@@ -44,8 +44,8 @@ def exchange(
         now_s = tick * 0.05
         while flying and flying[0][0] <= now_s:
             _, _, receiver, message = heapq.heappop(flying)
-            teams[receiver].receive(message)
-        for index, readiness in enumerate(teams):
+            vehicles[receiver].receive(message)
+        for index, readiness in enumerate(vehicles):
             due = now_s >= up_s[index] and (tick + index) % round(PERIOD_S / 0.05) == 0
             if not due or (readiness.start_s is not None and now_s >= readiness.start_s):
                 continue
@@ -62,16 +62,16 @@ def exchange(
                 elif receiver != index:
                     losses[index, receiver] = 0
                     heapq.heappush(flying, (now_s + delay_s, sent, receiver, message))
-    return teams, proposed
+    return vehicles, proposed
 
 
 @given(st.tuples(st.floats(0.0, 4.0), st.floats(0.0, 4.0), st.floats(0.0, 4.0)), fates)
 def test_everybody_starts_at_the_earliest_proposal(
     up_s: tuple[float, float, float], fates: list[tuple[int, float]]
 ) -> None:
-    teams, proposed = exchange(up_s, fates)
+    vehicles, proposed = exchange(up_s, fates)
     assert proposed
-    assert {readiness.start_s for readiness in teams} == {min(proposed)}
+    assert {readiness.start_s for readiness in vehicles} == {min(proposed)}
     assert min(proposed) >= max(up_s) + LEAD_TIME_S
 
 
