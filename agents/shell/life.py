@@ -107,7 +107,7 @@ class Action(Enum):
 
 Transition = tuple[Phase, tuple[Action, ...]]
 
-# The end of a flight: who is armed lands. After an abandoned take-off that shows a little later.
+# The end of a flight: an armed vehicle lands. After an abandoned take-off the arming may show later.
 _CHECK: Transition = (Phase.CHECKING_ARMED, (Action.CHECK_ARMED,))
 _CHECK_REFUSED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_REFUSAL, Action.CHECK_ARMED))
 _CHECK_DECIDED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_LAND_DECISION, Action.CHECK_ARMED))
@@ -119,7 +119,7 @@ _CHECK_HURRIED: Transition = (
 _ABANDON_STOPPED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_STOPPED, Action.ABANDON_TAKE_OFF))
 _ABANDON: Transition = (Phase.CHECKING_ARMED, (Action.ABANDON_TAKE_OFF,))
 _RETURN_STOPPED: Transition = (Phase.RETURNING, (Action.REPORT_STOPPED, Action.END_MISSION))
-# Somebody else has the vehicle.
+# The pilot has the vehicle.
 _OVERRIDE: Transition = (Phase.PILOT_OVERRIDE, (Action.HAND_OVER,))
 _LEAVE: Transition = (Phase.ENDED, (Action.REPORT_OVERRIDE, Action.END_SUPERVISION))
 _LEAVE_AT_END: Transition = (Phase.ENDED, (Action.END_MISSION, Action.REPORT_OVERRIDE, Action.END_SUPERVISION))
