@@ -27,7 +27,7 @@ class Outcome:
 
 
 class Stop:
-    """The operator's request to stop: on the first the vehicles hold, return and land, on the second they land at once."""
+    """The operator's request to stop: vehicles hold, return and land; at the second request they land at once."""
 
     def __init__(self) -> None:
         self.wanted = asyncio.Event()
