@@ -1,4 +1,4 @@
-"""How a flight is ended and how it ended: the operator's wish, and each agent's outcome."""
+"""The end of a flight: the operator's request to stop, and the outcome of each agent."""
 
 import asyncio
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How it ended, why and what to do next where something went wrong, and whether the vehicle ever flew."""
+    """How the flight ended, the reason and the next step if something went wrong, and whether the vehicle flew."""
 
     ending: Ending
     reason: str = ""
@@ -27,20 +27,20 @@ class Outcome:
 
 
 class Stop:
-    """The operator's wish to end: at first vehicles hold and land, at the second time they land at once."""
+    """The operator's request to stop: vehicles hold, return and land; at the second request they land at once."""
 
     def __init__(self) -> None:
         self.wanted = asyncio.Event()
         self.hurried = asyncio.Event()
 
     def ask(self) -> None:
-        """Ask, or ask again."""
+        """Request the stop, or the landing at once if the stop was requested before."""
         (self.hurried if self.wanted.is_set() else self.wanted).set()
 
 
 @dataclass(frozen=True, slots=True)
 class LoopReport:
-    """How the control loop fared: ticks done and missed."""
+    """The ticks of the control loop, done and missed."""
 
     ticks: int
     missed: int

@@ -1,4 +1,4 @@
-"""Agreeing on the mission's start without a leader: everybody proposes, the earliest proposal holds."""
+"""The start agreement without a leader: each vehicle may propose a start, and the earliest proposal holds."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable
@@ -8,36 +8,36 @@ from agents.team.messages import TOPICS, StartProposal
 
 LEAD_TIME_S = 2.0
 """How far ahead a start is proposed: longer than a proposal takes to reach everybody."""
-HEARD_LEAST = 5
+SAMPLES_MIN = 5
 CLOCK_OFFSET_LIMIT_S = 0.5
 _AGE_MAX_S = TOPICS[StartProposal].age_max_s
 
 
 class PeerClocks:
-    """How far the clocks of the peers' computers are behind one's own, by the messages that they date.
+    """The offsets of the peers' clocks, from the ages of the messages that they date.
 
-    No message takes less than no time: the least lag of several is nearest to the clocks' offset.
+    No transmission takes less than no time: the least age of several is nearest to the clocks' offset.
     """
 
     def __init__(self) -> None:
         self._least_s: dict[int, float] = {}
         self._count: Counter[int] = Counter()
 
-    def hear(self, sender: int, lag_s: float) -> None:
-        """Take in how old a peer's message was when it came, in seconds of the wall's clock."""
+    def receive(self, sender: int, lag_s: float) -> None:
+        """Take the age of a peer's message on its arrival [wall s]."""
         self._count[sender] += 1
         self._least_s[sender] = min(lag_s, self._least_s.get(sender, lag_s))
 
     def lags_s(self) -> dict[int, float]:
-        """Return the least lag by peer, of those that have been heard often enough to be judged."""
-        return {sender: lag_s for sender, lag_s in self._least_s.items() if self._count[sender] >= HEARD_LEAST}
+        """Return the least age by peer, of the peers with enough samples [wall s]."""
+        return {sender: lag_s for sender, lag_s in self._least_s.items() if self._count[sender] >= SAMPLES_MIN}
 
-    def unjudged(self, peers: Iterable[int]) -> list[int]:
-        """Return which of `peers` have not been heard often enough yet."""
-        return sorted(peer for peer in peers if self._count[peer] < HEARD_LEAST)
+    def unmeasured(self, peers: Iterable[int]) -> list[int]:
+        """Return which of `peers` have not sent enough samples yet."""
+        return sorted(peer for peer in peers if self._count[peer] < SAMPLES_MIN)
 
     def require_one_time(self) -> None:
-        """Refuse to fly with a peer whose clock is another: what it says would be too old, or of tomorrow.
+        """Refuse to fly with a peer whose clock differs: its messages would be too old, or from the future.
 
         Raises VehicleRefusedError.
         """
@@ -50,38 +50,38 @@ class PeerClocks:
                 )
 
 
-class Assembly:
-    """One vehicle's view of who is up and ready, and of the start agreed on.
+class TeamReadiness:
+    """One vehicle's part in the start agreement: which members are ready, and the earliest start proposed.
 
-    A vehicle that hears everybody ready proposes a start a lead time ahead; each takes the earliest it hears of. A
-    member that falls silent before there is a proposal is waited for; afterwards the start stands.
+    A vehicle that receives the readiness of all others proposes a start a lead time ahead; each takes the earliest it
+    receives. A member that falls silent before there is a proposal is waited for; afterwards the start stands.
     """
 
     def __init__(self, vehicle_id: int, members: Collection[int]) -> None:
         self._vehicle_id = vehicle_id
         self.others = frozenset(members) - {vehicle_id}
-        self._heard_s: dict[int, float] = {}
+        self._ready_s: dict[int, float] = {}
         self._start_s: float | None = None
 
     @property
     def start_s(self) -> float | None:
-        """The start agreed on so far, None until somebody has proposed one."""
+        """The earliest start proposed so far, None before the first proposal."""
         return self._start_s
 
     def missing(self, now_s: float) -> list[int]:
-        """Return who has not been heard lately."""
-        return sorted(i for i in self.others if now_s - self._heard_s.get(i, -_AGE_MAX_S) >= _AGE_MAX_S)
+        """Return the members that have not reported their readiness lately."""
+        return sorted(i for i in self.others if now_s - self._ready_s.get(i, -_AGE_MAX_S) >= _AGE_MAX_S)
 
-    def hear(self, message: StartProposal) -> None:
-        """Take in a peer's readiness and proposal; who is not ready yet says nothing about the start."""
+    def receive(self, message: StartProposal) -> None:
+        """Take a peer's readiness and proposal; from a peer that is not ready, neither counts."""
         if message.sender not in self.others or not message.ready:
             return
-        self._heard_s[message.sender] = max(message.time_s, self._heard_s.get(message.sender, message.time_s))
+        self._ready_s[message.sender] = max(message.time_s, self._ready_s.get(message.sender, message.time_s))
         if message.start_s is not None:
             self._start_s = message.start_s if self._start_s is None else min(self._start_s, message.start_s)
 
-    def speak(self, now_s: float, *, ready: bool = True) -> StartProposal:
-        """Return what to tell the peers now."""
+    def message(self, now_s: float, *, ready: bool = True) -> StartProposal:
+        """Return the message to the peers; the first one after all others are ready proposes a start."""
         if not ready:
             return StartProposal(self._vehicle_id, now_s, None, ready=False)
         if self._start_s is None and not self.missing(now_s):

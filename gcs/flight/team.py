@@ -10,6 +10,7 @@ from agents.ports import Heartbeat, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Stop
+from agents.shell.parts import AgentParts
 from agents.team.perception import Perception
 from gcs.console.live import LiveView
 from gcs.flight.equipment import Equipment
@@ -82,22 +83,20 @@ class Team:
     def _agent(self, vehicle: MissionVehicle, link: CheckedLink, heartbeat: Heartbeat) -> Agent:
         mission, equipment = self.plan.mission, self.plan.equipment or Equipment()
         config = mission.agent_config(vehicle)
-        return Agent(
-            self.recording.core(config),
-            link,
-            equipment.bus(mission, vehicle),
-            self.clock,
-            vehicle_id=vehicle.id,
-            members=mission.ids,
-            altitude_m=config.take_off_altitude_m,
-            rate_hz=config.rate_hz,
-            sensor=partial(equipment.sensor, mission, vehicle.id),
+        parts = AgentParts(
+            core=self.recording.core(config),
+            config=config,
+            link=link,
+            bus=equipment.bus(mission, vehicle),
+            clock=self.clock,
+            make_sensor=partial(equipment.sensor, mission, vehicle.id),
             observe=self._observe,
             heartbeat=heartbeat,
             perception=Perception(
                 mission.mission_frame(), lambda text: self.view.print_line(f"vehicle {vehicle.id}: {text}")
             ),
         )
+        return Agent(parts)
 
     def _observe(self, status: CoreStatus, tick_us: float | None) -> None:
         self.journal.note(status, tick_us)

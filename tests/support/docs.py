@@ -1,9 +1,12 @@
 """The parts of the documentation that are made from the code: `python -m tests.support.docs` writes them anew."""
 
+from collections.abc import Callable
+
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from agents.safety.failsafe import TABLE, Reaction, Row
+from agents.shell import life
 from agents.tactics import diagram
 from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
@@ -56,17 +59,23 @@ def tactic_diagram() -> str:
     return f"```mermaid\n{diagram()}\n```"
 
 
+def life_diagram() -> str:
+    """Return the life of an agent as a Mermaid block."""
+    return f"```mermaid\n{life.diagram()}\n```"
+
+
 def failsafe_table() -> str:
     """Return the failsafe table as Markdown, its grace times with their defaults."""
     head = ["| condition | detected when | grace | reaction | on the way down | left |", "|---|---|---|---|---|---|"]
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
-GENERATED = {
+GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "missions.md": {"keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
-    "design.md": {"tactics": tactic_diagram},
+    "design.md": {"tactics": tactic_diagram, "life": life_diagram},
     "safety.md": {"failsafes": failsafe_table},
 }
+"""By document, its generated parts: what makes each, by the mark that it stands between."""
 
 
 def renewed(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Agreeing on a start: three assemblies over an exchange that loses and delays."""
+"""The start agreement: three vehicles over an exchange that loses and delays messages."""
 
 import asyncio
 import heapq
@@ -13,10 +13,10 @@ from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_agreement import StartAgreement
 from agents.shell.start_proposal import (
-    HEARD_LEAST,
     LEAD_TIME_S,
-    Assembly,
+    SAMPLES_MIN,
     PeerClocks,
+    TeamReadiness,
 )
 from agents.team.messages import (
     TOPICS,
@@ -30,9 +30,11 @@ PERIOD_S = TOPICS[StartProposal].period_s
 fates = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.2)), min_size=1, max_size=40)
 
 
-def exchange(up_s: tuple[float, float, float], fates: list[tuple[int, float]]) -> tuple[list[Assembly], list[float]]:
+def exchange(
+    up_s: tuple[float, float, float], fates: list[tuple[int, float]]
+) -> tuple[list[TeamReadiness], list[float]]:
     """Let everybody speak from the moment it is up until its start, as agents do; return all starts proposed, too."""
-    assemblies = [Assembly(member, MEMBERS) for member in MEMBERS]
+    vehicles = [TeamReadiness(member, MEMBERS) for member in MEMBERS]
     flying: list[tuple[float, int, int, StartProposal]] = []
     losses: dict[tuple[int, int], int] = defaultdict(int)
     proposed: list[float] = []
@@ -41,13 +43,13 @@ def exchange(up_s: tuple[float, float, float], fates: list[tuple[int, float]]) -
         now_s = tick * 0.05
         while flying and flying[0][0] <= now_s:
             _, _, receiver, message = heapq.heappop(flying)
-            assemblies[receiver].hear(message)
-        for index, assembly in enumerate(assemblies):
+            vehicles[receiver].receive(message)
+        for index, readiness in enumerate(vehicles):
             due = now_s >= up_s[index] and (tick + index) % round(PERIOD_S / 0.05) == 0
-            if not due or (assembly.start_s is not None and now_s >= assembly.start_s):
+            if not due or (readiness.start_s is not None and now_s >= readiness.start_s):
                 continue
-            unheard, before = assembly.missing(now_s), assembly.start_s
-            message = assembly.speak(now_s)
+            unheard, before = readiness.missing(now_s), readiness.start_s
+            message = readiness.message(now_s)
             if before is None and message.start_s is not None:
                 assert unheard == []
                 proposed.append(message.start_s)
@@ -59,92 +61,92 @@ def exchange(up_s: tuple[float, float, float], fates: list[tuple[int, float]]) -
                 elif receiver != index:
                     losses[index, receiver] = 0
                     heapq.heappush(flying, (now_s + delay_s, sent, receiver, message))
-    return assemblies, proposed
+    return vehicles, proposed
 
 
 @given(st.tuples(st.floats(0.0, 4.0), st.floats(0.0, 4.0), st.floats(0.0, 4.0)), fates)
 def test_everybody_starts_at_the_earliest_proposal(
     up_s: tuple[float, float, float], fates: list[tuple[int, float]]
 ) -> None:
-    assemblies, proposed = exchange(up_s, fates)
+    vehicles, proposed = exchange(up_s, fates)
     assert proposed
-    assert {assembly.start_s for assembly in assemblies} == {min(proposed)}
+    assert {readiness.start_s for readiness in vehicles} == {min(proposed)}
     assert min(proposed) >= max(up_s) + LEAD_TIME_S
 
 
 def test_nobody_proposes_before_everybody_was_heard_lately() -> None:
-    assembly = Assembly(1, MEMBERS)
-    assert assembly.missing(0.0) == [2, 3]
-    assert assembly.speak(0.0).start_s is None
-    assembly.hear(StartProposal(2, 0.1, None))
-    assert assembly.missing(0.2) == [3]
-    assembly.hear(StartProposal(3, 1.2, None))
-    assert assembly.missing(1.2) == [2]
-    assert assembly.speak(1.2).start_s is None
-    assembly.hear(StartProposal(2, 1.3, None))
-    assert assembly.speak(1.4) == StartProposal(1, 1.4, 1.4 + LEAD_TIME_S)
+    readiness = TeamReadiness(1, MEMBERS)
+    assert readiness.missing(0.0) == [2, 3]
+    assert readiness.message(0.0).start_s is None
+    readiness.receive(StartProposal(2, 0.1, None))
+    assert readiness.missing(0.2) == [3]
+    readiness.receive(StartProposal(3, 1.2, None))
+    assert readiness.missing(1.2) == [2]
+    assert readiness.message(1.2).start_s is None
+    readiness.receive(StartProposal(2, 1.3, None))
+    assert readiness.message(1.4) == StartProposal(1, 1.4, 1.4 + LEAD_TIME_S)
 
 
 def test_the_earliest_proposal_stands_even_when_its_sender_falls_silent() -> None:
-    assembly = Assembly(1, MEMBERS)
-    assembly.hear(StartProposal(2, 5.0, 7.0))
-    assembly.hear(StartProposal(3, 5.1, 6.9))
-    assembly.hear(StartProposal(2, 5.2, 7.0))
-    assert assembly.start_s == 6.9
-    assert assembly.speak(6.5) == StartProposal(1, 6.5, 6.9)
+    readiness = TeamReadiness(1, MEMBERS)
+    readiness.receive(StartProposal(2, 5.0, 7.0))
+    readiness.receive(StartProposal(3, 5.1, 6.9))
+    readiness.receive(StartProposal(2, 5.2, 7.0))
+    assert readiness.start_s == 6.9
+    assert readiness.message(6.5) == StartProposal(1, 6.5, 6.9)
 
 
 @pytest.mark.parametrize("sender", [1, 4])
 def test_only_the_other_members_are_listened_to(sender: int) -> None:
-    assembly = Assembly(1, MEMBERS)
-    assembly.hear(StartProposal(sender, 0.0, 1.0))
-    assert assembly.start_s is None
-    assert assembly.missing(0.0) == [2, 3]
+    readiness = TeamReadiness(1, MEMBERS)
+    readiness.receive(StartProposal(sender, 0.0, 1.0))
+    assert readiness.start_s is None
+    assert readiness.missing(0.0) == [2, 3]
 
 
 def test_a_late_message_makes_nobody_look_older() -> None:
-    assembly = Assembly(1, (1, 2))
-    assembly.hear(StartProposal(2, 5.0, None))
-    assembly.hear(StartProposal(2, 4.0, None))
-    assert assembly.missing(5.9) == []
+    readiness = TeamReadiness(1, (1, 2))
+    readiness.receive(StartProposal(2, 5.0, None))
+    readiness.receive(StartProposal(2, 4.0, None))
+    assert readiness.missing(5.9) == []
 
 
 def test_a_vehicle_alone_starts_by_itself() -> None:
-    assert Assembly(1, [1]).speak(3.0).start_s == 3.0 + LEAD_TIME_S
+    assert TeamReadiness(1, [1]).message(3.0).start_s == 3.0 + LEAD_TIME_S
 
 
 def test_who_is_not_ready_yet_is_not_there_and_starts_nothing() -> None:
-    assembly, waiting = Assembly(1, (1, 2)), Assembly(2, (1, 2))
-    assembly.hear(waiting.speak(0.1, ready=False))
-    assembly.hear(StartProposal(2, 0.2, 5.0, ready=False))
-    assert assembly.missing(0.3) == [2]
-    assert assembly.speak(0.3).start_s is None
-    waiting.hear(StartProposal(1, 0.4, None))
-    assert waiting.speak(0.5, ready=False) == StartProposal(2, 0.5, None, ready=False)
+    readiness, waiting = TeamReadiness(1, (1, 2)), TeamReadiness(2, (1, 2))
+    readiness.receive(waiting.message(0.1, ready=False))
+    readiness.receive(StartProposal(2, 0.2, 5.0, ready=False))
+    assert readiness.missing(0.3) == [2]
+    assert readiness.message(0.3).start_s is None
+    waiting.receive(StartProposal(1, 0.4, None))
+    assert waiting.message(0.5, ready=False) == StartProposal(2, 0.5, None, ready=False)
     assert waiting.start_s is None
-    assembly.hear(waiting.speak(0.6))
-    assert assembly.start_s == 0.6 + LEAD_TIME_S
+    readiness.receive(waiting.message(0.6))
+    assert readiness.start_s == 0.6 + LEAD_TIME_S
 
 
 def test_the_least_lag_tells_how_far_a_peers_clock_is_off_once_it_was_heard_often_enough() -> None:
     clocks = PeerClocks()
-    for count in range(1, HEARD_LEAST + 1):
+    for count in range(1, SAMPLES_MIN + 1):
         assert clocks.lags_s() == {}
-        clocks.hear(2, 0.3 + 0.1 * count)
-    clocks.hear(3, -4.0)
+        clocks.receive(2, 0.3 + 0.1 * count)
+    clocks.receive(3, -4.0)
     assert clocks.lags_s() == {2: 0.3 + 0.1}
-    assert clocks.unjudged({2, 3, 4}) == [3, 4]
-    clocks.hear(2, -0.5)
+    assert clocks.unmeasured({2, 3, 4}) == [3, 4]
+    clocks.receive(2, -0.5)
     assert clocks.lags_s() == {2: -0.5}
 
 
 @pytest.mark.parametrize(("lag_s", "told"), [(0.51, "0.51 s ahead of"), (-0.51, "0.51 s behind"), (0.49, None)])
 def test_nobody_flies_with_a_peer_of_another_time(lag_s: float, told: str | None) -> None:
     clocks = PeerClocks()
-    for _ in range(HEARD_LEAST - 1):
-        clocks.hear(3, lag_s)
+    for _ in range(SAMPLES_MIN - 1):
+        clocks.receive(3, lag_s)
     clocks.require_one_time()
-    clocks.hear(3, lag_s)
+    clocks.receive(3, lag_s)
     if told is None:
         clocks.require_one_time()
         return
@@ -172,7 +174,7 @@ class Air:
 
     def __init__(self, clock: Clock) -> None:
         self.said: list[StartProposal] = []
-        self.rally = StartAgreement(cast(PeerBus, self), cast(MissionClock, clock), 1, [1, 2, 3])
+        self.agreement = StartAgreement(cast(PeerBus, self), cast(MissionClock, clock), 1, [1, 2, 3])
         self._clock = clock
 
     def publish(self, _topic: str, payload: bytes) -> None:
@@ -181,26 +183,26 @@ class Air:
         self.said.append(message)
         if message.start_s is None:
             for sender in (2, 3):
-                self.rally.hear(StartProposal(sender, self._clock.time_s, None))
+                self.agreement.receive(StartProposal(sender, self._clock.time_s, None))
 
 
 def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
     async def late() -> None:
         air = Air(Clock())
-        air.rally.announce()
-        start_s = await air.rally.agree()
+        air.agreement.announce()
+        start_s = await air.agreement.agree()
         air.said.clear()
-        air.rally.hear(StartProposal(9, 1.0, None))  # nobody of this team
-        air.rally.hear(StartProposal(2, 1.0, start_s))  # knows it
+        air.agreement.receive(StartProposal(9, 1.0, None))  # nobody of this team
+        air.agreement.receive(StartProposal(2, 1.0, start_s))  # knows it
         assert air.said == []
-        air.rally.hear(StartProposal(2, 1.0, None, ready=False))
-        air.rally.hear(StartProposal(3, 1.0, None))
+        air.agreement.receive(StartProposal(2, 1.0, None, ready=False))
+        air.agreement.receive(StartProposal(3, 1.0, None))
         assert [(told.sender, told.start_s, told.ready) for told in air.said] == [(1, start_s, True)] * 2
 
     asyncio.run(late())
 
 
 def test_a_late_comer_takes_the_start_it_is_told() -> None:
-    comer = Assembly(2, (1, 2, 3))
-    comer.hear(StartProposal(1, 500.0, 102.0))
+    comer = TeamReadiness(2, (1, 2, 3))
+    comer.receive(StartProposal(1, 500.0, 102.0))
     assert comer.start_s == 102.0

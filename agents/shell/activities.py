@@ -1,0 +1,80 @@
+"""The asynchronous work of an agent: at most one activity of each kind at a time, whose end is reported as an event."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from enum import Enum, auto
+
+from agents.ports import VehicleRefusedError
+from agents.shell.life import LifeEvent
+
+
+class Kind(Enum):
+    """What an activity does."""
+
+    CALL = auto()
+    """Calls the link, in all but a kill."""
+    TICKS = auto()
+    START = auto()
+    """Compares clocks, agrees on the start, waits for the mission's end."""
+    OPERATOR = auto()
+    """Waits for the operator to stop the flight."""
+    HOLD = auto()
+    """Waits while the vehicle comes to rest after a stop."""
+    KILL = auto()
+
+
+Work = Callable[[], Coroutine[None, None, LifeEvent | None]]
+
+
+class Activities:
+    """Runs activities; one that replaces another of its kind begins when that has ended."""
+
+    def __init__(
+        self,
+        report: Callable[[LifeEvent, VehicleRefusedError | None], object],
+        fail: Callable[[Kind, Exception], object],
+    ) -> None:
+        """Take what gets the event at the end of an activity, and what gets an exception that is no refusal."""
+        self._report = report
+        self._fail = fail
+        self._tasks: dict[Kind, set[asyncio.Task[None]]] = {kind: set() for kind in Kind}
+
+    def start(self, kind: Kind, work: Work, refused: LifeEvent | None = None) -> None:
+        """Start an activity: its event is what `work` returns, or `refused` if it raises VehicleRefusedError."""
+        self.cancel(kind)
+        before = frozenset(self._tasks[kind])
+        task = asyncio.create_task(self._run(kind, work, refused, before))
+        self._tasks[kind].add(task)
+        task.add_done_callback(self._tasks[kind].discard)
+
+    def running(self, kind: Kind) -> bool:
+        """Return whether an activity of a kind has not ended."""
+        return any(not task.done() for task in self._tasks[kind])
+
+    def cancel(self, *kinds: Kind) -> None:
+        """Cancel activities."""
+        for kind in kinds:
+            for task in self._tasks[kind]:
+                task.cancel()
+
+    async def stop(self, *kinds: Kind) -> None:
+        """Cancel activities and wait until they have ended."""
+        self.cancel(*kinds)
+        tasks = [task for kind in kinds for task in self._tasks[kind]]
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _run(
+        self, kind: Kind, work: Work, refused: LifeEvent | None, before: frozenset[asyncio.Task[None]]
+    ) -> None:
+        if before:
+            await asyncio.wait(before)
+        refusal: VehicleRefusedError | None = None
+        try:
+            event = await work()
+        except VehicleRefusedError as error:
+            event, refusal = refused, error
+        except Exception as error:
+            self._fail(kind, error)
+            return
+        if event is not None:
+            self._report(event, refusal)

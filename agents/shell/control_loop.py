@@ -1,0 +1,69 @@
+"""The ticks of one core: its inputs on each tick, and its setpoints and messages on their way out."""
+
+from time import perf_counter
+
+from agents.outputs import TickOutput
+from agents.ports import TargetSensor
+from agents.shell.outcome import LoopReport
+from agents.shell.parts import AgentParts
+from agents.shell.ticker import Ticker, TickerStatistics
+
+
+class ControlLoop:
+    """Ticks a core with or without control of the vehicle."""
+
+    def __init__(self, parts: AgentParts) -> None:
+        self._parts = parts
+        self.period_s = 1.0 / parts.config.rate_hz
+        """The period of a tick [mission s]."""
+        self.sensor: TargetSensor | None = None
+        self.position_m = (0.0, 0.0)
+        """Where the vehicle is, for the sensor."""
+        self._control_ticker: Ticker | None = None
+
+    @property
+    def report(self) -> LoopReport:
+        """The ticks with control of the vehicle, done and missed so far."""
+        statistics = TickerStatistics() if self._control_ticker is None else self._control_ticker.statistics
+        return LoopReport(statistics.ticks, statistics.missed)
+
+    def ticker(self) -> Ticker:
+        """Return a ticker at the core's rate that begins now."""
+        clock = self._parts.clock
+        return Ticker(self.period_s, clock.now_s, speed=clock.speed)
+
+    def control_ticker(self) -> Ticker:
+        """Return the same for ticks with control of the vehicle: these are counted."""
+        self._control_ticker = self.ticker()
+        return self._control_ticker
+
+    def tick_control(self, late_ticks: int) -> bool:
+        """Tick the core and send its setpoint; return whether there was one."""
+        core, link = self._parts.core, self._parts.link
+        core.on_vehicle(link.status)
+        core.on_loop(late_ticks)
+        core.on_bus(self._parts.bus.alive)
+        now_s = self._parts.clock.now_s()
+        sighting = self.sensor.sight(now_s, self.position_m) if self.sensor else None
+        began = perf_counter()
+        if sighting is not None:
+            core.on_sighting(sighting)
+        output = core.tick(now_s)
+        tick_us = (perf_counter() - began) * 1e6
+        if output.setpoint is not None:
+            link.send(output.setpoint)
+        self._publish(output, tick_us)
+        return output.setpoint is not None
+
+    def tick_only(self) -> None:
+        """Tick the core without control of the vehicle: peers hear where it is, operators get answers."""
+        self._publish(self._parts.core.tick(self._parts.clock.now_s()), None)
+
+    def show_life(self) -> None:
+        """Report the tick to the supervisor."""
+        self._parts.heartbeat.tick(self.period_s / self._parts.clock.speed)
+
+    def _publish(self, output: TickOutput, tick_us: float | None) -> None:
+        for message in output.messages:
+            self._parts.bus.publish(message.topic, message.payload)
+        self._parts.observe(output.status, tick_us)

@@ -1,0 +1,289 @@
+"""The life of an agent as a table: from the ground through take-off and flight to the landing.
+
+(phase, event) -> (phase, actions): the shell reports what happens as events and performs the actions in their order.
+An event that a phase does not list changes nothing.
+
+The loss of the link is no event. The core's failsafe holds and then lands the vehicle, and a call of the link that is
+not answered ends as a refused one. A restart of the autopilot appears as a flight mode that was not requested.
+"""
+
+from enum import Enum
+
+from agents.ports import FlightMode, VehicleStatus
+from agents.tactics import Tactic
+
+
+class Phase(Enum):
+    """Where an agent is in its life."""
+
+    GROUND = "ground"
+    COMPARING_CLOCKS = "comparing clocks"
+    TAKE_OFF = "take-off"
+    HOVERING = "hovering"
+    ENTERING_OFFBOARD = "entering offboard"
+    AGREEING_START = "start agreement"
+    FLYING = "flying"
+    STOPPING = "stopping"
+    PILOT_OVERRIDE = "pilot override"
+    TAKING_BACK = "taking back"
+    RETURNING = "returning"
+    CHECKING_ARMED = "checking armed"
+    LEAVING_OFFBOARD = "leaving offboard"
+    LANDING = "landing"
+    KILLING = "killing"
+    ENDED = "ended"
+
+
+class LifeEvent(Enum):
+    """What may change an agent's phase.
+
+    SETPOINT_SENT, PILOT_TOOK_OVER and LAND_DECIDED are reported on each tick on which they hold.
+    """
+
+    FLY = "fly"
+    CLOCKS_AGREE = "clocks agree"
+    CLOCKS_DIFFER = "clocks differ"
+    TAKE_OFF_DONE = "take-off done"
+    TAKE_OFF_REFUSED = "take-off refused"
+    SETPOINT_SENT = "setpoint sent"
+    OFFBOARD_CONFIRMED = "offboard confirmed"
+    OFFBOARD_REFUSED = "offboard refused"
+    START_AGREED = "start agreed"
+    START_REFUSED = "start refused"
+    DURATION_OVER = "duration over"
+    OPERATOR_STOP = "stop"
+    OPERATOR_HURRY = "second stop"
+    HOLD_OVER = "hold over"
+    LAND_DECIDED = "land decided"
+    PILOT_TOOK_OVER = "pilot took over"
+    RESUME = "resume"
+    ARMED = "armed"
+    DISARMED = "disarmed"
+    OFFBOARD_LEFT = "offboard left"
+    OFFBOARD_KEPT = "offboard kept"
+    LANDED = "landed"
+    LANDING_REFUSED = "landing refused"
+    KILL = "kill"
+    MOTORS_CUT = "motors cut"
+    KILL_REFUSED = "kill refused"
+    FAULT = "fault"
+    """A task of the agent raised an exception that is no refusal."""
+    ABORTED = "aborted"
+    """The flight was cancelled, or a call of the link raised an exception that is no refusal."""
+
+
+class Action(Enum):
+    """What the shell does on a transition."""
+
+    COMPARE_CLOCKS = "compare clocks"
+    TAKE_OFF = "take off"
+    ABANDON_TAKE_OFF = "abandon take-off"
+    """Wait until an arming under way has been reported, then check whether the vehicle is armed."""
+    START_CONTROL = "start control"
+    START_OFFBOARD = "start offboard"
+    AGREE_START = "agree on start"
+    START_MISSION = "start mission"
+    HOLD = "hold"
+    END_MISSION = "end mission"
+    """Let the core return and land."""
+    HAND_OVER = "hand over"
+    TAKE_BACK = "take back"
+    CHECK_ARMED = "check armed"
+    """Stop everything but a kill, and report whether the vehicle is armed."""
+    PREPARE_LANDING = "prepare landing"
+    """Stop the control; the core goes on reporting to peers and operators."""
+    STOP_OFFBOARD = "stop offboard"
+    LAND = "land"
+    CUT_MOTORS = "cut motors"
+    REPORT_COMPLETED = "report completed"
+    REPORT_STOPPED = "report stopped"
+    REPORT_LAND_DECISION = "report land decision"
+    REPORT_REFUSAL = "report refusal"
+    REPORT_OVERRIDE = "report override"
+    REPORT_KILLED = "report killed"
+    END_SUPERVISION = "end supervision"
+    """Report to the supervisor that the vehicle is down or handed over."""
+
+
+Transition = tuple[Phase, tuple[Action, ...]]
+
+# The end of a flight: an armed vehicle lands. After an abandoned take-off the arming may show later.
+_CHECK: Transition = (Phase.CHECKING_ARMED, (Action.CHECK_ARMED,))
+_CHECK_REFUSED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_REFUSAL, Action.CHECK_ARMED))
+_CHECK_DECIDED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_LAND_DECISION, Action.CHECK_ARMED))
+_CHECK_STOPPED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_STOPPED, Action.CHECK_ARMED))
+_CHECK_HURRIED: Transition = (
+    Phase.CHECKING_ARMED,
+    (Action.REPORT_STOPPED, Action.END_MISSION, Action.CHECK_ARMED),
+)
+_ABANDON_STOPPED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_STOPPED, Action.ABANDON_TAKE_OFF))
+_ABANDON: Transition = (Phase.CHECKING_ARMED, (Action.ABANDON_TAKE_OFF,))
+_RETURN_STOPPED: Transition = (Phase.RETURNING, (Action.REPORT_STOPPED, Action.END_MISSION))
+# The pilot has the vehicle.
+_OVERRIDE: Transition = (Phase.PILOT_OVERRIDE, (Action.HAND_OVER,))
+_LEAVE: Transition = (Phase.ENDED, (Action.REPORT_OVERRIDE, Action.END_SUPERVISION))
+_LEAVE_AT_END: Transition = (Phase.ENDED, (Action.END_MISSION, Action.REPORT_OVERRIDE, Action.END_SUPERVISION))
+_HAND_OVER: Transition = (Phase.ENDED, (Action.HAND_OVER, Action.REPORT_OVERRIDE, Action.END_SUPERVISION))
+_HAND_OVER_AT_END: Transition = (
+    Phase.ENDED,
+    (Action.HAND_OVER, Action.END_MISSION, Action.REPORT_OVERRIDE, Action.END_SUPERVISION),
+)
+_KILL: Transition = (Phase.KILLING, (Action.CUT_MOTORS, Action.PREPARE_LANDING))
+_KILL_IN_LANDING: Transition = (Phase.KILLING, (Action.CUT_MOTORS,))
+# The supervisor is not released: it lands the vehicle.
+_GIVE_UP: Transition = (Phase.ENDED, ())
+
+TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
+    (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
+    (Phase.GROUND, LifeEvent.KILL): (Phase.KILLING, (Action.CUT_MOTORS,)),
+    (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_AGREE): (Phase.TAKE_OFF, (Action.TAKE_OFF,)),
+    (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_DIFFER): _CHECK_REFUSED,
+    (Phase.COMPARING_CLOCKS, LifeEvent.OPERATOR_STOP): _CHECK_STOPPED,
+    (Phase.COMPARING_CLOCKS, LifeEvent.KILL): _KILL,
+    (Phase.COMPARING_CLOCKS, LifeEvent.FAULT): _CHECK,
+    (Phase.COMPARING_CLOCKS, LifeEvent.ABORTED): _CHECK,
+    (Phase.TAKE_OFF, LifeEvent.TAKE_OFF_DONE): (Phase.HOVERING, (Action.START_CONTROL,)),
+    (Phase.TAKE_OFF, LifeEvent.TAKE_OFF_REFUSED): _CHECK_REFUSED,
+    (Phase.TAKE_OFF, LifeEvent.OPERATOR_STOP): _ABANDON_STOPPED,
+    (Phase.TAKE_OFF, LifeEvent.LAND_DECIDED): _ABANDON_STOPPED,
+    (Phase.TAKE_OFF, LifeEvent.KILL): _KILL,
+    (Phase.TAKE_OFF, LifeEvent.FAULT): _ABANDON,
+    (Phase.TAKE_OFF, LifeEvent.ABORTED): _ABANDON,
+    # A first stop is obeyed once offboard is confirmed: the vehicle then returns as from its mission.
+    (Phase.HOVERING, LifeEvent.SETPOINT_SENT): (Phase.ENTERING_OFFBOARD, (Action.START_OFFBOARD,)),
+    (Phase.HOVERING, LifeEvent.OPERATOR_HURRY): _CHECK_STOPPED,
+    (Phase.HOVERING, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
+    (Phase.HOVERING, LifeEvent.KILL): _KILL,
+    (Phase.HOVERING, LifeEvent.FAULT): _CHECK,
+    (Phase.HOVERING, LifeEvent.ABORTED): _CHECK,
+    # Until offboard is confirmed, the vehicle is in a flight mode that was not requested.
+    (Phase.ENTERING_OFFBOARD, LifeEvent.OFFBOARD_CONFIRMED): (Phase.AGREEING_START, (Action.AGREE_START,)),
+    (Phase.ENTERING_OFFBOARD, LifeEvent.OFFBOARD_REFUSED): _CHECK_REFUSED,
+    (Phase.ENTERING_OFFBOARD, LifeEvent.OPERATOR_HURRY): _CHECK_STOPPED,
+    (Phase.ENTERING_OFFBOARD, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
+    (Phase.ENTERING_OFFBOARD, LifeEvent.KILL): _KILL,
+    (Phase.ENTERING_OFFBOARD, LifeEvent.FAULT): _CHECK,
+    (Phase.ENTERING_OFFBOARD, LifeEvent.ABORTED): _CHECK,
+    (Phase.AGREEING_START, LifeEvent.START_AGREED): (Phase.FLYING, (Action.START_MISSION,)),
+    (Phase.AGREEING_START, LifeEvent.START_REFUSED): _CHECK_REFUSED,
+    (Phase.AGREEING_START, LifeEvent.OPERATOR_STOP): (Phase.STOPPING, (Action.HOLD,)),
+    (Phase.AGREEING_START, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
+    (Phase.AGREEING_START, LifeEvent.PILOT_TOOK_OVER): _OVERRIDE,
+    (Phase.AGREEING_START, LifeEvent.KILL): _KILL,
+    (Phase.AGREEING_START, LifeEvent.FAULT): _CHECK,
+    (Phase.AGREEING_START, LifeEvent.ABORTED): _CHECK,
+    # A vehicle that was taken back flies whatever went on meanwhile: the start agreement, or the hold of a stop.
+    (Phase.FLYING, LifeEvent.START_AGREED): (Phase.FLYING, (Action.START_MISSION,)),
+    (Phase.FLYING, LifeEvent.START_REFUSED): _CHECK_REFUSED,
+    (Phase.FLYING, LifeEvent.DURATION_OVER): (Phase.RETURNING, (Action.REPORT_COMPLETED, Action.END_MISSION)),
+    (Phase.FLYING, LifeEvent.OPERATOR_STOP): (Phase.STOPPING, (Action.HOLD,)),
+    (Phase.FLYING, LifeEvent.OPERATOR_HURRY): _CHECK_HURRIED,
+    (Phase.FLYING, LifeEvent.HOLD_OVER): _RETURN_STOPPED,
+    (Phase.FLYING, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
+    (Phase.FLYING, LifeEvent.PILOT_TOOK_OVER): _OVERRIDE,
+    (Phase.FLYING, LifeEvent.KILL): _KILL,
+    (Phase.FLYING, LifeEvent.FAULT): _CHECK,
+    (Phase.FLYING, LifeEvent.ABORTED): _CHECK,
+    (Phase.STOPPING, LifeEvent.START_AGREED): (Phase.STOPPING, (Action.START_MISSION,)),
+    (Phase.STOPPING, LifeEvent.OPERATOR_HURRY): _CHECK_HURRIED,
+    (Phase.STOPPING, LifeEvent.HOLD_OVER): _RETURN_STOPPED,
+    (Phase.STOPPING, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
+    (Phase.STOPPING, LifeEvent.PILOT_TOOK_OVER): _OVERRIDE,
+    (Phase.STOPPING, LifeEvent.KILL): _KILL,
+    (Phase.STOPPING, LifeEvent.FAULT): _CHECK,
+    (Phase.STOPPING, LifeEvent.ABORTED): _CHECK,
+    (Phase.PILOT_OVERRIDE, LifeEvent.RESUME): (Phase.TAKING_BACK, (Action.TAKE_BACK,)),
+    (Phase.PILOT_OVERRIDE, LifeEvent.START_AGREED): (Phase.PILOT_OVERRIDE, (Action.START_MISSION,)),
+    (Phase.PILOT_OVERRIDE, LifeEvent.START_REFUSED): _LEAVE,
+    (Phase.PILOT_OVERRIDE, LifeEvent.DURATION_OVER): _LEAVE_AT_END,
+    (Phase.PILOT_OVERRIDE, LifeEvent.OPERATOR_STOP): (Phase.PILOT_OVERRIDE, (Action.HOLD,)),
+    (Phase.PILOT_OVERRIDE, LifeEvent.OPERATOR_HURRY): _LEAVE_AT_END,
+    (Phase.PILOT_OVERRIDE, LifeEvent.HOLD_OVER): _LEAVE_AT_END,
+    (Phase.PILOT_OVERRIDE, LifeEvent.LAND_DECIDED): _LEAVE,
+    (Phase.PILOT_OVERRIDE, LifeEvent.KILL): _KILL,
+    (Phase.PILOT_OVERRIDE, LifeEvent.FAULT): _LEAVE,
+    (Phase.PILOT_OVERRIDE, LifeEvent.ABORTED): _LEAVE,
+    (Phase.TAKING_BACK, LifeEvent.OFFBOARD_CONFIRMED): (Phase.FLYING, ()),
+    (Phase.TAKING_BACK, LifeEvent.OFFBOARD_REFUSED): _OVERRIDE,
+    (Phase.TAKING_BACK, LifeEvent.START_AGREED): (Phase.TAKING_BACK, (Action.START_MISSION,)),
+    (Phase.TAKING_BACK, LifeEvent.START_REFUSED): _HAND_OVER,
+    (Phase.TAKING_BACK, LifeEvent.DURATION_OVER): _HAND_OVER_AT_END,
+    (Phase.TAKING_BACK, LifeEvent.OPERATOR_STOP): (Phase.TAKING_BACK, (Action.HOLD,)),
+    (Phase.TAKING_BACK, LifeEvent.OPERATOR_HURRY): _HAND_OVER_AT_END,
+    (Phase.TAKING_BACK, LifeEvent.HOLD_OVER): _HAND_OVER_AT_END,
+    (Phase.TAKING_BACK, LifeEvent.LAND_DECIDED): _HAND_OVER,
+    (Phase.TAKING_BACK, LifeEvent.KILL): _KILL,
+    (Phase.TAKING_BACK, LifeEvent.FAULT): _HAND_OVER,
+    (Phase.TAKING_BACK, LifeEvent.ABORTED): _HAND_OVER,
+    # An operator may hold a vehicle on its way; sent back to its mission it goes on returning.
+    (Phase.RETURNING, LifeEvent.RESUME): (Phase.RETURNING, (Action.END_MISSION,)),
+    (Phase.RETURNING, LifeEvent.OPERATOR_HURRY): _CHECK,
+    (Phase.RETURNING, LifeEvent.LAND_DECIDED): _CHECK,
+    (Phase.RETURNING, LifeEvent.PILOT_TOOK_OVER): _HAND_OVER,
+    (Phase.RETURNING, LifeEvent.KILL): _KILL,
+    (Phase.RETURNING, LifeEvent.FAULT): _CHECK,
+    (Phase.RETURNING, LifeEvent.ABORTED): _CHECK,
+    (Phase.CHECKING_ARMED, LifeEvent.ARMED): (
+        Phase.LEAVING_OFFBOARD,
+        (Action.PREPARE_LANDING, Action.STOP_OFFBOARD),
+    ),
+    (Phase.CHECKING_ARMED, LifeEvent.DISARMED): (Phase.ENDED, (Action.END_SUPERVISION,)),
+    (Phase.CHECKING_ARMED, LifeEvent.KILL): _KILL,
+    (Phase.CHECKING_ARMED, LifeEvent.ABORTED): _CHECK,
+    (Phase.LEAVING_OFFBOARD, LifeEvent.OFFBOARD_LEFT): (Phase.LANDING, (Action.LAND,)),
+    (Phase.LEAVING_OFFBOARD, LifeEvent.OFFBOARD_KEPT): (Phase.LANDING, (Action.REPORT_REFUSAL, Action.LAND)),
+    (Phase.LEAVING_OFFBOARD, LifeEvent.KILL): _KILL_IN_LANDING,
+    (Phase.LEAVING_OFFBOARD, LifeEvent.ABORTED): _GIVE_UP,
+    (Phase.LANDING, LifeEvent.LANDED): (Phase.ENDED, (Action.END_SUPERVISION,)),
+    (Phase.LANDING, LifeEvent.LANDING_REFUSED): (Phase.ENDED, (Action.REPORT_REFUSAL, Action.END_SUPERVISION)),
+    (Phase.LANDING, LifeEvent.KILL): _KILL_IN_LANDING,
+    (Phase.LANDING, LifeEvent.ABORTED): _GIVE_UP,
+    (Phase.KILLING, LifeEvent.MOTORS_CUT): (Phase.ENDED, (Action.REPORT_KILLED, Action.END_SUPERVISION)),
+    (Phase.KILLING, LifeEvent.KILL_REFUSED): (
+        Phase.LEAVING_OFFBOARD,
+        (Action.REPORT_REFUSAL, Action.STOP_OFFBOARD),
+    ),
+    (Phase.KILLING, LifeEvent.ABORTED): _GIVE_UP,
+    # The flight's result is known; the motors are cut all the same.
+    (Phase.ENDED, LifeEvent.KILL): (Phase.ENDED, (Action.CUT_MOTORS,)),
+}
+
+
+def next_phase(phase: Phase, event: LifeEvent) -> Transition:
+    """Return the phase after an event, and the actions to perform; an event not listed for a phase changes nothing."""
+    return TRANSITIONS.get((phase, event), (phase, ()))
+
+
+def diagram() -> str:
+    """Return the table as a Mermaid state diagram: one arrow from a phase to another, with all its events."""
+    arrows: dict[tuple[Phase, Phase], list[str]] = {}
+    for (before, event), (after, _) in TRANSITIONS.items():
+        arrows.setdefault((before, after), []).append(event.value)
+    lines = ["stateDiagram-v2", f"    [*] --> {_identifier(Phase.GROUND)}"]
+    lines += [f"    {_identifier(phase)}: {phase.value}" for phase in Phase]
+    lines += [
+        f"    {_identifier(before)} --> {_identifier(after)}: {', '.join(events)}"
+        for (before, after), events in arrows.items()
+    ]
+    lines.append(f"    {_identifier(Phase.ENDED)} --> [*]")
+    return "\n".join(lines)
+
+
+def pilot_took_over(status: VehicleStatus) -> bool:
+    """Return whether the flight mode is one that the agent did not request, or the vehicle has disarmed.
+
+    A vehicle that PX4's failsafe landed out of offboard rests in offboard: there only the disarming shows.
+    """
+    own = status.armed and status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
+    return status.connected and not own
+
+
+def resumed(phase: Phase, tactic: Tactic) -> bool:
+    """Return whether the core has resumed the mission, by a command of an operator, in a phase without a mission."""
+    if phase is Phase.PILOT_OVERRIDE:
+        return tactic not in (Tactic.PILOT_OVERRIDE, Tactic.LAND)
+    return phase is Phase.RETURNING and tactic in (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE)
+
+
+def _identifier(phase: Phase) -> str:
+    return phase.name.lower()

@@ -1,0 +1,678 @@
+"""The agent flies a scripted vehicle: what it sends and how the flight ends, whatever goes wrong in which phase."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from agents.ports import FlightMode
+from agents.shell.life import Phase
+from agents.shell.outcome import Ending, Outcome
+from agents.tactics import Event, Tactic
+from agents.tape import Start, TacticEvent, Tick, TimeScale
+from agents.team.messages import CommandAnswer, StartProposal, decode, encode
+from tests.support.fake_flight import ALONE, PAIR, FakeFlight
+from tests.support.simulated_loop import run_simulated
+
+P, X = Phase, Ending
+LAND = ["stop_offboard", "land"]
+FLOWN = ["take_off", "send", "start_offboard", "send", *LAND]
+DURATION_S = 20.05
+"""Ends between two ticks."""
+OFFBOARD = {P.AGREEING_START, P.FLYING, P.STOPPING, P.RETURNING}
+CONFIGS = {P.COMPARING_CLOCKS: PAIR, P.AGREEING_START: PAIR}
+STUCK = {
+    P.ENTERING_OFFBOARD: "start_offboard",
+    P.TAKING_BACK: "start_offboard",
+    P.LEAVING_OFFBOARD: "stop_offboard",
+    P.KILLING: "kill",
+}
+
+
+async def reach(phase: Phase) -> FakeFlight:
+    """Return a flight that is in a phase, and stays there for a while if it is left alone."""
+    flight = FakeFlight(CONFIGS.get(phase, ALONE))
+    flight.link.telemetry = phase is not P.HOVERING
+    if phase is P.GROUND:
+        await flight.agent.connect()
+        return flight
+    if phase is P.ENTERING_OFFBOARD:
+        flight.link.stuck.add("start_offboard")
+    await flight.begin(DURATION_S)
+    if phase is P.COMPARING_CLOCKS:
+        flight.bus.appear(2, True)
+    await flight.until(P.TAKE_OFF if phase is P.CHECKING_ARMED else P.FLYING if phase in _LEAD else phase)
+    if phase is P.TAKE_OFF:
+        await asyncio.sleep(2.0)  # it is armed, and climbs
+    if phase in _LEAD:
+        flight.link.stuck |= {STUCK[phase]} if phase in STUCK else set()
+        await asyncio.sleep(3.0)
+        await _LEAD[phase](flight)
+        await flight.until(phase)
+    if phase in STUCK:
+        await asyncio.sleep(0.5)  # the call is under way; one for offboard anew waits until setpoints flow
+    if phase is P.RETURNING:
+        flight.command("hold")
+    if phase is P.CHECKING_ARMED:
+        await asyncio.sleep(0.3)
+        flight.stop.ask()
+        await flight.until(phase)
+    return flight
+
+
+async def _take_back(flight: FakeFlight) -> None:
+    flight.link.change(mode=FlightMode.HOLD)
+    await flight.until(P.PILOT_OVERRIDE)
+    flight.command("resume")
+
+
+def _told(act: Callable[[FakeFlight], object]) -> Callable[[FakeFlight], Coroutine[Any, Any, None]]:
+    async def lead(flight: FakeFlight) -> None:
+        act(flight)
+
+    return lead
+
+
+_LEAD: dict[Phase, Callable[[FakeFlight], Coroutine[Any, Any, None]]] = {
+    P.STOPPING: _told(lambda flight: flight.stop.ask()),
+    P.PILOT_OVERRIDE: _told(lambda flight: flight.link.change(mode=FlightMode.HOLD)),
+    P.TAKING_BACK: _take_back,
+    P.LEAVING_OFFBOARD: _told(lambda flight: flight.command("land")),
+    P.LANDING: _told(lambda flight: flight.command("land")),
+    P.KILLING: _told(lambda flight: flight.command("kill")),
+}
+
+Disturb = Callable[[FakeFlight], object]
+
+
+def fly_disturbed(phase: Phase, disturb: Disturb) -> tuple[FakeFlight, list[str], Outcome]:
+    """Disturb a flight in a phase; return it, what the vehicle was sent afterwards, and the outcome.
+
+    A sequence of setpoints that goes on after the disturbance is not among what was sent.
+    """
+
+    async def main() -> tuple[FakeFlight, list[str], Outcome]:
+        flight = await reach(phase)
+        before = len(flight.link.calls)
+        disturb(flight)
+        if phase is P.GROUND:
+            await asyncio.sleep(1.0)
+            await flight.begin(DURATION_S)
+        outcome = await flight.outcome()
+        await asyncio.sleep(5.0)
+        assert flight.agent.phase is P.ENDED
+        assert flight.link.overlapping == []
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+        return flight, flight.link.calls[before:], outcome
+
+    return run_simulated(main())
+
+
+def steered(calls: list[str]) -> list[str]:
+    """Return the calls without setpoints."""
+    return [call for call in calls if call != "send"]
+
+
+def test_a_flight_from_the_ground_to_the_ground() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        await flight.begin(DURATION_S)
+        outcome = await flight.outcome()
+        assert outcome == Outcome(X.COMPLETED, flew=True)
+        assert flight.link.calls == FLOWN
+        assert flight.heartbeat.signs == ["rising", "tick", "ended"]
+        assert flight.events() == [Event.END, Event.LAND]
+        kept = [item for _, item in flight.inputs if isinstance(item, TimeScale | Start | TacticEvent)]
+        start_s = flight.agent.start_s
+        assert start_s is not None
+        assert kept == [TimeScale(1.0), Start(start_s), TacticEvent(Event.END), TacticEvent(Event.LAND)]
+        assert isinstance(flight.inputs[0][1], TimeScale)
+        assert flight.agent.ended_s == pytest.approx(start_s + DURATION_S, abs=1e-6)
+        assert flight.agent.loop.missed == 0
+        told_s = {item.event: time_s for time_s, item in flight.inputs if isinstance(item, TacticEvent)}
+        ticks_s = [item.now_s for _, item in flight.inputs if isinstance(item, Tick)]
+        up_s = 1_000.0 + flight.link.takes_s["take_off"]
+        steering = sum(up_s < tick_s < told_s[Event.LAND] for tick_s in ticks_s)
+        assert flight.agent.loop.ticks == pytest.approx(steering, abs=2)  # the first and the last lie on the edges
+
+    run_simulated(main())
+
+
+def test_reaching_every_phase() -> None:
+    async def main(phase: Phase) -> None:
+        flight = await reach(phase)
+        assert flight.agent.phase is phase
+        if phase is P.ENDED:
+            return
+        await asyncio.sleep(0.5)
+        assert flight.agent.phase is phase, "it has to stay there, or the tests below disturb something else"
+
+    for phase in Phase:
+        run_simulated(main(phase))
+
+
+KILLED_IN = [phase for phase in Phase if phase not in (P.KILLING, P.ENDED)]
+
+
+@pytest.mark.parametrize("phase", KILLED_IN)
+def test_a_kill_cuts_the_motors_and_nothing_is_sent_afterwards(phase: Phase) -> None:
+    flight, calls, outcome = fly_disturbed(phase, lambda flight: flight.command("kill"))
+    assert calls == ["kill"]
+    assert (outcome.ending, outcome.flew) == (X.KILLED, True)
+    assert not flight.link.status.armed
+    assert flight.heartbeat.signs[-1] == "ended"
+    answers = [decode(payload) for topic, payload in flight.bus.published if topic == "answer"]
+    assert [answer.did for answer in answers if isinstance(answer, CommandAnswer)][-1] == "motors cut"
+
+
+@pytest.mark.parametrize("phase", KILLED_IN)
+def test_a_vehicle_that_refuses_to_cut_its_motors_is_landed(phase: Phase) -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.link.refused.add("kill")
+        flight.link.stuck.clear()
+        flight.command("kill")
+
+    _, calls, outcome = fly_disturbed(phase, disturb)
+    assert calls == ["kill", *LAND]
+    assert (outcome.ending, outcome.reason) == (X.REFUSED, "refused to kill")
+
+
+CALL_STOPPED = {
+    P.TAKE_OFF: "take_off",
+    P.ENTERING_OFFBOARD: "start_offboard",
+    P.TAKING_BACK: "start_offboard",
+    P.LEAVING_OFFBOARD: "stop_offboard",
+    P.LANDING: "land",
+}
+
+
+@pytest.mark.parametrize("phase", CALL_STOPPED)
+def test_a_kill_waits_for_no_call_and_stops_the_one_under_way(phase: Phase) -> None:
+    async def main() -> None:
+        flight = await reach(phase)
+        flight.link.stuck.add("kill")
+        flight.command("kill")
+        await asyncio.sleep(0.01)
+        assert flight.link.calls[-1] == "kill"
+        await asyncio.sleep(0.1)
+        assert flight.link.cancelled == [CALL_STOPPED[phase]]
+        flight.link.release()
+        assert (await flight.outcome()).ending is X.KILLED
+
+    run_simulated(main())
+
+
+def test_a_kill_commanded_again_is_one_call_while_it_is_under_way_and_another_one_after_a_refusal() -> None:
+    def again(flight: FakeFlight) -> None:
+        flight.command("kill")
+        flight.link.release()
+
+    _, calls, outcome = fly_disturbed(P.KILLING, again)
+    assert (calls, outcome.ending) == ([], X.KILLED)
+
+    def refused_once(flight: FakeFlight) -> None:
+        flight.link.refused.add("kill")
+        flight.command("kill")
+        asyncio.get_running_loop().call_later(2.0, flight.link.refused.clear)
+        asyncio.get_running_loop().call_later(2.1, flight.command, "kill")
+
+    _, calls, outcome = fly_disturbed(P.FLYING, refused_once)
+    assert (calls, outcome.ending) == (["kill", *LAND, "kill"], X.KILLED)
+
+
+def test_a_kill_after_the_end_is_carried_out_and_changes_no_outcome() -> None:
+    async def main() -> None:
+        flight = await reach(P.FLYING)
+        outcome = await flight.outcome()
+        flight.link.stuck.add("kill")
+        flight.command("kill")
+        await asyncio.sleep(0.1)
+        flight.hear_peer_clock(0.0)  # with each message the core asks for the kill again, until it is done
+        await asyncio.sleep(0.1)
+        flight.link.release()
+        await asyncio.sleep(1.0)
+        assert flight.link.calls == [*FLOWN, "kill"]
+        assert flight.link.cancelled == []
+        assert outcome.ending is X.COMPLETED
+
+    run_simulated(main())
+
+
+MODE_CHANGED: dict[Phase, tuple[list[str], Ending]] = {
+    # Until offboard is confirmed, and on the way down, the agent is not in offboard anyway.
+    P.TAKE_OFF: (["start_offboard", *LAND], X.COMPLETED),
+    P.HOVERING: (["start_offboard", *LAND], X.COMPLETED),
+    P.ENTERING_OFFBOARD: (LAND, X.COMPLETED),
+    P.CHECKING_ARMED: (LAND, X.STOPPED),
+    P.LEAVING_OFFBOARD: (["land"], X.STOPPED),
+    P.LANDING: ([], X.STOPPED),
+    # Wherever the core steers, the pilot has the vehicle from the next tick on.
+    P.AGREEING_START: (["hand_over"], X.PILOT_OVERRIDE),
+    P.FLYING: (["hand_over"], X.PILOT_OVERRIDE),
+    P.STOPPING: (["hand_over"], X.PILOT_OVERRIDE),
+    P.RETURNING: (["hand_over"], X.PILOT_OVERRIDE),
+    P.PILOT_OVERRIDE: ([], X.PILOT_OVERRIDE),
+    # Offboard was asked for anew, and is confirmed.
+    P.TAKING_BACK: (LAND, X.COMPLETED),
+}
+
+
+@pytest.mark.parametrize("phase", MODE_CHANGED)
+def test_a_pilot_takes_over(phase: Phase) -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.link.change(mode=FlightMode.OTHER)
+        flight.link.telemetry = True
+        flight.link.release()
+
+    flight, calls, outcome = fly_disturbed(phase, disturb)
+    expected, ending = MODE_CHANGED[phase]
+    assert steered(calls) == expected
+    assert outcome.ending is ending
+    assert flight.heartbeat.signs[-1] == "ended"
+    if ending is X.PILOT_OVERRIDE:
+        assert "send" not in calls
+        assert flight.link.status.armed, "left in the air to the pilot"
+        assert flight.statuses[-1].tactic is Tactic.PILOT_OVERRIDE, "the peers keep clear of it"
+        mode = "other" if phase is not P.PILOT_OVERRIDE else "hold"
+        assert f"'{mode}'" in outcome.reason
+
+
+LINK_LOST: dict[Phase, tuple[list[str], Ending]] = {
+    P.COMPARING_CLOCKS: (["take_off"], X.REFUSED),
+    P.TAKE_OFF: (LAND, X.REFUSED),
+    P.ENTERING_OFFBOARD: (LAND, X.REFUSED),
+    P.AGREEING_START: (LAND, X.REFUSED),
+    P.FLYING: (LAND, X.REFUSED),
+    P.STOPPING: (LAND, X.REFUSED),
+    P.RETURNING: (LAND, X.REFUSED),
+    P.CHECKING_ARMED: (LAND, X.REFUSED),
+    P.LEAVING_OFFBOARD: (["land"], X.REFUSED),
+    P.LANDING: ([], X.REFUSED),
+    P.KILLING: (LAND, X.REFUSED),
+    P.PILOT_OVERRIDE: ([], X.PILOT_OVERRIDE),
+    P.TAKING_BACK: (["hand_over"], X.PILOT_OVERRIDE),
+}
+
+
+@pytest.mark.parametrize("phase", LINK_LOST)
+def test_the_link_is_lost(phase: Phase) -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.link.lose()
+        flight.link.release()
+
+    flight, calls, outcome = fly_disturbed(phase, disturb)
+    expected, ending = LINK_LOST[phase]
+    assert steered(calls) == expected
+    assert outcome.ending is ending
+    if ending is X.REFUSED:
+        last = expected[-1] if expected else "land"
+        assert outcome.reason == f"does not answer to {last}"
+    assert flight.heartbeat.signs[-1] == "ended"
+
+
+def test_a_vehicle_without_telemetry_never_enters_offboard_and_lands_at_the_second_stop() -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.stop.ask()
+        asyncio.get_running_loop().call_later(5.0, flight.stop.ask)
+
+    _, calls, outcome = fly_disturbed(P.HOVERING, disturb)
+    assert (calls, outcome.ending) == (LAND, X.STOPPED)
+
+
+RESTARTED: dict[Phase, tuple[list[str], Ending, bool]] = {
+    P.TAKE_OFF: ([], X.REFUSED, False),
+    P.ENTERING_OFFBOARD: ([], X.REFUSED, True),
+    P.AGREEING_START: (["hand_over"], X.PILOT_OVERRIDE, True),
+    P.FLYING: (["hand_over"], X.PILOT_OVERRIDE, True),
+    P.STOPPING: (["hand_over"], X.PILOT_OVERRIDE, True),
+    P.RETURNING: (["hand_over"], X.PILOT_OVERRIDE, True),
+    P.PILOT_OVERRIDE: ([], X.PILOT_OVERRIDE, True),
+    P.TAKING_BACK: (["hand_over"], X.PILOT_OVERRIDE, True),
+    P.CHECKING_ARMED: ([], X.STOPPED, False),
+}
+
+
+@pytest.mark.parametrize("phase", RESTARTED)
+def test_the_autopilot_restarts_and_is_disarmed(phase: Phase) -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.link.refused |= {"take_off", "start_offboard"}
+        delay_s = 1.5 if phase is P.CHECKING_ARMED else 0.0  # once its arming has shown
+        asyncio.get_running_loop().call_later(
+            delay_s, lambda: flight.link.change(armed=False, mode=FlightMode.READY, restarts=1)
+        )
+        flight.link.release()
+
+    _, calls, outcome = fly_disturbed(phase, disturb)
+    expected, ending, flew = RESTARTED[phase]
+    assert steered(calls) == expected
+    assert (outcome.ending, outcome.flew) == (ending, flew)
+    assert ("restarted" in outcome.reason) is (ending is X.PILOT_OVERRIDE)
+
+
+def test_a_refused_arming_ends_the_flight_on_the_ground() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        flight.link.refused.add("arm")
+        await flight.begin()
+        assert await flight.outcome() == Outcome(X.REFUSED, "refused to arm", "look at it", flew=False)
+        assert flight.link.calls == ["take_off"]
+        assert flight.heartbeat.signs == ["rising", "ended"]
+        assert flight.events() == []
+
+    run_simulated(main())
+
+
+def test_a_vehicle_that_lands_takes_part_in_no_start_agreement() -> None:
+    async def main() -> None:
+        flight = await reach(P.AGREEING_START)
+        flight.command("land")
+        await flight.until(P.LANDING)
+        flight.bus.published.clear()
+        await flight.outcome()
+        assert flight.bus.published
+        assert not [payload for _, payload in flight.bus.published if isinstance(decode(payload), StartProposal)]
+
+    run_simulated(main())
+
+
+@pytest.mark.parametrize("armed", [False, True])
+def test_an_arming_that_is_lost_before_take_off_ends_it_there_and_one_that_is_kept_lands(armed: bool) -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        flight.link.refused.add("take_off")
+        await flight.begin()
+        await asyncio.sleep(2.0)
+        assert flight.link.status.armed
+        flight.link.change(armed=armed)
+        outcome = await flight.outcome()
+        assert (outcome.ending, outcome.reason, outcome.flew) == (X.REFUSED, "refused to take_off", armed)
+        assert flight.link.calls == ["take_off", *(LAND if armed else [])]
+
+    run_simulated(main())
+
+
+STOPPED_ONCE: dict[Phase, tuple[list[str], list[Event], Ending]] = {
+    P.COMPARING_CLOCKS: ([], [], X.STOPPED),
+    P.TAKE_OFF: (LAND, [Event.LAND], X.STOPPED),
+    P.HOVERING: (["start_offboard", *LAND], [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
+    P.ENTERING_OFFBOARD: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
+    P.AGREEING_START: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
+    P.FLYING: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
+    P.PILOT_OVERRIDE: ([], [Event.HOLD, Event.END], X.PILOT_OVERRIDE),
+    P.TAKING_BACK: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
+    P.LANDING: ([], [], X.STOPPED),
+}
+
+
+@pytest.mark.parametrize("phase", STOPPED_ONCE)
+def test_the_operator_stops_the_flight(phase: Phase) -> None:
+    began = 0
+
+    def disturb(flight: FakeFlight) -> None:
+        nonlocal began
+        began = len(flight.events())
+        flight.stop.ask()
+        flight.link.telemetry = True
+        flight.link.release()
+
+    flight, calls, outcome = fly_disturbed(phase, disturb)
+    expected, events, ending = STOPPED_ONCE[phase]
+    assert steered(calls) == expected
+    assert flight.events()[began:] == events
+    assert outcome.ending is ending
+    if Event.HOLD in events:
+        times_s = {item.event: time_s for time_s, item in flight.inputs if isinstance(item, TacticEvent)}
+        assert times_s[Event.END] - times_s[Event.HOLD] == pytest.approx(3.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("phase", "expected", "ending"),
+    [
+        (P.TAKE_OFF, LAND, X.STOPPED),
+        (P.HOVERING, LAND, X.STOPPED),
+        (P.ENTERING_OFFBOARD, LAND, X.STOPPED),
+        (P.AGREEING_START, LAND, X.STOPPED),
+        (P.FLYING, LAND, X.STOPPED),
+        (P.PILOT_OVERRIDE, [], X.PILOT_OVERRIDE),
+        (P.TAKING_BACK, ["hand_over"], X.PILOT_OVERRIDE),
+        (P.RETURNING, LAND, X.COMPLETED),
+    ],
+)
+def test_the_operator_stops_the_flight_twice(phase: Phase, expected: list[str], ending: Ending) -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.stop.ask()
+        flight.stop.ask()
+
+    flight, calls, outcome = fly_disturbed(phase, disturb)
+    assert steered(calls) == expected
+    assert outcome.ending is ending
+    assert flight.link.status.armed is (ending is X.PILOT_OVERRIDE)
+
+
+@pytest.mark.parametrize("phase", [P.TAKE_OFF, P.HOVERING, P.ENTERING_OFFBOARD, *sorted(OFFBOARD, key=str)])
+def test_the_core_decides_to_land(phase: Phase) -> None:
+    flight, calls, outcome = fly_disturbed(phase, lambda flight: flight.command("land"))
+    assert steered(calls) == LAND
+    assert outcome.ending is (X.COMPLETED if phase is P.RETURNING else X.STOPPED)
+    assert flight.link.cancelled == {P.TAKE_OFF: ["take_off"], P.ENTERING_OFFBOARD: ["start_offboard"]}.get(phase, [])
+    assert not flight.link.status.armed
+
+
+def test_a_take_off_that_is_abandoned_before_it_arms_lands_nothing_but_waits_for_the_arming() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        flight.link.refused.add("arm")
+        flight.link.stuck.add("take_off")
+        await flight.begin()
+        await flight.until(P.TAKE_OFF)
+        await asyncio.sleep(0.5)
+        asked_s = asyncio.get_running_loop().time()
+        flight.stop.ask()
+        outcome = await flight.outcome()
+        assert asyncio.get_running_loop().time() - asked_s == pytest.approx(2.5, abs=0.1)
+        assert (outcome.ending, outcome.flew) == (X.STOPPED, False)
+        assert flight.link.calls == ["take_off"]
+
+    run_simulated(main())
+
+
+def test_a_pilot_and_a_decision_to_land_between_two_ticks_leave_the_vehicle_to_the_pilot() -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.link.change(mode=FlightMode.HOLD)
+        flight.command("land")
+
+    _, calls, outcome = fly_disturbed(P.FLYING, disturb)
+    assert steered(calls) == ["hand_over"]
+    assert outcome.ending is X.PILOT_OVERRIDE
+
+
+def test_resume_takes_the_vehicle_back_once_setpoints_flow() -> None:
+    async def main() -> None:
+        flight = await reach(P.PILOT_OVERRIDE)
+        await asyncio.sleep(2.0)
+        assert flight.link.calls[-1] == "hand_over"
+        flight.command("resume")
+        await flight.until(P.TAKING_BACK)
+        began_s = asyncio.get_running_loop().time()
+        while flight.link.calls[-1] != "start_offboard":
+            await asyncio.sleep(0.005)
+        assert asyncio.get_running_loop().time() - began_s == pytest.approx(0.2, abs=0.02)  # two ticks
+        await flight.until(P.FLYING)
+        assert (await flight.outcome()).ending is X.COMPLETED
+        back = ["hand_over", "take_back", "send", "start_offboard", "send", *LAND]
+        assert flight.link.calls == [*FLOWN[:4], *back]
+
+    run_simulated(main())
+
+
+def test_a_refused_resume_leaves_the_vehicle_to_the_pilot() -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.link.refused.add("start_offboard")
+        flight.command("resume")
+
+    _, calls, outcome = fly_disturbed(P.PILOT_OVERRIDE, disturb)
+    assert calls == ["take_back", "send", "start_offboard", "send", "hand_over"]
+    assert (outcome.ending, outcome.reason) == (X.PILOT_OVERRIDE, "refused to start_offboard")
+
+
+def test_the_mission_ends_while_the_vehicle_is_taken_back() -> None:
+    _, calls, outcome = fly_disturbed(P.TAKING_BACK, lambda flight: None)
+    assert steered(calls) == ["hand_over"]
+    assert (outcome.ending, "'hold'" in outcome.reason) == (X.PILOT_OVERRIDE, True)
+
+
+def test_the_start_is_agreed_on_while_a_pilot_has_the_vehicle() -> None:
+    async def main() -> None:
+        flight = await reach(P.AGREEING_START)
+        flight.link.change(mode=FlightMode.HOLD)
+        await flight.until(P.PILOT_OVERRIDE)
+        flight.bus.deliver(encode(StartProposal(2, flight.clock.now_s(), flight.clock.now_s() + 2.0)))
+        await asyncio.sleep(3.0)
+        assert [item for _, item in flight.inputs if isinstance(item, Start)] == [Start(flight.agent.start_s or 0.0)]
+        assert flight.agent.phase is P.PILOT_OVERRIDE
+        flight.command("resume")
+        await flight.until(P.FLYING)
+        assert (await flight.outcome()).ending is X.COMPLETED
+
+    run_simulated(main())
+
+
+def test_a_vehicle_that_is_held_on_its_way_up_holds_in_offboard() -> None:
+    flight, calls, outcome = fly_disturbed(P.TAKE_OFF, lambda flight: flight.command("hold"))
+    assert steered(calls) == ["start_offboard", *LAND]
+    assert outcome.ending is X.COMPLETED
+    assert {status.tactic for status in flight.statuses} == {
+        Tactic.STANDBY,
+        Tactic.HOLD,
+        Tactic.RETURN_AND_LAND,
+        Tactic.LAND,
+    }
+
+
+def test_a_vehicle_held_on_its_way_back_goes_on_when_it_is_sent_to_its_mission() -> None:
+    flight, calls, outcome = fly_disturbed(P.RETURNING, lambda flight: flight.command("resume"))
+    assert steered(calls) == LAND
+    assert outcome.ending is X.COMPLETED
+    assert flight.events() == [Event.END, Event.END, Event.LAND]
+    assert flight.agent.ended_s == pytest.approx((flight.agent.start_s or 0.0) + DURATION_S, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("refused", "ending", "reason"),
+    [
+        ({"stop_offboard"}, X.REFUSED, "refused to stop_offboard"),
+        ({"land"}, X.REFUSED, "refused to land"),
+        ({"stop_offboard", "land"}, X.REFUSED, "refused to land"),
+    ],
+)
+def test_a_refused_landing(refused: set[str], ending: Ending, reason: str) -> None:
+    flight, calls, outcome = fly_disturbed(P.FLYING, lambda flight: flight.link.refused.update(refused))
+    assert steered(calls) == LAND
+    assert (outcome.ending, outcome.reason, outcome.flew) == (ending, reason, True)
+    assert flight.heartbeat.signs[-1] == "ended"
+
+
+def test_other_clocks_are_refused_on_the_ground() -> None:
+    _, calls, outcome = fly_disturbed(P.COMPARING_CLOCKS, lambda flight: flight.hear_peer_clock(0.8))
+    assert (calls, outcome.ending, outcome.flew) == ([], X.REFUSED, False)
+
+
+def test_a_peer_that_never_comes_ends_the_flight_where_the_vehicle_hovers() -> None:
+    flight, calls, outcome = fly_disturbed(P.AGREEING_START, lambda flight: None)
+    assert steered(calls) == LAND
+    assert (outcome.ending, "2" in outcome.reason) == (X.REFUSED, True)
+    assert flight.events() == [Event.LAND]
+    assert flight.agent.ended_s is None
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        ("take_off", ["take_off", *LAND]),
+        ("start_offboard", ["take_off", "start_offboard", *LAND]),
+        ("stop_offboard", ["take_off", "start_offboard", "stop_offboard"]),
+        ("land", ["take_off", "start_offboard", *LAND]),
+    ],
+)
+def test_a_bug_in_a_call_brings_the_vehicle_down_or_leaves_it_to_the_supervisor(call: str, expected: list[str]) -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        flight.link.broken.add(call)
+        await flight.begin(5.0)
+        with pytest.raises(ZeroDivisionError):
+            await flight.outcome()
+        assert steered(flight.link.calls) == expected
+        assert ("ended" in flight.heartbeat.signs) is (expected[-1] == "land" != call)
+
+    run_simulated(main())
+
+
+BUG: dict[Phase, list[str]] = {
+    P.TAKE_OFF: LAND,
+    P.HOVERING: LAND,
+    P.ENTERING_OFFBOARD: LAND,
+    P.AGREEING_START: LAND,
+    P.FLYING: LAND,
+    P.STOPPING: LAND,
+    P.RETURNING: LAND,
+    P.PILOT_OVERRIDE: [],
+    P.TAKING_BACK: ["hand_over"],
+    P.LANDING: [],
+}
+
+
+@pytest.mark.parametrize("phase", BUG)
+@pytest.mark.parametrize("how", ["tick", "cancelled"])
+def test_a_bug_in_the_core_or_a_cancelled_flight_brings_the_vehicle_down(
+    phase: Phase, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        flight = await reach(phase)
+        before = len(flight.link.calls)
+
+        def crash(_now_s: float) -> None:
+            raise ZeroDivisionError
+
+        assert flight.task is not None
+        if how == "tick":
+            monkeypatch.setattr(flight.core, "tick", crash)
+        else:
+            flight.task.cancel()
+        with pytest.raises(ZeroDivisionError if how == "tick" else asyncio.CancelledError):
+            await flight.outcome()
+        assert steered(flight.link.calls[before:]) == BUG[phase]
+        # A landing that was broken off is the supervisor's.
+        assert (flight.heartbeat.signs[-1] == "ended") is not (phase is P.LANDING and how == "cancelled")
+
+    run_simulated(main())
+
+
+@pytest.mark.parametrize("broken", [Event.HOLD, Event.LAND])
+def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        flight = await reach(P.FLYING)
+        on_event = flight.core.on_event
+
+        def crash(event: Event) -> None:
+            if event is broken:
+                raise ZeroDivisionError
+            on_event(event)
+
+        monkeypatch.setattr(flight.core, "on_event", crash)
+        flight.stop.ask()
+        with pytest.raises(ZeroDivisionError):
+            await flight.outcome()
+        assert flight.link.calls == FLOWN
+        assert flight.heartbeat.signs == ["rising", "tick", "ended"]
+
+    run_simulated(main())
+
+
+def test_ticks_keep_their_rate_through_take_off_control_and_landing() -> None:
+    flight, _, _ = fly_disturbed(P.FLYING, lambda flight: None)
+    times_s = [item.now_s for _, item in flight.inputs if isinstance(item, Tick)]
+    gaps_s = [after - before for before, after in pairwise(times_s)]
+    assert max(gaps_s) < 0.101
+    assert times_s[0] < 1_000.1
