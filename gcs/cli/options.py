@@ -1,6 +1,5 @@
 """Options that several verbs share, and how their values are looked up. Light: `--help` imports this file."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -59,8 +58,11 @@ def loaded_mission(name: str) -> "Mission":
     from gcs.mission.file import load_mission
 
     mission = load_mission(name)
-    for warning in mission.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+    if mission.warnings:
+        from gcs.console.terminal import print_line
+
+        for warning in mission.warnings:
+            print_line(f"warning: {warning}", "yellow")
     return mission
 
 
