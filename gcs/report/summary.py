@@ -118,13 +118,13 @@ def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
     largest_m = _worst(v.radius_error_max_m for v in result.vehicles)
     parts = []
     if radius_m is not None and largest_m is not None:
-        parts.append(f"radius error {radius_m:.3f} m rms ({largest_m:.2f} m max) of {criteria.ring.radius_m:g} m")
+        parts.append(f"radius {radius_m:.3f} m rms ({largest_m:.2f} m max) of {criteria.ring.radius_m:g} m")
     if result.ring.spacing_error_rms_deg is not None:
-        parts.append(f"spacing error {result.ring.spacing_error_rms_deg:.2f}° rms")
+        parts.append(f"spacing {result.ring.spacing_error_rms_deg:.2f}° rms")
     if settled is None:
-        start = "The ring did not settle; in the last quarter of the flight"
+        start = "The ring did not settle; errors in the last quarter of the flight"
     else:
-        start = f"The ring settled {settled:.1f} s after the last engagement; from then on"
+        start = f"The ring settled {settled:.1f} s after the last engagement; errors from then on"
     return [f"{start}: {', '.join(parts)}."] if parts else []
 
 

@@ -149,7 +149,7 @@ def draw_radii(axes: "Axes", sheet: Sheet) -> None:
     """Draw the distances to the target on the ring - figures 3 and 5."""
     axes.set(xlabel="time [s]", ylabel="radius [m]")
     errors_m = [v.radius_error_rms_m for v in sheet.result.vehicles if v.radius_error_rms_m is not None]
-    title(axes, "Radius about the target", f"error {max(errors_m):.2g} m rms max" if errors_m else "")
+    title(axes, "Radius about the target", f"largest error {max(errors_m):.2g} m rms" if errors_m else "")
     _draw_ring_panel(axes, sheet, sheet.motion.radius_m, sheet.ring.radius_m)
 
 

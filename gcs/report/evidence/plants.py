@@ -9,8 +9,8 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
 
 AGAIN_SHARE = 0.7
-"""Identify again where another plant leaves less than this share of the profile's residual (rms): half of the
-variance. In closed loop, noise alone favours a softer plant: the drift of PX4's estimate gives a share of 0.9."""
+"""Identify again where another plant leaves less than this share of the residual of the profile's plant (rms):
+half of the variance. In closed loop, noise alone favours a softer plant: the drift of PX4's estimate gives 0.9."""
 
 
 def plant_facts(mission: Mission, evidence: FlightEvidence) -> dict[str, str]:
