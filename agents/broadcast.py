@@ -4,15 +4,7 @@ from agents.control.plan import Plan
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
 from agents.situation.situation import Task
-from agents.team.messages import (
-    TOPICS,
-    CommandAnswer,
-    MemberState,
-    NeighbourAngle,
-    PeerMessage,
-    TargetPackage,
-    encode,
-)
+from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
 from agents.team.ring_scale import RingScale
 from estimation.polar import Polar
 from estimation.state import MOTION, Sighting

@@ -6,13 +6,7 @@ vehicle is to do is in what `tick` returns: the same object flies over MAVLink, 
 
 from math import inf
 
-from agents.broadcast import (
-    command_answer,
-    member_state,
-    neighbour_angle,
-    received_sighting,
-    target_package,
-)
+from agents.broadcast import command_answer, member_state, neighbour_angle, received_sighting, target_package
 from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, shifted
@@ -33,23 +27,10 @@ from agents.setpoint.yaw import Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
 from agents.situation.situation import Situation, Task
-from agents.tactics import (
-    Event,
-    Tactic,
-    decides_to_encircle,
-    next_tactic,
-    reasons,
-)
+from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team.clock_watch import ClockWatch
 from agents.team.inbox import Inbox
-from agents.team.messages import (
-    BusMessage,
-    CommandAnswer,
-    MemberState,
-    NeighbourAngle,
-    OperatorCommand,
-    TargetPackage,
-)
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry
 

@@ -13,12 +13,7 @@ from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import CommandAnswer, MemberState
 from estimation.polar import Polar
-from estimation.state import (
-    MOTION,
-    OwnEstimate,
-    TargetEstimate,
-    Vector,
-)
+from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
 
 
 class Outgoing(msgspec.Struct, frozen=True):

@@ -10,12 +10,7 @@ from math import dist, hypot, inf
 
 import numpy as np
 
-from agents.control.formation import (
-    FormationPlanner,
-    Predecessor,
-    mission_line,
-    predecessor_of,
-)
+from agents.control.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
 from agents.control.plan import Plan, extrapolated
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation

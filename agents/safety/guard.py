@@ -15,15 +15,7 @@ import numpy as np
 import osqp
 from scipy.sparse import csc_matrix
 
-from agents.safety.barriers import (
-    Body,
-    Cause,
-    Demand,
-    apart,
-    inside,
-    slow,
-    unsure_m,
-)
+from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
 from agents.safety.fence import Fence
 from agents.safety.half_planes import HalfPlane, nearest
 from agents.settings.config import AgentConfig

@@ -10,14 +10,7 @@ from dataclasses import replace
 from agents.ports import VehicleRefusedError
 from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
-from agents.shell.life import (
-    Action,
-    LifeEvent,
-    Phase,
-    next_phase,
-    pilot_took_over,
-    resumed,
-)
+from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
 from agents.shell.outcome import Ending, LoopReport, Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.shell.start_agreement import StartAgreement

@@ -6,12 +6,7 @@ from collections.abc import Collection
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_proposal import PeerClocks, TeamReadiness
-from agents.team.messages import (
-    TOPICS,
-    BusMessage,
-    StartProposal,
-    encode,
-)
+from agents.team.messages import TOPICS, BusMessage, StartProposal, encode
 
 START_TIMEOUT_S = 120.0
 CLOCKS_TIMEOUT_S = 1.2

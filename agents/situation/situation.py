@@ -5,12 +5,7 @@ import numpy as np
 
 from agents.tactics import Tactic
 from estimation.polar import Polar
-from estimation.state import (
-    OwnEstimate,
-    TargetEstimate,
-    Vector,
-    position_sigma_m,
-)
+from estimation.state import OwnEstimate, TargetEstimate, Vector, position_sigma_m
 
 
 class Situation(msgspec.Struct, frozen=True):

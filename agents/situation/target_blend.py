@@ -12,12 +12,7 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import moved
 from agents.tactics import mixing_share
 from estimation.filters.target import OUT_OF_SIGHT_S
-from estimation.state import (
-    POSITION,
-    VELOCITY,
-    TargetEstimate,
-    Vector,
-)
+from estimation.state import POSITION, VELOCITY, TargetEstimate, Vector
 from estimation.vectors import clipped
 
 _ACCELERATION_M_S2 = 0.8

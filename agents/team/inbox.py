@@ -3,13 +3,7 @@
 from collections.abc import Collection
 
 from agents.team.clock_watch import ClockWatch
-from agents.team.messages import (
-    TOPICS,
-    BusMessage,
-    MemberState,
-    OperatorCommand,
-    decode,
-)
+from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand, decode
 
 _CLOCK_AHEAD_MAX_S = 1.0
 _AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items()}

@@ -13,24 +13,11 @@ from math import cos, hypot, inf, sin
 import msgspec
 import numpy as np
 
-from estimation.filters.axial import (
-    AxisCovariance,
-    AxisEstimate,
-    Rotation,
-    Step,
-    predicted,
-    predicted_mean,
-    updated,
-)
+from estimation.filters.axial import AxisCovariance, AxisEstimate, Rotation, Step, predicted, predicted_mean, updated
 from estimation.filters.consistency import Consistency
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.settings import OwnFilterSettings
-from estimation.state import (
-    STEP_DIGITS,
-    OwnEstimate,
-    Telemetry,
-    Vector,
-)
+from estimation.state import STEP_DIGITS, OwnEstimate, Telemetry, Vector
 
 _HISTORY_S = 2.0
 _MEASURED = 4

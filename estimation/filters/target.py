@@ -13,14 +13,7 @@ from math import exp, inf, sqrt
 import msgspec
 from msgspec.structs import replace
 
-from estimation.filters.planar import (
-    Innovation,
-    Motion,
-    MotionStep,
-    PlanarCovariance,
-    predicted,
-    updated,
-)
+from estimation.filters.planar import Innovation, Motion, MotionStep, PlanarCovariance, predicted, updated
 from estimation.settings import TargetFilterSettings
 from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
 

@@ -8,12 +8,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.identification.response import (
-    AxisInput,
-    Between,
-    Steps,
-    steps_of,
-)
+from estimation.identification.response import AxisInput, Between, Steps, steps_of
 from estimation.state import Vector
 
 GRID_S = 0.1

@@ -18,22 +18,9 @@ from scipy.stats import chi2
 from estimation.identification.coloured_noise import whiteness
 from estimation.identification.excerpts import Excerpt, Recording, excerpts_of
 from estimation.identification.grading import graded, refused
-from estimation.identification.identified import (
-    AxisResult,
-    Found,
-    Identified,
-    Interval,
-    Order,
-    Validation,
-)
+from estimation.identification.identified import AxisResult, Found, Identified, Interval, Order, Validation
 from estimation.identification.least_squares_start import baseline_of
-from estimation.identification.output_error import (
-    Fit,
-    Model,
-    fit,
-    parameters_of,
-    start_of,
-)
+from estimation.identification.output_error import Fit, Model, fit, parameters_of, start_of
 from estimation.identification.response import Between
 from estimation.identification.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.identification.simulated import PREDICTION_HORIZON_S, fit_percent, simulated

@@ -6,16 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import (
-    RESULT,
-    Json,
-    Log,
-    MissionName,
-    Recorded,
-    Speed,
-    chosen_vehicle,
-    loaded_mission,
-)
+from gcs.cli.options import RESULT, Json, Log, MissionName, Recorded, Speed, chosen_vehicle, loaded_mission
 from gcs.errors import Exit
 from gcs.signals import hold_back
 

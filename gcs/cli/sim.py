@@ -6,15 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import (
-    RESULT,
-    Duration,
-    Json,
-    Log,
-    MissionName,
-    Plot,
-    loaded_mission,
-)
+from gcs.cli.options import RESULT, Duration, Json, Log, MissionName, Plot, loaded_mission
 from gcs.errors import Exit
 from gcs.signals import hold_back, pending
 

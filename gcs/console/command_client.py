@@ -16,15 +16,7 @@ from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import (
-    TOPICS,
-    CommandAnswer,
-    MemberState,
-    OperatorCommand,
-    Verb,
-    decode,
-    encode,
-)
+from agents.team.messages import TOPICS, CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from gcs.mission.mission import Mission
 

@@ -3,14 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from agents.team.messages import (
-    TOPICS,
-    CommandAnswer,
-    MemberState,
-    NeighbourAngle,
-    OperatorCommand,
-    decode,
-)
+from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, decode
 
 SILENT_AFTER_S = 1.0
 """Vehicles send ten messages per second of mission time, which is at least as fast as the wall clock."""

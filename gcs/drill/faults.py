@@ -9,12 +9,7 @@ from math import hypot
 from signal import SIGKILL, SIGSTOP
 from typing import Generic, TypeVar
 
-from agents.safety.failsafe import (
-    ROWS,
-    Condition,
-    Reaction,
-    grace_s,
-)
+from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
 from gcs.drill.flight import DrillFlight
 from gcs.drill.injected_faults import InjectedFaults

@@ -7,19 +7,8 @@ from pathlib import Path
 from typing import Generic, Protocol
 
 from agents.ports import VehicleRefusedError
-from gcs.drill.faults import (
-    RESPACED_S,
-    Drill,
-    Flight,
-)
-from gcs.drill.judge import (
-    OFFBOARD,
-    ON_MISSION,
-    Expectation,
-    failures,
-    reacted_s,
-    respaced,
-)
+from gcs.drill.faults import RESPACED_S, Drill, Flight
+from gcs.drill.judge import OFFBOARD, ON_MISSION, Expectation, failures, reacted_s, respaced
 from gcs.drill.mission import drill_mission
 from gcs.drill.roles import Roles
 from gcs.mission.file import parse_mission

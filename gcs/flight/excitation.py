@@ -9,11 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from agents.control.excitation import (
-    Part,
-    Preview,
-    programme,
-)
+from agents.control.excitation import Part, Preview, programme
 from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.metrics.metrics import measured

@@ -11,24 +11,11 @@ from agents.outputs import TickOutput
 from agents.settings.config import AgentConfig
 from estimation.state import POSITION, VELOCITY
 from gcs.flightlog.simulation import SimulationRecording
-from gcs.metrics.record import (
-    FlightEvent,
-    FlightRecord,
-    GuardTally,
-    LoopStatistics,
-    VehicleTrack,
-    in_order,
-)
+from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
 from sitl.simulation.absence import Absence
-from sitl.simulation.simulation import (
-    NetworkModel,
-    SimulatedFlight,
-    SimulatedVehicle,
-    TelemetryNoise,
-    simulate,
-)
+from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 from sitl.vehicle.imperfections import Imperfections
 
 

@@ -8,15 +8,7 @@ from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
 from agents.tape import TapedCore
 from gcs.flightlog.recorder import Recorder, RecorderThread, VehicleTape
-from gcs.flightlog.records import (
-    Cost,
-    Parameter,
-    Run,
-    RunEnd,
-    Truth,
-    Vehicle,
-    VehicleEnd,
-)
+from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
 from gcs.flightlog.writer import LogWriter, Picture
 from gcs.preflight.findings import VehicleFacts
 from sitl.server.server import TruthTrack

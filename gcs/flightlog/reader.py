@@ -12,22 +12,11 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 from mcap.records import Channel, Schema
 
-from gcs.flightlog.container import (
-    Container,
-    Entry,
-    Message,
-    NoContainerError,
-)
+from gcs.flightlog.container import Container, Entry, Message, NoContainerError
 from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.record_counter import RecordCounter
-from gcs.flightlog.records import (
-    FORMAT,
-    RUN_TOPICS,
-    VEHICLE_TOPICS,
-    Run,
-    RunEnd,
-)
+from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Run, RunEnd
 from gcs.flightlog.schema import PACKAGE, Decoder
 
 KINDS: Mapping[str, type[Any]] = {name: kind for kind, name in VEHICLE_TOPICS.items()}

@@ -23,12 +23,7 @@ from agents.tape import (
     TimeScale,
 )
 from agents.team.messages import encode
-from estimation.state import (
-    OwnEstimate,
-    Sighting,
-    TargetEstimate,
-    Telemetry,
-)
+from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
 
 PROFILE = "cordon"
 """The word by which an MCAP file says whose it is."""

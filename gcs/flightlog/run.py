@@ -7,12 +7,7 @@ from pathlib import Path
 
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog
-from gcs.flightlog.records import (
-    FORMAT,
-    PlantText,
-    Run,
-    Version,
-)
+from gcs.flightlog.records import FORMAT, PlantText, Run, Version
 from gcs.mission.file import MissionError, parse_mission
 from gcs.mission.mission import Mission
 

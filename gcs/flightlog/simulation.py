@@ -6,13 +6,7 @@ from agents.core import VehicleCore
 from agents.settings.config import AgentConfig
 from agents.tape import TapedCore
 from gcs.flightlog.recorder import Recorder, VehicleTape
-from gcs.flightlog.records import (
-    Cost,
-    Run,
-    RunEnd,
-    Truth,
-    VehicleEnd,
-)
+from gcs.flightlog.records import Cost, Run, RunEnd, Truth, VehicleEnd
 from gcs.flightlog.writer import LogWriter, Picture
 from sitl.simulation.simulation import SimulatedFlight
 

@@ -14,24 +14,13 @@ from estimation.identification.identify import TRAINED_SHARE
 from estimation.identification.response import response_of
 from estimation.identification.simulated import PREDICTION_HORIZON_S, Simulated, simulated
 from estimation.state import Vector
-from gcs.identify.view import (
-    bounds_words,
-    fit_rows,
-    parameter_rows,
-    remarks,
-)
+from gcs.identify.view import bounds_words, fit_rows, parameter_rows, remarks
 from gcs.report.charts.chart import chart, level, over_time
 from gcs.report.charts.panels import title
 from gcs.report.charts.thinning import thinned
 from gcs.report.page import KeyLine, render
 from gcs.report.page_parts import Section, Table
-from gcs.style import (
-    COLOURS,
-    DESIRED,
-    FAINT,
-    INK,
-    WINDOW,
-)
+from gcs.style import COLOURS, DESIRED, FAINT, INK, WINDOW
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 if TYPE_CHECKING:

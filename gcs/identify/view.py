@@ -12,18 +12,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from estimation.identification.identified import (
-    METHOD,
-    Found,
-    Identified,
-    Interval,
-)
-from estimation.plant.provenance import (
-    Identification,
-    IdentifiedLog,
-    PlantGrade,
-    covariance_of,
-)
+from estimation.identification.identified import METHOD, Found, Identified, Interval
+from estimation.plant.provenance import Identification, IdentifiedLog, PlantGrade, covariance_of
 from estimation.profile.profile import Autopilot
 from estimation.profile.shelf import ProfileShelf
 from gcs.vehicle_logs.vehicle_log import VehicleLog

@@ -17,21 +17,10 @@ from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
 
-from agents.ports import (
-    FlightMode,
-    Setpoint,
-    VehicleRefusedError,
-    VehicleStatus,
-)
+from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from estimation.frames import MissionFrame, Triple, wrap_signed_rad
 from estimation.state import Telemetry
-from gcs.link.calls import (
-    VehicleCalls,
-    choose_guided,
-    find_origin,
-    measure_clock,
-    request_rates,
-)
+from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.mission.mission import LinkSection

@@ -9,21 +9,9 @@ from numpy.typing import NDArray
 
 from agents.outputs import CoreStatus
 from agents.team.messages import MemberState
-from estimation.state import (
-    MOTION,
-    POSITION,
-    VELOCITY,
-    Vector,
-)
+from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.event_log import EventLog
-from gcs.metrics.record import (
-    FlightEvent,
-    FlightRecord,
-    GuardTally,
-    LoopStatistics,
-    VehicleTrack,
-    in_order,
-)
+from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
 

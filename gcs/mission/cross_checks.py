@@ -15,21 +15,8 @@ from agents.settings.sections import (
 from estimation.settings import Settings
 from gcs.mission.control_loops import kept_up
 from gcs.mission.excitation import limits_rise
-from gcs.mission.geometry import (
-    IndexedVehicles,
-    altitudes_fit,
-    fence_fits,
-    follows_fit,
-    limits_agree,
-    slots_fit,
-)
-from gcs.mission.mission import (
-    FrameSection,
-    LinkSection,
-    MissionSection,
-    TargetSection,
-    VehicleSection,
-)
+from gcs.mission.geometry import IndexedVehicles, altitudes_fit, fence_fits, follows_fit, limits_agree, slots_fit
+from gcs.mission.mission import FrameSection, LinkSection, MissionSection, TargetSection, VehicleSection
 from gcs.mission.profiles import LoadedVehicle, beyond_limits, of_another_kind
 
 LAYER_LEAST_M = 1.0

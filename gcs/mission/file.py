@@ -16,10 +16,7 @@ from gcs.errors import InputError
 from gcs.mission.control_loops import unstable_loops
 from gcs.mission.cross_checks import cross_checked
 from gcs.mission.excitation import excitation_faults, excited
-from gcs.mission.mission import (
-    Mission,
-    VehicleSection,
-)
+from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
 from gcs.mission.profiles import LoadedVehicle, resolved
 from gcs.mission.sections import EXCITES, OLD_OWN_FILTER, REQUIRED, SECTIONS, TUNED, TUNING

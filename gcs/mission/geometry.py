@@ -7,12 +7,7 @@ from math import degrees, dist
 from agents.safety.fence import Fence
 from agents.settings.sections import EncirclementSettings, FormationSettings, SafetySettings
 from estimation.settings import Settings
-from gcs.mission.mission import (
-    MissionSection,
-    NetworkSection,
-    TargetSection,
-    VehicleSection,
-)
+from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, VehicleSection
 
 _PATH_POINTS = 200
 

@@ -5,14 +5,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from gcs.mission.mission import Mission
-from gcs.preflight.findings import (
-    AutopilotKind,
-    EstimatorReport,
-    Finding,
-    Grade,
-    VehicleFacts,
-    limited,
-)
+from gcs.preflight.findings import AutopilotKind, EstimatorReport, Finding, Grade, VehicleFacts, limited
 
 RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
 """The estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""

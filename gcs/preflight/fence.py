@@ -6,13 +6,7 @@ from math import cos, pi, sin
 from operator import itemgetter
 
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import (
-    AutopilotKind,
-    FenceArea,
-    Finding,
-    Grade,
-    VehicleFacts,
-)
+from gcs.preflight.findings import AutopilotKind, FenceArea, Finding, Grade, VehicleFacts
 from gcs.preflight.parameters import ARDUPILOT_FENCE_AREAS, PX4_FENCE_WARNS
 
 Place = tuple[float, float]

@@ -16,22 +16,12 @@ from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
-from gcs.link.calls import (
-    VehicleCalls,
-    find_origin,
-    measure_clock,
-    request_rates,
-)
+from gcs.link.calls import VehicleCalls, find_origin, measure_clock, request_rates
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.mission.mission import LinkSection, Mission, MissionVehicle
-from gcs.preflight.findings import (
-    AutopilotKind,
-    FenceArea,
-    GpsFix,
-    VehicleFacts,
-)
+from gcs.preflight.findings import AutopilotKind, FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.parameters import parameters_wanted
 from gcs.preflight.reader import read_estimator, read_parameters
 from gcs.preflight.vehicle import ARMING_CHECKS, CALM_MODES

@@ -6,14 +6,7 @@ from math import hypot, sqrt
 from agents.control.encirclement import chord_m
 from agents.control.excitation import preview
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import (
-    MISSION,
-    AutopilotKind,
-    Finding,
-    Grade,
-    VehicleFacts,
-    limited,
-)
+from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, limited
 
 SIGMAS = 2.0
 RESERVE = 0.8

@@ -3,18 +3,8 @@
 from collections.abc import Callable, Iterator, Mapping
 
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import (
-    AutopilotKind,
-    Finding,
-    Grade,
-    VehicleFacts,
-)
-from gcs.preflight.mission import (
-    ACCELERATION_LIMITS,
-    SPEED_LIMITS,
-    extent_m,
-    highest_m,
-)
+from gcs.preflight.findings import AutopilotKind, Finding, Grade, VehicleFacts
+from gcs.preflight.mission import ACCELERATION_LIMITS, SPEED_LIMITS, extent_m, highest_m
 
 Judgement = tuple[Grade, str, str, str]
 """Grade, meaning of the value, reason, and next step."""

@@ -8,24 +8,9 @@ from gcs.preflight.estimator import estimator
 from gcs.preflight.fence import fence_areas
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
 from gcs.preflight.mission import autopilot_limits, feasibility
-from gcs.preflight.parameters import (
-    JUDGES,
-    failsafes,
-    fence,
-    station,
-)
+from gcs.preflight.parameters import JUDGES, failsafes, fence, station
 from gcs.preflight.profile import profile
-from gcs.preflight.vehicle import (
-    at_rest,
-    battery,
-    clock,
-    gps,
-    health,
-    identity,
-    place,
-    telemetry,
-    together,
-)
+from gcs.preflight.vehicle import at_rest, battery, clock, gps, health, identity, place, telemetry, together
 
 Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
 

@@ -8,14 +8,7 @@ from agents.ports import FlightMode
 from estimation.frames import Triple
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import (
-    MISSION,
-    AutopilotKind,
-    Finding,
-    Grade,
-    VehicleFacts,
-    tolerated,
-)
+from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, tolerated
 
 PLACE_LIMIT_M = 10.0
 HEIGHT_TOLERANCE_M = 2.0

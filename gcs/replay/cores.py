@@ -10,21 +10,8 @@ from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, decision_of
 from gcs.flightlog.run import mission_of
 from gcs.flightlog.schema import Codec
-from gcs.replay.comparison import (
-    FieldDifference,
-    close,
-    differences,
-    identical,
-    versions_that_differ,
-)
-from gcs.replay.playback import (
-    MissingRecords,
-    Turn,
-    config_of,
-    recorded_vehicles,
-    tick_count,
-    turns,
-)
+from gcs.replay.comparison import FieldDifference, close, differences, identical, versions_that_differ
+from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, tick_count, turns
 
 
 @dataclass(frozen=True, slots=True)

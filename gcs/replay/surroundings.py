@@ -4,13 +4,7 @@ from math import hypot, inf
 from typing import NamedTuple
 
 from agents.tactics import Tactic
-from agents.tape import (
-    CoreInput,
-    LateTicks,
-    Message,
-    Start,
-    TimeScale,
-)
+from agents.tape import CoreInput, LateTicks, Message, Start, TimeScale
 from agents.team.messages import BusMessage, MemberState, decode
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision

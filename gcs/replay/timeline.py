@@ -24,12 +24,7 @@ from gcs.replay.event_detectors import (
     TimelineEntry,
     changed_setpoint,
 )
-from gcs.replay.playback import (
-    MissingRecords,
-    Turn,
-    config_of,
-    turns,
-)
+from gcs.replay.playback import MissingRecords, Turn, config_of, turns
 from gcs.replay.surroundings import Neighbour, Surroundings
 
 FOLDED_FROM, KEPT = 5, 2

@@ -14,40 +14,21 @@ import numpy as np
 from agents.broadcast import received_sighting
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
-from agents.tape import (
-    Command,
-    Message,
-    Start,
-    TacticEvent,
-    TimeScale,
-)
+from agents.tape import Command, Message, Start, TacticEvent, TimeScale
 from agents.team.clock_watch import ClockWatch
 from agents.team.inbox import Inbox
 from agents.team.messages import OperatorCommand, TargetPackage
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
-from estimation.state import (
-    MOTION,
-    POSITION,
-    VELOCITY,
-    Sighting,
-    Telemetry,
-    Vector,
-)
+from estimation.state import MOTION, POSITION, VELOCITY, Sighting, Telemetry, Vector
 from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
 from gcs.mission.mission import Mission
 from gcs.mission.validation import unknown_key, validated
 from gcs.replay.estimates import FilterFigures, Track, rms_difference
-from gcs.replay.playback import (
-    MissingRecords,
-    Turn,
-    config_of,
-    recorded_vehicles,
-    turns,
-)
+from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, turns
 
 FILTERS = ("own_filter", "target_filter")
 _S = TypeVar("_S", bound=Settings)

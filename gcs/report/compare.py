@@ -14,19 +14,9 @@ from estimation.state import Vector
 from gcs.console.live import VERDICT_SIGNS, number
 from gcs.metrics.metrics import RingMotion, ring_motion
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.result import (
-    FlightResult,
-    ReynoldsResult,
-    RingReference,
-    VehicleResult,
-)
+from gcs.metrics.result import FlightResult, ReynoldsResult, RingReference, VehicleResult
 from gcs.metrics.reynolds_view import FLOCKING_FORMS, FLOCKING_LABELS
-from gcs.report.charts.chart import (
-    Chart,
-    chart,
-    logarithmic,
-    over_time,
-)
+from gcs.report.charts.chart import Chart, chart, logarithmic, over_time
 from gcs.report.charts.panels import mark_empty, title
 from gcs.report.charts.thinning import thinned
 from gcs.report.evidence.lyapunov import lyapunov_rad2

@@ -13,12 +13,7 @@ from gcs.report.charts.panels import mark_empty, title
 from gcs.report.charts.thinning import thinned, thinned_path
 from gcs.report.page import KeyLine, render
 from gcs.report.page_parts import Section, Table
-from gcs.style import (
-    COLOURS,
-    DESIRED,
-    FAINT,
-    INK,
-)
+from gcs.style import COLOURS, DESIRED, FAINT, INK
 from gcs.vehicle_logs.vehicle_log import Series, VehicleLog, describe
 
 if TYPE_CHECKING:

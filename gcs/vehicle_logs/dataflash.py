@@ -20,13 +20,7 @@ from estimation.state import Vector
 from gcs.flightlog.log_error import LogError
 from gcs.vehicle_logs.log_file import LogFile
 from gcs.vehicle_logs.mode_names import copter_mode
-from gcs.vehicle_logs.raw_log import (
-    US,
-    RawLog,
-    Samples,
-    stamps_us,
-    vehicle_log,
-)
+from gcs.vehicle_logs.raw_log import US, RawLog, Samples, stamps_us, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 FORMAT = "ArduPilot log (.bin)"

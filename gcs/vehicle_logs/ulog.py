@@ -13,24 +13,12 @@ from typing import Any
 import numpy as np
 from pyulog import ULog
 
-from estimation.frames import (
-    Geodetic,
-    MissionFrame,
-    euler_from_quaternion_rad,
-    up_from_ned,
-)
+from estimation.frames import Geodetic, MissionFrame, euler_from_quaternion_rad, up_from_ned
 from estimation.state import Vector
 from gcs.flightlog.log_error import LogError
 from gcs.vehicle_logs.log_file import LogFile
 from gcs.vehicle_logs.mode_names import px4_state
-from gcs.vehicle_logs.raw_log import (
-    US,
-    RawLog,
-    Samples,
-    Stamps,
-    stamps_us,
-    vehicle_log,
-)
+from gcs.vehicle_logs.raw_log import US, RawLog, Samples, Stamps, stamps_us, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 FORMAT = "PX4 log (.ulg)"

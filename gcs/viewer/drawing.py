@@ -14,17 +14,7 @@ from estimation.frames import Triple
 from gcs.flightlog.records import TargetState
 from gcs.style import FAIL, FAINT
 from gcs.viewer.drawn_vehicle import DrawnVehicle
-from gcs.viewer.shapes import (
-    ELLIPSE_HEIGHT_M,
-    arrow,
-    ball,
-    circle,
-    colour,
-    disc,
-    ellipse,
-    label,
-    line,
-)
+from gcs.viewer.shapes import ELLIPSE_HEIGHT_M, arrow, ball, circle, colour, disc, ellipse, label, line
 
 MISSION_FRAME = "mission"
 TARGET = "#F0E442"

@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 from agents.settings.sections import SafetySettings
 from estimation.frames import Triple
 from gcs.style import FAIL, FAINT
-from gcs.viewer.drawing import (
-    MISSION_FRAME,
-    TARGET,
-    ground_place,
-    newest_target,
-    position_covariance,
-)
+from gcs.viewer.drawing import MISSION_FRAME, TARGET, ground_place, newest_target, position_covariance
 from gcs.viewer.drawn_vehicle import DrawnVehicle
 from gcs.viewer.shapes import circle, ellipse, pose
 

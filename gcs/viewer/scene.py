@@ -32,12 +32,7 @@ from gcs.style import COLOURS
 from gcs.viewer.drawing import MISSION_FRAME, Drawing
 from gcs.viewer.drawn_vehicle import DrawnVehicle
 from gcs.viewer.points import Cloud
-from gcs.viewer.shapes import (
-    colour,
-    pose,
-    rotation,
-    timestamp,
-)
+from gcs.viewer.shapes import colour, pose, rotation, timestamp
 
 PERIOD_S = 0.2
 """Period of the scene messages in mission time."""

@@ -13,21 +13,9 @@ import numpy as np
 from estimation.frames import Triple
 from estimation.plant.model import Plant
 from sitl.autopilot.airframe import STEP_S, Airframe
-from sitl.autopilot.fence import (
-    BREACH_MODES,
-    WARNS,
-    Zone,
-    breach,
-)
+from sitl.autopilot.fence import BREACH_MODES, WARNS, Zone, breach
 from sitl.autopilot.guidance import Guidance, PositionTarget
-from sitl.autopilot.modes import (
-    Conditions,
-    Intention,
-    ModeEvent,
-    NavMode,
-    can_arm,
-    can_run,
-)
+from sitl.autopilot.modes import Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
 from sitl.autopilot.parameters import Parameters
 from sitl.vehicle.shaping import ShapeLimits
 

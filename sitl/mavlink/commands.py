@@ -11,12 +11,7 @@ from sitl.mavlink.dialects import Dialect
 from sitl.mavlink.plans import Sender
 from sitl.mavlink.reports import Reporter
 from sitl.mavlink.schedule import Schedule
-from sitl.mavlink_constants import (
-    MessageId,
-    ModeFlag,
-    Outgoing,
-    Result,
-)
+from sitl.mavlink_constants import MessageId, ModeFlag, Outgoing, Result
 
 FORCE = 21196
 ALTITUDE_MAX_M = 10e3

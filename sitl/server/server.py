@@ -17,12 +17,7 @@ from sitl.autopilot.arducopter import ArduCopter
 from sitl.autopilot.parameters import Value
 from sitl.autopilot.px4 import Autopilot
 from sitl.faults import VehicleFaults
-from sitl.mavlink.dialects import (
-    ARDUCOPTER,
-    PX4,
-    AutopilotKind,
-    Dialect,
-)
+from sitl.mavlink.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise
 

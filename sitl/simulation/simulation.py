@@ -15,13 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.plant.model import Plant
-from estimation.state import (
-    MOTION,
-    POSITION,
-    Sighting,
-    Telemetry,
-    Vector,
-)
+from estimation.state import MOTION, POSITION, Sighting, Telemetry, Vector
 from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
 from sitl.vehicle.body import Body
 from sitl.vehicle.estimator_drift import EstimatorDrift

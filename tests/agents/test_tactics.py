@@ -6,15 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.settings.sections import DecisionSettings
-from agents.tactics import (
-    TRANSITIONS,
-    Event,
-    Tactic,
-    decides_to_encircle,
-    diagram,
-    mixing_share,
-    next_tactic,
-)
+from agents.tactics import TRANSITIONS, Event, Tactic, decides_to_encircle, diagram, mixing_share, next_tactic
 from estimation.state import TargetEstimate
 
 # One line for each tactic, one letter for each event in the order below; '.' changes nothing.

@@ -11,12 +11,7 @@ from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
-from agents.tape import (
-    CoreInput,
-    TapedCore,
-    Tick,
-    play,
-)
+from agents.tape import CoreInput, TapedCore, Tick, play
 from agents.team.messages import OperatorCommand, encode
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.records import decision_of

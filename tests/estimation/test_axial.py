@@ -7,14 +7,7 @@ import pytest
 from filterpy import kalman
 from msgspec.structs import astuple
 
-from estimation.filters.axial import (
-    AxisCovariance,
-    AxisEstimate,
-    Step,
-    predicted,
-    predicted_mean,
-    updated,
-)
+from estimation.filters.axial import AxisCovariance, AxisEstimate, Step, predicted, predicted_mean, updated
 from estimation.state import Vector
 
 OBSERVATION = np.eye(2, 5)

@@ -13,13 +13,7 @@ from estimation.identification.simulated import fit_percent, simulated
 from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 from tests.experiments.identification_draws import drawn, intervals_of
-from tests.support.synthetic_flights import (
-    SENT_S,
-    Truth,
-    excitation_m,
-    recorded,
-    saturated,
-)
+from tests.support.synthetic_flights import SENT_S, Truth, excitation_m, recorded, saturated
 
 TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
 

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from filterpy import kalman
 
-from estimation.filters.planar import (
-    Motion,
-    MotionStep,
-    PlanarCovariance,
-    predicted,
-    updated,
-)
+from estimation.filters.planar import Motion, MotionStep, PlanarCovariance, predicted, updated
 from estimation.state import Vector
 
 OBSERVATION = np.eye(2, 4)

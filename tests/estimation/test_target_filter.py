@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 from estimation.filters.target import HISTORY_MAX, TargetFilter
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting, TargetEstimate, Vector
-from tests.experiments.target_tracks import (
-    KINDS,
-    Track,
-    sightings,
-    track,
-)
+from tests.experiments.target_tracks import KINDS, Track, sightings, track
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -20,13 +20,7 @@ from gcs.metrics.references import formation_reference, ring_reference, verdict_
 from gcs.mission.file import parse_mission
 from gcs.mission.mission import Mission
 from tests.experiments.arguments import parser
-from tests.support.mission_text import (
-    Content,
-    content,
-    parsed,
-    text_of,
-    toml,
-)
+from tests.support.mission_text import Content, content, parsed, text_of, toml
 from tests.support.paths import MISSIONS
 
 SIMULATED, FLOWN = ("case2-field", "shaped-trio"), ("px4-trio",)

@@ -17,12 +17,7 @@ from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.absence import Absence
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, simulate
-from tests.support.mission_text import (
-    Content,
-    content,
-    drawn_vehicle,
-    parsed,
-)
+from tests.support.mission_text import Content, content, drawn_vehicle, parsed
 from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")

@@ -13,16 +13,7 @@ from agents.ports import VehicleRefusedError
 from agents.safety.failsafe import Condition
 from agents.tactics import Tactic
 from gcs.console.terminal import STDERR
-from gcs.drill.faults import (
-    HEARTBEAT_S,
-    Drill,
-    by_table,
-    cut,
-    dead,
-    kill,
-    stop,
-    the_subject,
-)
+from gcs.drill.faults import HEARTBEAT_S, Drill, by_table, cut, dead, kill, stop, the_subject
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD, Expectation
 from gcs.drill.roles import Roles
@@ -31,15 +22,7 @@ from gcs.drill.view import DrillProgress, drill_table
 from sitl.autopilot.modes import NavMode
 from tests.experiments.arguments import parser
 from tests.support.px4 import FIRST_PORT, Px4Missing, Px4Simulator
-from tests.support.relay import (
-    CURRENT_MODE,
-    GLOBAL_POSITION,
-    HEARTBEAT,
-    Message,
-    Relay,
-    flight_mode,
-    is_armed,
-)
+from tests.support.relay import CURRENT_MODE, GLOBAL_POSITION, HEARTBEAT, Message, Relay, flight_mode, is_armed
 
 MISSION = "px4-trio"
 SET_MESSAGE_INTERVAL, DO_SET_MODE = 511, 176

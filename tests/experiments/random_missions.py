@@ -21,12 +21,7 @@ from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.arguments import seeded_parser
-from tests.support.mission_text import (
-    Content,
-    content,
-    drawn_vehicle,
-    parsed,
-)
+from tests.support.mission_text import Content, content, drawn_vehicle, parsed
 from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")

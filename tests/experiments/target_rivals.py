@@ -8,12 +8,7 @@ from math import exp
 import numpy as np
 from filterpy.kalman import IMMEstimator, KalmanFilter
 
-from estimation.state import (
-    POSITION,
-    VELOCITY,
-    Sighting,
-    Vector,
-)
+from estimation.state import POSITION, VELOCITY, Sighting, Vector
 
 GATE_SIGMA, GATE_TIMEOUT_S, VELOCITY_PRIOR_M_S = 4.0, 2.0, 1.0
 TURN_RAD_S = 1.0

@@ -14,15 +14,7 @@ from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
-from sitl.autopilot.modes import (
-    NEEDS_STICKS,
-    Conditions,
-    Intention,
-    ModeEvent,
-    NavMode,
-    can_arm,
-    can_run,
-)
+from sitl.autopilot.modes import NEEDS_STICKS, Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
 from sitl.autopilot.parameters import DEFAULTS, Parameters
 from sitl.autopilot.px4 import Autopilot, CommandResult, LandedState
 from sitl.mavlink.schedule import Schedule

@@ -8,12 +8,7 @@ import pytest
 
 from agents.team.messages import MemberState, OperatorCommand, encode
 from estimation.state import Sighting
-from gcs.drill.injected_faults import (
-    FailingBus,
-    FailingSensor,
-    FaultReceiver,
-    InjectedFaults,
-)
+from gcs.drill.injected_faults import FailingBus, FailingSensor, FaultReceiver, InjectedFaults
 from sitl.faults import VehicleFaults
 from tests.sitl.test_protocol import Client, fly, follow
 

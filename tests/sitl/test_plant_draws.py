@@ -5,13 +5,7 @@ import pytest
 
 from estimation.plant.model import Plant, PlantAxis
 from tests.experiments.plant_draws import blowing, linear_relative, relative
-from tests.experiments.plant_family import (
-    MANOEUVRES,
-    drawn,
-    flown,
-    linear,
-    manoeuvre,
-)
+from tests.experiments.plant_family import MANOEUVRES, drawn, flown, linear, manoeuvre
 
 NOMINAL = Plant(PlantAxis(0.8, 0.9), PlantAxis(1.6, 1.8), 0.2)
 

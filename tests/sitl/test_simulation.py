@@ -10,13 +10,7 @@ from scipy.linalg import expm
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Sighting, Telemetry, Vector
 from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
-from sitl.simulation.simulation import (
-    NetworkModel,
-    SimulatedFlight,
-    SimulatedVehicle,
-    TelemetryNoise,
-    simulate,
-)
+from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
 
 PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))
 WIND = (0.1, -0.2)

@@ -9,12 +9,7 @@ import pytest
 from estimation.state import Sighting
 from gcs.mission.file import load_mission
 from gcs.mission.simulation import target_sensor
-from sitl.world import (
-    Leg,
-    SensorModel,
-    SimulatedSensor,
-    TargetMotion,
-)
+from sitl.world import Leg, SensorModel, SimulatedSensor, TargetMotion
 
 TARGET = TargetMotion((35.0, -5.0), (0.1, -0.2))
 IDEAL = SensorModel(range_m=15.0, rate_hz=5.0, noise_m=0.0, importance=0.8, threat=0.2)

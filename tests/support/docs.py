@@ -11,13 +11,7 @@ from agents.tactics import diagram
 from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
-from gcs.mission.mission import (
-    LegSection,
-    SensorChange,
-    SensorSection,
-    TrueScale,
-    VehicleSection,
-)
+from gcs.mission.mission import LegSection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
 from tests.support.paths import DOCS
 

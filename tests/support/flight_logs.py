@@ -17,12 +17,7 @@ from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
-from tests.support.mission_text import (
-    Place,
-    content,
-    parsed,
-    put,
-)
+from tests.support.mission_text import Place, content, parsed, put
 from tests.support.paths import MISSIONS
 
 

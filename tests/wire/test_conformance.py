@@ -24,12 +24,7 @@ from tests.experiments.conformance import (
     table,
 )
 from tests.support.conformance_client import Client
-from tests.support.px4 import (
-    VARIABLE,
-    Px4Missing,
-    Px4Simulator,
-    px4_build,
-)
+from tests.support.px4 import VARIABLE, Px4Missing, Px4Simulator, px4_build
 from tests.support.wire import free_port
 
 NAMES = [exercise.name for exercise in EXERCISES]

@@ -16,13 +16,7 @@ from typing import Any, cast
 import pytest
 from mavsdk.plugins.action import ActionError, ActionResult
 
-from agents.ports import (
-    FlightMode,
-    Setpoint,
-    VehicleLink,
-    VehicleRefusedError,
-    VehicleStatus,
-)
+from agents.ports import FlightMode, Setpoint, VehicleLink, VehicleRefusedError, VehicleStatus
 from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis

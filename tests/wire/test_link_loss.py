@@ -35,12 +35,7 @@ from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.dialects import AutopilotKind
 from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig, serve
-from tests.support.wire import (
-    LOOPBACK,
-    StubWatch,
-    free_ports,
-    until,
-)
+from tests.support.wire import LOOPBACK, StubWatch, free_ports, until
 
 pytestmark = pytest.mark.wire
 

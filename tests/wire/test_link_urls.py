@@ -34,12 +34,7 @@ from sitl.mavlink import reports
 from sitl.mavlink.dialects import PX4, AutopilotKind
 from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig
-from tests.support.wire import (
-    LOOPBACK,
-    free_ports,
-    served,
-    until,
-)
+from tests.support.wire import LOOPBACK, free_ports, served, until
 from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire

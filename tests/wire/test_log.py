@@ -18,15 +18,7 @@ from agents.outputs import TickOutput
 from agents.tape import Command, Tick, play
 from agents.team.messages import OperatorCommand, decode
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import (
-    Cost,
-    Decision,
-    LocalCommand,
-    Truth,
-    Vehicle,
-    VehicleEnd,
-    decision_of,
-)
+from gcs.flightlog.records import Cost, Decision, LocalCommand, Truth, Vehicle, VehicleEnd, decision_of
 from gcs.flightlog.run import mission_of
 from tests.support.paths import ROOT
 

@@ -6,14 +6,7 @@ They take PX4's own ports.
 import pytest
 
 from gcs.drill.run import DrillRow, DrillRun
-from tests.experiments.px4_drills import (
-    DRILLS,
-    FLIGHTS,
-    MISSION,
-    STOOD_DOWN_MAX_S,
-    fly,
-    stood_down_after_s,
-)
+from tests.experiments.px4_drills import DRILLS, FLIGHTS, MISSION, STOOD_DOWN_MAX_S, fly, stood_down_after_s
 from tests.support.px4 import Px4Missing, px4_build
 
 

@@ -5,15 +5,7 @@ from struct import pack
 from pymavlink.dialects.v20 import common as mavlink
 
 from sitl.autopilot.modes import NavMode
-from tests.support.relay import (
-    CURRENT_MODE,
-    HEARTBEAT,
-    SETPOINT,
-    Message,
-    flight_mode,
-    is_armed,
-    messages,
-)
+from tests.support.relay import CURRENT_MODE, HEARTBEAT, SETPOINT, Message, flight_mode, is_armed, messages
 
 SENDER = mavlink.MAVLink(None, 7, 1)
 OFFBOARD = NavMode.OFFBOARD.custom_mode

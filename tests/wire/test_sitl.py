@@ -29,12 +29,7 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from sitl.mavlink.reports import EstimatorNoise
-from sitl.server.process import (
-    StubProcess,
-    StubReady,
-    run_in_process,
-    unix_clock,
-)
+from sitl.server.process import StubProcess, StubReady, run_in_process, unix_clock
 from sitl.server.server import StubConfig, StubRecord, serve
 from tests.support.wire import free_port
 

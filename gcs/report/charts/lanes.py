@@ -8,12 +8,7 @@ import numpy as np
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.report.charts.panels import title
 from gcs.report.evidence.flight import FlightEvidence
-from gcs.style import (
-    FAIL,
-    FAINT,
-    INK,
-    TACTIC_COLOURS,
-)
+from gcs.style import FAIL, FAINT, INK, TACTIC_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,13 +13,7 @@ from gcs.report.charts.chart import level, logarithmic, over_time
 from gcs.report.charts.panels import Sheet, mark_empty, title
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.evidence.lyapunov import Decay, lyapunov_rad2
-from gcs.style import (
-    DASHES,
-    DESIRED,
-    FAIL,
-    INK,
-    WINDOW,
-)
+from gcs.style import DASHES, DESIRED, FAIL, INK, WINDOW
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,15 +13,7 @@ from gcs.metrics.metrics import RingMotion
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.metrics.result import FlightResult, FormationReference, RingReference
 from gcs.report.charts.thinning import thinned, thinned_path
-from gcs.style import (
-    COLOURS,
-    DESIRED,
-    ENGAGED,
-    FAIL,
-    FAINT,
-    WINDOW,
-    vehicle_style,
-)
+from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

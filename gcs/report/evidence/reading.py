@@ -10,33 +10,16 @@ from typing import Any
 import numpy as np
 
 from agents.notes import Note
-from agents.tape import (
-    Autopilot,
-    LateTicks,
-    Message,
-    Start,
-)
+from agents.tape import Autopilot, LateTicks, Message, Start
 from agents.team.messages import CommandAnswer, MemberState, decode
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import (
-    Cost,
-    Decision,
-    Run,
-    Truth,
-    VehicleEnd,
-)
+from gcs.flightlog.records import Cost, Decision, Run, Truth, VehicleEnd
 from gcs.flightlog.run import mission_of
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.mission.mission import Mission
-from gcs.report.evidence.flight import (
-    EstimateSeries,
-    FlightEvidence,
-    Loop,
-    Reception,
-    VehicleEvidence,
-)
+from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
 from sitl.server.server import TruthTrack
 
 SAME_START_S = 1.0

@@ -27,12 +27,7 @@ from agents.settings.config import AgentConfig
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
-from estimation.state import (
-    DISTURBANCE,
-    MOTION,
-    Telemetry,
-    Vector,
-)
+from estimation.state import DISTURBANCE, MOTION, Telemetry, Vector
 
 Maker = Callable[..., AgentConfig]
 

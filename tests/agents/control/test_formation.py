@@ -9,23 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from agents.control.formation import (
-    FormationPlanner,
-    Predecessor,
-    leader_of,
-    mission_line,
-    predecessor_of,
-)
+from agents.control.formation import FormationPlanner, Predecessor, leader_of, mission_line, predecessor_of
 from agents.settings.config import AgentConfig
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step
-from estimation.state import (
-    DISTURBANCE,
-    MOTION,
-    OwnEstimate,
-    Telemetry,
-    Vector,
-)
+from estimation.state import DISTURBANCE, MOTION, OwnEstimate, Telemetry, Vector
 
 PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))
 PERTURBED = Plant(PlantAxis(0.80 * 1.15, 0.87 * 0.9), PlantAxis(0.80 * 0.9, 0.87 * 1.1))

@@ -10,12 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.control.detour import Obstacle, bent_ring_m
-from agents.control.joining import (
-    ASIDE,
-    Joining,
-    chosen_gap,
-    place_before,
-)
+from agents.control.joining import ASIDE, Joining, chosen_gap, place_before
 from agents.control.ring import RingPlace
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar

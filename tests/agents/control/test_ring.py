@@ -7,12 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.control.ring import (
-    RingPlace,
-    ring_place,
-    spaced_rate_rad_s,
-    spacing_decay_per_s,
-)
+from agents.control.ring import RingPlace, ring_place, spaced_rate_rad_s, spacing_decay_per_s
 from estimation.state import Vector
 
 RATE_RAD_S = 0.05

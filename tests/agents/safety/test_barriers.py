@@ -7,15 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.safety.barriers import (
-    Body,
-    Cause,
-    Demand,
-    apart,
-    inside,
-    slow,
-    unsure_m,
-)
+from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
 from agents.safety.fence import Fence
 from estimation.vectors import Pair
 

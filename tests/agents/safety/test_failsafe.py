@@ -17,12 +17,7 @@ from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings, FailsafeSettings
 from agents.tactics import Event, Tactic
-from agents.team.messages import (
-    MemberState,
-    OperatorCommand,
-    decode,
-    encode,
-)
+from agents.team.messages import MemberState, OperatorCommand, decode, encode
 from estimation.plant.model import exact_step
 from estimation.state import Sighting, Telemetry, Vector
 from gcs.flight.simulated import fly_simulated

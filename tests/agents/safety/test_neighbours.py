@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 
 from agents.core import VehicleCore
 from agents.safety.guard import Guard
-from agents.safety.neighbours import (
-    A_FEW,
-    GOING_ON_S,
-    UNPUBLISHED_ACCELERATION_M_S2,
-    Neighbours,
-)
+from agents.safety.neighbours import A_FEW, GOING_ON_S, UNPUBLISHED_ACCELERATION_M_S2, Neighbours
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Event

@@ -23,13 +23,7 @@ from gcs.mission.file import load_mission
 from gcs.preflight.mission import highest_m
 from gcs.replay.cores import replay
 from tests.support.flight_logs import engaging, record_simulation
-from tests.support.mission_text import (
-    Content,
-    content,
-    faults,
-    parsed,
-    put,
-)
+from tests.support.mission_text import Content, content, faults, parsed, put
 
 Maker = Callable[..., AgentConfig]
 

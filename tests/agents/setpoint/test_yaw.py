@@ -18,12 +18,7 @@ from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
-from tests.support.mission_text import (
-    content,
-    faults,
-    parsed,
-    put,
-)
+from tests.support.mission_text import content, faults, parsed, put
 
 Maker = Callable[..., AgentConfig]
 Point = tuple[float, float]

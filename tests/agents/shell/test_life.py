@@ -3,16 +3,7 @@
 import pytest
 
 from agents.ports import FlightMode, VehicleStatus
-from agents.shell.life import (
-    TRANSITIONS,
-    Action,
-    LifeEvent,
-    Phase,
-    diagram,
-    next_phase,
-    pilot_took_over,
-    resumed,
-)
+from agents.shell.life import TRANSITIONS, Action, LifeEvent, Phase, diagram, next_phase, pilot_took_over, resumed
 from agents.tactics import Tactic
 
 E, A = LifeEvent, Action

@@ -12,17 +12,8 @@ from hypothesis import strategies as st
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_agreement import StartAgreement
-from agents.shell.start_proposal import (
-    LEAD_TIME_S,
-    SAMPLES_MIN,
-    PeerClocks,
-    TeamReadiness,
-)
-from agents.team.messages import (
-    TOPICS,
-    StartProposal,
-    decode,
-)
+from agents.shell.start_proposal import LEAD_TIME_S, SAMPLES_MIN, PeerClocks, TeamReadiness
+from agents.team.messages import TOPICS, StartProposal, decode
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[StartProposal].period_s

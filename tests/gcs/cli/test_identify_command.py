@@ -21,12 +21,7 @@ from estimation.state import Vector
 from gcs.cli import main
 from gcs.mission.file import excitation_mission
 from gcs.vehicle_logs.foreign import read_vehicle_logs
-from gcs.vehicle_logs.vehicle_log import (
-    ModeSegment,
-    Series,
-    Span,
-    VehicleLog,
-)
+from gcs.vehicle_logs.vehicle_log import ModeSegment, Series, Span, VehicleLog
 from tests.support.flight_logs import record_simulation
 from tests.support.mission_text import content, parsed, put
 from tests.support.paths import DATA

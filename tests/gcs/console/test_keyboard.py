@@ -12,12 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from gcs.console.keyboard import (
-    HINT,
-    KILL_CONFIRMED_WITHIN_S,
-    KeyBindings,
-    Keyboard,
-)
+from gcs.console.keyboard import HINT, KILL_CONFIRMED_WITHIN_S, KeyBindings, Keyboard
 from tests.support.paths import ROOT
 
 WAIT_S = 20.0

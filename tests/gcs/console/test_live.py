@@ -8,13 +8,7 @@ from io import StringIO
 import pytest
 from rich.console import Console, RenderableType
 
-from gcs.console.live import (
-    LiveRow,
-    LiveView,
-    live_table,
-    plain_line,
-    summary,
-)
+from gcs.console.live import LiveRow, LiveView, live_table, plain_line, summary
 from gcs.metrics.result import (
     FlightResult,
     FlockingResult,

@@ -6,13 +6,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from agents.team.messages import (
-    CommandAnswer,
-    MemberState,
-    NeighbourAngle,
-    OperatorCommand,
-    encode,
-)
+from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, encode
 from gcs.console.team_state import SILENT_AFTER_S, TeamState, WatchRow
 from gcs.console.watch import watch_line, watch_table
 

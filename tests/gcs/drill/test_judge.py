@@ -4,13 +4,7 @@ from math import pi
 
 import pytest
 
-from gcs.drill.judge import (
-    Expectation,
-    TeamLog,
-    failures,
-    reacted_s,
-    respaced,
-)
+from gcs.drill.judge import Expectation, TeamLog, failures, reacted_s, respaced
 
 BEGAN_S, UNTIL_S = 100.0, 105.0
 HOLD = Expectation((3,), (1, 2), 1.5, tactic="hold", alert="telemetry stale", separation_m=3.0)

@@ -11,12 +11,7 @@ from gcs.drill.faults import DRILLS, chosen
 from gcs.drill.mission import drill_mission
 from gcs.drill.roles import Roles
 from gcs.errors import InputError
-from gcs.mission.file import (
-    MissionError,
-    bundled_missions,
-    load_mission,
-    parse_mission,
-)
+from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
 from gcs.mission.mission import Mission
 from tests.support.paths import PROFILES
 

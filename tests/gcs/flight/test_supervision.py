@@ -8,15 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from gcs.flight.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartbeat
-from gcs.flight.supervision import (
-    ALIVE,
-    HEARTBEAT_VARIABLE,
-    POLL_PERIOD_S,
-    STOP,
-    Beat,
-    LoopMonitor,
-    encode_beat,
-)
+from gcs.flight.supervision import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, Beat, LoopMonitor, encode_beat
 
 PERIOD_S = 0.1
 

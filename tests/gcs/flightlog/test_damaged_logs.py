@@ -22,22 +22,12 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
 from agents.ports import FlightMode, VehicleStatus
-from agents.tape import (
-    Autopilot,
-    Bus,
-    Start,
-    Tick,
-)
+from agents.tape import Autopilot, Bus, Start, Tick
 from gcs.cli import main
 from gcs.errors import InputError
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import (
-    FORMAT,
-    Decision,
-    Run,
-    VehicleEnd,
-)
+from gcs.flightlog.records import FORMAT, Decision, Run, VehicleEnd
 from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.schema import Codec, Decoder
 from tests.support.flight_logs import engaging, files_up_to, record_simulation

@@ -13,12 +13,7 @@ from hypothesis import strategies as st
 
 from estimation.state import Vector
 from gcs.metrics.metrics import engagement_times_s, evaluate, ring_motion
-from gcs.metrics.record import (
-    FlightRecord,
-    GuardTally,
-    LoopStatistics,
-    VehicleTrack,
-)
+from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
 from gcs.metrics.result import (
     FlightResult,
     FlockingResult,

@@ -7,12 +7,7 @@ from math import hypot
 import numpy as np
 import pytest
 
-from agents.control.excitation import (
-    BOX_RESERVE,
-    Steps,
-    preview,
-    programme,
-)
+from agents.control.excitation import BOX_RESERVE, Steps, preview, programme
 from agents.core import VehicleCore
 from agents.safety.fence import Fence
 from agents.settings.config import AgentConfig
@@ -25,12 +20,7 @@ from gcs.flight.simulated import fly_simulated
 from gcs.mission.excitation import hull
 from gcs.mission.file import excitation_mission, load_mission, parse_mission
 from gcs.mission.mission import Mission
-from tests.support.mission_text import (
-    content,
-    faults,
-    parsed,
-    put,
-)
+from tests.support.mission_text import content, faults, parsed, put
 from tests.support.paths import MISSIONS
 
 NAMES = ("case2", "px4-trio", "ardupilot-trio")

@@ -23,19 +23,7 @@ from gcs.mission.file import MissionError, bundled_missions, load_mission, parse
 from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.sections import OLD_OWN_FILTER, TUNING
 from gcs.mission.sections import SECTIONS as FILE_SECTIONS
-from tests.support.mission_text import (
-    CASE2,
-    Content,
-    Place,
-    content,
-    drop,
-    faults,
-    parsed,
-    places,
-    put,
-    shown,
-    text_of,
-)
+from tests.support.mission_text import CASE2, Content, Place, content, drop, faults, parsed, places, put, shown, text_of
 from tests.support.paths import MISSIONS
 
 BUNDLED = [

@@ -4,13 +4,7 @@ from math import cos, pi, sin
 
 import pytest
 
-from tests.support.mission_text import (
-    Content,
-    content,
-    faults,
-    parsed,
-    put,
-)
+from tests.support.mission_text import Content, content, faults, parsed, put
 
 Changes = dict[tuple[str | int, ...], object]
 

@@ -14,12 +14,7 @@ from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import Vector
 from gcs.mission.stability import Loop, loops
-from tests.support.mission_text import (
-    CASE2,
-    content,
-    faults,
-    put,
-)
+from tests.support.mission_text import CASE2, content, faults, put
 
 STILL = np.zeros(4)
 

@@ -14,15 +14,7 @@ from agents.ports import FlightMode, VehicleStatus
 from gcs.errors import Exit
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from gcs.preflight.findings import (
-    AutopilotKind,
-    EstimatorReport,
-    FenceArea,
-    Finding,
-    GpsFix,
-    Grade,
-    VehicleFacts,
-)
+from gcs.preflight.findings import AutopilotKind, EstimatorReport, FenceArea, Finding, GpsFix, Grade, VehicleFacts
 from gcs.preflight.findings_view import exit_code, findings_json, findings_view
 from gcs.preflight.mission import extent_m
 from gcs.preflight.parameters import parameters_wanted

@@ -29,33 +29,16 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
-from agents.team.messages import (
-    CommandAnswer,
-    NeighbourAngle,
-    OperatorCommand,
-    StartProposal,
-    TargetPackage,
-    encode,
-)
+from agents.team.messages import CommandAnswer, NeighbourAngle, OperatorCommand, StartProposal, TargetPackage, encode
 from estimation.state import Sighting, Telemetry
 from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import (
-    Decision,
-    Run,
-    Sent,
-    Version,
-)
+from gcs.flightlog.records import Decision, Run, Sent, Version
 from gcs.mission.file import load_mission
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, close
 from gcs.replay.cores import VehicleReplay, replay
 from gcs.replay.input_text import input_text, mission_time
-from tests.support.flight_logs import (
-    engaging,
-    record_simulation,
-    reencoded,
-    rewrite,
-)
+from tests.support.flight_logs import engaging, record_simulation, reencoded, rewrite
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 

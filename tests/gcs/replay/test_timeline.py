@@ -14,29 +14,12 @@ import pytest
 from agents.notes import Note
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
-from agents.tape import (
-    Autopilot,
-    Bus,
-    CoreInput,
-    LateTicks,
-    Message,
-    Start,
-    TacticEvent,
-    Tick,
-    TimeScale,
-)
+from agents.tape import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
 from agents.team.messages import MemberState, encode
 from estimation.state import Telemetry
 from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, read_log
-from gcs.flightlog.records import (
-    Decision,
-    GuardResult,
-    OwnState,
-    Place,
-    PolarMotion,
-    TargetState,
-)
+from gcs.flightlog.records import Decision, GuardResult, OwnState, Place, PolarMotion, TargetState
 from gcs.metrics.record import FlightRecord
 from gcs.replay.event_detectors import (
     AutopilotEvents,
@@ -53,13 +36,7 @@ from gcs.replay.event_detectors import (
 )
 from gcs.replay.playback import Turn
 from gcs.replay.surroundings import Surroundings
-from gcs.replay.timeline import (
-    FOLDED_FROM,
-    KEPT,
-    Timeline,
-    folded,
-    timeline_of,
-)
+from gcs.replay.timeline import FOLDED_FROM, KEPT, Timeline, folded, timeline_of
 from gcs.replay.timeline_view import summary_lines
 from tests.support.flight_logs import engaging, record_simulation
 

@@ -18,14 +18,7 @@ from gcs.flightlog.records import Decision, GuardResult, Truth
 from gcs.mission.mission import Mission
 from gcs.replay.estimates import Track, rms_difference
 from gcs.replay.playback import Turn, config_of, turns
-from gcs.replay.what_if import (
-    Feed,
-    FilterRun,
-    FilterSettings,
-    Outcome,
-    changed_filters,
-    what_if,
-)
+from gcs.replay.what_if import Feed, FilterRun, FilterSettings, Outcome, changed_filters, what_if
 from tests.support.flight_logs import engaging, record_simulation
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")

@@ -6,13 +6,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from gcs.report.compare import (
-    ComparedFlight,
-    Comparison,
-    comparison_html,
-    comparison_table,
-    comparisons,
-)
+from gcs.report.compare import ComparedFlight, Comparison, comparison_html, comparison_table, comparisons
 from tests.gcs.report.test_page import Page
 from tests.support.report_evidence import flown
 

@@ -15,12 +15,7 @@ from matplotlib.patches import Circle
 
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.result import (
-    FlightResult,
-    FormationReference,
-    RingReference,
-    VerdictTolerances,
-)
+from gcs.metrics.result import FlightResult, FormationReference, RingReference, VerdictTolerances
 from gcs.report import figure as figure_module
 from gcs.report.figure import COLOURS, save_figure
 

@@ -21,12 +21,7 @@ from gcs.report.page import report_html, write_report
 from gcs.report.sections import flight_of, sections
 from gcs.report.summary import headline, summary, verdicts
 from gcs.report.tables import loop_table
-from tests.support.report_evidence import (
-    OWN_SIGMA_M,
-    TARGET_SIGMA_M,
-    TOLERANCES,
-    flown,
-)
+from tests.support.report_evidence import OWN_SIGMA_M, TARGET_SIGMA_M, TOLERANCES, flown
 
 NASTY = "<script>alert('&')</script> $x_1$"
 VOID = {"meta", "br", "link", "img", "input", "hr"}

@@ -10,12 +10,7 @@ import pytest
 from gcs.cli.report import ReportOptions, report
 from gcs.errors import Exit
 from gcs.report.vehicle_page import distance_m, summarised, vehicle_report_html
-from gcs.vehicle_logs.vehicle_log import (
-    ModeSegment,
-    Series,
-    Span,
-    VehicleLog,
-)
+from gcs.vehicle_logs.vehicle_log import ModeSegment, Series, Span, VehicleLog
 from tests.support.paths import DATA
 
 TIME_S = np.arange(0.0, 20.0, 0.1)

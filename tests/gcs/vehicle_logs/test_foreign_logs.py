@@ -9,13 +9,7 @@ import pytest
 
 from estimation.state import Vector
 from gcs.vehicle_logs.foreign import read_vehicle_logs
-from gcs.vehicle_logs.vehicle_log import (
-    Series,
-    Span,
-    VehicleLog,
-    describe,
-    spans_of,
-)
+from gcs.vehicle_logs.vehicle_log import Series, Span, VehicleLog, describe, spans_of
 from tests.support.paths import DATA
 
 pytestmark = pytest.mark.filterwarnings("error")
