@@ -1,5 +1,5 @@
-"""What keeps a vehicle safe whatever the planner wants: guard, barriers, fence,
-fault detection and the failsafe table.
+"""What keeps a vehicle safe, independent of the planner: guard, barriers, fence, fault
+detection and the failsafe table.
 
 It may import situation, team and settings, and no planner.
 """

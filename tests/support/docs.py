@@ -1,6 +1,8 @@
 """The parts of the documentation that are made from the code: `python -m tests.support.docs` writes them anew."""
 
-from collections.abc import Callable
+import ast
+import tomllib
+from collections.abc import Callable, Iterator
 
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
@@ -13,7 +15,8 @@ from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.mission import LegSection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
-from tests.support.paths import DOCS
+from tests.structure import PACKAGES
+from tests.support.paths import DOCS, ROOT
 
 _TABLES: dict[str, type[Settings]] = {
     **{f"[{name}]": model for name, model in SECTIONS.items()},
@@ -48,6 +51,14 @@ def tuning_tables() -> str:
     return "\n\n".join(_tuning_table(f"[tuning.{name}]", model) for name, model in TUNING.items())
 
 
+def folder_table() -> str:
+    """Return the folders of the packages, from the top, with what each holds and may import, as Markdown."""
+    rows = ["| folder | holds | may import |", "|---|---|---|"]
+    for package in PACKAGES:
+        rows += [_folder(f"{package}/{name}") for name in ("", *_floors(package))]
+    return "\n".join(rows)
+
+
 def tactic_diagram() -> str:
     """Return the tactic machine as a Mermaid block."""
     return f"```mermaid\n{diagram()}\n```"
@@ -66,7 +77,7 @@ def failsafe_table() -> str:
 
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "missions.md": {"keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
-    "design.md": {"tactics": tactic_diagram, "life": life_diagram},
+    "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "safety.md": {"failsafes": failsafe_table},
 }
 """By document, its generated parts: what makes each, by the mark that it stands between."""
@@ -81,6 +92,23 @@ def renewed(name: str) -> str:
         _, _, after = rest.partition(end)
         text = f"{before}{begin}\n{generate()}\n{end}{after}"
     return text
+
+
+def _floors(package: str) -> Iterator[str]:
+    """Return the folders of a package in the order of its import contract, the highest first."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    contracts = project["tool"]["importlinter"]["contracts"]
+    (floors,) = (each["layers"] for each in contracts if each.get("containers") == [package])
+    names = (name.strip() for floor in floors for name in floor.split("|"))
+    return (name for name in names if (ROOT / package / name).is_dir())
+
+
+def _folder(path: str) -> str:
+    text = ast.get_docstring(ast.parse((ROOT / path / "__init__.py").read_text(encoding="utf-8"))) or ""
+    holds, _, imports = (" ".join(part.split()) for part in text.partition("\n\n"))
+    return f"| `{path.rstrip('/')}` | {holds} | {imports} |"
 
 
 def _failsafe(row: Row) -> str:
