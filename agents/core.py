@@ -212,7 +212,7 @@ class VehicleCore:
         if event is Event.RESUME:
             self._failsafe.resume()
         if event is Event.PILOT_TOOK_OVER:
-            self._failsafe.latch(Condition.PILOT_TOOK_OVER, "somebody else has the vehicle")
+            self._failsafe.latch(Condition.PILOT_TOOK_OVER, "a pilot has the vehicle")
         self._planner.begin(after, to_home=event is Event.RETURN)
         self._estimator.follow_ring(self._planner.ring_rate_rad_s)
         if after is Tactic.FORMATION:

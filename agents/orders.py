@@ -40,12 +40,12 @@ _NOTHING_NEW: dict[tuple[_Steering, Tactic], str] = {
     ("resume", Tactic.ENCIRCLE): "was on its mission already",
     ("resume", Tactic.EXCITE): "was on its mission already",
     ("land", Tactic.LAND): "was landing already",
-    ("rtl", Tactic.RETURN_AND_LAND): "was coming down already",
+    ("rtl", Tactic.RETURN_AND_LAND): "was returning to land already",
 }
 _WHY_NOT = {
-    Tactic.RETURN_AND_LAND: "it is coming down",
+    Tactic.RETURN_AND_LAND: "it is returning to land",
     Tactic.LAND: "it is landing",
-    Tactic.PILOT_OVERRIDE: "somebody else has the vehicle: resume takes it back, kill cuts its motors",
+    Tactic.PILOT_OVERRIDE: "a pilot has the vehicle: resume takes it back, kill cuts its motors",
 }
 
 
@@ -108,7 +108,7 @@ class Orders:
             self._abort = None
         elif now_s >= lands_s:
             self._abort = None
-            self._notes.add(now_s, "command", f"abort by {origin}: lands, nobody resumed it")
+            self._notes.add(now_s, "command", f"abort by {origin}: lands, no resume was received")
             return Event.LAND
         return None
 

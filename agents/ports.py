@@ -105,7 +105,7 @@ class VehicleLink(Protocol):
         ...
 
     def hand_over(self) -> None:
-        """Send nothing from now on, and leave the flight mode alone: somebody else has the vehicle."""
+        """Send nothing from now on, and leave the flight mode alone: a pilot has the vehicle."""
         ...
 
     def take_back(self) -> None:

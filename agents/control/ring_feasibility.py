@@ -121,7 +121,7 @@ class RingFeasibility:
         wider = f" and {radius:.0%} of its radius" if radius > 1.0 else ""
         why = f"the target moves at {self._target_m_s:.1f} m/s"
         if self._target_m_s >= self._speed_m_s:
-            return f"ring at {rate:.0%} of its rate{wider}: {why}, too fast to be kept up with"
+            return f"ring at {rate:.0%} of its rate{wider}: {why}, faster than the vehicles can follow"
         return f"ring at {rate:.0%} of its rate{wider}: {why}"
 
     def _need(self, found: RingScale, target_m_s: float, now_s: float) -> None:

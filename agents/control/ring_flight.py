@@ -82,7 +82,7 @@ class RingFlight:
         changed = self._feasibility.find(target_m_s, self._team.shares(), now_s, joined=self._joining.joined)
         orbit = self._feasibility.orbit
         self._joining.ring_m = orbit.radius_m
-        return orbit, None if changed is None else changed or "ring as the mission asks for it"
+        return orbit, None if changed is None else changed or "ring as in the mission"
 
     def _task(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> tuple[RingTask, bool]:
         """Return the task, and whether it is to wait outside the ring, in front of a gap."""

@@ -38,13 +38,13 @@ class Condition(Enum):
 class Reaction(Enum):
     """What is done about it, from the least to the gravest."""
 
-    DEGRADE = "fly on, and say so"
+    DEGRADE = "fly on and report"
     ASIDE = "step aside"
     HOLD = "hold"
-    END = "hold, then come down as at the mission's end"
+    END = "hold, then return and land as at the mission's end"
     RETURN = "return and land"
     LAND = "land"
-    STAND_DOWN = "stand down"
+    HAND_OVER = "hand over to the pilot"
 
 
 RESUME = "by `resume`, refused while it lasts"
@@ -95,11 +95,11 @@ TABLE = (
     ),
     Row(
         Condition.PILOT_TOOK_OVER,
-        "the flight mode is one that cordon did not ask for, or it disarmed: a pilot, a ground station, the "
+        "the flight mode is one that cordon did not request, or it disarmed: a pilot, a ground station, the "
         "autopilot's own failsafe",
         "",
-        (Reaction.STAND_DOWN,),
-        "by `resume`, which asks for offboard anew",
+        (Reaction.HAND_OVER,),
+        "by `resume`, which requests offboard again",
     ),
     Row(
         Condition.BATTERY_CRITICAL,
@@ -124,7 +124,7 @@ TABLE = (
     ),
     Row(
         Condition.TOO_CLOSE,
-        "for all the guard does, a peer at the same height is nearer than `tuning.failsafe.separation_share` of "
+        "despite the guard, a peer at the same height is nearer than `tuning.failsafe.separation_share` of "
         "`safety.separation_m`",
         "failsafe.separation_s",
         _GRADUALLY,
@@ -227,7 +227,7 @@ _AMOUNTS_TO = {
     Tactic.HOLD: Reaction.HOLD,
     Tactic.RETURN_AND_LAND: Reaction.RETURN,
     Tactic.LAND: Reaction.LAND,
-    Tactic.PILOT_OVERRIDE: Reaction.STAND_DOWN,
+    Tactic.PILOT_OVERRIDE: Reaction.HAND_OVER,
 }
 _ROUNDING_S = 1e-9
 
@@ -357,7 +357,7 @@ class FailsafeMonitor:
     def _end(self, condition: Condition) -> None:
         alert = self._alerts[condition]
         alert.present = False
-        self._news.append(f"{condition.value}: over" + (", left by resume" if alert.sticky else ""))
+        self._news.append(f"{condition.value}: cleared" + ("; resume continues the mission" if alert.sticky else ""))
         if not alert.sticky:
             del self._alerts[condition]
 

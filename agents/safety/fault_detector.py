@@ -79,7 +79,7 @@ class FaultDetector:
             faults[Condition.TELEMETRY_STALE] = Symptom(heard_s, f"none for {now_s - heard_s:.1f} s")
         jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
-            faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position is elsewhere now")
+            faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position jumped")
         battery = self.battery
         if battery is not None and battery < self._settings.battery_low:
             self._add(faults, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")
@@ -101,7 +101,7 @@ class FaultDetector:
             faults[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
         jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:
-            faults[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings put it elsewhere")
+            faults[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings disagree with the estimate")
 
     def _check_peers(self, faults: Faults, gone_s: dict[int, float]) -> None:
         if not self._team.members() and self._team.count_heard == self._others:

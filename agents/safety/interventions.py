@@ -24,4 +24,4 @@ class Interventions:
             return None
         (x, y), moved_m = aim_m.tolist(), hypot(*(guarded.aim_m - aim_m).tolist())
         causes = ", ".join(cause.words for cause in guarded.causes)
-        return causes, f"the setpoint wished for, ({x:.2f}, {y:.2f}) m, was moved by {moved_m:.2f} m"
+        return causes, f"the planned aim ({x:.2f}, {y:.2f}) m was moved by {moved_m:.2f} m"

@@ -41,7 +41,7 @@ _TACTICS = {
     Reaction.HOLD: Tactic.HOLD.value,
     Reaction.RETURN: Tactic.RETURN_AND_LAND.value,
     Reaction.LAND: Tactic.LAND.value,
-    Reaction.STAND_DOWN: Tactic.PILOT_OVERRIDE.value,
+    Reaction.HAND_OVER: Tactic.PILOT_OVERRIDE.value,
 }
 
 
@@ -94,8 +94,8 @@ def by_table(
             grace + found_within_s / speed + MARGIN_S,
             tactic=_TACTICS.get(row.reactions[0]),
             alert=condition.value,
-            leaves_offboard=row.reactions[0] is Reaction.STAND_DOWN,
-            stands_back=row.reactions[0] is Reaction.STAND_DOWN,
+            leaves_offboard=row.reactions[0] is Reaction.HAND_OVER,
+            stands_back=row.reactions[0] is Reaction.HAND_OVER,
             separation_m=roles.mission.safety.separation_m,
         )
 

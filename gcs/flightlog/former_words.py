@@ -11,9 +11,23 @@ import msgspec
 from google.protobuf.message import Message
 
 FORMER_WORDS: Mapping[str, str] = {
+    "it is coming down": "it is returning to land",
+    "was coming down already": "was returning to land already",
     "come down": "return and land",
     "stood down": "pilot override",
+    ": stand down": ": hand over to the pilot",
     "foreign mode": "pilot took over",
+    "somebody else has the vehicle": "a pilot has the vehicle",
+    "the setpoint wished for, (": "the planned aim (",
+    ") m, was moved by ": ") m was moved by ",
+    "lands, nobody resumed it": "lands, no resume was received",
+    "fly on, and say so": "fly on and report",
+    ": over, left by resume": ": cleared; resume continues the mission",
+    ": over": ": cleared",
+    "all sightings put it elsewhere": "all sightings disagree with the estimate",
+    "the autopilot's position is elsewhere now": "the autopilot's position jumped",
+    "too fast to be kept up with": "faster than the vehicles can follow",
+    "ring as the mission asks for it": "ring as in the mission",
 }
 FORMER_TOPICS: Mapping[str, str] = {"patience": "time_scale"}
 """Names of topics of format 1, and those of today."""

@@ -61,9 +61,9 @@ class Vehicle:
         (Tactic.HOLD, "resume", "resumes its mission", Tactic.FORMATION),
         (Tactic.PILOT_OVERRIDE, "resume", "resumes its mission", Tactic.FORMATION),
         (Tactic.ENCIRCLE, "resume", "was on its mission already", Tactic.ENCIRCLE),
-        (Tactic.RETURN_AND_LAND, "resume", "refused: it is coming down", Tactic.RETURN_AND_LAND),
+        (Tactic.RETURN_AND_LAND, "resume", "refused: it is returning to land", Tactic.RETURN_AND_LAND),
         (Tactic.ENCIRCLE, "rtl", "returns and lands", Tactic.RETURN_AND_LAND),
-        (Tactic.RETURN_AND_LAND, "rtl", "was coming down already", Tactic.RETURN_AND_LAND),
+        (Tactic.RETURN_AND_LAND, "rtl", "was returning to land already", Tactic.RETURN_AND_LAND),
         (Tactic.ENCIRCLE, "land", "lands", Tactic.LAND),
         (Tactic.LAND, "land", "was landing already", Tactic.LAND),
         (Tactic.ENCIRCLE, "abort", "holds, lands in 5 s unless resumed", Tactic.HOLD),
@@ -83,7 +83,7 @@ def test_a_vehicle_that_was_taken_says_who_has_it_and_what_helps(verb: Verb) -> 
     vehicle = Vehicle(Tactic.PILOT_OVERRIDE)
     did = vehicle.told(verb)
     assert not obeyed(did)
-    assert "somebody else" in did
+    assert "a pilot" in did
     assert "resume takes it back" in did
     assert "lands in" not in did
     assert vehicle.tactic is Tactic.PILOT_OVERRIDE
@@ -155,7 +155,7 @@ def test_an_abort_lands_after_its_time_and_not_before() -> None:
     assert vehicle.does(Tactic.HOLD)
     vehicle.tick(5.0)
     assert vehicle.does(Tactic.LAND)
-    assert vehicle.notes.drained()[-1].text == "abort by pat@here: lands, nobody resumed it"
+    assert vehicle.notes.drained()[-1].text == "abort by pat@here: lands, no resume was received"
 
 
 @pytest.mark.parametrize(("verb", "after"), [("resume", Tactic.FORMATION), ("rtl", Tactic.RETURN_AND_LAND)])

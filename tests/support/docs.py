@@ -96,9 +96,7 @@ def renewed(name: str) -> str:
 
 def _floors(package: str) -> Iterator[str]:
     """Return the folders of a package in the order of its import contract, the highest first."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
-        "contracts"
-    ]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = project["tool"]["importlinter"]["contracts"]
     (floors,) = (each["layers"] for each in contracts if each.get("containers") == [package])
     names = (name.strip() for floor in floors for name in floor.split("|"))
@@ -136,7 +134,7 @@ def _grace(row: Row) -> str:
 def _descending(row: Row) -> str:
     if row.descending is not None:
         return row.descending.value
-    at_once = row.reactions[0] in (Reaction.LAND, Reaction.STAND_DOWN)
+    at_once = row.reactions[0] in (Reaction.LAND, Reaction.HAND_OVER)
     return row.reactions[0].value if at_once else "goes on"
 
 

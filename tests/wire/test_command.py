@@ -72,7 +72,7 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(
             view, "update", lambda rows, *_: team.tactics.update({row.vehicle_id: row.tactic for row in rows})
         )
-        monkeypatch.setattr(view, "say", team.said.append)
+        monkeypatch.setattr(view, "print_line", team.said.append)
         async with served(stub_configs(mission), speed):
             plan = FlightPlan(mission, 120.0, mission.vehicles, stubs=False, speed=speed)
             team.flight = asyncio.create_task(fly(plan, view))
@@ -263,7 +263,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await asyncio.gather(flight, return_exceptions=True)
 
 
-@pytest.mark.parametrize(("typed", "told"), [("n", "no command was sent"), ("y", "no vehicle heard")])
+@pytest.mark.parametrize(("typed", "told"), [("n", "no command was sent"), ("y", "no vehicle found")])
 async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mission_file: Callable[..., str]) -> None:
     path = mission_file("case2")
     child, person = pty.fork()

@@ -350,7 +350,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     after = flight.fly(flight.now_s + 4.0)
     assert {output.status.tactic for output in after} == {reaction}, "it stays"
     assert (flight.told.tactic, flight.told.alert) == (reaction.value, condition.value)
-    assert f"{condition.value}: over, left by resume" in flight.notes()
+    assert f"{condition.value}: cleared; resume continues the mission" in flight.notes()
     flight.core.on_message(encode(OperatorCommand(flight.now_s, "resume", None, "pat", 2)), flight.now_s)
     flight.fly(flight.now_s + 0.3)
     assert flight.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
@@ -368,8 +368,8 @@ def test_what_is_only_told_ends_by_itself(condition: Condition, make_flight: Cal
     assert flight.told.alert == ""
     began, over = flight.notes()
     assert began.startswith(f"{condition.value}: ")
-    assert began.endswith("fly on, and say so")
-    assert over == f"{condition.value}: over"
+    assert began.endswith("fly on and report")
+    assert over == f"{condition.value}: cleared"
     assert {output.status.tactic for output in flight.outputs} == {Tactic.FORMATION}
 
 
@@ -530,7 +530,7 @@ def test_a_peer_whose_words_are_dropped_for_its_clock_is_said_to_have_stepped(
     flight.fly(ONSET_S + 4.0)
     assert flight.status.messages_dropped >= 39
     step, silence = flight.notes()
-    assert step == "peer's clock stepped: vehicle 1 by -5.00 s: fly on, and say so"
+    assert step == "peer's clock stepped: vehicle 1 by -5.00 s: fly on and report"
     assert silence.startswith("peer silent: vehicle 1")
     assert flight.told.alert == "peer's clock stepped"
 
