@@ -102,43 +102,43 @@ class Perception:
     def read(self, payload: bytes, now_s: float, time_scale: float) -> Sighting:
         """Return the same; raises SightingRefusedError."""
         try:
-            seen = _decoder.decode(payload)
-            time_s = now_s if seen.time_s is None else seen.time_s
+            message = _decoder.decode(payload)
+            time_s = now_s if message.time_s is None else message.time_s
             if time_s > now_s + AHEAD_MAX_S * time_scale:
                 raise SightingRefusedError(Refusal.FUTURE, f"by {time_s - now_s:.1f} s")
-            return self._sighting(seen, self._frame_of(seen), time_s)
+            return self._sighting(message, self._frame_of(message), time_s)
         except (msgspec.MsgspecError, RecursionError, ValueError) as error:
             raise SightingRefusedError(Refusal.MALFORMED, str(error)) from error
 
-    def _frame_of(self, seen: ExternalSighting) -> Frame:
+    def _frame_of(self, message: ExternalSighting) -> Frame:
         try:
-            frame = Frame(seen.frame)
+            frame = Frame(message.frame)
         except ValueError as error:
             known = ", ".join(each.value for each in Frame)
-            raise SightingRefusedError(Refusal.FRAME, f"{seen.frame[:32]!r}, known: {known}") from error
+            raise SightingRefusedError(Refusal.FRAME, f"{message.frame[:32]!r}, known: {known}") from error
         if frame is Frame.GEODETIC and self._frame.is_local:
             raise SightingRefusedError(Refusal.NOWHERE, "use the mission frame")
         return frame
 
-    def _sighting(self, seen: ExternalSighting, frame: Frame, time_s: float) -> Sighting:
-        xx, xy, yy = covariance_m2 = seen.covariance_m2
+    def _sighting(self, message: ExternalSighting, frame: Frame, time_s: float) -> Sighting:
+        xx, xy, yy = covariance_m2 = message.covariance_m2
         if not (xx > 0.0 and xx * yy - xy**2 > 0.0):
             raise SightingRefusedError(Refusal.COVARIANCE, str(covariance_m2))
-        x, y, z = *seen.position, 0.0
+        x, y, z = *message.position, 0.0
         if frame is Frame.GEODETIC and self._frame.origin is not None:
-            x, y, z = self._frame.mission_from_geodetic(Geodetic(*seen.position, self._frame.origin.altitude_m))
+            x, y, z = self._frame.mission_from_geodetic(Geodetic(*message.position, self._frame.origin.altitude_m))
             covariance_m2 = self._rotated(covariance_m2)
         if hypot(x, y, z) > AWAY_MAX_M:
             raise SightingRefusedError(Refusal.AWAY, f"{hypot(x, y, z) / 1e3:g} km, at most {AWAY_MAX_M / 1e3:g}")
         return Sighting(
             time_s,
-            SOURCES_FROM + seen.source,
+            SOURCES_FROM + message.source,
             (x, y),
             covariance_m2,
-            seen.importance,
-            seen.threat,
-            seen.altitude_m,
-            seen.altitude_sigma_m,
+            message.importance,
+            message.threat,
+            message.altitude_m,
+            message.altitude_sigma_m,
         )
 
     def _rotated(self, covariance_m2: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -152,6 +152,6 @@ class Perception:
         )
 
 
-def encode_sighting(seen: ExternalSighting) -> bytes:
+def encode_sighting(message: ExternalSighting) -> bytes:
     """Return the payload of a sighting."""
-    return msgspec.json.encode(seen)
+    return msgspec.json.encode(message)

@@ -74,7 +74,7 @@ class CommandClient:
         finally:
             await self._bus.close()
 
-    async def send_sighting(self, seen: ExternalSighting, lasting_s: float) -> Collection[int]:
+    async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
 
         Raises VehicleRefusedError when no vehicle of the team is on the bus.
@@ -84,7 +84,7 @@ class CommandClient:
             end_s = monotonic() + lasting_s
             while True:
                 # Sent twice against loss: vehicles ignore a second sighting of the same time and source.
-                payload = encode_sighting(msgspec.structs.replace(seen, time_s=self._team_s))
+                payload = encode_sighting(msgspec.structs.replace(sighting, time_s=self._team_s))
                 for _ in range(2):
                     self._bus.publish(TOPIC, payload)
                     await asyncio.sleep(_REPEAT_S)

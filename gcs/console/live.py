@@ -194,8 +194,8 @@ def _plain_vehicle(row: LiveRow) -> str:
         ("battery", row.battery, ".0%", ""),
     )
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    words = [f"#{row.vehicle_id}", row.tactic, row.mode if row.connected else "no-link", *known, row.note]
-    return " ".join(filter(None, words))
+    parts = [f"#{row.vehicle_id}", row.tactic, row.mode if row.connected else "no-link", *known, row.note]
+    return " ".join(filter(None, parts))
 
 
 def _battery_style(battery: float | None) -> str:

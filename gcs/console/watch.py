@@ -120,8 +120,8 @@ def _plain(row: WatchRow) -> str:
         ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
     )
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    words = [f"#{row.vehicle_id}", row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", *known, _remark(row)]
-    return " ".join(filter(None, words))
+    parts = [f"#{row.vehicle_id}", row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", *known, _remark(row)]
+    return " ".join(filter(None, parts))
 
 
 def _remark(row: WatchRow) -> str:

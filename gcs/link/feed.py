@@ -114,7 +114,7 @@ class VehicleFeed:
     def missing(self) -> str:
         """Return the names of the telemetry that has not been received yet; empty when it is complete."""
         parts = {"local position": self.position_m, "flight mode": self._mode, "health": self._health}
-        return ", ".join(words for words, part in parts.items() if part is None)
+        return ", ".join(name for name, part in parts.items() if part is None)
 
     def health(self) -> dict[str, bool]:
         """Return the state of each health item by name; empty before the first report.
@@ -123,9 +123,9 @@ class VehicleFeed:
         """
         if self._health is None:
             return {}
-        items = {words: bool(getattr(self._health, name)) for name, words in HEALTH_ITEMS.items()}
+        items = {item: bool(getattr(self._health, name)) for name, item in HEALTH_ITEMS.items()}
         if self.is_local:
-            items = {words: well for words, well in items.items() if words not in NEEDS_GPS}
+            items = {item: healthy for item, healthy in items.items() if item not in NEEDS_GPS}
             items["local position"] = self.status.local_position_ok
         return items
 
@@ -133,7 +133,7 @@ class VehicleFeed:
         """Return the names of the health items that fail; empty when all are healthy."""
         if self._health is None:
             return "no health report"
-        return ", ".join(words for words, well in self.health().items() if not well)
+        return ", ".join(item for item, healthy in self.health().items() if not healthy)
 
     def texts(self, since_s: float = 0.0) -> str:
         """Return the autopilot's status texts since a monotonic time, quoted, without repetitions; may be empty."""

@@ -44,7 +44,7 @@ class MavsdkHub:
         self._closing = threading.Event()
 
     async def find(self, url: str, system_id: int, timeout_s: float) -> Any:
-        """Return MAVSDK's system `system_id`, heard on `url`; times are wall seconds.
+        """Return MAVSDK's system `system_id`, received on `url`; times are wall seconds.
 
         Raises VehicleRefusedError when the url is not usable (`require_usable`), when no vehicle or another one is
         received there, or when the id is that of a vehicle on another url.
@@ -54,8 +54,8 @@ class MavsdkHub:
             async with self._adding[url]:  # vehicles that share a connection come one by one
                 if url not in self._connections:
                     await self._run(require_usable, url)
-                    heard = await self._run(self._listen, url, system_id, timeout_s)
-                    _require_heard(url, system_id, heard, timeout_s)
+                    received = await self._run(self._listen, url, system_id, timeout_s)
+                    _require_received(url, system_id, received, timeout_s)
                     await self._run(self._add, url)
             return await self._run(self._wait_for, url, system_id, timeout_s)
         except BaseException:
@@ -91,13 +91,13 @@ class MavsdkHub:
         listener = _ground_station()
         try:
             _add_connection(listener, url)
-            heard: set[int] = set()
+            received: set[int] = set()
             end_s = time.monotonic() + timeout_s
-            while time.monotonic() < end_s and system_id not in heard and not self._closing.wait(POLL_PERIOD_S):
-                known, heard = heard, {each.get_system_id() for each in _autopilots(listener)}
-                if heard and not known:
+            while time.monotonic() < end_s and system_id not in received and not self._closing.wait(POLL_PERIOD_S):
+                known, received = received, {each.get_system_id() for each in _autopilots(listener)}
+                if received and not known:
                     end_s = min(end_s, time.monotonic() + OTHERS_GRACE_S)
-            return sorted(heard)
+            return sorted(received)
         finally:
             listener.destroy()
 
@@ -148,12 +148,12 @@ def _add_connection(to: Any, url: str) -> Any:
         ) from error
 
 
-def _require_heard(url: str, system_id: int, heard: list[int], timeout_s: float) -> None:
-    if not heard:
+def _require_received(url: str, system_id: int, received: list[int], timeout_s: float) -> None:
+    if not received:
         raise _no_heartbeat(url, timeout_s)
-    if system_id not in heard:
+    if system_id not in received:
         raise VehicleRefusedError(
-            f"{url} carries system id {', '.join(map(str, heard))}, not {system_id}",
+            f"{url} carries system id {', '.join(map(str, received))}, not {system_id}",
             "correct the vehicle's id or url in the mission, or the autopilot's system id",
         )
 

@@ -75,9 +75,9 @@ def _nearest_m(position_m: Vector) -> Vector:
 
 def _off_mean(columns: Vector) -> Vector:
     """Return the distance of each (V, T, 2) to the mean of those measured; NaN where fewer than two were."""
-    heard = np.isfinite(columns[..., 0])
-    count = heard.sum(axis=0)
-    total = np.where(heard[..., None], columns, 0.0).sum(axis=0)
+    measured = np.isfinite(columns[..., 0])
+    count = measured.sum(axis=0)
+    total = np.where(measured[..., None], columns, 0.0).sum(axis=0)
     mean = total / np.maximum(count, 1)[:, None]
     return np.where(count > 1, np.linalg.norm(columns - mean, axis=2), np.nan)
 

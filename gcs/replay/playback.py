@@ -141,11 +141,11 @@ def _item(kind: type[Any], fields: dict[str, Any]) -> CoreInput | Decision:
     if kind is not LocalCommand:
         item: CoreInput | Decision = msgspec.convert(fields, kind)
         return item
-    said = msgspec.convert(fields, LocalCommand)
-    command = decode(said.payload)
+    record = msgspec.convert(fields, LocalCommand)
+    command = decode(record.payload)
     if not isinstance(command, OperatorCommand):
         raise ValueError("its payload is not an operator command")
-    return Command(said.now_s, command)
+    return Command(record.now_s, command)
 
 
 def _missing(expected: int, number: int) -> str:

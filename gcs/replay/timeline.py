@@ -98,13 +98,13 @@ def folded(entries: Sequence[TimelineEntry], start_s: float | None) -> Iterator[
     alike: defaultdict[str, list[TimelineEntry]] = defaultdict(list)
     for entry in entries:
         alike[_key(entry)].append(entry)
-    seen: Counter[str] = Counter()
+    counted: Counter[str] = Counter()
     for entry in entries:
         group, key = alike[_key(entry)], _key(entry)
-        seen[key] += 1
-        if len(group) < FOLDED_FROM or seen[key] <= KEPT:
+        counted[key] += 1
+        if len(group) < FOLDED_FROM or counted[key] <= KEPT:
             yield entry
-        elif seen[key] == KEPT + 1:
+        elif counted[key] == KEPT + 1:
             until = f"until {group[-1].time_s - (start_s or 0.0):.1f} s"
             yield entry._replace(text=f"... {len(group) - KEPT} similar entries {until}, the first: {entry.text}")
 

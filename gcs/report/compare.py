@@ -107,9 +107,9 @@ def comparisons(first: ComparedFlight, second: ComparedFlight) -> tuple[Comparis
     """Return every metric that at least one flight has; the better flight is named where the rounded values differ."""
     vehicles = (vehicle.id for flight in (first, second) for vehicle in flight.result.vehicles)
     of_vehicles = (
-        _Metric(f"vehicle {vehicle_id}: {words}", form, better, _of_vehicle(vehicle_id, of))
+        _Metric(f"vehicle {vehicle_id}: {label}", form, better, _of_vehicle(vehicle_id, of))
         for vehicle_id in dict.fromkeys(vehicles)
-        for words, form, better, of in _VEHICLE
+        for label, form, better, of in _VEHICLE
     )
     compared = (_compared(metric, first, second) for metric in (*_TEAM, *_REYNOLDS, *of_vehicles))
     return tuple(each for each in compared if each is not None)

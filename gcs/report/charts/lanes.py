@@ -101,13 +101,13 @@ def key_rows(record: FlightRecord, evidence: FlightEvidence) -> int:
 
 
 def _tactics(record: FlightRecord) -> dict[str, str]:
-    seen = {str(tactic) for track in record.vehicles for tactic in np.unique(track.tactic)}
-    return {tactic: colour for tactic, colour in TACTIC_COLOURS.items() if tactic in seen}
+    recorded = {str(tactic) for track in record.vehicles for tactic in np.unique(track.tactic)}
+    return {tactic: colour for tactic, colour in TACTIC_COLOURS.items() if tactic in recorded}
 
 
 def _kinds(record: FlightRecord, evidence: FlightEvidence) -> dict[str, tuple[str, str]]:
-    seen = {event.kind for event in record.events}
-    return {kind: mark for kind, mark in _marks(evidence).items() if kind in seen}
+    recorded = {event.kind for event in record.events}
+    return {kind: mark for kind, mark in _marks(evidence).items() if kind in recorded}
 
 
 def _guarded(evidence: FlightEvidence) -> bool:

@@ -22,16 +22,16 @@ def thinned_path(position_m: Vector, points_max: int) -> Vector:
 def _kept(columns: Vector, points_max: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     """Return the indices of the samples (T, C) to keep, in order: per block, two per column and one for a NaN."""
     samples, width = columns.shape
-    stretches = max(1, (points_max - 2) // (2 * width + 1))
-    length = -(-samples // stretches)
-    padded = np.full((stretches * length, width), np.nan)
+    count = max(1, (points_max - 2) // (2 * width + 1))
+    length = -(-samples // count)
+    padded = np.full((count * length, width), np.nan)
     padded[:samples] = columns
-    blocks = padded.reshape(stretches, length, width)
+    blocks = padded.reshape(count, length, width)
     missing = np.isnan(blocks)
     lowest = np.where(missing, np.inf, blocks).argmin(axis=1)
     highest = np.where(missing, -np.inf, blocks).argmax(axis=1)
     gap = missing.any(axis=2).argmax(axis=1)[:, None]
     within = np.concatenate((lowest, highest, gap), axis=1)
-    # Without a gap the last column says 0, the stretch's first sample: one point more, and none that is not there.
-    index = np.unique(within + length * np.arange(stretches)[:, None])
+    # Without a NaN the last column is 0, the first sample of the block: one point more, on the line.
+    index = np.unique(within + length * np.arange(count)[:, None])
     return np.unique(np.concatenate(([0], index[index < samples], [samples - 1])))

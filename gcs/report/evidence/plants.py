@@ -37,5 +37,5 @@ def _validation(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
 
 
 def _numbers(best: Plant, plant: Plant) -> str:
-    words = f"a0 {best.x.a0_per_s2:.2f} 1/s², a1 {best.x.a1_per_s:.2f} 1/s, delay {best.delay_s:.2f} s"
-    return words if best.feedforward == plant.feedforward else f"{words}, without velocity feed-forward"
+    text = f"a0 {best.x.a0_per_s2:.2f} 1/s², a1 {best.x.a1_per_s:.2f} 1/s, delay {best.delay_s:.2f} s"
+    return text if best.feedforward == plant.feedforward else f"{text}, without velocity feed-forward"

@@ -64,14 +64,14 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:
     first, faults = logs[0], []
-    seen: dict[int, FlightLog] = {}
+    log_of: dict[int, FlightLog] = {}
     for log in logs:
         if log.run.mission_text != first.run.mission_text or log.run.source != first.run.source:
             faults.append(f"{log.path}: its mission differs from {first.path}")
         for vehicle_id in log.run.vehicles:
-            if vehicle_id in seen:
-                faults.append(f"{log.path}: vehicle {vehicle_id} is also in {seen[vehicle_id].path}")
-            seen[vehicle_id] = log
+            if vehicle_id in log_of:
+                faults.append(f"{log.path}: vehicle {vehicle_id} is also in {log_of[vehicle_id].path}")
+            log_of[vehicle_id] = log
     if faults:
         raise LogError(faults)
 
