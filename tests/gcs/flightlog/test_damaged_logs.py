@@ -326,7 +326,7 @@ def test_a_claim_is_not_believed(subtests: pytest.Subtests, sample: Sample) -> N
             begin = chunks_of(sample.data)[3][0]
             inserted = make()
             path = sample.written(sample.data[:begin] + inserted + sample.data[begin:])
-            began_s = time.perf_counter()
+            began_s = time.process_time()
             tracemalloc.start()
             try:
                 log = read_log(path)
@@ -334,7 +334,7 @@ def test_a_claim_is_not_believed(subtests: pytest.Subtests, sample: Sample) -> N
             finally:
                 tracemalloc.stop()
             assert peak_bytes < MEMORY_MAX_BYTES
-            assert time.perf_counter() - began_s < SECONDS_MAX
+            assert time.process_time() - began_s < SECONDS_MAX
             assert 1 <= len(log.faults) < 40, "not one for each of a hundred thousand"
             if claim not in ("many small bombs", "countless chunks that only look like chunks"):  # it gives up
                 assert held(log) == sample.total
@@ -354,10 +354,10 @@ def test_a_file_of_a_hundred_gigabytes_of_nothing_is_no_matter(more: int, end: s
             file.truncate(HUGE)
     except OSError as error:
         pytest.skip(f"this file system has no holes: {error}")
-    began_s = time.perf_counter()
+    began_s = time.process_time()
     log = read_log(path)
     path.unlink()
-    assert time.perf_counter() - began_s < SECONDS_MAX
+    assert time.process_time() - began_s < SECONDS_MAX
     assert 0.2 * sample.total < held(log) < sample.total, end
     assert log.faults
 

@@ -573,7 +573,7 @@ def test_a_ten_minute_flight_is_evaluated_in_well_under_a_tenth_of_a_second() ->
     flown = record(*ring_of_three())
     taken_s = []
     for _ in range(5):
-        start_s = time.perf_counter()
+        start_s = time.process_time()
         evaluate(flown, RING, FORMATION, TOLERANCES)
-        taken_s.append(time.perf_counter() - start_s)
+        taken_s.append(time.process_time() - start_s)
     assert min(taken_s) < 0.05
