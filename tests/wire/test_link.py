@@ -405,7 +405,7 @@ class FakeFeed:
     def failing(self) -> str:
         return "global position, arming checks"
 
-    def said(self, since_s: float = 0.0) -> str:
+    def texts(self, since_s: float = 0.0) -> str:
         return "“Preflight Fail: no GPS”"
 
 
