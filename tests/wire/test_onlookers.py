@@ -137,5 +137,5 @@ async def test_a_port_that_is_taken_is_a_refusal_before_anything_flies(mission_f
             out, err = await flight.communicate()
     assert (flight.returncode, out) == (3, b"")
     assert f"cannot listen at {address}" in err.decode()
-    assert "--live-address" in err.decode()
+    assert "--live-address HOST:PORT" in err.decode()
     assert "Traceback" not in err.decode()
