@@ -481,13 +481,14 @@ def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(system: Any) -> Non
 async def test_the_vehicle_link_flies_it_from_disarmed_to_disarmed_twice() -> None:
     from agents.ports import FlightMode, Setpoint
     from estimation.state import Telemetry
+    from gcs.link.config import LinkConfig
     from gcs.link.hub import MavsdkHub
     from gcs.link.mavsdk_link import MavsdkLink
 
     port = free_port()
     process, hub, heard = StubProcess([copter_on(port)], SPEED), MavsdkHub(), list[Telemetry]()
     process.start()
-    link = MavsdkLink(hub, f"udpin://127.0.0.1:{port}", 1, FRAME, time.monotonic, SPEED)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME), time.monotonic, SPEED)
     await link.connect(heard.append)
     for altitude_m in (6.0, 5.0):
         await link.take_off(altitude_m)
