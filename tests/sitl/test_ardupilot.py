@@ -25,6 +25,7 @@ from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
 from sitl.autopilot.px4 import CommandResult
 from sitl.mavlink.dialects import ARDUCOPTER, AutopilotKind
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
+from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
@@ -277,7 +278,7 @@ class Client:
 
     def __init__(self) -> None:
         self.copter = ArduCopter(PLANT, (0.0, 0.0, 1.5))
-        self.vehicle = MavlinkVehicle(self.copter, ARDUCOPTER, system_id=3, frame=FRAME, origin_m=(0.0, 0.0, 0.0))
+        self.vehicle = MavlinkVehicle(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)), ARDUCOPTER)
         self._writer = dialect.MAVLink(None, 245, 190)
         self._reader = dialect.MAVLink(None)
 
