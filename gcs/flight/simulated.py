@@ -15,7 +15,8 @@ from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatis
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
 from sitl.simulation.absence import Absence
-from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
+from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
+from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
 from sitl.vehicle.imperfections import Imperfections
 
 
@@ -103,20 +104,18 @@ def _simulated_vehicle(
         return core
 
     simulation = mission.simulation
-    return SimulatedVehicle(
-        started(),
+    model = VehicleModel(
         vehicle.true_plant,
         vehicle.section.start_m,
         vehicle.section.altitude_m,
-        target_sensor(mission, vehicle.id, 0.0, seed),
-        TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s),
-        simulation.wind_m_s2,
         seed=(seed, 2, vehicle.id),
+        noise=TelemetryNoise(simulation.position_noise_m, simulation.velocity_noise_m_s),
+        disturbance_m_s2=simulation.wind_m_s2,
         imperfections=imperfections,
         absences=absences,
-        new_core=started,
         climbs=mission.encirclement.altitude == "target",
     )
+    return SimulatedVehicle(model, started(), target_sensor(mission, vehicle.id, 0.0, seed), started)
 
 
 def _record(

@@ -6,6 +6,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from estimation.state import Sighting, Telemetry
+from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.mission.mission import Mission, TargetSection
@@ -25,16 +26,9 @@ class TargetVehicle:
         target = mission.target
         self._link: MavsdkLink | None = None
         if target.source == "mavlink" and target.url is not None and target.system_id is not None:
-            self._link = MavsdkLink(
-                hub,
-                target.url,
-                target.system_id,
-                mission.mission_frame(),
-                clock.now_s,
-                clock.speed,
-                settings=mission.link,
-                origin_m=(*target.start_m, 0.0),
-            )
+            frame, origin_m = mission.mission_frame(), (*target.start_m, 0.0)
+            config = LinkConfig(target.url, target.system_id, frame, mission.link, origin_m)
+            self._link = MavsdkLink(hub, config, clock.now_s, clock.speed)
         self._agents = agents
         self._take = sightings_of(target, self._see)
 

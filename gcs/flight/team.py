@@ -17,6 +17,7 @@ from gcs.flight.equipment import Equipment
 from gcs.flight.plan import FlightPlan
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
+from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
@@ -69,16 +70,10 @@ class Team:
 
     def _link(self, vehicle: MissionVehicle, hub: MavsdkHub) -> CheckedLink:
         mission, clock = self.plan.mission, self.clock
-        return CheckedLink(
-            hub,
-            vehicle.section.url,
-            vehicle.system_id,
-            mission.mission_frame(),
-            clock.now_s,
-            clock.speed,
-            settings=mission.link,
-            origin_m=vehicle.origin_m,
+        config = LinkConfig(
+            vehicle.section.url, vehicle.system_id, mission.mission_frame(), mission.link, vehicle.origin_m
         )
+        return CheckedLink(hub, config, clock.now_s, clock.speed)
 
     def _agent(self, vehicle: MissionVehicle, link: CheckedLink, heartbeat: Heartbeat) -> Agent:
         mission, equipment = self.plan.mission, self.plan.equipment or Equipment()

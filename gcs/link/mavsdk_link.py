@@ -18,12 +18,12 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
-from estimation.frames import MissionFrame, Triple, wrap_signed_rad
+from estimation.frames import Triple, wrap_signed_rad
 from estimation.state import Telemetry
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
+from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
-from gcs.mission.mission import LinkSection
 
 MODE_TIMEOUT_S = 5.0
 CLIMB_SLOWEST_M_S = 0.5
@@ -43,36 +43,17 @@ SETPOINT_EARLY_SHARE = 0.25
 
 
 class MavsdkLink:
-    """Implements `agents.ports.VehicleLink` for the vehicle `system_id` on `url`, over the process's `hub`.
+    """Implements `agents.ports.VehicleLink` for the vehicle that `config` names, over the process's `hub`.
 
     `now_s` is the mission clock, which runs `speed` times as fast as the wall. Flights time out on the mission clock,
-    the radio link (`heartbeat_timeout_s`) on the wall's. In a local frame `origin_m` is where the vehicle's NED begins.
+    the radio link on the wall's.
     """
 
-    def __init__(
-        self,
-        hub: MavsdkHub,
-        url: str,
-        system_id: int,
-        frame: MissionFrame,
-        now_s: Callable[[], float],
-        speed: float = 1.0,
-        *,
-        settings: LinkSection | None = None,
-        origin_m: Triple | None = None,
-        heartbeat_timeout_s: float = 10.0,
-        ready_timeout_s: float = 60.0,
-    ) -> None:
+    def __init__(self, hub: MavsdkHub, config: LinkConfig, now_s: Callable[[], float], speed: float = 1.0) -> None:
         self._hub = hub
-        self._url = url
-        self._system_id = system_id
-        self._frame = frame
+        self._config = config
         self._now_s = now_s
         self._speed = speed
-        self._settings = settings or LinkSection()
-        self._configured_origin_m = origin_m or (0.0, 0.0, 0.0)
-        self._heartbeat_timeout_s = heartbeat_timeout_s
-        self._ready_timeout_s = ready_timeout_s
         self._parts: _Parts | None = None
         self._guided: Callable[[], object] | None = None
         self._keeper: asyncio.Task[None] | None = None
@@ -109,15 +90,15 @@ class MavsdkLink:
 
         Raises VehicleRefusedError when it is not received, has another id, or has no position in time.
         """
-        system = await self._hub.find(self._url, self._system_id, self._heartbeat_timeout_s)
-        feed = VehicleFeed(system, self._frame, self._now_s)
-        calls = VehicleCalls(self._system_id, feed, self._speed)
+        system = await self._hub.find(self._config.url, self._config.system_id, self._config.heartbeat_timeout_s)
+        feed = VehicleFeed(system, self._config.frame, self._now_s)
+        calls = VehicleCalls(self._config.system_id, feed, self._speed)
         self._parts = _Parts(system, feed, calls, Action(system), Offboard(system))
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
-        await request_rates(calls, feed.plugin, self._settings)
-        feed.origin_m = await self._origin(self._ready_timeout_s)
+        await request_rates(calls, feed.plugin, self._config.settings)
+        feed.origin_m = await self._origin(self._config.ready_timeout_s)
         await calls.until(
             lambda: not feed.missing(), MODE_TIMEOUT_S, lambda: f"sent no {feed.missing()}", "check its estimator"
         )
@@ -234,13 +215,13 @@ class MavsdkLink:
             return
         x, y, z = setpoint.position_m
         x0, y0, z0 = parts.feed.origin_m
-        north_m, east_m, down_m = self._frame.ned_from_mission((x - x0, y - y0, z - z0))
-        heading_deg = degrees(wrap_signed_rad(self._frame.x_bearing_rad - setpoint.yaw_rad))
+        north_m, east_m, down_m = self._config.frame.ned_from_mission((x - x0, y - y0, z - z0))
+        heading_deg = degrees(wrap_signed_rad(self._config.frame.x_bearing_rad - setpoint.yaw_rad))
         place = PositionNedYaw(north_m, east_m, down_m, heading_deg)
         try:
             if setpoint.velocity_m_s:
                 x_rate, y_rate, climb = setpoint.velocity_m_s
-                velocity_m_s = self._frame.ned_from_mission((x_rate, y_rate, climb))
+                velocity_m_s = self._config.frame.ned_from_mission((x_rate, y_rate, climb))
                 parts.offboard.set_position_velocity_ned(place, VelocityNedYaw(*velocity_m_s, heading_deg))
             else:
                 parts.offboard.set_position_ned(place)
@@ -254,7 +235,7 @@ class MavsdkLink:
         A ratio within a tenth of a whole number is rounded to it. Raises VehicleRefusedError without attitudes.
         """
         _, feed, calls, _, _ = self._connected()
-        ratio = await measure_clock(calls, feed, self._settings, duration_s)
+        ratio = await measure_clock(calls, feed, self._config.settings, duration_s)
         if ratio is None:
             raise calls.refusal("sends no attitude, whose time stamps are needed", "check the link, or state the speed")
         return ratio
@@ -268,11 +249,11 @@ class MavsdkLink:
             parts.feed.on_telemetry = parts.feed.on_loss = parts.feed.on_return = None
             await parts.calls.close()
             await asyncio.to_thread(parts.destroy)
-            await self._hub.release(self._url, self._system_id)
+            await self._hub.release(self._config.url, self._config.system_id)
 
     def _connected(self) -> "_Parts":
         if self._parts is None:
-            raise VehicleRefusedError(f"vehicle {self._system_id} is not connected", "connect first")
+            raise VehicleRefusedError(f"vehicle {self._config.system_id} is not connected", "connect first")
         return self._parts
 
     async def _plan_climb(self, altitude_m: float) -> float:
@@ -285,7 +266,7 @@ class MavsdkLink:
     @property
     def _can_hold(self) -> bool:
         """Whether the vehicle can hold by itself: PX4's hold needs a global position, its take-off mode does not."""
-        return self._guided is not None or not self._frame.is_local
+        return self._guided is not None or not self._config.frame.is_local
 
     def _hovers(self, altitude_m: float) -> bool:
         feed = self._connected().feed
@@ -297,7 +278,7 @@ class MavsdkLink:
         _, feed, calls, _, _ = self._connected()
         await calls.until(
             condition,
-            self._ready_timeout_s,
+            self._config.ready_timeout_s,
             lambda: f"was not ready ({feed.failing()})",
             "resolve the cause that the autopilot reports",
         )
@@ -320,9 +301,9 @@ class MavsdkLink:
 
     def _due(self) -> bool:
         """Return whether a setpoint is due at the setpoint rate, and if so, set the time of the next one."""
-        if self._settings.setpoint_rate_hz is None:
+        if self._config.settings.setpoint_rate_hz is None:
             return True
-        now_s, period_s = self._now_s(), 1.0 / self._settings.setpoint_rate_hz
+        now_s, period_s = self._now_s(), 1.0 / self._config.settings.setpoint_rate_hz
         if now_s < self._send_next_s - SETPOINT_EARLY_SHARE * period_s:
             return False
         planned_s = self._send_next_s + period_s
@@ -350,7 +331,7 @@ class MavsdkLink:
             silent = time.monotonic() - feed.motion_received_s > SILENCE_MAX_S
             if silent and feed.origin_m is not None:
                 feed.lose()
-            lost = feed.origin_m is None and not (self._frame.is_local and feed.clock_received)
+            lost = feed.origin_m is None and not (self._config.frame.is_local and feed.clock_received)
             if feed.status.connected and (notified or lost or silent):
                 with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
@@ -358,7 +339,7 @@ class MavsdkLink:
     async def _renew(self) -> None:
         """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved."""
         _, feed, calls, _, _ = self._connected()
-        await request_rates(calls, feed.plugin, self._settings)
+        await request_rates(calls, feed.plugin, self._config.settings)
         await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
         if feed.origin_m is None:
             feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)
@@ -369,9 +350,9 @@ class MavsdkLink:
         In a local frame it is the configured origin until the autopilot restarts; after a restart it is unknown.
         """
         _, feed, calls, _, _ = self._connected()
-        if self._frame.is_local:
-            return None if feed.status.restarts else self._configured_origin_m
-        return await find_origin(calls, feed, self._frame, timeout_s)
+        if self._config.frame.is_local:
+            return None if feed.status.restarts else self._config.origin_m
+        return await find_origin(calls, feed, self._config.frame, timeout_s)
 
 
 class _Parts(NamedTuple):

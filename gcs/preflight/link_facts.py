@@ -60,7 +60,7 @@ class CheckedLink(MavsdkLink):
         system, feed, calls, *_ = self._connected()
         with suppress(VehicleRefusedError):  # the facts state the failing items
             await calls.until(lambda: _is_healthy(feed), READY_TIMEOUT_S, lambda: "is not ready", "wait")
-        query = _VehicleQuery(vehicle_id, system, feed, calls, self._frame, self._settings)
+        query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.settings)
         return await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
 
 

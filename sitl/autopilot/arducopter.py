@@ -12,6 +12,7 @@ from math import inf
 from estimation.frames import Triple
 from estimation.plant.model import Plant
 from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import Conditions, NavMode
 from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
@@ -37,10 +38,8 @@ class ArduCopter(Autopilot):
         start_m: Triple = (0.0, 0.0, 0.0),
         *,
         parameters: Parameters | None = None,
-        battery_fraction: float = 1.0,
-        endurance_s: float = 1800.0,
-        gps: bool = True,
-        localised: bool = True,
+        battery: Battery = FULL_BATTERY,
+        positioning: Positioning = GPS_POSITIONING,
     ) -> None:
         """Boot on the ground at `start_m`, disarmed, in STABILIZE; the limits of horizontal motion are read once."""
         parameters = parameters or Parameters(ARDUCOPTER_TABLE)
@@ -52,12 +51,10 @@ class ArduCopter(Autopilot):
             plant,
             start_m,
             parameters=parameters,
-            battery_fraction=battery_fraction,
-            endurance_s=endurance_s,
+            battery=battery,
+            positioning=positioning,
             mode=NavMode.STABILIZED,
             shape=shape,
-            gps=gps,
-            localised=localised,
         )
 
     @property

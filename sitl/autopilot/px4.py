@@ -13,6 +13,7 @@ import numpy as np
 from estimation.frames import Triple
 from estimation.plant.model import Plant
 from sitl.autopilot.airframe import STEP_S, Airframe
+from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
 from sitl.autopilot.fence import BREACH_MODES, WARNS, Zone, breach
 from sitl.autopilot.guidance import Guidance, PositionTarget
 from sitl.autopilot.modes import Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
@@ -69,27 +70,21 @@ class Autopilot:
         start_m: Triple = (0.0, 0.0, 0.0),
         *,
         parameters: Parameters | None = None,
-        battery_fraction: float = 1.0,
-        endurance_s: float = 1800.0,
+        battery: Battery = FULL_BATTERY,
+        positioning: Positioning = GPS_POSITIONING,
         mode: NavMode = NavMode.HOLD,
         shape: ShapeLimits | None = None,
-        gps: bool = True,
-        localised: bool = True,
     ) -> None:
-        """Boot on the ground at `start_m`, disarmed, in `mode`.
-
-        `endurance_s` is how long a full battery keeps it armed, `shape` what bounds its horizontal motion. Without
-        `gps` it knows its local position only, as from cameras indoors; not `localised`, it never knows where it is.
-        """
+        """Boot on the ground at `start_m`, disarmed, in `mode`; `shape` limits the horizontal motion."""
         self.parameters = parameters or Parameters()
         self.airframe = Airframe(plant, start_m, shape=shape)
-        self.battery_fraction = battery_fraction
+        self.battery_fraction = battery.fraction
         self.armed = False
         self.landed = True
         self.mode = mode
-        self.gps = gps
-        self._localised = localised
-        self._endurance_s = endurance_s
+        self.gps = positioning.gps
+        self._localised = positioning.localised
+        self._endurance_s = battery.endurance_s
         self._delay_s = plant.delay_s
         self._guidance = Guidance(self.parameters, self.airframe)
         self._intention = Intention(mode)

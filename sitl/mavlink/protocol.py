@@ -11,10 +11,8 @@ from enum import Enum
 from math import isfinite, isnan
 from typing import Any
 
-import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # all of common, and EKF_STATUS_REPORT
 
-from estimation.frames import MissionFrame, Triple
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.parameters import Value
@@ -23,7 +21,7 @@ from sitl.faults import VehicleFaults
 from sitl.mavlink.commands import Commander
 from sitl.mavlink.dialects import PX4, Dialect
 from sitl.mavlink.plans import FENCE_PLAN, Plans
-from sitl.mavlink.reports import EstimatorNoise, Reporter
+from sitl.mavlink.reports import MavlinkConfig, Reporter
 from sitl.mavlink.schedule import Schedule
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
 
@@ -75,41 +73,28 @@ class MavlinkVehicle:
     def __init__(
         self,
         autopilot: Autopilot,
+        config: MavlinkConfig,
         dialect: Dialect = PX4,
-        *,
-        system_id: int,
-        frame: MissionFrame,
-        origin_m: Triple,
-        noise: EstimatorNoise | None = None,
-        rng: np.random.Generator | None = None,
         faults: VehicleFaults | None = None,
     ) -> None:
-        """Serve `autopilot` in its dialect; `origin_m` is its estimator's origin in the mission frame."""
+        """Serve `autopilot` in its dialect; `faults` may change while it is served."""
         self._faults = faults or VehicleFaults()
         self.autopilot = autopilot
-        autopilot.parameters.set(dialect.system_id_parameter, system_id)
+        autopilot.parameters.set(dialect.system_id_parameter, config.system_id)
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
         self._dialect = dialect
-        self._system_id = system_id
-        self._frame, self._origin_m = frame, origin_m
-        self._reporter = Reporter(
-            autopilot,
-            dialect,
-            system_id=system_id,
-            frame=frame,
-            origin_m=origin_m,
-            noise=noise or EstimatorNoise(),
-            rng=rng or np.random.default_rng(0),
-            faults=self._faults,
-        )
+        self._config = config
+        self._reporter = Reporter(autopilot, dialect, config, self._faults)
         self._schedule = Schedule(dialect.rates_hz, self._reporter.known)
-        self._commander = Commander(autopilot, dialect, frame=frame, reporter=self._reporter, schedule=self._schedule)
+        self._commander = Commander(
+            autopilot, dialect, frame=config.frame, reporter=self._reporter, schedule=self._schedule
+        )
         self._listing: list[int] = []
         self._texts_chunked = 0
         self._fence: tuple[Fields, ...] = ()
         self._outbox = _Outbox()
-        self._writer = mavlink.MAVLink(self._outbox, system_id, AUTOPILOT_COMPONENT)
+        self._writer = mavlink.MAVLink(self._outbox, config.system_id, AUTOPILOT_COMPONENT)
         self._parser = _new_parser()
         self._handlers = self._message_handlers()
 
@@ -178,7 +163,7 @@ class MavlinkVehicle:
         if kind == "BAD_DATA":
             return self._drop(Drop.GARBAGE)
         target = getattr(message, "target_system", 0)
-        if target not in (0, self._system_id) or message.get_srcSystem() == self._system_id:
+        if target not in (0, self._config.system_id) or message.get_srcSystem() == self._config.system_id:
             return self._drop(Drop.FOREIGN)
         handler = self._handlers.get(kind)
         return handler(message, time_s) if handler else self._drop(Drop.NOT_UNDERSTOOD)
@@ -217,7 +202,7 @@ class MavlinkVehicle:
         items = self.plans.items(FENCE_PLAN)
         if items != self._fence:
             self._fence = items
-            self.autopilot.zones = zones_of(items, self._frame)
+            self.autopilot.zones = zones_of(items, self._config.frame)
 
     def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
         """Process a local position setpoint, with its velocity if it has one; its acceleration is ignored."""
@@ -234,11 +219,11 @@ class MavlinkVehicle:
             return self._drop(Drop.NOT_FINITE)
         if max(map(abs, numbers)) > REACH_MAX_M:
             return self._drop(Drop.OUT_OF_REACH)
-        x, y, z = self._frame.mission_from_ned((m.x, m.y, m.z))
-        x0, y0, z0 = self._origin_m
+        x, y, z = self._config.frame.mission_from_ned((m.x, m.y, m.z))
+        x0, y0, z0 = self._config.origin_m
         # The vehicle flies to the setpoint in its own, possibly shifted, estimate.
         dx, dy, dz = self._faults.estimate_offset_m
-        velocity = self._frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
+        velocity = self._config.frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
         target = PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading, velocity)
         self.autopilot.receive_setpoint(time_s, target)
         return []

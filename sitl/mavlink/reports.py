@@ -4,7 +4,7 @@ Metres and the mission frame stop here: the wire speaks north-east-down, degE7, 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import atan2, cos, degrees, sin, tau
 
 import numpy as np
@@ -56,6 +56,20 @@ class EstimatorNoise:
 
 
 @dataclass(frozen=True, slots=True)
+class MavlinkConfig:
+    """A stub vehicle's MAVLink system id, the mission frame, and how its estimates differ from the truth.
+
+    `origin_m` is the origin of its local NED in the mission frame [m]. `seed` is that of the `noise`.
+    """
+
+    system_id: int
+    frame: MissionFrame
+    origin_m: Triple
+    noise: EstimatorNoise = field(default_factory=EstimatorNoise)
+    seed: int | tuple[int, ...] = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """The estimate at one time: position and velocity in the mission frame."""
 
@@ -67,26 +81,12 @@ class Estimate:
 class Reporter:
     """Computes each message's fields from the autopilot's state; one estimate serves all messages of a time."""
 
-    def __init__(
-        self,
-        autopilot: Autopilot,
-        dialect: Dialect,
-        *,
-        system_id: int,
-        frame: MissionFrame,
-        origin_m: Triple,
-        noise: EstimatorNoise,
-        rng: np.random.Generator,
-        faults: VehicleFaults,
-    ) -> None:
-        """Report about `autopilot`, whose local NED origin lies at `origin_m` in the mission frame."""
+    def __init__(self, autopilot: Autopilot, dialect: Dialect, config: MavlinkConfig, faults: VehicleFaults) -> None:
+        """Report about `autopilot`, with those of the `faults` that concern its motion."""
         self._autopilot = autopilot
         self._dialect = dialect
-        self._system_id = system_id
-        self._frame = frame
-        self._origin_m = origin_m
-        self._noise = noise
-        self._rng = rng
+        self._config = config
+        self._random = np.random.default_rng(config.seed)
         self._faults = faults
         self._estimated = Estimate(-1.0, autopilot.airframe.position_m, autopilot.airframe.velocity_m_s)
         self._builders: dict[int, Callable[[], Fields | None]] = {
@@ -138,17 +138,17 @@ class Reporter:
         if self._estimated.time_s != now_s:
             airframe = self._autopilot.airframe
             position, velocity = shifted(airframe.position_m, self._faults.estimate_offset_m), airframe.velocity_m_s
-            if self._noise.position_m > 0.0 or self._noise.velocity_m_s > 0.0:
-                error = self._rng.standard_normal(6).tolist()
-                position = _disturbed(position, error[:3], self._noise.position_m)
-                velocity = _disturbed(velocity, error[3:], self._noise.velocity_m_s)
+            if self._config.noise.position_m > 0.0 or self._config.noise.velocity_m_s > 0.0:
+                error = self._random.standard_normal(6).tolist()
+                position = _disturbed(position, error[:3], self._config.noise.position_m)
+                velocity = _disturbed(velocity, error[3:], self._config.noise.velocity_m_s)
             self._estimated = Estimate(now_s, position, velocity)
         return self._estimated
 
     def _ned_from_mission_place(self, place_m: Triple) -> Triple:
         x, y, z = place_m
-        x0, y0, z0 = self._origin_m
-        return self._frame.ned_from_mission((x - x0, y - y0, z - z0))
+        x0, y0, z0 = self._config.origin_m
+        return self._config.frame.ned_from_mission((x - x0, y - y0, z - z0))
 
     def _heartbeat(self) -> Fields:
         autopilot = self._autopilot
@@ -180,14 +180,14 @@ class Reporter:
         if not self._on_globe:
             return time_us, GPS_FIX_NONE, 0, 0, 0, *[UNKNOWN_U16] * 4, 0
         estimate = self._estimate()
-        north, east, _ = self._frame.ned_from_mission(estimate.velocity_m_s)
+        north, east, _ = self._config.frame.ned_from_mission(estimate.velocity_m_s)
         speed_cm_s = _bounded_i16(100.0 * float(np.hypot(north, east)))
         return time_us, GPS_FIX_3D, *self._place(estimate.position_m), 70, 110, speed_cm_s, 0, 14
 
     def _attitude(self) -> Fields:
         airframe = self._autopilot.airframe
         x, y = airframe.acceleration_m_s2
-        north, east, _ = self._frame.ned_from_mission((x, y, 0.0))
+        north, east, _ = self._config.frame.ned_from_mission((x, y, 0.0))
         heading = airframe.heading_rad
         ahead = north * cos(heading) + east * sin(heading)
         right = east * cos(heading) - north * sin(heading)
@@ -199,19 +199,19 @@ class Reporter:
             return None
         estimate = self._estimate()
         position = self._ned_from_mission_place(estimate.position_m)
-        return self._boot_ms, *position, *self._frame.ned_from_mission(estimate.velocity_m_s)
+        return self._boot_ms, *position, *self._config.frame.ned_from_mission(estimate.velocity_m_s)
 
     def _global_position_int(self) -> Fields | None:
         if not self._on_globe:
             return None
         estimate = self._estimate()
         relative_mm = round((estimate.position_m[2] - self._autopilot.home_m[2]) * 1e3)
-        velocity = [_bounded_i16(v * 100.0) for v in self._frame.ned_from_mission(estimate.velocity_m_s)]
+        velocity = [_bounded_i16(v * 100.0) for v in self._config.frame.ned_from_mission(estimate.velocity_m_s)]
         heading_cdeg = round(degrees(self._autopilot.airframe.heading_rad % tau) * 100.0) % 36000
         return self._boot_ms, *self._place(estimate.position_m), relative_mm, *velocity, heading_cdeg
 
     def _gps_global_origin(self) -> Fields | None:
-        return (*self._place(self._origin_m), self._boot_ms * 1000) if self._on_globe else None
+        return (*self._place(self._config.origin_m), self._boot_ms * 1000) if self._on_globe else None
 
     def _home_position(self) -> Fields | None:
         if not self._on_globe:
@@ -230,7 +230,7 @@ class Reporter:
     def _estimator_status(self) -> Fields:
         """PX4's: its test ratios are squares."""
         ratios = (share**2 for share in self._shares_of_gates())
-        accuracy_m = self._noise.position_m
+        accuracy_m = self._config.noise.position_m
         return self._boot_ms * 1000, int(self._estimator_flags()), *ratios, 0.0, 0.0, 0.0, accuracy_m, accuracy_m
 
     def _ekf_status_report(self) -> Fields:
@@ -256,7 +256,7 @@ class Reporter:
 
     def _autopilot_version(self) -> Fields:
         no_hash = (0,) * 8
-        uid = 0x5354_5542_0000_0000 + self._system_id
+        uid = 0x5354_5542_0000_0000 + self._config.system_id
         version = self._dialect.firmware_version
         versions = (version, version, 0, 0)
         return self._dialect.capabilities, *versions, no_hash, no_hash, no_hash, 0, 0, uid
@@ -269,7 +269,7 @@ class Reporter:
         return [round(volts * 1e3)] * CELLS
 
     def _place(self, place_m: Triple) -> tuple[int, int, int]:
-        return wire_place(self._frame.geodetic_from_mission(place_m))
+        return wire_place(self._config.frame.geodetic_from_mission(place_m))
 
 
 def wire_place(place: Geodetic) -> tuple[int, int, int]:

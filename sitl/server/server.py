@@ -14,12 +14,13 @@ from estimation.plant.model import Plant
 from estimation.state import Vector
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.arducopter import ArduCopter
+from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.parameters import Value
 from sitl.autopilot.px4 import Autopilot
 from sitl.faults import VehicleFaults
 from sitl.mavlink.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.mavlink.protocol import MavlinkVehicle
-from sitl.mavlink.reports import EstimatorNoise
+from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 
 WAKE_PERIOD_S = 0.004
 """Wall time between two catch-ups at the least: at high speed several steps are taken at once."""
@@ -185,23 +186,15 @@ class Stub:
         self.autopilot = autopilot(
             config.plant,
             (x, y, 0.0),
-            battery_fraction=config.battery_fraction,
-            gps=config.gps,
-            localised=config.localised,
+            battery=Battery(config.battery_fraction),
+            positioning=Positioning(config.gps, config.localised),
         )
         for name, value in config.parameters.items():
             if not self.autopilot.parameters.set(name, value):
                 raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
-        self._vehicle = MavlinkVehicle(
-            self.autopilot,
-            dialect,
-            system_id=config.vehicle_id,
-            frame=config.frame,
-            origin_m=(x + dx, y + dy, dz),
-            noise=config.noise,
-            rng=np.random.default_rng((config.seed, config.vehicle_id)),
-            faults=self.faults,
-        )
+        origin_m, seed = (x + dx, y + dy, dz), (config.seed, config.vehicle_id)
+        mavlink = MavlinkConfig(config.vehicle_id, config.frame, origin_m, config.noise, seed)
+        self._vehicle = MavlinkVehicle(self.autopilot, mavlink, dialect, self.faults)
         self.endpoint = _Endpoint(
             lambda data: self._vehicle.receive(data, pace.uptime_s()),
             (config.client_host, config.client_port),

@@ -14,12 +14,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.plant.model import Plant
 from estimation.state import MOTION, POSITION, Sighting, Telemetry, Vector
 from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
+from sitl.simulation.vehicle_model import VehicleModel
 from sitl.vehicle.body import Body
 from sitl.vehicle.estimator_drift import EstimatorDrift
-from sitl.vehicle.imperfections import IDEAL, Imperfections
 from sitl.vehicle.telemetry_schedule import TelemetrySchedule
 
 
@@ -105,55 +104,34 @@ class NetworkModel:
     loss: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class TelemetryNoise:
-    """White noise on what a vehicle reports of itself; standard deviations per axis."""
-
-    position_m: float = 0.0
-    velocity_m_s: float = 0.0
-
-
 class SimulatedVehicle(Generic[OutputT]):
     """One simulated vehicle: its true motion, what it carries, and what its instruments make of it."""
 
     def __init__(
         self,
+        model: VehicleModel,
         core: Core[OutputT],
-        plant: Plant,
-        start_m: tuple[float, float],
-        altitude_m: float,
         sensor: Sensor,
-        noise: TelemetryNoise,
-        disturbance_m_s2: tuple[float, float],
-        seed: Sequence[int],
-        imperfections: Imperfections = IDEAL,
-        absences: Sequence[Absence] = (),
         new_core: Callable[[], Core[OutputT]] | None = None,
-        climbs: bool = False,
     ) -> None:
-        """Put a vehicle at rest, hovering at `start_m`; `plant` is the truth, which its core need not know.
-
-        One that `climbs` follows the altitude of its setpoints, any other stays at its own. `new_core` makes the core
-        of an agent that comes back after one of the `absences`.
-        """
+        """Put the vehicle at its start; `new_core` makes the core of an agent that returns after an absence."""
         self.core = core
-        self._absences = absences
+        self._model = model
         self._new_core = new_core
         self._away: Absence | None = None
-        self._plant = plant
+        wind_random = np.random.default_rng([*model.seed, _WIND])
         self._body = Body(
-            plant, start_m, altitude_m, disturbance_m_s2, imperfections, np.random.default_rng([*seed, _WIND])
+            model.plant, model.start_m, model.altitude_m, model.disturbance_m_s2, model.imperfections, wind_random
         )
-        self.altitude_m = self._wanted_altitude_m = altitude_m
-        self._climbs = climbs
+        self.altitude_m = self._wanted_altitude_m = model.altitude_m
         self._sensor = sensor
-        self._noise = np.array([noise.position_m] * 2 + [noise.velocity_m_s] * 2)
-        self._random = np.random.default_rng(seed)
-        drift, timing = imperfections.estimator_drift, imperfections.telemetry_timing
-        self._estimator_drift = None if drift is None else EstimatorDrift(drift, np.random.default_rng([*seed, _DRIFT]))
-        self._telemetry_schedule = (
-            None if timing is None else TelemetrySchedule(timing, np.random.default_rng([*seed, _TELEMETRY]))
-        )
+        self._noise = np.array([model.noise.position_m] * 2 + [model.noise.velocity_m_s] * 2)
+        self._random = np.random.default_rng(model.seed)
+        drift, timing = model.imperfections.estimator_drift, model.imperfections.telemetry_timing
+        drift_random = np.random.default_rng([*model.seed, _DRIFT])
+        self._estimator_drift = None if drift is None else EstimatorDrift(drift, drift_random)
+        timing_random = np.random.default_rng([*model.seed, _TELEMETRY])
+        self._telemetry_schedule = None if timing is None else TelemetrySchedule(timing, timing_random)
         self._samples: list[Telemetry] = []
 
     @property
@@ -172,7 +150,7 @@ class SimulatedVehicle(Generic[OutputT]):
 
     def attend(self, now_s: float) -> Absence | None:
         """Let its agent come or go, if it is time; return the absence that begins or ends now, None if none does."""
-        before, self._away = self._away, absence_at(self._absences, now_s)
+        before, self._away = self._away, absence_at(self._model.absences, now_s)
         if before is self._away:
             return None
         if self._away is not None:
@@ -210,8 +188,8 @@ class SimulatedVehicle(Generic[OutputT]):
     def command(self, now_s: float, wanted: WantedPosition | None) -> None:
         """Send a setpoint on its way; it acts one delay later."""
         if wanted is not None:
-            self._body.command(now_s, self._plant.aim_m(wanted.position_m, wanted.velocity_m_s))
-            if self._climbs:
+            self._body.command(now_s, self._model.plant.aim_m(wanted.position_m, wanted.velocity_m_s))
+            if self._model.climbs:
                 self._wanted_altitude_m = wanted.position_m[2]
 
     def advance(self, from_s: float, to_s: float) -> None:

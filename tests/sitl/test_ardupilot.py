@@ -25,6 +25,7 @@ from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
 from sitl.autopilot.px4 import CommandResult
 from sitl.mavlink.dialects import ARDUCOPTER, AutopilotKind
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
+from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
@@ -277,7 +278,7 @@ class Client:
 
     def __init__(self) -> None:
         self.copter = ArduCopter(PLANT, (0.0, 0.0, 1.5))
-        self.vehicle = MavlinkVehicle(self.copter, ARDUCOPTER, system_id=3, frame=FRAME, origin_m=(0.0, 0.0, 0.0))
+        self.vehicle = MavlinkVehicle(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)), ARDUCOPTER)
         self._writer = dialect.MAVLink(None, 245, 190)
         self._reader = dialect.MAVLink(None)
 
@@ -481,13 +482,14 @@ def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(system: Any) -> Non
 async def test_the_vehicle_link_flies_it_from_disarmed_to_disarmed_twice() -> None:
     from agents.ports import FlightMode, Setpoint
     from estimation.state import Telemetry
+    from gcs.link.config import LinkConfig
     from gcs.link.hub import MavsdkHub
     from gcs.link.mavsdk_link import MavsdkLink
 
     port = free_port()
     process, hub, heard = StubProcess([copter_on(port)], SPEED), MavsdkHub(), list[Telemetry]()
     process.start()
-    link = MavsdkLink(hub, f"udpin://127.0.0.1:{port}", 1, FRAME, time.monotonic, SPEED)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME), time.monotonic, SPEED)
     await link.connect(heard.append)
     for altitude_m in (6.0, 5.0):
         await link.take_off(altitude_m)

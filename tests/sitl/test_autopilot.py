@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NEEDS_STICKS, Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
@@ -535,7 +536,7 @@ def test_of_a_breach_and_a_lost_stream_the_graver_rules_and_landing_is_not_held_
 
 
 def indoors(**parameters: float) -> Autopilot:
-    autopilot = Autopilot(PLANT, parameters=Parameters(**parameters), gps=False)
+    autopilot = Autopilot(PLANT, parameters=Parameters(**parameters), positioning=Positioning(gps=False))
     autopilot.step(3.0)
     return autopilot
 
@@ -580,7 +581,7 @@ def test_a_failsafe_that_needs_a_place_on_the_globe_lands_without_one(action: in
 
 
 def test_not_localised_it_arms_in_no_mode() -> None:
-    autopilot = Autopilot(PLANT, localised=False)
+    autopilot = Autopilot(PLANT, positioning=Positioning(localised=False))
     autopilot.step(60.0)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
     for mode in NavMode:
@@ -636,7 +637,7 @@ def test_no_parameter_breaks_a_flight(subtests: pytest.Subtests) -> None:
 
 
 def test_the_battery_drains_while_armed() -> None:
-    autopilot = Autopilot(PLANT, battery_fraction=0.5, endurance_s=100.0)
+    autopilot = Autopilot(PLANT, battery=Battery(0.5, endurance_s=100.0))
     autopilot.step(3.0)
     autopilot.arm()
     autopilot.take_off()

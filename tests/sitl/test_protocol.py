@@ -15,12 +15,13 @@ from pymavlink.dialects.v20 import common as dialect
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.equipment import GPS_POSITIONING, Positioning
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
 from sitl.faults import VehicleFaults
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
-from sitl.mavlink.reports import EstimatorNoise
+from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
@@ -28,6 +29,7 @@ START: Triple = (20.0, -5.0, 1.5)
 ORIGIN: Triple = (20.3, -5.4, 1.6)
 SYSTEM_ID = 7
 NOBODY = (0.0,) * 7
+NOISELESS = EstimatorNoise()
 
 
 class Client:
@@ -35,22 +37,15 @@ class Client:
 
     def __init__(
         self,
-        noise: EstimatorNoise | None = None,
+        noise: EstimatorNoise = NOISELESS,
         seed: int = 0,
         faults: VehicleFaults | None = None,
         plant: Plant = PLANT,
-        **knows: Any,
+        positioning: Positioning = GPS_POSITIONING,
     ) -> None:
-        self.autopilot = Autopilot(plant, START, **knows)
-        self.vehicle = MavlinkVehicle(
-            self.autopilot,
-            system_id=SYSTEM_ID,
-            frame=FRAME,
-            origin_m=ORIGIN,
-            noise=noise,
-            rng=np.random.default_rng(seed),
-            faults=faults,
-        )
+        self.autopilot = Autopilot(plant, START, positioning=positioning)
+        config = MavlinkConfig(SYSTEM_ID, FRAME, ORIGIN, noise, seed)
+        self.vehicle = MavlinkVehicle(self.autopilot, config, faults=faults)
         self._writer = dialect.MAVLink(None, 245, 190)
         self._reader = dialect.MAVLink(None)
         self._step = 0
@@ -367,7 +362,7 @@ GPS_BIT, POSITION_BIT = dialect.MAV_SYS_STATUS_SENSOR_GPS, dialect.MAV_SYS_STATU
 
 
 def test_without_gps_it_knows_its_local_position_and_nothing_of_the_globe() -> None:
-    indoors = Client(gps=False)
+    indoors = Client(positioning=Positioning(gps=False))
     messages = indoors.run(6.0)
     kinds = {message.get_type() for message in messages}
     assert "LOCAL_POSITION_NED" in kinds
@@ -381,7 +376,7 @@ def test_without_gps_it_knows_its_local_position_and_nothing_of_the_globe() -> N
 
 
 def test_not_localised_it_says_nothing_of_any_place_and_stays_disarmed() -> None:
-    lost = Client(localised=False)
+    lost = Client(positioning=Positioning(localised=False))
     messages = lost.run(30.0)
     kinds = {message.get_type() for message in messages}
     assert not kinds & {"LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "HOME_POSITION"}
@@ -408,9 +403,9 @@ def test_the_estimators_report_comes_when_asked_for_and_follows_its_noise() -> N
     assert results(calm.command(512, 193)) == [2], "that is ArduPilot's"
 
 
-@pytest.mark.parametrize(("knows", "flags"), [({"gps": False}, 303), ({"localised": False}, 165)])
-def test_the_estimator_says_what_it_does_not_know(knows: dict[str, Any], flags: int) -> None:
-    client = Client(**knows)
+@pytest.mark.parametrize(("positioning", "flags"), [(Positioning(gps=False), 303), (Positioning(localised=False), 165)])
+def test_the_estimator_says_what_it_does_not_know(positioning: Positioning, flags: int) -> None:
+    client = Client(positioning=positioning)
     client.run(3.0)
     assert only(client.command(512, 230), "ESTIMATOR_STATUS").flags == flags
 

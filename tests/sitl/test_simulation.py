@@ -10,7 +10,8 @@ from scipy.linalg import expm
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Sighting, Telemetry, Vector
 from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
-from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, TelemetryNoise, simulate
+from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
+from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
 
 PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))
 WIND = (0.1, -0.2)
@@ -86,7 +87,8 @@ def vehicle(
     wind: tuple[float, float] = (0.0, 0.0),
     seed: int = 0,
 ) -> SimulatedVehicle[Asked]:
-    return SimulatedVehicle(core, plant, start_m, 8.0, Sensor(), noise or TelemetryNoise(), wind, (seed, 2, 1))
+    model = VehicleModel(plant, start_m, 8.0, (seed, 2, 1), noise or TelemetryNoise(), wind)
+    return SimulatedVehicle(model, core, Sensor())
 
 
 def fly(
@@ -250,18 +252,8 @@ def team(absences: Sequence[Absence]) -> tuple[SimulatedFlight, Recorder, list[R
         cores.append(Recorder(still))
         return cores[-1]
 
-    absent = SimulatedVehicle(
-        cores[0],
-        PLANT,
-        (1.0, -2.0),
-        8.0,
-        Sensor(),
-        TelemetryNoise(),
-        (0.0, 0.0),
-        (0, 2, 1),
-        absences=absences,
-        new_core=new_core,
-    )
+    model = VehicleModel(PLANT, (1.0, -2.0), 8.0, (0, 2, 1), absences=absences)
+    absent = SimulatedVehicle(model, cores[0], Sensor(), new_core)
     return fly([vehicle(other), absent], 40.0), other, cores
 
 

@@ -11,8 +11,10 @@ from pymavlink.dialects.v20 import common as dialect
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.equipment import Battery
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.protocol import MavlinkVehicle
+from sitl.mavlink.reports import MavlinkConfig
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0))
@@ -43,11 +45,11 @@ class Station:
         self._speed, self._latency_s, self._step = speed, latency_s, 0
         self._writer = dialect.MAVLink(None, 245, 190)
         self._autopilots = [
-            Autopilot(PLANT, (4.0 * system_id, -3.0, 0.5), battery_fraction=BATTERY_FRACTION)
+            Autopilot(PLANT, (4.0 * system_id, -3.0, 0.5), battery=Battery(BATTERY_FRACTION))
             for system_id in system_ids
         ]
         self._vehicles = [
-            MavlinkVehicle(autopilot, system_id=flown.system_id, frame=FRAME, origin_m=flown.origin_m)
+            MavlinkVehicle(autopilot, MavlinkConfig(flown.system_id, FRAME, flown.origin_m))
             for autopilot, flown in zip(self._autopilots, self.flown, strict=True)
         ]
 

@@ -14,6 +14,7 @@ import pytest
 
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.protocol import MavlinkVehicle
+from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig, serve
 
@@ -52,12 +53,12 @@ class StubWatch:
         self.received_s: defaultdict[int, list[float]] = defaultdict(list)
         make, take = MavlinkVehicle.__init__, MavlinkVehicle._on_setpoint
 
-        def made(vehicle: MavlinkVehicle, autopilot: Autopilot, *arguments: Any, **named: Any) -> None:
-            self.vehicles[named["system_id"]] = autopilot
-            make(vehicle, autopilot, *arguments, **named)
+        def made(vehicle: MavlinkVehicle, autopilot: Autopilot, config: MavlinkConfig, *rest: Any) -> None:
+            self.vehicles[config.system_id] = autopilot
+            make(vehicle, autopilot, config, *rest)
 
         def taken(vehicle: MavlinkVehicle, message: Any, time_s: float) -> Any:
-            self.received_s[vehicle._system_id].append(asyncio.get_running_loop().time())
+            self.received_s[vehicle._config.system_id].append(asyncio.get_running_loop().time())
             return take(vehicle, message, time_s)
 
         monkeypatch.setattr(MavlinkVehicle, "__init__", made)

@@ -11,6 +11,7 @@ from agents.ports import Setpoint
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
+from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from sitl.server.process import StubProcess
@@ -32,9 +33,8 @@ async def test_a_velocity_beside_the_setpoint_reaches_the_vehicle() -> None:
     process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
     process.start()
     began_s = time.monotonic()
-    link = MavsdkLink(
-        hub, f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, lambda: SPEED * (time.monotonic() - began_s), SPEED
-    )
+    link_config = LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME)
+    link = MavsdkLink(hub, link_config, lambda: SPEED * (time.monotonic() - began_s), SPEED)
 
     async def trail_s(velocity: tuple[float, ...], from_m: tuple[float, float]) -> float:
         """Move the setpoint steadily for a while; return how long after it the vehicle is where it was."""

@@ -23,6 +23,7 @@ from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
 from gcs.link import calls as link_calls
 from gcs.link.calls import VehicleCalls, find_origin
+from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
@@ -70,7 +71,7 @@ def clock() -> Callable[[], float]:
 @asynccontextmanager
 async def linked(name: str, system_id: int, **settings: Any) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry]]]:
     hub, telemetry = MavsdkHub(), list[Telemetry]()
-    link = MavsdkLink(hub, url(name), system_id, FRAME, clock(), SPEED, **settings)
+    link = MavsdkLink(hub, LinkConfig(url(name), system_id, FRAME, **settings), clock(), SPEED)
     try:
         await link.connect(telemetry.append)
         yield link, telemetry
@@ -93,7 +94,7 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
     config = StubConfig(2, free_port(), PLANT, FRAME, (40.0, -25.0), origin_offset_m=(0.45, -0.3, 0.25))
     process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
     process.start()
-    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 2, mission, clock(), SPEED)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 2, mission), clock(), SPEED)
     await link.connect(telemetry.append)
     await asyncio.sleep(0.3)
     assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
@@ -173,7 +174,7 @@ async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.Monke
     async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 5.0) as (url, now_s):
         hub = MavsdkHub()
         rates = LinkSection(telemetry_rate_hz=10.0, status_rate_hz=2.0, attitude_rate_hz=25.0)
-        link = MavsdkLink(hub, url, 1, FRAME, now_s, 5.0, settings=rates)
+        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, rates), now_s, 5.0)
         await link.connect(lambda sample: None)
         sent.clear()
         began_s = now_s()
@@ -222,7 +223,7 @@ async def test_setpoints_are_handed_on_at_the_rate_asked_for(
     monkeypatch.setattr(Autopilot, "receive_setpoint", note)
     async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 2.0) as (url, now_s):
         hub = MavsdkHub()
-        link = MavsdkLink(hub, url, 1, FRAME, now_s, 2.0, settings=LinkSection(setpoint_rate_hz=rate_hz))
+        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, LinkSection(setpoint_rate_hz=rate_hz)), now_s, 2.0)
         await link.connect(lambda sample: None)
         began_s = now_s()
         async for tick in Ticker(0.05, now_s, speed=2.0):
@@ -284,7 +285,7 @@ async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again(stubs: Stub
 async def test_silence_is_refused() -> None:
     port = free_port()
     hub = MavsdkHub()
-    link = MavsdkLink(hub, f"udpin://127.0.0.1:{port}", 1, FRAME, clock(), heartbeat_timeout_s=1.0)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME, heartbeat_timeout_s=1.0), clock())
     with pytest.raises(VehicleRefusedError) as refusal:
         await link.connect(lambda sample: None)
     assert refusal.value.reason == f"no heartbeat on udpin://127.0.0.1:{port} within 1 s"
@@ -365,7 +366,7 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     first.start()
     hub, telemetry = MavsdkHub(), list[Telemetry]()
     rates = LinkSection(telemetry_rate_hz=10.0)
-    link = MavsdkLink(hub, f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, time.monotonic, settings=rates)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, rates), time.monotonic)
     await link.connect(telemetry.append)
     assert await link.measure_speed(0.6) == 1.0
     first.stop()
@@ -472,7 +473,7 @@ async def test_a_vehicle_without_gps_flies_in_a_local_frame_from_where_it_was_to
     process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
     process.start()
     url = f"udpin://127.0.0.1:{config.client_port}"
-    link = MavsdkLink(hub, url, 3, INDOORS, clock(), SPEED, origin_m=(0.5, 1.5, 0.0))
+    link = MavsdkLink(hub, LinkConfig(url, 3, INDOORS, origin_m=(0.5, 1.5, 0.0)), clock(), SPEED)
     await link.connect(telemetry.append)
     await until(lambda: bool(telemetry))
     assert dist(telemetry[-1].position_m, (2.0, 1.0, 0.0)) < 1e-3

@@ -8,7 +8,7 @@ from dataclasses import replace
 from io import StringIO
 from itertools import pairwise
 from math import dist
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import pytest
 from rich.console import Console
@@ -24,6 +24,7 @@ from gcs.console.live import LiveRow, LiveView
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
+from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.mission.file import load_mission
@@ -126,9 +127,9 @@ class Team:
         monkeypatch.setattr(self._view, "update", lambda team, *_: self.rows.update({r.vehicle_id: r for r in team}))
         make = MavsdkLink.__init__
 
-        def made(link: MavsdkLink, hub: object, url: str, system_id: int, *rest: object, **named: object) -> None:
-            self.links[system_id] = link
-            make(link, hub, url, system_id, *rest, **named)  # type: ignore[arg-type]
+        def made(link: MavsdkLink, hub: MavsdkHub, config: LinkConfig, *rest: Any) -> None:
+            self.links[config.system_id] = link
+            make(link, hub, config, *rest)
 
         monkeypatch.setattr(MavsdkLink, "__init__", made)
 
@@ -290,7 +291,7 @@ async def test_dead_links_do_not_starve_a_living_one(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Autopilot, "receive_setpoint", note)
     hub = MavsdkHub()
     links = [
-        MavsdkLink(hub, f"udpin://{LOOPBACK}:{each.client_port}", each.vehicle_id, FRAME, time.monotonic)
+        MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{each.client_port}", each.vehicle_id, FRAME), time.monotonic)
         for each in configs
     ]
     await asyncio.gather(*(link.connect(lambda sample: None) for link in links))
@@ -324,7 +325,7 @@ async def test_an_autopilot_that_says_nothing_unasked_is_asked_again_after_a_res
     stub = Stub(StubConfig(1, port, PLANT, FRAME, autopilot=AutopilotKind.ARDUPILOT))
     stub.start()
     hub, samples = MavsdkHub(), list[Telemetry]()
-    link = MavsdkLink(hub, f"udpin://{LOOPBACK}:{port}", 1, FRAME, unix_clock(SPEED), SPEED)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{port}", 1, FRAME), unix_clock(SPEED), SPEED)
     await link.connect(samples.append)
     await until(lambda: len(samples) > 20, 3.0, "telemetry")
     await stub.kill()

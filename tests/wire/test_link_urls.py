@@ -24,6 +24,7 @@ from gcs.console.live import LiveView
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
+from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.urls import require_usable
@@ -156,7 +157,7 @@ async def test_a_vehicle_is_reached_and_commanded_over_every_kind_of_url(
         url = await stack.enter_async_context(carrier(StubConfig(1, client_port, PLANT, FRAME), port))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
-        link = MavsdkLink(hub, url, 1, FRAME, unix_clock(SPEED), SPEED)
+        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME), unix_clock(SPEED), SPEED)
         stack.push_async_callback(link.close)
         await link.connect(samples.append)
         await until(lambda: len(samples) > 10, 3.0, "telemetry")

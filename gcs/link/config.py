@@ -1,0 +1,24 @@
+"""The configuration of one vehicle's link."""
+
+from dataclasses import dataclass, field
+
+from estimation.frames import MissionFrame, Triple
+from gcs.mission.mission import LinkSection
+
+
+@dataclass(frozen=True, slots=True)
+class LinkConfig:
+    """Which vehicle a link connects to (`url`, MAVLink `system_id`), in which mission frame, and its rates.
+
+    In a local frame `origin_m` is where the vehicle's NED begins [m, mission frame]; other frames do not use it.
+    `heartbeat_timeout_s` limits the search for the vehicle and is wall time. `ready_timeout_s` limits the waits for its
+    position and for its arming checks and is time of the mission clock.
+    """
+
+    url: str
+    system_id: int
+    frame: MissionFrame
+    settings: LinkSection = field(default_factory=LinkSection)
+    origin_m: Triple = (0.0, 0.0, 0.0)
+    heartbeat_timeout_s: float = 10.0
+    ready_timeout_s: float = 60.0
