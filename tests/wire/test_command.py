@@ -120,18 +120,18 @@ async def test_an_abort_hovers_then_lands_by_itself_unless_resumed(fly_team: Fly
         await until(lambda: not team.watch.vehicles[2].armed and not team.watch.vehicles[3].armed, 20.0)
         assert team.tactics[1] == "formation"
         assert team.watch.vehicles[1].armed
-        assert "vehicle 3: abort by" in "".join(line for line in team.said if "nobody resumed it" in line)
+        assert any(line.startswith("vehicle 3: abort by") and "lands, no resume" in line for line in team.said)
 
 
 async def test_a_target_is_pointed_out_and_encircled_but_not_where_no_sighting_can_be(fly_team: FlyTeam) -> None:
     good: dict[str, object] = {"frame": "mission", "position": [8.0, 0.0], "covariance_m2": [0.25, 0.0, 0.25]}
     good |= {"importance": 0.8, "threat": 0.2}
     bad: tuple[tuple[dict[str, object], str], ...] = (
-        ({"frame": "utm"}, "its frame is not known ('utm' is none of mission, geodetic)"),
-        ({"time_s": 1e11}, "it is from the future"),
-        ({"covariance_m2": [1.0, 1.0, 1.0]}, "its covariance is not positive definite"),
-        ({"covariance_m2": [1e200, 1e200, 1e200]}, "it is not what docs/target.md describes"),
-        ({"position": [1e7, 0.0]}, "it is too far away (10000 km, at most 1000)"),
+        ({"frame": "utm"}, "unknown frame ('utm'"),
+        ({"time_s": 1e11}, "in the future"),
+        ({"covariance_m2": [1.0, 1.0, 1.0]}, "not positive definite"),
+        ({"covariance_m2": [1e200, 1e200, 1e200]}, "see docs/target.md"),
+        ({"position": [1e7, 0.0]}, "too far away (10000 km"),
     )
     async with fly_team() as team:
         endpoints = [vehicle.section.endpoint for vehicle in team.mission.vehicles]
