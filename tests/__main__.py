@@ -27,7 +27,7 @@ WORKERS = 1 + (os.cpu_count() or 1)
 SOCKETS = ("-m", "wire", f"--ignore={DRILLS}", "-n", str(WORKERS), "--dist", "load", "--maxschedchunk", "1")
 """Tests on real sockets mostly wait: more of them than there are cores run side by side, each worker takes the next."""
 AGAIN = ("--reruns", "2", "--reruns-delay", "3")
-"""Sockets, watchdogs and leases run on the wall clock: a test that had no processor in time gets it again, and says so."""
+"""Watchdogs and leases run on the wall clock: a test that lacked the processor runs again; the summary counts it."""
 COMPUTING = ("-m", "not wire", "-n", "auto", "--dist", "loadfile")
 """Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
 GIVES_WAY = ("nice", "-n", "19")
