@@ -120,7 +120,7 @@ async def test_an_abort_hovers_then_lands_by_itself_unless_resumed(fly_team: Fly
         await until(lambda: not team.watch.vehicles[2].armed and not team.watch.vehicles[3].armed, 20.0)
         assert team.tactics[1] == "formation"
         assert team.watch.vehicles[1].armed
-        assert any(line.startswith("vehicle 3: abort by") and "lands, no resume" in line for line in team.said)
+        assert any("vehicle 3: abort by" in line and "lands, no resume" in line for line in team.said), team.said
 
 
 async def test_a_target_is_pointed_out_and_encircled_but_not_where_no_sighting_can_be(fly_team: FlyTeam) -> None:
