@@ -19,7 +19,7 @@ from estimation.settings import OwnFilterSettings, TargetFilterSettings
 
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
-    """Everything one agent is told before it flies.
+    """The configuration of one agent, complete before it flies.
 
     `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
     mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its

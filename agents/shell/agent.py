@@ -335,7 +335,7 @@ class Agent:
             self._report(Outcome(Ending.REFUSED, self._refusal.reason, self._refusal.next_step))
 
     def _report_override(self) -> None:
-        reason, step = self._override_reason, "whoever changed the mode has the vehicle: land it from there"
+        reason, step = self._override_reason, "land it from where the mode was changed: cordon has handed it over"
         if self._link.status.restarts:
             reason, step = f"{reason}: its autopilot restarted", "go and see, and look at its log for the reason"
         self._report(Outcome(Ending.PILOT_OVERRIDE, reason, step))

@@ -23,7 +23,7 @@ class ZenohBus:
 
     `listen` and `connect` are Zenoh endpoints such as `tcp/127.0.0.1:7447`. Endpoints that nobody listens on
     yet are tried again until somebody does. A peer that dies is noticed at once, one that freezes after
-    `lease_ms`. Without a `vehicle_id` it only listens: nobody is told of its presence, and nothing is ever published.
+    `lease_ms`. Without a `vehicle_id` it only listens: it shows no presence and publishes nothing.
     `listen` None opens no port. `settings` are further Zenoh settings by path, for instance
     `transport/link/tls/listen_certificate`. A bus is opened and closed once.
     Raises ValueError for names that would be patterns in a key.
@@ -102,7 +102,7 @@ class ZenohBus:
         self._closed = True
         session, self._session = self._session, None
         if session is not None:
-            # Undeclaring waits for callbacks that are running, and these wait for nobody: no deadlock.
+            # Undeclaring waits for callbacks that are running, and these wait for nothing: no deadlock.
             await asyncio.to_thread(self._close_blocking, session)
 
     def _open_blocking(self) -> None:
@@ -122,7 +122,7 @@ class ZenohBus:
             liveliness = session.liveliness()
             alive = f"{self._prefix}/alive"
             liveliness.declare_subscriber(f"{alive}/*", zenoh.handlers.Callback(self._receive_presence), history=True)
-            # Last: whoever sees this peer may send to it at once.
+            # Last: a peer that sees this one may send to it at once.
             if self._vehicle_id is not None:
                 self._token = liveliness.declare_token(f"{alive}/{self._vehicle_id}")
         except zenoh.ZError as error:

@@ -123,7 +123,7 @@ def _merged(model: type[Settings], *parts: Settings | None) -> Settings | None:
 def excitation_mission(mission: Mission, vehicle_id: int) -> Mission:
     """Return the flight for identification of one of a mission's vehicles; raises MissionError with every fault.
 
-    Its text is the mission's, with a first line that says so: whoever reads it has the same flight.
+    Its text is the mission's, with a first line that says so: read again, it gives the same flight.
     """
     if mission.excites:
         return mission

@@ -77,7 +77,7 @@ def limits_agree(
             )
     along_m_s = 0.0 if ring is None else abs(ring.angular_rate_rad_s) * ring.radius_m
     if ring is not None and along_m_s > ring.speed_max_m_s:
-        return  # the ring contradicts itself, which is told already
+        return  # the ring contradicts itself, which is reported already
     line_m_s = 0.0 if formation is None else formation.speed_m_s
     for needed_m_s, what in ((along_m_s, "the ring"), (line_m_s, "the formation")):
         if needed_m_s > safety.speed_max_m_s:

@@ -68,7 +68,7 @@ class MissionSection(Settings):
 
 class FrameSection(Settings):
     """`[frame]`: where on Earth the mission frame lies, and the bearing of its x axis clockwise from north. Latitude,
-    longitude and altitude are required, unless `local` is true: then, as indoors, nobody knows where on Earth that is,
+    longitude and altitude are required, unless `local` is true: then the place on Earth is unknown, as indoors,
     no GPS is needed, and every vehicle's `origin_m` says where its own local NED begins.
     """
 
