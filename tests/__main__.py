@@ -22,10 +22,12 @@ CHECKS = (
 )
 
 DRILLS = "tests/wire/test_drill.py"
-"""Flies in processes that a watchdog kills when they are late: it needs the machine to itself."""
+"""Flies in processes that a watchdog kills when they are late: only other drills fly at the same time, one a core."""
 WORKERS = 1 + (os.cpu_count() or 1)
-SOCKETS = ("-m", "wire", f"--ignore={DRILLS}", "-n", str(WORKERS), "--dist", "load", "--maxschedchunk", "1")
-"""Tests on real sockets mostly wait: more of them than there are cores run side by side, each worker takes the next."""
+ONE_EACH = ("--dist", "load", "--maxschedchunk", "1")
+"""Each worker takes the next test."""
+SOCKETS = ("-m", "wire", f"--ignore={DRILLS}", *ONE_EACH, "-n", str(WORKERS))
+"""Tests on real sockets mostly wait: more of them than there are cores run side by side."""
 AGAIN = ("--reruns", "2", "--reruns-delay", "3")
 """Watchdogs and leases run on the wall clock: a test that lacked the processor runs again; the summary counts it."""
 COMPUTING = ("-m", "not wire", "-n", "auto", "--dist", "loadfile")
@@ -48,7 +50,7 @@ def main() -> int:
             with _pytest(*SOCKETS, *AGAIN) as sockets:
                 checks = _failing_checks()
                 passed = [sockets()]
-            with _pytest(DRILLS, *AGAIN) as drills:
+            with _pytest(DRILLS, *ONE_EACH, "-n", "auto", *AGAIN) as drills:
                 passed += [drills(), computing()]
         tests_fail = not all(passed)
     for check in checks:
