@@ -1,6 +1,7 @@
 """A flight as a command: the log is opened, the plan flown under supervision, the result judged and reported."""
 
 import asyncio
+import gc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -38,6 +39,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
             LiveView(STDERR) as view,
         ):
             report = partial(_report_findings, plan.mission)
+            gc.freeze()  # modules stay until the end: a full collection would traverse them for 60 ms, within a tick
             flight = asyncio.run(fly(replace(plan, log=writer), view, report, supervisor))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
