@@ -4,13 +4,16 @@ from agents.control.plan import Plan
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
 from agents.situation.situation import Task
+from agents.drops import Drops
 from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
 from agents.team.ring_scale import RingScale
 from estimation.polar import Polar
 from estimation.state import MOTION, Sighting
 
 
-def member_state(vehicle_id: int, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None) -> Outgoing:
+def member_state(
+    vehicle_id: int, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
+) -> Outgoing:
     """Publish tactic, motion and the undisturbed aim, taken back from when it acts to the present."""
     situation = task.situation
     x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
@@ -30,6 +33,7 @@ def member_state(vehicle_id: int, task: Task, sent: Plan, alert: str, reshaping:
             situation.position_sigma_m,
             alert,
             *((None, 0.0) if reshaping is None else (reshaping.shape, reshaping.time_s)),
+            drops,
         )
     )
 

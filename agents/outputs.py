@@ -11,6 +11,7 @@ from agents.ports import Setpoint
 from agents.safety.guard import Guarded
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
+from agents.drops import NO_DROPS, Drops
 from agents.team.messages import CommandAnswer, MemberState
 from estimation.polar import Polar
 from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
@@ -29,7 +30,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     `situation`, `plan` and `guarded` are None before any telemetry; `plan` and `guarded` are as they were sent. `alert`
     is the failsafe condition that it reacts to, empty if none; `notes` are what has happened, `answers` what peers have
     answered operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude where
-    the mission follows that, `turning_rad_s` the rate at which the vehicle is taken to go around the target.
+    the mission follows that, `drops` are the messages dropped so far, `turning_rad_s` is the rate at which the vehicle is taken to go around the target.
     """
 
     vehicle_id: int
@@ -39,7 +40,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     plan: Plan | None = None
     guarded: Guarded | None = None
     peers: tuple[MemberState, ...] = ()
-    messages_dropped: int = 0
+    drops: Drops = NO_DROPS
     alert: str = ""
     notes: tuple[Note, ...] = ()
     answers: tuple[CommandAnswer, ...] = ()
