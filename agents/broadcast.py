@@ -1,10 +1,10 @@
 """What a vehicle sends to its peers, made from its estimates and its plan."""
 
 from agents.control.plan import Plan
+from agents.drops import Drops
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
 from agents.situation.situation import Task
-from agents.drops import Drops
 from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
 from agents.team.ring_scale import RingScale
 from estimation.polar import Polar
@@ -32,7 +32,8 @@ def member_state(
             situation.height_m,
             situation.position_sigma_m,
             alert,
-            *((None, 0.0) if reshaping is None else (reshaping.shape, reshaping.time_s)),
+            None if reshaping is None else reshaping.shape,
+            0.0 if reshaping is None else reshaping.time_s,
             drops,
         )
     )

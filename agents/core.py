@@ -11,6 +11,7 @@ from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, shifted
 from agents.control.planner import Planner
+from agents.drops import NO_DROPS, Drops, Reason
 from agents.notes import Notes
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
@@ -29,7 +30,6 @@ from agents.situation.estimator import Estimator
 from agents.situation.situation import Situation, Task
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team.clock_watch import ClockWatch
-from agents.drops import NO_DROPS, Drops, Reason
 from agents.team.inbox import Inbox
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.team.team import Team

@@ -6,12 +6,12 @@ from agents.control.encirclement import Approach
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan
 from agents.control.ring import RingPlace
+from agents.drops import NO_DROPS, Drops
 from agents.notes import Note
 from agents.ports import Setpoint
 from agents.safety.guard import Guarded
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.drops import NO_DROPS, Drops
 from agents.team.messages import CommandAnswer, MemberState
 from estimation.polar import Polar
 from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
@@ -30,7 +30,8 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     `situation`, `plan` and `guarded` are None before any telemetry; `plan` and `guarded` are as they were sent. `alert`
     is the failsafe condition that it reacts to, empty if none; `notes` are what has happened, `answers` what peers have
     answered operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude where
-    the mission follows that, `drops` are the messages dropped so far, `turning_rad_s` is the rate at which the vehicle is taken to go around the target.
+    the mission follows that, `drops` are the messages dropped so far, `turning_rad_s` is the rate at which the vehicle
+    is taken to go around the target.
     """
 
     vehicle_id: int

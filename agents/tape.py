@@ -10,11 +10,11 @@ from typing import Any, Protocol
 import msgspec
 
 from agents.core import VehicleCore
+from agents.drops import NO_DROPS, Drops
 from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event
-from agents.drops import NO_DROPS, Drops
 from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Sighting, Telemetry
 

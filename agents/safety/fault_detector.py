@@ -3,13 +3,13 @@
 from collections.abc import Container, Iterable
 from math import hypot, inf
 
+from agents.drops import NO_DROPS
 from agents.safety.failsafe import Condition, Symptom
 from agents.safety.fence import Fence
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.clock_watch import ClockWatch
-from agents.drops import NO_DROPS
 from agents.team.team import Team
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter

@@ -11,9 +11,9 @@ from time import monotonic
 
 import zenoh
 
+from agents.drops import Drops, Reason
 from agents.ports import VehicleRefusedError
 from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES, Mailbox
-from agents.drops import Drops, Reason
 from agents.team.messages import TOPICS, MemberState, NeighbourAngle, StartProposal
 from agents.team.participant import Participant, is_name
 

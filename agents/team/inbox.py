@@ -2,9 +2,9 @@
 
 from collections.abc import Collection
 
+from agents.drops import DropCounter, Reason
 from agents.team.admission import refusal
 from agents.team.clock_watch import ClockWatch
-from agents.drops import DropCounter, Reason
 from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand, decode
 
 _CLOCK_AHEAD_MAX_S = 1.0

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from agents.settings.shapes import Shape
 from agents.drops import NO_DROPS, Drops
+from agents.settings.shapes import Shape
 from agents.team.text import PRINTABLE
 
 _Id = Annotated[int, msgspec.Meta(ge=1, le=254)]

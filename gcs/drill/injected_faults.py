@@ -12,8 +12,8 @@ from typing import Literal
 
 import msgspec
 
-from agents.ports import PeerBus, TargetSensor
 from agents.drops import Drops
+from agents.ports import PeerBus, TargetSensor
 from agents.team.messages import PEER_TOPICS
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment

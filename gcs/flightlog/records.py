@@ -149,8 +149,8 @@ class Decision(msgspec.Struct, frozen=True):
     `peers` are the members that it counted on, `answers` what peers answered to operators, as it came over the bus.
     `ring_rate_rad_s` is the angular rate of the ring as it is flown, 0 off it; None in logs older than rings that slow.
     `target_altitude_m` is what it believed of the target's altitude, None where it followed none. `turning_rad_s` is
-    the rate at which it took itself to go around, 0 off the ring; older logs have none. `drops` are the messages dropped
-    so far by reason, `messages_dropped` in all; older logs have the number alone.
+    the rate at which it took itself to go around, 0 off the ring; older logs have none. `drops` are the messages that
+    were dropped so far by reason, `messages_dropped` in all; older logs have the number alone.
     """
 
     time_s: float

@@ -69,8 +69,8 @@ class VehicleEvidence:
     """The recorded data of one vehicle.
 
     `telemetry` is the reception of its own autopilot, `peers` that of each other vehicle, by id; `dropped` states the
-    messages dropped by reason. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is at `own.time_s`. `samples` (K, 3)
-    are time, x and y of the autopilot's position.
+    messages dropped by reason. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is at `own.time_s`.
+    `samples` (K, 3) are time, x and y of the autopilot's position.
     """
 
     vehicle_id: int

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from agents.drops import Drops
 from agents.notes import Note
 from agents.tape import Autopilot, LateTicks, Message, Start
-from agents.drops import Drops
 from agents.team.admission import refusal
 from agents.team.messages import CommandAnswer, MemberState, decode
 from estimation.state import MOTION, Telemetry, Vector
