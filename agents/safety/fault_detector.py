@@ -16,7 +16,7 @@ from estimation.filters.target import TargetFilter
 
 SAME_HEIGHT_M = 1.0
 """Vehicles less than this, or than half a layer, apart in height are at the same height."""
-_FLOOD_WINDOW_S = 1.0
+_FLOOD_ENDS = 0.8
 _IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 """On the way up and down vehicles keep apart by layers and in time, and may be near each other."""
 
@@ -100,7 +100,7 @@ class FaultDetector:
             self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
 
     def _check_flood(self, faults: Faults, now_s: float, time_scale: float) -> None:
-        if self.bus_drops is not NO_DROPS and self._flood.see(self.bus_drops.refused, now_s, time_scale):
+        if self._flood.see(self.bus_drops.refused, now_s, time_scale):
             self._add(faults, now_s, Condition.BUS_FLOODED, self.bus_drops.text())
 
     def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
@@ -166,22 +166,25 @@ class _Jumps:
 
 
 class _Flood:
-    """Whether messages are refused faster than a limit: judged once a second [wall], from a count of all so far."""
+    """Whether messages are refused faster than a limit: a leaky bucket, which holds what the limit allows in a second.
+
+    It floods from when it is full until it is a fifth empty.
+    """
 
     def __init__(self, limit_per_s: float) -> None:
         self._limit_per_s = limit_per_s
-        self._counted = 0
-        self._since_s: float | None = None
+        self._level = 0.0
+        self._counted: int | None = None
+        self._at_s = 0.0
         self._flooded = False
 
     def see(self, refused: int, now_s: float, time_scale: float) -> bool:
-        """Take the count at `now_s`; the mission's clock passes `time_scale` times as fast as the wall's."""
-        if self._since_s is None:
-            self._counted, self._since_s = refused, now_s
-        lasted_s = (now_s - self._since_s) / time_scale
-        if lasted_s >= _FLOOD_WINDOW_S:
-            self._flooded = refused - self._counted > self._limit_per_s * lasted_s
-            self._counted, self._since_s = refused, now_s
+        """Take the count of all so far; the mission's clock passes `time_scale` times as fast as the wall's."""
+        if self._counted is not None:
+            leaked = self._limit_per_s * (now_s - self._at_s) / time_scale
+            self._level = min(max(self._level + refused - self._counted - leaked, 0.0), self._limit_per_s)
+        self._counted, self._at_s = refused, now_s
+        self._flooded = self._level >= (_FLOOD_ENDS if self._flooded else 1.0) * self._limit_per_s
         return self._flooded
 
 
