@@ -55,7 +55,7 @@ class CommandClient:
     def __init__(self, mission: Mission) -> None:
         endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
         operator = Participant("operator", _operator_name())
-        self._bus = ZenohBus(operator, mission.network.team, mission.ids, connect=endpoints)
+        self._bus = ZenohBus(operator, mission.network.team, mission.ids, None, endpoints)
         self._vehicles = mission.ids
         self._clocks = TeamClock()
         self._present: set[int] = set()
