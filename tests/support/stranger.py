@@ -13,7 +13,7 @@ from itertools import cycle
 
 import zenoh
 
-from agents.team.messages import MemberState, NeighbourAngle, encode
+from agents.team.messages import MemberState, encode
 
 FAR_M = (5000.0, 5000.0)
 LARGE_BYTES = 100_000_000
@@ -62,7 +62,6 @@ def messages(kind: str) -> Iterator[tuple[str, bytes]]:
             yield f"member/{number}", os.urandom(64)
         elif kind == "valid":
             yield f"member/{number}", encode(state(number, time.time()))
-            yield f"angle/{number}", encode(NeighbourAngle(number, time.time(), 0.5, 0.05, 10.0))
         else:
             yield f"member/{number}", bytes(LARGE_BYTES)
 

@@ -43,7 +43,7 @@ from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
 
-SPEED = 2.0
+SPEED = 5.0
 ESCAPE = "\x1b[2J\x1b]0;mine\x07"
 CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")
 
@@ -131,16 +131,15 @@ def resident_mb() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
 
 
-async def test_a_stranger_gets_nothing_for_what_it_says_in_the_names_of_others(
+async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
     mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"')))
     async with flying(mission, monkeypatch) as scene:
         stranger = Stranger(mission.network.team, scene.endpoints)
-        began_s = time.time()
 
         def past_start() -> list[tuple[str, bytes]]:
-            now_s = (time.monotonic() + time.time() - time.monotonic()) * SPEED
+            now_s = time.time() * SPEED
             proposals = [StartProposal(sender, now_s, start_s) for sender in (1, 2, 3) for start_s in (0.0, 1e12)]
             return [(f"start/{each.sender}", encode(each)) for each in proposals]
 
@@ -222,15 +221,6 @@ async def test_a_stranger_gets_nothing_for_what_it_says_in_the_names_of_others(
             notes = [note.text for status in scene.latest.values() for note in status.notes]
             assert not any(map(CONTROL.search, notes)), notes
         stranger.close()
-        assert time.time() - began_s < 60.0
-
-
-async def test_a_flood_is_told_and_neither_memory_nor_the_operator_suffers(
-    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
-) -> None:
-    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "flooded"')))
-    async with flying(mission, monkeypatch) as scene:
-        await until(lambda: scene.flight.done() or scene.tactics == ["formation"] * 3, 60.0)
         for kind in ("junk", "valid"):
             with subtests.test(kind), flood(kind, scene, 20.0, 4000.0):
                 scene.alerts.clear()
@@ -245,6 +235,8 @@ async def test_a_flood_is_told_and_neither_memory_nor_the_operator_suffers(
             await asyncio.sleep(0.5)
             assert resident_mb() - before_mb < 20.0
         await until(lambda: all(status.alert == "" for status in scene.latest.values()), 10.0, "the end of the alert")
-        await until(lambda: "too many" in scene.watched.getvalue(), 8.0, "the watch's line")
+        await until(
+            lambda: "too many" in scene.watched.getvalue(), 8.0, f"the watch's line {scene.watched.getvalue()[-900:]}"
+        )
         assert set(scene.tactics) == {"hold"}
         assert not scene.flight.done()
