@@ -1,6 +1,6 @@
 """`cordon keys`: the keys by which vehicles, operators and sensors of a team know each other."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +23,7 @@ keys.command(issue)
 
 Folder = Annotated[Path, Parameter(name="--keys", help="The folder of the keys.")]
 Days = Annotated[float, Parameter(help="How long they are valid.", validator=Number(gt=0.0, lte=36500.0))]
+Name = Annotated[str, Parameter(help="The name: letters, digits, '_', '.' and '-'.")]
 DEFAULT_FOLDER = Path("keys")
 
 
@@ -45,9 +46,8 @@ class InitOptions(KeysOptions):
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IssueOptions(KeysOptions):
-    """What all of `cordon keys issue` are given."""
+    """What all of `cordon keys issue` are given beside a name."""
 
-    name: Annotated[str, Parameter(help="The holder's name: letters, digits, '_', '.' and '-'.")] = field(kw_only=False)
     days: Days = 365.0
 
 
@@ -63,6 +63,7 @@ class OperatorOptions(IssueOptions):
 
 
 _KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
+_ISSUE_DEFAULTS, _OPERATOR_DEFAULTS = IssueOptions(), OperatorOptions()
 
 
 @keys.command
@@ -81,47 +82,49 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
 
 
 @issue.command
-def vehicle(options: IssueOptions) -> Exit:
+def vehicle(
+    vehicle_id: Annotated[str, Parameter(help="Its id in the mission.")], /, *, options: IssueOptions = _ISSUE_DEFAULTS
+) -> Exit:
     """Issue the keys of a vehicle, for the computer that runs its agent.
 
     Example: cordon keys issue vehicle 3
     """
     from gcs.keys.holder import Role
 
-    return _issue(Role.VEHICLE, options)
+    return _issue(Role.VEHICLE, vehicle_id, options)
 
 
 @issue.command
-def operator(options: OperatorOptions) -> Exit:
+def operator(name: Name, /, *, options: OperatorOptions = _OPERATOR_DEFAULTS) -> Exit:
     """Issue the keys of an operator, who may command the team. Without --may: every verb but kill.
 
     Example: cordon keys issue operator anna --may hold,resume,land
     """
     from gcs.keys.holder import Role
 
-    return _issue(Role.OPERATOR, options, _verbs(options.may))
+    return _issue(Role.OPERATOR, name, options, _verbs(options.may))
 
 
 @issue.command
-def sensor(options: IssueOptions) -> Exit:
+def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
     """Issue the keys of a sensor outside of the team, which may send sightings of the target.
 
     Example: cordon keys issue sensor mast
     """
     from gcs.keys.holder import Role
 
-    return _issue(Role.SENSOR, options)
+    return _issue(Role.SENSOR, name, options)
 
 
 @issue.command
-def observer(options: IssueOptions) -> Exit:
+def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
     """Issue the keys of an observer, who may watch the team and send nothing.
 
     Example: cordon keys issue observer tower
     """
     from gcs.keys.holder import Role
 
-    return _issue(Role.OBSERVER, options)
+    return _issue(Role.OBSERVER, name, options)
 
 
 @keys.command
@@ -158,13 +161,13 @@ def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
     return Exit.HOLDS
 
 
-def _issue(role: "Role", options: IssueOptions, may: "tuple[Verb, ...] | None" = None) -> Exit:
+def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...] | None" = None) -> Exit:
     from gcs.console.terminal import print_line
     from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.roster_view import expiry, grants
 
     folder = AuthorityFolder(options.keys)
-    holder = folder.issue(role, options.name, options.days, may)
+    holder = folder.issue(role, name, options.days, may)
     if holder.generation > 1:
         print_line(f"{holder.label}: the keys that were issued before no longer count", "yellow")
     print_line(f"{options.keys / holder.label}: issued until {expiry(holder)}; {grants(holder)}")

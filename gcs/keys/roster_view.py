@@ -18,7 +18,7 @@ def roster_view(roster: Roster) -> str:
     if not roster.holders:
         return "no keys were issued"
     width = max(len(each.label) for each in roster.holders)
-    return "\n".join(f"{each.label:<{width}}  {_state(each)}  {grants(each)}" for each in roster.holders)
+    return "\n".join(f"{each.label:<{width}}  {_state(each):<18}  {grants(each)}" for each in roster.holders)
 
 
 def grants(holder: Holder) -> str:
@@ -35,5 +35,5 @@ def expiry(holder: Holder) -> str:
 
 def _state(holder: Holder) -> str:
     if holder.revoked:
-        return "revoked         "
-    return f"{'expired' if holder.expires_s <= time() else 'until  '} {expiry(holder)}"[:18]
+        return "revoked"
+    return f"{'expired' if holder.expires_s <= time() else 'until'} {expiry(holder)}"
