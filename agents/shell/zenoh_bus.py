@@ -13,10 +13,10 @@ import zenoh
 
 from agents.drops import Drops, Reason
 from agents.ports import VehicleRefusedError
+from agents.shell.bus_security import BusSecurity, secured
 from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES, Mailbox
 from agents.team.messages import TOPICS, MemberState, NeighbourAngle, StartProposal
 from agents.team.participant import Participant, is_name
-from agents.shell.bus_security import BusSecurity, secured
 
 LEASE_MS = 1000
 RATE_HZ = 100.0
@@ -41,7 +41,8 @@ class ZenohBus:
     `lease_ms`. An observer publishes nothing, and only a vehicle shows its presence. `listen` None opens no port.
     With `security` the endpoints are of TLS, whatever scheme they are written with, and only the holders of its
     certificates are heard, each on its own keys. `settings` are further Zenoh settings by path, for instance
-    `transport/link/tx/lease`. A bus is opened and closed once. Raises ValueError for a team's name that would be a pattern in a key.
+    `transport/link/tx/lease`. A bus is opened and closed once. Raises ValueError for a team's name that would be a
+    pattern in a key.
     """
 
     def __init__(

@@ -72,13 +72,12 @@ def command(
 def _operator(mission: "Mission", verb: Verb, name: str | None) -> "Identity":
     """Return the operator whose keys are here; raises VehicleRefusedError when they do not grant the verb."""
     from agents.ports import VehicleRefusedError
-    from gcs.keys.holder import Role
     from gcs.keys.team_keys import team_keys
 
-    operator = team_keys(mission).identity(Role.OPERATOR, name)
+    operator = team_keys(mission).identity("operator", name)
     if verb not in operator.may:
         raise VehicleRefusedError(
-            f"operator {operator.name} may not command {verb} (its keys grant {', '.join(operator.may)})",
+            f"operator {operator.participant.name} may not command {verb} (its keys grant {', '.join(operator.may)})",
             "let an operator command it who may; `cordon keys issue operator NAME --may` grants verbs",
         )
     return operator

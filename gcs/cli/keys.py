@@ -11,7 +11,8 @@ from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
     from agents.team.messages import Verb
-    from gcs.keys.holder import Holder, Role
+    from agents.team.participant import Role
+    from gcs.keys.holder import Holder
 
 keys = App(
     name="keys",
@@ -89,9 +90,8 @@ def vehicle(
 
     Example: cordon keys issue vehicle 3
     """
-    from gcs.keys.holder import Role
 
-    return _issue(Role.VEHICLE, vehicle_id, options)
+    return _issue("vehicle", vehicle_id, options)
 
 
 @issue.command
@@ -100,9 +100,8 @@ def operator(name: Name, /, *, options: OperatorOptions = _OPERATOR_DEFAULTS) ->
 
     Example: cordon keys issue operator anna --may hold,resume,land
     """
-    from gcs.keys.holder import Role
 
-    return _issue(Role.OPERATOR, name, options, _verbs(options.may))
+    return _issue("operator", name, options, _verbs(options.may))
 
 
 @issue.command
@@ -111,9 +110,8 @@ def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
     Example: cordon keys issue sensor mast
     """
-    from gcs.keys.holder import Role
 
-    return _issue(Role.SENSOR, name, options)
+    return _issue("sensor", name, options)
 
 
 @issue.command
@@ -122,9 +120,8 @@ def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
     Example: cordon keys issue observer tower
     """
-    from gcs.keys.holder import Role
 
-    return _issue(Role.OBSERVER, name, options)
+    return _issue("observer", name, options)
 
 
 @keys.command

@@ -110,7 +110,6 @@ def _publish(sighting: "ExternalSighting", mission: "Mission", options: TargetOp
     from agents.team.perception import Perception, SightingRefusedError, encode_sighting
     from gcs.console.command_client import CommandClient
     from gcs.console.terminal import STDERR, print_problem
-    from gcs.keys.holder import Role
     from gcs.keys.team_keys import team_keys
 
     try:
@@ -118,7 +117,7 @@ def _publish(sighting: "ExternalSighting", mission: "Mission", options: TargetOp
     except SightingRefusedError as refused:
         raise InputError([f"target: {refused}"]) from refused
     try:
-        sensor = team_keys(mission).identity(Role.SENSOR, options.key)
+        sensor = team_keys(mission).identity("sensor", options.key)
         reached = asyncio.run(CommandClient(mission, sensor).send_sighting(sighting, options.lasting))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)

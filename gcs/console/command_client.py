@@ -17,8 +17,7 @@ from agents.settings.shapes import Shape
 from agents.team.admission import refusal
 from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
-from gcs.console.team_bus import send_command, speaking_bus
-from gcs.keys.holder import Role
+from gcs.console.team_bus import guest_bus, send_command
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
@@ -57,8 +56,8 @@ class CommandClient:
 
         Raises InputError when there are none, VehicleRefusedError where no flight runs.
         """
-        self._identity = identity or team_keys(mission).identity(Role.OPERATOR)
-        self._bus = speaking_bus(mission, self._identity)
+        self._identity = identity or team_keys(mission).identity("operator")
+        self._bus = guest_bus(mission, self._identity)
         self._vehicles = mission.ids
         self._clocks = TeamClock()
         self._present: set[int] = set()
@@ -130,7 +129,7 @@ class CommandClient:
         return vehicle in self._answers and final(verb, self._answers[vehicle].did)
 
     def _send(self, verb: Verb, vehicle: int | None, shape: Shape | None) -> None:
-        command = OperatorCommand(self._team_s, verb, vehicle, self._identity.name, self._number, shape)
+        command = OperatorCommand(self._team_s, verb, vehicle, self._identity.participant.name, self._number, shape)
         send_command(self._bus, command)
 
     @property

@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from agents.ports import PeerBus, VehicleRefusedError
-from gcs.console.team_bus import listening_bus, observer
+from gcs.console.team_bus import guest_bus, observer
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
@@ -18,7 +18,7 @@ _LOOKED_UP_EVERY_S = 1.0
 class WatchedBus:
     """Listens to the present flight of a team; use it as a context manager, and call `follow` again and again."""
 
-    def __init__(self, mission: Mission, on_message: Callable[[bytes], None]) -> None:
+    def __init__(self, mission: Mission, on_message: Callable[[str, bytes], None]) -> None:
         """Take the mission; raises InputError when its team has no keys and needs them."""
         self._mission = mission
         self._keys = team_keys(mission)
@@ -56,7 +56,7 @@ class WatchedBus:
         self.refusal = ""
         if identity != self._identity:
             await self._leave()
-            self._identity, self._bus = identity, listening_bus(self._mission, identity)
+            self._identity, self._bus = identity, guest_bus(self._mission, identity)
             await self._bus.open(self._on_message, lambda _vehicle, _present: None)
 
     async def _leave(self) -> None:

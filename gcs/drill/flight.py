@@ -17,11 +17,10 @@ from agents.ports import VehicleRefusedError
 from agents.team.messages import MemberState, NeighbourAngle, decode
 from estimation.frames import Triple
 from gcs.console.command_client import CommandClient
-from gcs.console.team_bus import listening_bus
+from gcs.console.team_bus import guest_bus
 from gcs.drill.injected_faults import InjectedFaults
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
-from gcs.keys.holder import Role
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
@@ -205,7 +204,7 @@ class DrillFlight:
             await process.wait()
 
     async def _listen(self) -> None:
-        bus = listening_bus(self.mission, self._keys.identity(Role.OBSERVER))
+        bus = guest_bus(self.mission, self._keys.identity("observer"))
         await bus.open(self._receive, lambda *_: None)
         self._stack.push_async_callback(bus.close)
 

@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from re import fullmatch
 from time import time
 
 import msgspec
 
 from agents.team.messages import Verb
+from agents.team.participant import Role, is_name
 from gcs.errors import InputError
 from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
-from gcs.keys.holder import NAME_PATTERN, UNLESS_NAMED, Holder, Role
+from gcs.keys.holder import UNLESS_NAMED, Holder
 from gcs.keys.key_folder import CERTIFICATE_FILE, PRIVATE_KEY_FILE, KeyFolder
 from gcs.keys.private_files import make_folder, read, read_private, write
 from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
@@ -90,13 +90,13 @@ class AuthorityFolder:
 
 
 def _verbs(role: Role, may: tuple[Verb, ...] | None) -> tuple[Verb, ...]:
-    if role is not Role.OPERATOR:
+    if role != "operator":
         return ()
     return UNLESS_NAMED if may is None else tuple(dict.fromkeys(may))
 
 
 def _require_name(role: Role, name: str) -> None:
-    if role is Role.VEHICLE and not (name.isdecimal() and name == str(int(name)) and 1 <= int(name) <= 254):
+    if role == "vehicle" and not (name.isdecimal() and name == str(int(name)) and 1 <= int(name) <= 254):
         raise InputError([f"{name}: a vehicle's keys are issued for its id, 1 to 254"])
-    if not fullmatch(NAME_PATTERN, name):
+    if not is_name(name):
         raise InputError([f"{name}: a name has letters, digits, '_', '.' and '-', 32 at most"])

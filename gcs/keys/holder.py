@@ -1,43 +1,42 @@
 """The holders of keys: their roles, their names, and what each role may send on the bus."""
 
-from enum import StrEnum
-from typing import Annotated, get_args
+from typing import get_args
 
 import msgspec
 
 from agents.shell.bus_security import Grant
-from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, StartProposal, TargetPackage, Verb
+from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, Verb
+from agents.team.participant import Participant, Role
 from agents.team.perception import TOPIC as PERCEPTION
 
-NAME_PATTERN = r"^[A-Za-z0-9_.-]{1,32}$"
 VERBS: tuple[Verb, ...] = get_args(Verb)
 UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")
 """What an operator may whose verbs are not named: a kill drops vehicles, and is granted by name only."""
-_VEHICLES_SEND = (MemberState, NeighbourAngle, TargetPackage, StartProposal, CommandAnswer)
-
-
-class Role(StrEnum):
-    """What the holder of a key is to the team."""
-
-    VEHICLE = "vehicle"
-    OPERATOR = "operator"
-    SENSOR = "sensor"
-    OBSERVER = "observer"
 
 
 class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The holder of a certificate: a vehicle's name is its id. `may` are the verbs that an operator may command.
 
     `expires_s` is Unix time. Who is issued a certificate again has the next `generation`, which the certificate's
-    common name states: what was issued before no longer counts.
+    common name states: what was issued before no longer counts. Raises ValueError for a name that is none.
     """
 
     role: Role
-    name: Annotated[str, msgspec.Meta(pattern=NAME_PATTERN)]
+    name: str
     expires_s: float
     may: tuple[Verb, ...] = ()
-    generation: Annotated[int, msgspec.Meta(ge=1)] = 1
+    generation: int = 1
     revoked: bool = False
+
+    def __post_init__(self) -> None:
+        if self.generation < 1:
+            raise ValueError(f"{self.label}: generation {self.generation}: they count from 1")
+        _ = self.participant
+
+    @property
+    def participant(self) -> Participant:
+        """The holder as it takes part in the bus."""
+        return Participant(self.role, self.name)
 
     @property
     def label(self) -> str:
@@ -53,12 +52,12 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def grant(self) -> Grant:
         """What the holder may send."""
         match self.role:
-            case Role.VEHICLE:
-                topics = tuple(f"{TOPICS[kind].name}/{self.name}" for kind in _VEHICLES_SEND)
+            case "vehicle":
+                topics = tuple(f"{topic}/{self.name}" for topic in sorted(PEER_TOPICS))
                 return Grant(self.common_name, topics, (f"alive/{self.name}",))
-            case Role.OPERATOR:
-                return Grant(self.common_name, tuple(f"command/{verb}/{self.name}" for verb in self.may))
-            case Role.SENSOR:
+            case "operator":
+                return Grant(self.common_name, tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may))
+            case "sensor":
                 return Grant(self.common_name, (f"{PERCEPTION}/{self.name}",))
-            case Role.OBSERVER:
+            case "observer":
                 return Grant(self.common_name)

@@ -5,8 +5,9 @@ from pathlib import Path
 from time import time
 
 from agents.shell.bus_security import BusSecurity
+from agents.team.participant import Role
 from gcs.errors import InputError
-from gcs.keys.holder import Holder, Role
+from gcs.keys.holder import Holder
 from gcs.keys.identity import Identity
 from gcs.keys.private_files import check_folder, make_folder, read, read_private, write
 from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
@@ -38,7 +39,7 @@ class KeyFolder:
             read_private(folder / PRIVATE_KEY_FILE),
             tuple(each.grant for each in roster.valid),
         )
-        return Identity(holder.name, security, holder.may)
+        return Identity(holder.participant, security, holder.may)
 
     def put(self, holder: Holder, certificate_pem: bytes, private_key_pem: bytes, authority_pem: bytes) -> Path:
         """Write a holder's folder, all but the roster; return its path. Raises InputError."""
@@ -77,12 +78,13 @@ class KeyFolder:
 
 def _holder(roster: Roster, folder: Path) -> Holder:
     """Return the holder of a folder, if its certificate counts; raises InputError."""
-    role, _, name = folder.name.partition("-")
-    holder = roster.find(Role(role), name)
+    holder = next((each for each in roster.holders if each.label == folder.name), None)
     if holder is None:
         raise InputError([f"{folder / ROSTER_FILE}: it does not name {folder.name}; next: copy the folder anew"])
     if holder.revoked:
-        raise InputError([f"{folder}: these keys are revoked; next: cordon keys issue {role} {name}"])
+        raise InputError([f"{folder}: these keys are revoked; next: cordon keys issue {holder.role} {holder.name}"])
     if holder.expires_s <= time():
-        raise InputError([f"{folder}: its certificate has expired; next: cordon keys issue {role} {name}"])
+        raise InputError(
+            [f"{folder}: its certificate has expired; next: cordon keys issue {holder.role} {holder.name}"]
+        )
     return holder

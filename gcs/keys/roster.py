@@ -5,8 +5,9 @@ from pathlib import Path
 
 import msgspec
 
+from agents.team.participant import Role
 from gcs.errors import InputError
-from gcs.keys.holder import Holder, Role
+from gcs.keys.holder import Holder
 
 ROSTER_FILE = "roster.json"
 _SIZE_MAX_BYTES = 1_000_000

@@ -3,13 +3,13 @@
 from datetime import datetime
 from time import time
 
-from gcs.keys.holder import Holder, Role
+from gcs.keys.holder import Holder
 from gcs.keys.roster import Roster
 
 _SENDS = {
-    Role.VEHICLE: "sends as this vehicle",
-    Role.SENSOR: "sends sightings of the target",
-    Role.OBSERVER: "sends nothing",
+    "vehicle": "sends as this vehicle",
+    "sensor": "sends sightings of the target",
+    "observer": "sends nothing",
 }
 
 
@@ -23,7 +23,7 @@ def roster_view(roster: Roster) -> str:
 
 def grants(holder: Holder) -> str:
     """Return what a holder may do."""
-    if holder.role is not Role.OPERATOR:
+    if holder.role != "operator":
         return _SENDS[holder.role]
     return f"may command {', '.join(holder.may)}" if holder.may else "may command nothing"
 

@@ -13,7 +13,8 @@ from pathlib import Path
 from time import time
 
 from agents.ports import VehicleRefusedError
-from gcs.keys.holder import VERBS, Holder, Role
+from agents.team.participant import Role
+from gcs.keys.holder import VERBS, Holder
 from gcs.keys.identity import Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.private_files import make_folder
@@ -74,7 +75,7 @@ class RunKeys:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _require_own_vehicles(self, folder: Path) -> None:
-        flying = {each.name for each in read_roster(folder / ROSTER_FILE).valid if each.role is Role.VEHICLE}
+        flying = {each.name for each in read_roster(folder / ROSTER_FILE).valid if each.role == "vehicle"}
         if others := [vehicle_id for vehicle_id in self.ids if str(vehicle_id) not in flying]:
             raise VehicleRefusedError(
                 f"a flight of team {self.team} runs on this computer with vehicles {', '.join(sorted(flying))}, without"
@@ -96,10 +97,10 @@ class RunKeys:
         keys.put_roster(roster)
 
     def _holders(self, expires_s: float) -> Iterator[Holder]:
-        yield from (Holder(Role.VEHICLE, str(vehicle_id), expires_s) for vehicle_id in self.ids)
-        yield Holder(Role.OPERATOR, user_name(), expires_s, VERBS)
-        yield Holder(Role.SENSOR, user_name(), expires_s)
-        yield Holder(Role.OBSERVER, user_name(), expires_s)
+        yield from (Holder("vehicle", str(vehicle_id), expires_s) for vehicle_id in self.ids)
+        yield Holder("operator", user_name(), expires_s, VERBS)
+        yield Holder("sensor", user_name(), expires_s)
+        yield Holder("observer", user_name(), expires_s)
 
 
 def _in_use(folder: Path) -> bool:

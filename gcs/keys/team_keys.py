@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from ipaddress import ip_address
 from typing import Protocol
 
+from agents.team.participant import Participant, Role
 from gcs.errors import InputError
-from gcs.keys.holder import Role
 from gcs.keys.identity import Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.run_keys import RunKeys
@@ -32,9 +32,9 @@ class TeamKeys(Protocol):
 class NoKeys:
     """The names on a bus without keys."""
 
-    def identity(self, role: Role, name: str | None = None) -> Identity:  # noqa: ARG002
+    def identity(self, role: Role, name: str | None = None) -> Identity:
         """Return the identity of a vehicle, or of this user."""
-        return Identity(name or user_name())
+        return Identity(Participant(role, name or user_name()))
 
 
 def team_keys(mission: Mission) -> TeamKeys:

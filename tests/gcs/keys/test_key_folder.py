@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from agents.shell.bus_security import BusSecurity
+from agents.team.participant import Role
 from gcs.cli import main
 from gcs.errors import Exit, InputError
 from gcs.keys.authority_folder import AuthorityFolder
-from gcs.keys.holder import Role
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE
 
@@ -22,11 +22,11 @@ def keys(tmp_path: Path) -> AuthorityFolder:
     """Return a folder with keys of a vehicle, two operators, a sensor and an observer."""
     folder = AuthorityFolder(tmp_path / "keys")
     folder.init(10.0)
-    folder.issue(Role.VEHICLE, "3", 1.0)
-    folder.issue(Role.OPERATOR, "anna", 1.0)
-    folder.issue(Role.OPERATOR, "bob", 1.0, ("hold", "kill"))
-    folder.issue(Role.SENSOR, "mast", 1.0)
-    folder.issue(Role.OBSERVER, "tower", 1.0)
+    folder.issue("vehicle", "3", 1.0)
+    folder.issue("operator", "anna", 1.0)
+    folder.issue("operator", "bob", 1.0, ("hold", "kill"))
+    folder.issue("sensor", "mast", 1.0)
+    folder.issue("observer", "tower", 1.0)
     return folder
 
 
@@ -38,7 +38,7 @@ def security_of(keys: AuthorityFolder, role: Role, name: str) -> BusSecurity:
 
 def granted(keys: AuthorityFolder, common_name: str) -> set[str]:
     """Return the keys that a vehicle hears from a certificate."""
-    grants = security_of(keys, Role.VEHICLE, "3").grants
+    grants = security_of(keys, "vehicle", "3").grants
     return {key for grant in grants if grant.common_name == common_name for key in (*grant.topics, *grant.presence)}
 
 
@@ -53,7 +53,7 @@ def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
 
 
 def test_what_is_not_allowed_is_denied_and_nobody_may_write_patterns(keys: AuthorityFolder) -> None:
-    settings = security_of(keys, Role.VEHICLE, "3").settings("team")
+    settings = security_of(keys, "vehicle", "3").settings("team")
     assert settings["transport/link/protocols"] == ["tls"]
     control = settings["access_control"]
     assert isinstance(control, dict)
@@ -72,14 +72,14 @@ def test_only_the_user_may_read_them(keys: AuthorityFolder, subtests: pytest.Sub
     key = keys.path / "vehicle-3" / "private-key.pem"
     key.chmod(0o640)
     with pytest.raises(InputError, match="chmod 600"):
-        security_of(keys, Role.VEHICLE, "3")
+        security_of(keys, "vehicle", "3")
 
 
 def test_a_folder_copied_to_another_computer_is_complete(keys: AuthorityFolder, tmp_path: Path) -> None:
     there = tmp_path / "drone" / "keys"
     shutil.copytree(keys.path / "vehicle-3", there / "vehicle-3")
-    security = KeyFolder(there).identity(Role.VEHICLE, "3").security
-    assert security == security_of(keys, Role.VEHICLE, "3")
+    security = KeyFolder(there).identity("vehicle", "3").security
+    assert security == security_of(keys, "vehicle", "3")
     assert security is not None
     assert b"PRIVATE" in security.private_key_pem
     assert "PRIVATE" not in repr(security)
@@ -87,13 +87,13 @@ def test_a_folder_copied_to_another_computer_is_complete(keys: AuthorityFolder, 
 
 
 def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(keys: AuthorityFolder) -> None:
-    before = security_of(keys, Role.OPERATOR, "bob").certificate_pem
+    before = security_of(keys, "operator", "bob").certificate_pem
     keys.revoke("operator-bob")
     assert granted(keys, "operator-bob") == set()
     with pytest.raises(InputError, match="revoked"):
-        security_of(keys, Role.OPERATOR, "bob")
-    keys.issue(Role.OPERATOR, "bob", 1.0, ("hold",))
-    after = security_of(keys, Role.OPERATOR, "bob")
+        security_of(keys, "operator", "bob")
+    keys.issue("operator", "bob", 1.0, ("hold",))
+    after = security_of(keys, "operator", "bob")
     assert after.certificate_pem != before
     assert granted(keys, "operator-bob") == set(), "the certificate that was revoked still counts"
     assert granted(keys, "operator-bob~2") == {"command/hold/bob"}
@@ -101,24 +101,24 @@ def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(key
 
 def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
     folder = KeyFolder(keys.path)
-    keys.issue(Role.OBSERVER, "late", -1.0)
+    keys.issue("observer", "late", -1.0)
     stranger = AuthorityFolder(keys.path.parent / "others")
     stranger.init(1.0)
-    stranger.issue(Role.VEHICLE, "5", 1.0)
+    stranger.issue("vehicle", "5", 1.0)
     shutil.copytree(stranger.path / "vehicle-5", keys.path / "vehicle-5")
     shutil.copyfile(keys.path / ROSTER_FILE, keys.path / "vehicle-5" / ROSTER_FILE)
     open_folder = keys.path / "sensor-mast"
     open_folder.chmod(0o755)
     asked: dict[str, Callable[[], object]] = {
-        "cordon keys issue vehicle 4": lambda: folder.identity(Role.VEHICLE, "4"),
-        "operator-anna, operator-bob": lambda: folder.identity(Role.OPERATOR),
-        "expired": lambda: folder.identity(Role.OBSERVER, "late"),
-        "another authority": lambda: folder.identity(Role.VEHICLE, "5"),
-        "chmod 700": lambda: folder.identity(Role.SENSOR),
-        "no authority is here": lambda: AuthorityFolder(keys.path / "vehicle-3").issue(Role.VEHICLE, "4", 1.0),
+        "cordon keys issue vehicle 4": lambda: folder.identity("vehicle", "4"),
+        "operator-anna, operator-bob": lambda: folder.identity("operator"),
+        "expired": lambda: folder.identity("observer", "late"),
+        "another authority": lambda: folder.identity("vehicle", "5"),
+        "chmod 700": lambda: folder.identity("sensor"),
+        "no authority is here": lambda: AuthorityFolder(keys.path / "vehicle-3").issue("vehicle", "4", 1.0),
         "already": lambda: keys.init(1.0),
-        "its id": lambda: keys.issue(Role.VEHICLE, "03", 1.0),
-        "letters": lambda: keys.issue(Role.OPERATOR, "a/b", 1.0),
+        "its id": lambda: keys.issue("vehicle", "03", 1.0),
+        "letters": lambda: keys.issue("operator", "a/b", 1.0),
         "operator-carl": lambda: keys.revoke("operator-carl"),
     }
     for words, ask in asked.items():
@@ -142,7 +142,7 @@ def test_a_roster_that_was_tampered_with_is_refused(keys: AuthorityFolder, subte
             assert content != whole
             file.write_bytes(content)
             with pytest.raises(InputError, match="roster"):
-                security_of(keys, Role.VEHICLE, "3")
+                security_of(keys, "vehicle", "3")
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:

@@ -11,7 +11,6 @@ import pytest
 
 from agents.ports import VehicleRefusedError
 from gcs.errors import InputError
-from gcs.keys.holder import Role
 from gcs.keys.run_keys import RunKeys
 from tests.support.paths import ROOT
 
@@ -50,14 +49,14 @@ def flight() -> Iterator["subprocess.Popen[str]"]:
 
 
 def authority() -> bytes:
-    security = KEYS.identity(Role.OPERATOR).security
+    security = KEYS.identity("operator").security
     assert security is not None
     return security.authority_pem
 
 
 def test_processes_of_one_team_share_them_and_the_last_removes_them(runtime: Path) -> None:
     with pytest.raises(VehicleRefusedError, match="no flight of team team"):
-        KEYS.identity(Role.OPERATOR)
+        KEYS.identity("operator")
     with flight() as first:
         made = authority()
         assert (runtime / "team").stat().st_mode & 0o777 == 0o700
@@ -77,7 +76,7 @@ def test_what_a_killed_process_leaves_counts_for_nothing_and_is_replaced(runtime
         process.kill()
     assert (runtime / "team").is_dir(), "it has to be left, or this shows nothing"
     with pytest.raises(VehicleRefusedError, match="no flight of team team"):
-        KEYS.identity(Role.OPERATOR)
+        KEYS.identity("operator")
     with KEYS.held():
         assert authority() != made
 

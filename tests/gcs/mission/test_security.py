@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from gcs.errors import InputError
-from gcs.keys.holder import Role
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.team_keys import security_faults, team_keys
 from tests.support.mission_text import Content, content, faults, parsed, put
@@ -45,6 +44,6 @@ def test_the_folder_of_keys_is_beside_the_mission(tmp_path: Path) -> None:
 
 def test_an_insecure_bus_has_names_and_no_keys() -> None:
     keys = team_keys(parsed(with_security(insecure=True)))
-    assert keys.identity(Role.VEHICLE, "2").name == "2"
-    assert keys.identity(Role.VEHICLE, "2").security is None
-    assert keys.identity(Role.OPERATOR).name
+    assert keys.identity("vehicle", "2").participant.name == "2"
+    assert keys.identity("vehicle", "2").security is None
+    assert keys.identity("operator").participant.name
