@@ -64,9 +64,9 @@ class ZenohBus:
             raise ValueError(f"team = {team!r}: letters, digits, '_', '.' and '-' only")
         self.participant = participant
         self._prefix = f"cordon/{team}"
+        self._listen = listen
         if security is not None:
             listen, connect = None if listen is None else secured(listen), [secured(each) for each in connect]
-        self._listen = listen
         self._settings = (
             _settings(listen, connect, multicast=multicast, lease_ms=lease_ms)
             | _limits(self._prefix, members)
