@@ -37,6 +37,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.metrics.journal import Journal
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT
 from tests.support.stranger import FAR_M, Stranger, state
 from tests.support.wire import served, until
@@ -134,7 +135,7 @@ def resident_mb() -> float:
 async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
-    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"')))
+    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"'), INSECURE))
     async with flying(mission, monkeypatch) as scene:
         stranger = Stranger(mission.network.team, scene.endpoints)
 

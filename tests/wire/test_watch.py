@@ -21,6 +21,7 @@ from agents.team.participant import vehicle
 from gcs.console.watch import WatchView, watch
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT
 from tests.support.wire import until
 
@@ -64,7 +65,7 @@ async def watched(mission: Mission) -> AsyncIterator[tuple[StringIO, asyncio.Eve
 
 
 async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable[..., str]) -> None:
-    mission = load_mission(mission_file("case2", ("[target]\n", "[network.security]\ninsecure = true\n\n[target]\n")))
+    mission = load_mission(mission_file("case2", INSECURE))
     heard: list[object] = []
     bus = ZenohBus(vehicle(1), mission.network.team, mission.ids, mission.vehicle(1).section.endpoint)
     await bus.open(lambda *message: heard.append(message), lambda *presence: heard.append(presence))
