@@ -178,4 +178,5 @@ class FailsafeTuning(Settings):
     clock_step_s: float = tuned(
         0.5, "More than messages vary on the way, less than what mixes up plans.", ge=0.1, le=10.0
     )
+    flood_per_s: float = tuned(100.0, "More than a misconfigured program sends by mistake.", ge=1.0, le=1e6)
     clock_s: float = tuned(1.0, "Several messages: a single late one is not enough.", ge=0.0, le=60.0)

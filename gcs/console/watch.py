@@ -9,9 +9,9 @@ from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from agents.shell.zenoh_bus import ZenohBus
 from gcs.console.live import TACTIC_STYLES, TableView, number
 from gcs.console.team_state import TeamState, WatchRow
+from gcs.console.watched_bus import WatchedBus
 from gcs.mission.mission import Mission
 from gcs.signals import relay
 
@@ -48,22 +48,17 @@ async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
 
 
 async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
-    """Show the team until `stop`."""
-    team = TeamState(mission.ids)
-    endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
-    bus = ZenohBus(None, mission.network.team, None, endpoints)
-    began_s = monotonic()
-    await bus.open(lambda payload: team.receive(payload, monotonic()), lambda *_: None)
-    try:
+    """Show the team until `stop`; raises InputError when this computer has no keys to listen with."""
+    team, began_s = TeamState(mission.ids), monotonic()
+    async with WatchedBus(mission, lambda key, payload: team.receive(key, payload, monotonic())) as bus:
         while not stop.is_set():
+            await bus.follow()
             now_s = monotonic()
             for line in team.new_events(now_s):
                 view.print_line(line)
-            view.update(team.rows(now_s), now_s - began_s, _message(mission, team, now_s - began_s))
+            view.update(team.rows(now_s), now_s - began_s, bus.refusal or _message(mission, team, now_s - began_s))
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
-    finally:
-        await bus.close()
 
 
 def watch_table(rows: Sequence[WatchRow], watched_s: float, message: str) -> RenderableType:
@@ -126,4 +121,5 @@ def _plain(row: WatchRow) -> str:
 
 def _remark(row: WatchRow) -> str:
     silent = f"no messages for {row.age_s:.0f} s" if row.silent else "" if row.age_s is not None else "not received"
-    return ", ".join(filter(None, [silent, row.alert]))
+    dropped = f"dropped: {row.drops.text()}" if row.drops.total else ""
+    return ", ".join(filter(None, [silent, row.alert, dropped]))

@@ -17,6 +17,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending
 from agents.shell.zenoh_bus import ZenohBus
+from agents.team import participant
 from agents.team.messages import TOPICS, StartProposal, encode
 from gcs.console.live import LiveView
 from gcs.flight.flight import Flight, fly
@@ -27,6 +28,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
+from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT
 from tests.support.wire import served
 
@@ -164,7 +166,7 @@ async def test_a_peer_whose_computer_has_another_time(
     ahead_s: float, refused: bool, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("agents.shell.start_agreement.START_TIMEOUT_S", 5.0)
-    mission = load_mission(mission_file("case2"))
+    mission = load_mission(mission_file("case2", INSECURE))
     one, _, three = mission.vehicles
     watched, told = Watched(monkeypatch), list[Finding]()
     plan = FlightPlan(mission, 5.0, (one,), stubs=False, speed=SPEED)
@@ -209,8 +211,9 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
 async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -> AsyncIterator[None]:
     """Let one vehicle be up and ready on a computer whose clock is ahead, and never propose a start."""
     others = [each.section.endpoint for each in mission.vehicles if each.id != vehicle.id]
-    bus, clock = ZenohBus(vehicle.id, mission.network.team, vehicle.section.endpoint, others), MissionClock(SPEED)
-    await bus.open(lambda _payload: None, lambda _vehicle, _present: None)
+    own, clock = participant.vehicle(vehicle.id), MissionClock(SPEED)
+    bus = ZenohBus(own, mission.network.team, mission.ids, vehicle.section.endpoint, others)
+    await bus.open(lambda _key, _payload: None, lambda _vehicle, _present: None)
 
     async def speak() -> None:
         while True:

@@ -10,6 +10,7 @@ import pytest
 
 from agents.control.lmpc import Lmpc, QpStatus, Solution
 from agents.core import VehicleCore
+from agents.drops import Drops
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import VehicleStatus
 from agents.safety.failsafe import TABLE, Condition, FailsafeMonitor
@@ -72,6 +73,8 @@ class Flight:
         self.late_ticks = 0
         self.bus = True
         self.clock_ahead_s = 0.0
+        self.flood = 0
+        self.refused = 0
 
     @property
     def now_s(self) -> float:
@@ -108,6 +111,8 @@ class Flight:
         if self.target_m is not None:
             core.on_sighting(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
         core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery))
+        self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
+        core.on_drops(Drops(too_many=self.refused))
         core.on_loop(self.late_ticks)
         core.on_bus(self.bus)
         output = core.tick(now_s)
@@ -197,6 +202,7 @@ CASES = {
     Condition.BUS_LOST: Case(set_to(bus=False), set_to(bus=True), 2.2, LEAVES, wall=True),
     Condition.PEERS_SILENT: Case(peers(), peers(1, 2), 3.4, LEAVES, wall=True),
     Condition.LATE_TICKS: Case(set_to(late_ticks=1), set_to(late_ticks=0), 1.8, AS_BEFORE + LEAVES, wall=True),
+    Condition.BUS_FLOODED: Case(set_to(flood=30), set_to(flood=0), 0.5, AS_BEFORE * 3, wall=True),
     Condition.CLOCK_STEPPED: Case(set_to(clock_ahead_s=0.7), set_to(clock_ahead_s=0.0), 1.5, AS_BEFORE * 3, wall=True),
     Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
@@ -528,7 +534,7 @@ def test_a_peer_whose_words_are_dropped_for_its_clock_is_said_to_have_stepped(
     flight = make_flight(None)
     flight.clock_ahead_s = -5.0
     flight.fly(ONSET_S + 4.0)
-    assert flight.status.messages_dropped >= 39
+    assert flight.status.drops.too_old >= 39
     step, silence = flight.notes()
     assert step == "peer's clock stepped: vehicle 1 by -5.00 s: fly on and report"
     assert silence.startswith("peer silent: vehicle 1")
