@@ -34,7 +34,9 @@ class Agent:
     def __init__(self, parts: AgentParts) -> None:
         self._parts = parts
         self._core, self._link, self._clock = parts.core, parts.link, parts.clock
-        self._start_agreement = StartAgreement(parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots)
+        self._start_agreement = StartAgreement(
+            parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
+        )
         self._loop = ControlLoop(parts)
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND

@@ -8,6 +8,7 @@ from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleLink
 from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
+from agents.team.messages import MissionIdentity
 from agents.team.perception import Perception
 
 
@@ -16,6 +17,7 @@ class AgentParts:
     """The parts of one agent.
 
     `core` was made from `config`. `make_sensor(start_s)` makes the sensor of the target once the start is known.
+    `mission` is what peers and operators compare with theirs.
     `observe` is called on each tick with the core's status and its computing time [us], None outside the control loop.
     """
 
@@ -28,3 +30,4 @@ class AgentParts:
     observe: Callable[[CoreStatus, float | None], None]
     heartbeat: Heartbeat
     perception: Perception
+    mission: MissionIdentity | None = None

@@ -3,10 +3,12 @@
 import asyncio
 from collections.abc import Collection
 
+import msgspec
+
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_proposal import PeerClocks, TeamReadiness, is_possible
-from agents.team.messages import TOPICS, BusMessage, StartProposal, encode
+from agents.team.messages import TOPICS, BusMessage, MissionIdentity, StartProposal, encode
 
 START_TIMEOUT_S = 120.0
 CLOCKS_TIMEOUT_S = 1.2
@@ -15,16 +17,29 @@ _PERIOD_S = TOPICS[StartProposal].period_s
 
 
 class StartAgreement:
-    """Sends the time to the peers from `announce` on, and the vehicle's readiness from `agree` on; receives theirs."""
+    """Sends time and mission to the peers from `announce` on, the vehicle's readiness from `agree` on; receives theirs.
 
-    def __init__(self, bus: PeerBus, clock: MissionClock, vehicle_id: int, members: Collection[int]) -> None:
+    It goes on in flight: operators compare the mission with theirs before they send a command.
+    """
+
+    def __init__(
+        self,
+        bus: PeerBus,
+        clock: MissionClock,
+        vehicle_id: int,
+        members: Collection[int],
+        mission: MissionIdentity | None = None,
+    ) -> None:
         self._bus = bus
         self._clock = clock
+        self._mission = mission
+        self._other_missions: dict[int, MissionIdentity] = {}
         self._readiness = TeamReadiness(vehicle_id, members)
         self._clocks = PeerClocks()
         self._duration_s = 0.0
         self._present: set[int] = set()
         self._announcing: asyncio.Task[None] | None = None
+        self._agreeing = False
         self._agreed = False
 
     @property
@@ -57,6 +72,9 @@ class StartAgreement:
             if message.start_s is None and message.sender in self._readiness.others:
                 self._publish(self._readiness.message(self._clock.now_s()))
         elif isinstance(message, StartProposal) and message.sender in self._readiness.others:
+            if message.mission is not None and self._mission is not None and message.mission != self._mission:
+                self._other_missions[message.sender] = message.mission
+                return
             now_s = self._clock.now_s()
             lag_s = now_s - message.time_s
             self._clocks.receive(message.sender, lag_s / self._clock.speed)
@@ -70,22 +88,33 @@ class StartAgreement:
     async def compare_clocks(self) -> None:
         """Compare clocks with the peers present, while all are on the ground; later ones are compared in `agree`.
 
-        Raises VehicleRefusedError when a clock differs.
+        Raises VehicleRefusedError when a clock differs, or a vehicle of this team flies another mission.
         """
         self.announce()
         end_s = self._clock.now_s() + CLOCKS_TIMEOUT_S * self._clock.speed
         while self._clocks.unmeasured(self._present & self._readiness.others) and self._clock.now_s() < end_s:
+            self._require_one_mission()
             await self._pause()
+        self._require_one_mission()
         self._clocks.require_one_time()
 
     async def agree(self) -> float:
         """Wait until all members are ready, and return the mission's start at that moment.
 
-        Raises VehicleRefusedError when a member is not heard, or its clock differs.
+        Raises VehicleRefusedError when a member is not heard, its clock differs, or it flies another mission.
         """
-        self.fall_silent()  # from here on it reports that it is ready
+        self._agreeing = True  # from here on it reports that it is ready
+        try:
+            start_s = await self._agree()
+            self._agreed = True
+        finally:
+            self._agreeing = False
+        return start_s
+
+    async def _agree(self) -> float:
         deadline_s = self._clock.now_s() + START_TIMEOUT_S
         while self.start_s is None or self._clock.now_s() < self.start_s:
+            self._require_one_mission()
             self._clocks.require_one_time()
             now_s = self._clock.now_s()
             if self.start_s is None and now_s > deadline_s:
@@ -96,21 +125,37 @@ class StartAgreement:
                 )
             self._publish(self._readiness.message(now_s))
             await self._pause()
-        self._agreed = True
         return self.start_s
 
     def fall_silent(self) -> None:
-        """Stop sending the time."""
+        """Stop sending time and mission."""
         if self._announcing is not None:
             self._announcing.cancel()
 
     async def _announce(self) -> None:
         while True:
-            self._publish(self._readiness.message(self._clock.now_s(), ready=False))
-            await self._pause()
+            if not self._agreeing:
+                self._publish(self._readiness.message(self._clock.now_s(), ready=self._agreed))
+            await (asyncio.sleep(_PERIOD_S) if self._agreed else self._pause())
+
+    def _require_one_mission(self) -> None:
+        """Refuse to fly with a vehicle of the team that flies another mission, or another version of this one."""
+        for sender, other in self._other_missions.items():
+            ours = self._mission
+            if ours is None:
+                continue
+            if other.name != ours.name:
+                raise VehicleRefusedError(
+                    f"vehicle {sender} of this team flies the mission {other.name!r}, not {ours.name!r}",
+                    "end that flight, or give this mission another network.team",
+                )
+            raise VehicleRefusedError(
+                f"vehicle {sender} flies another version of the mission {ours.name!r}",
+                "copy one mission file and its profiles to all computers of the team",
+            )
 
     def _publish(self, message: StartProposal) -> None:
-        self._bus.publish(TOPICS[StartProposal].name, encode(message))
+        self._bus.publish(TOPICS[StartProposal].name, encode(msgspec.structs.replace(message, mission=self._mission)))
 
     async def _pause(self) -> None:
         await asyncio.sleep(_PERIOD_S / self._clock.speed)

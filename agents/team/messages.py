@@ -84,16 +84,25 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
 
 
-class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
-    """A vehicle that is there, and the mission's start it proposes (None: not everybody is ready yet).
+class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
+    """Which mission a vehicle flies: its name, and a digest of what all members and operators must agree on."""
 
-    It is `ready` once it is up; on the ground it only lets the others compare their clocks with its own.
+    name: Annotated[str, msgspec.Meta(max_length=60, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+    digest: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{16}$")]
+
+
+class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
+    """A vehicle that is there, the mission it flies, and the start it proposes (None: not everybody is ready yet).
+
+    It is `ready` once it is up; on the ground it only lets the others compare their clocks with its own. In flight it
+    is sent on, so that operators know which mission the team flies.
     """
 
     sender: _Id
     time_s: _Time
     start_s: _Time | None
     ready: bool = True
+    mission: MissionIdentity | None = None
 
 
 class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):

@@ -65,6 +65,8 @@ def command(
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
+    if operator.difference:
+        print_problem(f"{operator.difference}; {verb} was sent")
     _show(verb, answers, operator.joined_after_s)
     return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
 

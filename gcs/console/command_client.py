@@ -18,6 +18,7 @@ from agents.team.admission import refusal
 from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from gcs.console.team_bus import guest_bus, send_command
+from gcs.console.team_missions import TeamMissions
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
@@ -60,6 +61,7 @@ class CommandClient:
         self._bus = guest_bus(mission, self._identity)
         self._vehicles = mission.ids
         self._clocks = TeamClock()
+        self._missions = TeamMissions(mission)
         self._present: set[int] = set()
         self._number = randrange(2**32)
         self._answers: dict[int, CommandResult] = {}
@@ -72,10 +74,11 @@ class CommandClient:
     ) -> dict[int, CommandResult | None]:
         """Send a command to one vehicle, or to all (None); return each vehicle's answer, None without one in time.
 
-        Raises VehicleRefusedError when no vehicle of the team is on the bus.
+        Raises VehicleRefusedError when no vehicle of the team is on the bus, or the team flies another mission.
         """
         try:
             await self._join(vehicles)
+            self._missions.require_version(verb)
             return await self._send_until_answered(verb, vehicles, vehicle, shape)
         finally:
             await self._bus.close()
@@ -83,10 +86,11 @@ class CommandClient:
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
 
-        Raises VehicleRefusedError when no vehicle of the team is on the bus.
+        Raises VehicleRefusedError when no vehicle of the team is on the bus, or the team flies another mission.
         """
         try:
             await self._join(self._vehicles)
+            self._missions.require_version("target")
             end_s = monotonic() + lasting_s
             while True:
                 # Sent twice against loss: vehicles ignore a second sighting of the same time and source.
@@ -109,6 +113,12 @@ class CommandClient:
                 f"no vehicle found on the bus within {_RECEIVED_TIMEOUT_S:g} s",
                 "check that the team is running, and that --mission names its mission",
             )
+        await self._until(lambda: self._missions.any_received, _RECEIVED_TIMEOUT_S)
+        if not self._missions.any_received:
+            raise VehicleRefusedError(
+                "no vehicle says which mission it flies", "try again: a flight says so once it has found its vehicles"
+            )
+        self._missions.require_same()
         await self._until(lambda: self._clocks.members >= set(vehicles), _ALL_RECEIVED_TIMEOUT_S)
         self.joined_after_s = monotonic() - began_s
 
@@ -133,6 +143,11 @@ class CommandClient:
         send_command(self._bus, command)
 
     @property
+    def difference(self) -> str:
+        """How the mission that the team flies differs from the operator's; empty if it does not."""
+        return self._missions.difference
+
+    @property
     def _team_s(self) -> float:
         # Vehicles send no time before take-off.
         time_s = self._clocks.now_s(monotonic())
@@ -146,6 +161,7 @@ class CommandClient:
             message = decode(payload)
             if refusal(key, message) is not None:
                 return
+            self._missions.receive(message)
             if isinstance(message, MemberState):
                 self._clocks.receive(message.sender, message.time_s, monotonic())
             if isinstance(message, CommandAnswer) and message.number == self._number:

@@ -9,7 +9,10 @@ from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from agents.team.admission import refusal
+from agents.team.messages import decode
 from gcs.console.live import TACTIC_STYLES, TableView, number
+from gcs.console.team_missions import TeamMissions
 from gcs.console.team_state import TeamState, WatchRow
 from gcs.console.watched_bus import WatchedBus
 from gcs.mission.mission import Mission
@@ -48,15 +51,29 @@ async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
 
 
 async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
-    """Show the team until `stop`; raises InputError when this computer has no keys to listen with."""
-    team, began_s = TeamState(mission.ids), monotonic()
-    async with WatchedBus(mission, lambda key, payload: team.receive(key, payload, monotonic())) as bus:
+    """Show the team until `stop`.
+
+    Raises InputError when this computer has no keys to listen with, VehicleRefusedError when the team flies another
+    mission.
+    """
+    team, missions, began_s = TeamState(mission.ids), TeamMissions(mission), monotonic()
+
+    def take(key: str, payload: bytes) -> None:
+        team.receive(key, payload, monotonic())
+        with suppress(ValueError):
+            message = decode(payload)
+            if refusal(key, message) is None:
+                missions.receive(message)
+
+    async with WatchedBus(mission, take) as bus:
         while not stop.is_set():
             await bus.follow()
             now_s = monotonic()
+            missions.require_same()
             for line in team.new_events(now_s):
                 view.print_line(line)
-            view.update(team.rows(now_s), now_s - began_s, bus.refusal or _message(mission, team, now_s - began_s))
+            message = bus.refusal or missions.difference or _message(mission, team, now_s - began_s)
+            view.update(team.rows(now_s), now_s - began_s, message)
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
 

@@ -92,6 +92,7 @@ class Team:
             perception=Perception(
                 mission.mission_frame(), lambda text: self.view.print_line(f"vehicle {vehicle.id}: {text}")
             ),
+            mission=mission.identity,
         )
         return Agent(parts)
 

@@ -16,6 +16,7 @@ from gcs.errors import InputError
 from gcs.mission.control_loops import unstable_loops
 from gcs.mission.cross_checks import cross_checked
 from gcs.mission.excitation import excitation_faults, excited
+from gcs.mission.identity import identified
 from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
 from gcs.mission.profiles import LoadedVehicle, resolved
@@ -89,7 +90,7 @@ def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: li
     mission = Mission(**sections, vehicles=complete, text=text, profile_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
     if unstable := list(unstable_loops(mission)):
         raise MissionError(unstable)
-    return mission
+    return identified(mission)
 
 
 def _sections(content: dict[str, Any], faults: list[str]) -> dict[str, Settings | None]:

@@ -20,6 +20,7 @@ from agents.settings.sections import (
     pair,
     pairs,
 )
+from agents.team.messages import MissionIdentity
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant
 from estimation.profile.profile import Autopilot, Profile
@@ -291,8 +292,9 @@ class MissionVehicle:
 class Mission:
     """A whole mission, checked: every section, and the vehicles with their profiles; and what it was read from.
 
-    `folder` is that of its file. `warnings` name the keys that stand where an earlier version had them, and where each
-    stands today. A mission that `excites` is the flight by which its only vehicle is identified.
+    `identity` is what vehicles and operators of one team compare (gcs/mission/identity.py). `folder` is that of its
+    file. `warnings` name the keys that stand where an earlier version had them, and where each stands today. A mission
+    that `excites` is the flight by which its only vehicle is identified.
     """
 
     mission: MissionSection
@@ -312,6 +314,7 @@ class Mission:
     vehicles: tuple[MissionVehicle, ...]
     text: str = field(compare=False)
     profile_texts: Mapping[str, str] = field(compare=False)
+    identity: MissionIdentity | None = field(default=None, compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
     excites: bool = False
     folder: Path = field(default=Path(), compare=False)
