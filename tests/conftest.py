@@ -61,9 +61,18 @@ def _signals_as_before() -> Iterator[None]:
     signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
+def own_team(text: str, name: str) -> str:
+    """Return a mission's text with the name of a team that no other test flies, unless it names one."""
+    if re.search(r"^team = ", text, re.MULTILINE):
+        return text
+    if "[network]\n" in text:
+        return text.replace("[network]\n", f'[network]\nteam = "{name}"\n')
+    return f'{text}\n[network]\nteam = "{name}"\n'
+
+
 @pytest.fixture
 def mission_file(tmp_path: Path) -> Callable[..., str]:
-    """Return a maker of mission files: a bundled mission on ports of its own, with pieces of its text replaced."""
+    """Return a maker of mission files: a bundled mission as a team of its own, with pieces of its text replaced."""
 
     def make(name: str, *changes: tuple[str, str]) -> str:
         text = (MISSIONS / f"{name}.toml").read_text(encoding="utf-8")
@@ -73,6 +82,7 @@ def mission_file(tmp_path: Path) -> Callable[..., str]:
         ports = sorted(set(re.findall(r"127\.0\.0\.1:(\d+)", text)))
         own = dict(zip(ports, free_ports(len(ports)), strict=True))
         text = re.sub(r"(127\.0\.0\.1):(\d+)", lambda found: f"{found[1]}:{own[found[2]]}", text)
+        text = own_team(text, f"test-{min(own.values())}")
         path = tmp_path / "mission.toml"
         path.write_text(text, encoding="utf-8")
         return str(path)

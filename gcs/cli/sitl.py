@@ -25,17 +25,22 @@ def sitl(options: SitlOptions) -> Exit:
     Example: cordon sitl case2 --speed 5
     """
     hold_back()
+    from agents.ports import VehicleRefusedError
     from gcs.console.terminal import STDERR, print_problem
     from gcs.flight.stubs import serve_until_ctrl_c, stub_configs
+    from gcs.link.claims import stub_claims
 
     configs, speed = stub_configs(loaded_mission(options.mission)), options.speed or 1.0
-    for config in configs:
-        STDERR.print(
-            f"vehicle {config.vehicle_id}: MAVLink to udp {config.client_host}:{config.client_port}", highlight=False
-        )
-    STDERR.print(f"simulated time runs at {speed:g} times the wall clock; Ctrl-C ends it", highlight=False)
     try:
-        asyncio.run(serve_until_ctrl_c(configs, speed))
+        with stub_claims([config.client_port for config in configs]):
+            for config in configs:
+                place = f"{config.client_host}:{config.client_port}"
+                STDERR.print(f"vehicle {config.vehicle_id}: MAVLink to udp {place}", highlight=False)
+            STDERR.print(f"simulated time runs at {speed:g} times the wall clock; Ctrl-C ends it", highlight=False)
+            asyncio.run(serve_until_ctrl_c(configs, speed))
+    except VehicleRefusedError as refusal:
+        print_problem(f"the stub vehicles did not start: {refusal.reason}", refusal.next_step)
+        return Exit.REFUSED
     except OSError as error:
         print_problem(f"the stub vehicles did not start: {error}", "check whether another program uses their ports")
         return Exit.REFUSED

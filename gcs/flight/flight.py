@@ -20,6 +20,7 @@ from gcs.flight.team import Member, Team
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
 from gcs.keys.team_keys import flight_keys
+from gcs.link.claims import fed_ports, flight_claims
 from gcs.link.hub import MavsdkHub
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
@@ -66,6 +67,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
     team.recording.begin(plan.run(clock.speed))
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
+        claims = stack.enter_context(flight_claims(plan.mission, plan.vehicles, stubs=plan.stubs))
         supervisor.relay(lambda: loop.call_soon_threadsafe(team.stop.ask))
         stubs = await stack.enter_async_context(FlightStubs(plan.mission if plan.stubs else None, clock.speed))
         hub = MavsdkHub()
@@ -78,6 +80,8 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         stack.push_async_callback(target.close)
         team.view.update([], 0.0, "looking for the vehicles")
         await _unless_stopped(_prepare(team, target, report), team.stop)
+        # Vehicles send to these ports now: a stub server that starts later must not. Where stubs do, they hold these.
+        list(claims.take_fed(fed_ports(plan.vehicles)))
         team.recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
         hint = await command_by_keyboard(team, stack)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from agents.ports import VehicleRefusedError
+from gcs.link.holders import port_holder
 
 CONNECT_TIMEOUT_S = 3.0
 SERIAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "tty.usb*")
@@ -53,7 +54,7 @@ def _require_free(url: str, host: str, port: int, kind: socket.SocketKind) -> No
             in_use = error.errno == errno.EADDRINUSE
             raise VehicleRefusedError(
                 f"{protocol} port {port} of {url} "
-                + ("is in use" if in_use else f"is not available: {error.strerror}"),
+                + (f"is in use{port_holder(kind, port)}" if in_use else f"is not available: {error.strerror}"),
                 "end the other ground station or agent on this port" if in_use else "check the url",
             ) from error
 

@@ -1,0 +1,137 @@
+"""What one run of cordon has for itself on this computer, so that a second one is refused before it starts anything.
+
+A run claims the team that it flies, and the UDP ports that its vehicles send to. A claim is a Unix socket with an
+abstract name (man 7 unix): the system removes it with its process, however that ends, keeps one list for all users,
+and one for each network namespace, as it does for ports. Systems other than Linux have no such names: there only
+ports and endpoints are checked.
+"""
+
+import errno
+import ipaddress
+import socket
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from os import getpid
+from secrets import token_hex
+from urllib.parse import urlsplit
+
+from agents.ports import VehicleRefusedError
+from gcs.link.holders import abstract_sockets, described, port_holder, process_holding
+from gcs.link.urls import require_usable
+from gcs.mission.mission import Mission, MissionVehicle
+
+_FLIGHT = "cordon/flight/"
+_FED = "cordon/fed/udp/"
+_LISTENING = ("udpin", "tcpin")
+
+
+class Claims:
+    """The claims of this process, to be used as a context manager: they end with it, or with the process."""
+
+    def __init__(self) -> None:
+        self._held = ExitStack()
+
+    def __enter__(self) -> "Claims":
+        """Begin; nothing is claimed yet."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Release all claims."""
+        self._held.close()
+
+    def take(self, name: str) -> bool:
+        """Claim a name; return whether it was free, which it always is on systems without abstract names."""
+        if sys.platform != "linux":
+            return True
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            claim.bind(f"\0{name}")
+        except OSError as error:
+            claim.close()
+            if error.errno == errno.EADDRINUSE:
+                return False
+            raise
+        self._held.callback(claim.close)
+        return True
+
+    def take_team(self, mission: Mission) -> Iterator[str]:
+        """Claim the team for the flight of a mission; return the faults: flights of other missions by that team."""
+        team, digest = f"{_FLIGHT}{mission.network.team}/", "" if mission.identity is None else mission.identity.digest
+        for name in abstract_sockets(team):
+            other, _, process = name.removeprefix(team).partition("/")
+            if other != digest:
+                holder = described(int(process.partition("/")[0]))
+                yield f"team {mission.network.team} flies another mission on this computer,{holder}"
+        self.take(f"{team}{digest}/{getpid()}/{token_hex(4)}")
+
+    def take_fed(self, ports: Sequence[int]) -> Iterator[str]:
+        """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already."""
+        for port in ports:
+            if not self.take(f"{_FED}{port}"):
+                inode = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}", "")
+                yield f"udp port {port} receives the vehicle of another run,{process_holding(inode)}"
+
+
+@contextmanager
+def flight_claims(mission: Mission, vehicles: Sequence[MissionVehicle], *, stubs: bool) -> Iterator[Claims]:
+    """Claim what a flight needs, while it lasts; `stubs` are about to be started for its vehicles.
+
+    Raises VehicleRefusedError, with the process where the system tells, when the team's name, a port, an endpoint or a
+    stub's port is in use.
+    """
+    with Claims() as claims:
+        faults = list(claims.take_team(mission))
+        for vehicle in vehicles:
+            faults += _faults_of(vehicle)
+        if stubs:
+            faults += claims.take_fed(fed_ports(vehicles))
+        _require_none(faults, "end the other run, or give this mission other ports and another network.team")
+        yield claims
+
+
+@contextmanager
+def stub_claims(ports: Sequence[int]) -> Iterator[None]:
+    """Claim the ports that stub vehicles send to; raises VehicleRefusedError when another run's vehicles do already."""
+    with Claims() as claims:
+        _require_none(list(claims.take_fed(ports)), "end the other run, or give this mission other ports")
+        yield
+
+
+def fed_ports(vehicles: Sequence[MissionVehicle]) -> list[int]:
+    """Return the UDP ports on which vehicles are received."""
+    urls = [urlsplit(vehicle.section.url) for vehicle in vehicles]
+    return [url.port for url in urls if url.scheme == "udpin" and url.port]
+
+
+def _require_none(faults: Sequence[str], next_step: str) -> None:
+    if faults:
+        raise VehicleRefusedError("; ".join(faults), next_step)
+
+
+def _faults_of(vehicle: MissionVehicle) -> Iterator[str]:
+    """Return what is in use of a vehicle's port and its endpoint on the bus."""
+    if urlsplit(vehicle.section.url).scheme in _LISTENING:
+        try:
+            require_usable(vehicle.section.url)
+        except VehicleRefusedError as refusal:
+            yield refusal.reason
+    protocol, _, place = vehicle.section.endpoint.partition("/")
+    host, _, port = place.rpartition(":")
+    kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM
+    if _is_taken(kind, host.strip("[]"), int(port)):
+        yield f"endpoint {vehicle.section.endpoint} is in use{port_holder(kind, int(port))}"
+
+
+def _is_taken(kind: socket.SocketKind, host: str, port: int) -> bool:
+    """Return whether a port of this computer is in use; a name, or an address elsewhere, is for Zenoh to judge."""
+    with suppress(ValueError):
+        family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
+        with socket.socket(family, kind) as attempt:
+            if kind is socket.SOCK_STREAM:
+                attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                attempt.bind((host, port))
+            except OSError as error:
+                return error.errno == errno.EADDRINUSE
+    return False
