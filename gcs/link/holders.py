@@ -8,7 +8,7 @@ from pathlib import Path
 
 _PROC = Path("/proc")
 _LISTENS = "0A"
-_COMMAND_LENGTH = 100
+_COMMAND_LENGTH = 160
 
 
 def port_holder(kind: socket.SocketKind, port: int) -> str:
@@ -48,6 +48,7 @@ def described(process_id: int) -> str:
         words = (_PROC / str(process_id) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     except OSError:
         return f" by process {process_id}"
+    words[0] = Path(words[0]).name
     command = "".join(letter if letter.isprintable() else "?" for letter in " ".join(words).strip())
     return f" by process {process_id} ({command[:_COMMAND_LENGTH]})"
 

@@ -8,7 +8,7 @@ from agents.team.messages import MissionIdentity
 from gcs.mission.mission import Mission
 
 _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
-_OF_THE_MISSION = {"duration_s", "rate_hz"}
+_OF_THE_MISSION = {"name", "duration_s", "rate_hz"}
 _OF_ONE_COMPUTER = {"url", "true_scale", "sensor"}
 """What differs between the computers of a team, or concerns simulated vehicles only."""
 
