@@ -6,15 +6,24 @@ import os
 import signal
 import socket
 import sys
+import time
 from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from agents.ports import VehicleRefusedError
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import StartProposal, encode
+from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
-from gcs.mission.file import load_mission
+from gcs.console.watch import WatchView, watch
+from gcs.link.claims import flight_claims
+from gcs.mission.file import load_mission, parse_mission
 from tests.support.paths import ROOT
 from tests.support.wire import free_ports
 
@@ -25,10 +34,10 @@ MISSED_SHARE_MAX = 0.01
 
 
 @asynccontextmanager
-async def cordon(*arguments: str, gives_way: bool = False) -> AsyncIterator[Process]:
-    """Run a command of cordon in a process of its own; one that gives way leaves the processor to the flight."""
+async def cordon(*arguments: str) -> AsyncIterator[Process]:
+    """Run a command of cordon in a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "400"}
-    command = [*(("nice", "-n", "19") if gives_way else ()), sys.executable, "-m", "gcs", *arguments]
+    command = [sys.executable, "-m", "gcs", *arguments]
     process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
     try:
         yield process
@@ -40,7 +49,7 @@ async def cordon(*arguments: str, gives_way: bool = False) -> AsyncIterator[Proc
 
 async def refused(*arguments: str) -> str:
     """Run a command that is to be refused, and return what it says."""
-    async with asyncio.timeout(60.0), cordon(*arguments, gives_way=True) as process:
+    async with asyncio.timeout(60.0), cordon(*arguments) as process:
         out, err = await process.communicate()
     assert (process.returncode, out) == (3, b""), (arguments, process.returncode, err.decode())
     assert "Traceback" not in err.decode()
@@ -69,26 +78,31 @@ def missions(mission_file: Callable[..., str], tmp_path: Path) -> tuple[str, str
 
 
 async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[str, str, str]) -> None:
-    flown, renamed, moved = missions
-    vehicle = load_mission(flown).vehicles[0].section
+    flown, renamed, moved = map(load_mission, missions)
+    vehicle = flown.vehicles[0].section
     fed = f"udp port {vehicle.url.rpartition(':')[2]} receives the vehicle of another run, by process "
-    other_name = ("'case2'", "'survey'")
     seconds = {
-        ("sitl", flown): (fed, "flown.toml --sitl"),
-        ("sitl", renamed): (fed, "flown.toml --sitl"),
-        ("fly", flown, "--sitl", "--no-log"): (vehicle.url, f"endpoint {vehicle.endpoint} is in use by process", fed),
-        ("fly", moved, "--sitl", "--no-log"): ("flies another mission on this computer, by process",),
-        ("command", "land", "--mission", renamed): other_name,
-        ("command", "kill", "--yes", "--mission", renamed): other_name,
-        ("target", "35", "-5", "--mission", renamed): other_name,
-        ("watch", "--mission", renamed): other_name,
+        ("sitl", missions[1]): (fed, "flown.toml --sitl"),
+        ("fly", missions[0], "--sitl", "--no-log"): (vehicle.url, f"endpoint {vehicle.endpoint} is in use by", fed),
+        ("command", "land", "--mission", missions[1]): ("'case2'", "'survey'"),
     }
-    async with cordon("fly", flown, "--sitl", "--speed", "2", "--no-log", "--json") as flight:
+    async with cordon("fly", missions[0], "--sitl", "--speed", "2", "--no-log", "--json") as flight:
         await line_with(flight, "standby -> formation")
-        for second, parts in zip(seconds, await gather_refused(*seconds), strict=True):
-            assert all(part in parts for part in seconds[second]), (second, parts)
+        for second, parts in seconds.items():
+            said = await refused(*second)
+            assert all(part in said for part in parts), (second, said)
+        with pytest.raises(VehicleRefusedError, match="flies another mission on this computer, by process"):
+            flight_claims(moved, moved.vehicles, stubs=True).__enter__()
+        sighting = ExternalSighting("mission", (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2)
+        for stranger in (
+            CommandClient(renamed).command("kill", renamed.ids, None),
+            CommandClient(renamed).send_sighting(sighting, 0.0),
+            watch(renamed, WatchView(Console(file=StringIO())), asyncio.Event()),
+        ):
+            with pytest.raises(VehicleRefusedError, match="'case2', not 'survey'"):
+                await stranger
         assert flight.returncode is None, "it has to fly all the time"
-        answers = await CommandClient(load_mission(flown)).command("land", (1, 2, 3), None)
+        answers = await CommandClient(flown).command("land", flown.ids, None)
         assert {answer.did for answer in answers.values() if answer is not None} == {"lands"}
         out, err = await flight.communicate()
     result = json.loads(out)
@@ -97,15 +111,29 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
     assert tactics == {"standby -> formation", "formation -> land"}
 
 
-async def gather_refused(*commands: tuple[str, ...]) -> list[str]:
-    """Run commands that are to be refused, two at a time, and return what each says."""
-    free = asyncio.Semaphore(2)
+async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missions: tuple[str, str, str]) -> None:
+    flown = load_mission(missions[0])
+    text = flown.text.replace("separation_m = ", "keep_out_m = 1.0\nseparation_m = ")
+    changed = parse_mission(text if text != flown.text else f"{text}\n[safety]\nkeep_out_m = 1.0\n", Path())
+    assert changed.identity != flown.identity
+    vehicle = ZenohBus(1, flown.network.team, flown.vehicle(1).section.endpoint)
+    await vehicle.open(lambda _: None, lambda *_: None)
 
-    async def run(command: tuple[str, ...]) -> str:
-        async with free:
-            return await refused(*command)
+    async def fly() -> None:
+        while True:
+            vehicle.publish("start", encode(StartProposal(1, time.time(), None, mission=flown.identity)))
+            await asyncio.sleep(0.1)
 
-    return await asyncio.gather(*map(run, commands))
+    flying = asyncio.create_task(fly())
+    try:
+        with pytest.raises(VehicleRefusedError, match="another version of the mission 'case2'"):
+            await CommandClient(changed).command("resume", (1,), 1)
+        operator = CommandClient(changed)
+        assert await operator.command("hold", (1,), 1) == {1: None}, "sent, and this vehicle never answers"
+        assert "another version" in operator.difference
+    finally:
+        flying.cancel()
+        await vehicle.close()
 
 
 async def test_stub_vehicles_and_one_flight_go_together_and_a_second_of_either_does_not(
@@ -114,8 +142,7 @@ async def test_stub_vehicles_and_one_flight_go_together_and_a_second_of_either_d
     flown, _, _ = missions
     async with cordon("sitl", flown, "--speed", "5") as stubs:
         await line_with(stubs, "Ctrl-C ends it")
-        seconds = await gather_refused(("sitl", flown), ("fly", flown, "--sitl", "--no-log"))
-        assert all("receives the vehicle of another run" in said for said in seconds)
+        assert "receives the vehicle of another run" in await refused("sitl", flown)
         async with cordon("fly", flown, "--speed", "5", "--no-log") as flight:
             await line_with(flight, "standby -> formation")
             answers = await CommandClient(load_mission(flown)).command("land", (1, 2, 3), None)
