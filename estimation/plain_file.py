@@ -1,4 +1,4 @@
-"""Files from outside: regular ones only, and no larger than what is asked for. A pipe or a device is never waited for."""
+"""Files from outside: regular ones only, no larger than asked for. A pipe or a device is never waited for."""
 
 import errno
 import os

@@ -10,7 +10,7 @@ class Exit(IntEnum):
     HOLDS = 0
     """Everything went well, and all verdicts hold."""
     VERDICT_FAILED = 1
-    """Flown, but a verdict does not hold."""
+    """Flown, but a verdict does not hold; or a log is damaged, so that none can be relied on."""
     BAD_INPUT = 2
     """Bad input, every fault listed."""
     REFUSED = 3

@@ -8,6 +8,9 @@ from agents.settings.shapes import Shape
 from agents.settings.tuning import SETPOINTS_FASTER, EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
 from estimation.settings import Settings
 
+CORNERS_MAX = 256
+"""Of a fence: the guard looks at every edge in every tick."""
+
 
 def pair(value: object) -> object:
     """Return a list as a tuple: TOML knows lists only, and strict validation takes no list for a tuple."""
@@ -84,7 +87,7 @@ class SafetySection(Settings):
     separation_m: float = Field(1.0, gt=0.0, le=100.0)
     vertical_separation_m: float = Field(2.0, gt=0.0, le=100.0)
     keep_out_m: float = Field(0.0, ge=0.0, le=1000.0)
-    fence_m: Annotated[tuple[tuple[float, float], ...], BeforeValidator(pairs)] = ()
+    fence_m: Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX), BeforeValidator(pairs)] = ()
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)
@@ -138,7 +141,9 @@ class ChoreographySettings(Settings):
 
     layer_m: float = Field(0.0, ge=0.0, le=50.0)
     landing: Literal["in_place", "return"] = "in_place"
-    landing_order: Annotated[tuple[Annotated[int, Field(ge=1, le=254)], ...], BeforeValidator(_ids)] = ()
+    landing_order: Annotated[
+        tuple[Annotated[int, Field(ge=1, le=254)], ...], Field(max_length=254), BeforeValidator(_ids)
+    ] = ()
 
 
 class ExcitationSettings(Settings):

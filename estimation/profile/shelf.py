@@ -1,9 +1,10 @@
 """Profiles by name: those that come with cordon, files, and texts from a log."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+from estimation.bounded_toml import TEXT_MAX_LENGTH, toml_content
+from estimation.plain_file import read_plain
 from estimation.profile.profile import Profile, ProfileError, profile_of
 
 _BUNDLED = Path(__file__).parent / "profiles"
@@ -15,12 +16,13 @@ def bundled_profiles() -> list[str]:
 
 
 class ProfileShelf:
-    """Profiles by name: bundled ones, files relative to a folder, or texts that were read before.
+    """Profiles by name: bundled ones, files within a folder, or texts that were read before.
 
+    Nothing outside of the folder is opened; without one no file is.
     `texts` holds every text that was read, by name: from them alone the same profiles load on any machine.
     """
 
-    def __init__(self, folder: Path, texts: Mapping[str, str] | None = None) -> None:
+    def __init__(self, folder: Path | None, texts: Mapping[str, str] | None = None) -> None:
         self._folder = folder
         self.texts = dict(texts or {})
 
@@ -28,19 +30,30 @@ class ProfileShelf:
         """Return a profile; raises ProfileError with every fault."""
         try:
             text = self.texts.get(name) or self._read(name)
-            content = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:
+            content = toml_content(text)
+        except ValueError as error:
             raise ProfileError([f"'{name}' is not TOML: {error}"]) from error
         self.texts[name] = text
         return profile_of(name, content)
 
     def _read(self, name: str) -> str:
-        path = _BUNDLED / f"{name}.toml" if name in bundled_profiles() else self._folder / name
         try:
-            return path.read_text(encoding="utf-8-sig")
+            return read_plain(self._path(name), 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
         except UnicodeDecodeError:
             raise
         except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
             reason = error.strerror if isinstance(error, OSError) else error
             known = ", ".join(bundled_profiles())
             raise ProfileError([f"no profile '{name}' ({reason}); bundled profiles: {known}"]) from error
+
+    def _path(self, name: str) -> Path:
+        """Return where a profile is; raises ValueError for a place outside of the folder."""
+        if name in bundled_profiles():
+            return _BUNDLED / f"{name}.toml"
+        if self._folder is None:
+            raise ValueError("the log does not hold it")
+        path = (self._folder / name).resolve()
+        outside = Path(name).is_absolute() or ".." in Path(name).parts
+        if outside or not path.is_relative_to(self._folder.resolve()):
+            raise ValueError("it is not in the folder of the mission")
+        return path

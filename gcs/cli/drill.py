@@ -48,7 +48,7 @@ def drill(options: DrillOptions) -> Exit:
     drills, mission = chosen(options.fault), loaded_mission(options.mission)
     if options.log is not None and not options.log.is_dir():
         raise InputError([f"--log: no folder {str(options.log)!r} for the logs of the drill's flights"])
-    fly = partial(StubFlight, logs=options.log)
+    fly = partial(StubFlight, logs=options.log, profile_texts=mission.profile_texts)
     try:
         rows = asyncio.run(DrillRun(options.mission, fly, drills, DrillProgress(STDERR, len(drills))).run())
     except VehicleRefusedError as refusal:

@@ -90,8 +90,9 @@ def _plant(name: str) -> "Plant":
     from estimation.profile.profile import ProfileError
     from estimation.profile.shelf import ProfileShelf
 
+    path = Path(name)
     try:
-        return ProfileShelf(Path()).load(name).plant
+        return ProfileShelf(path.parent).load(path.name).plant
     except ProfileError as error:
         raise InputError([f"--against: {fault}" for fault in error.faults]) from error
 

@@ -33,6 +33,8 @@ class RecoverOptions:
 def recover(options: RecoverOptions) -> Exit:
     """Make an unclosed or damaged log readable: copy the records that are intact, and report what is missing.
 
+    The exit code is 1 where records are lost, other than those at the end of a log that was never closed.
+
     Example: cordon log recover 2026-05-04_10-00-00-case2.mcap
     """
     from gcs.cli.output import ReadingProgress
@@ -52,7 +54,7 @@ def recover(options: RecoverOptions) -> Exit:
     print_line(f"{target}: {recovered.records} records of {recovered.seconds:.1f} s recovered; {path} is unchanged")
     for fault in recovered.faults:
         print_line(f"incomplete: {fault}", "yellow")
-    return Exit.HOLDS
+    return Exit.VERDICT_FAILED if recovered.is_damaged else Exit.HOLDS
 
 
 @log.command

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 from gcs.console.terminal import STDERR, discard, print_line
 from gcs.errors import Exit, InputError
 from gcs.flight.run import show_result, verdict_of
+from gcs.flightlog.reader import FlightLog
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import formation_reference, ring_reference
 from gcs.mission.mission import Mission
@@ -122,6 +123,14 @@ def confirmed(question: str) -> bool:
         raise InputError(["--yes: there is no terminal to ask for confirmation on; give --yes to confirm"])
     STDERR.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
     return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def print_log_faults(log: FlightLog) -> None:
+    """Print what is not as it should be in a log, and how much of a damaged one was read."""
+    for fault in log.faults:
+        print_line(f"{log.path}: {fault}", "yellow")
+    if log.is_damaged:
+        print_line(f"{log.path}: damaged: {log.recovered}; `cordon log recover` writes them to a new log", "red")
 
 
 def print_result(text: str) -> None:

@@ -40,12 +40,12 @@ class ReplayOptions:
 
 
 def replay(options: ReplayOptions) -> Exit:
-    """Feed a recorded flight to new agents and check that every decision is reproduced. Exit code 1 if one is not.
+    """Feed a recorded flight to new agents and check that every decision is reproduced. Exit code 1 if one is not, or if
+    the log is damaged.
 
     Example: cordon replay flight.mcap --explain 2
     """
-    from gcs.cli.output import print_result
-    from gcs.console.terminal import print_line
+    from gcs.cli.output import print_log_faults, print_result
     from gcs.flightlog.reader import read_log
     from gcs.replay.playback import recorded_vehicles
 
@@ -54,16 +54,16 @@ def replay(options: ReplayOptions) -> Exit:
     if options.explain is not None and options.explain not in vehicles:
         known = ", ".join(map(str, vehicles))
         raise InputError([f"--explain: the log has no records of a vehicle {options.explain} (it has {known})"])
-    for fault in log.faults:
-        print_line(f"{options.log}: {fault}", "yellow")
+    print_log_faults(log)
     result: dict[str, Any] = {"log": str(options.log)}
-    verdict = Exit.HOLDS
+    verdict = Exit.VERDICT_FAILED if log.is_damaged else Exit.HOLDS
     if options.changes:
         result["what_if"] = _what_if(log, options.changes)
     if options.explain is not None:
         result["story"] = _story(log, options.explain)
     if not options.changes and options.explain is None:
-        verdict, replayed = _replay(log)
+        same, replayed = _replay(log)
+        verdict = max(verdict, same)
         result |= replayed
     if options.json:
         print_result(dumps(result, indent=2, default=bytes.hex))

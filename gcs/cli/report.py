@@ -68,7 +68,7 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     verdict = present(flight.mission, flight.evidence.record, json=options.json, plot=options.plot)
     for name, words in plants.items():
         STDERR.print(f"{name}: {words}", style="dim", markup=False, highlight=False, soft_wrap=True)
-    return verdict
+    return Exit.VERDICT_FAILED if flight.is_damaged and verdict is Exit.HOLDS else verdict
 
 
 def _compare_flights(first: Sequence[Path], second: Path, options: ReportOptions) -> Exit:
@@ -91,7 +91,8 @@ def _compare_flights(first: Sequence[Path], second: Path, options: ReportOptions
         _write(html, lambda: write_comparison(one, other, html))
     if options.json:
         print_result(dumps({"flights": [result.to_dict() for result in results]}, allow_nan=False))
-    return Exit.HOLDS if all(result.all_hold for result in results) else Exit.VERDICT_FAILED
+    whole = not any(flight.is_damaged for flight in flights)
+    return Exit.HOLDS if whole and all(result.all_hold for result in results) else Exit.VERDICT_FAILED
 
 
 def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
@@ -127,14 +128,13 @@ def _check_outputs(options: ReportOptions, logs: Sequence[Path]) -> None:
 
 
 def _read(paths: Sequence[Path]) -> "LoggedFlight":
-    from gcs.console.terminal import print_line
+    from gcs.cli.output import print_log_faults
     from gcs.flightlog.reader import read_log
     from gcs.report.evidence.reading import read_flight
 
     logs = [read_log(path) for path in paths]
     for log in logs:
-        for fault in log.faults:
-            print_line(f"{log.path}: {fault}", "yellow")
+        print_log_faults(log)
     return read_flight(logs)
 
 

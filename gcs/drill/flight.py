@@ -5,7 +5,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +16,7 @@ import msgspec
 from agents.ports import VehicleRefusedError
 from agents.team.messages import MemberState, NeighbourAngle, decode
 from estimation.frames import Triple
+from estimation.profile.shelf import bundled_profiles
 from gcs.console.command_client import CommandClient
 from gcs.console.team_bus import guest_bus
 from gcs.drill.injected_faults import InjectedFaults
@@ -56,9 +57,11 @@ class DrillFlight:
     A subclass defines the vehicles: it serves them, observes them, and clears the faults injected into them.
     """
 
-    def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
-        """Take a mission's text; the flight is recorded if there is a folder for `logs`."""
-        self.mission = parse_mission(text, Path())
+    def __init__(
+        self, text: str, speed: float, logs: Path | None = None, profile_texts: Mapping[str, str] | None = None
+    ) -> None:
+        """Take a mission's text and its profiles'; the flight is recorded if there is a folder for `logs`."""
+        self.mission = parse_mission(text, None, profile_texts)
         self.log = TeamLog()
         self.speed = speed
         self.positions_m: dict[int, Triple] = {}
@@ -158,6 +161,7 @@ class DrillFlight:
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="cordon-drill-")))
         mission_file, path = folder / "mission.toml", folder / "socket"
         mission_file.write_text(self._text, encoding="utf-8")
+        self._write_profiles(folder)
         await self.serve(self._stack)
         self._keys = self._stack.enter_context(flight_keys(self.mission))
         server = await asyncio.start_unix_server(self._under_test.meet, path)
@@ -166,6 +170,13 @@ class DrillFlight:
         await self._listen()
         watching = asyncio.create_task(self._watch())
         self._stack.push_async_callback(_cancelled, watching)
+
+    def _write_profiles(self, folder: Path) -> None:
+        """Write the profiles beside the mission: their names lie within its folder."""
+        for name, text in self.mission.profile_texts.items():
+            if name not in bundled_profiles():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (folder / name).write_text(text, encoding="utf-8")
 
     async def _fly(self, mission_file: Path, path: Path) -> None:
         self._process = await asyncio.create_subprocess_exec(

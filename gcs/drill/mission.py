@@ -2,17 +2,16 @@
 
 import os
 import socket
-import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from math import sqrt
-from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from estimation.bounded_toml import toml_content
 from gcs.errors import InputError
-from gcs.mission.file import load_mission, mission_path, parse_mission
+from gcs.mission.file import load_mission, parse_mission
 from gcs.mission.mission import Mission
 
 _LOOPBACK = "127.0.0.1"
@@ -25,15 +24,14 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
     `changes` are (section, key, value). The target starts where the vehicles that would encircle it do so at once, so
     that the drill need not wait for the ring; where the mission forbids that, its start stays as it is.
     """
-    path = mission_path(name)
     mission = load_mission(name)
-    content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    content = toml_content(mission.text)
     for section, key, value in changes:
         content.setdefault(section, {})[key] = value
-    _move_apart(content, path.parent)
+    _move_apart(content)
     near = {**content, "target": {**content["target"], "start_m": _near_m(mission)}}
     try:
-        parse_mission(tomli_w.dumps(near), path.parent)
+        parse_mission(tomli_w.dumps(near), None, mission.profile_texts)
     except InputError:
         return tomli_w.dumps(content)
     return tomli_w.dumps(near)
@@ -51,17 +49,18 @@ def _near_m(mission: Mission) -> list[float]:
     return [x + sqrt(reach_m**2 - width_m**2), y]
 
 
-def _move_apart(content: _Content, folder: Path) -> None:
-    """Give every vehicle free ports and the team a name of its own; make the paths of profiles absolute."""
+def profiles_of(name: str) -> Mapping[str, str]:
+    """Return the texts of a mission's profiles by name; raises MissionError."""
+    return load_mission(name).profile_texts
+
+
+def _move_apart(content: _Content) -> None:
+    """Give every vehicle free ports and the team a name of its own."""
     vehicles = content["vehicles"]
     ports = iter(_free_ports(2 * len(vehicles)))
     for vehicle in vehicles:
         vehicle["url"] = f"udpin://{_LOOPBACK}:{next(ports)}"
         vehicle["endpoint"] = f"tcp/{_LOOPBACK}:{next(ports)}"
-        for key in ("profile", "plant"):  # the second is of earlier versions
-            profile = folder / vehicle.get(key, "")
-            if profile.is_file():
-                vehicle[key] = str(profile.resolve())
     network = content.setdefault("network", {})
     network.pop("security", None)  # this computer's flights have keys of their own
     network["team"] = f"drill-{os.getpid()}"

@@ -3,13 +3,12 @@
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Generic, Protocol
 
 from agents.ports import VehicleRefusedError
 from gcs.drill.faults import RESPACED_S, Drill, Flight
 from gcs.drill.judge import OFFBOARD, ON_MISSION, Expectation, failures, reacted_s, respaced
-from gcs.drill.mission import drill_mission
+from gcs.drill.mission import drill_mission, profiles_of
 from gcs.drill.roles import Roles
 from gcs.mission.file import parse_mission
 from gcs.mission.mission import Mission
@@ -84,7 +83,7 @@ class DrillRun(Generic[Flight]):
 
     async def run(self) -> list[DrillRow]:
         """Return a row for each drill; raises VehicleRefusedError when the team cannot fly at all."""
-        judged_by = parse_mission(drill_mission(self._mission), Path())
+        judged_by = parse_mission(drill_mission(self._mission), None, profiles_of(self._mission))
         left = list(self._drills)
         while left:
             if unsuitable := left[0].unsuitable(judged_by):

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -36,8 +36,10 @@ class StubClock:
 class StubFlight(DrillFlight):
     """A flight of stub vehicles."""
 
-    def __init__(self, text: str, speed: float, logs: Path | None = None) -> None:
-        super().__init__(text, speed, logs)
+    def __init__(
+        self, text: str, speed: float, logs: Path | None = None, profile_texts: Mapping[str, str] | None = None
+    ) -> None:
+        super().__init__(text, speed, logs, profile_texts)
         self.stubs: dict[int, Stub] = {}
         self._clock = StubClock(speed)
         self._received: dict[int, int] = {}

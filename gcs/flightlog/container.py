@@ -36,6 +36,7 @@ _COMPRESSION = "zstd"
 _CHUNK_SIGN = struct.pack("<I", len(_COMPRESSION)) + _COMPRESSION.encode()
 _SIGN_OFFSET = _HEAD.size + _CHUNK.size - 4
 _WINDOW_BYTES = 1 << 16
+_CUT = "it ends within a record"
 
 
 class Message(NamedTuple):
@@ -61,7 +62,10 @@ class DamageError(ValueError):
 
 
 class Container:
-    """An MCAP file; `faults` lists its damage once all `entries` have been read."""
+    """An MCAP file; `faults` lists its damage once all `entries` have been read.
+
+    It `is_damaged` where more is wrong than that it was never closed, and ends within what was written last.
+    """
 
     def __init__(self, stream: BinaryIO, size_bytes: int) -> None:
         """Open a file; raises NoContainerError when it is no MCAP file, OSError when it cannot be read."""
@@ -75,6 +79,7 @@ class Container:
         self.offset = 0
         self.messages = 0
         self.is_closed = False
+        self.is_damaged = False
         if self._bytes(0, len(MAGIC)) != MAGIC:
             raise NoContainerError("it is empty" if not size_bytes else "it is no MCAP file")
 
@@ -111,12 +116,12 @@ class Container:
         """Return the kind and body of the next record of the file, and advance behind it."""
         begin, head = self.offset, self._bytes(self.offset, _HEAD.size)
         if len(head) < _HEAD.size:
-            raise DamageError("it ends within a record")
+            raise DamageError(_CUT)
         opcode, length = _HEAD.unpack(head)
         if opcode == 0 or length > RECORD_MAX_BYTES:
             raise DamageError(f"a record of kind {opcode} claims {length} bytes")
         if begin + _HEAD.size + length > self.size_bytes:
-            raise DamageError("it ends within a record")
+            raise DamageError(_CUT)
         body = self._bytes(begin + _HEAD.size, length)
         if opcode != Opcode.DATA_END:
             self._crc = zlib.crc32(body, zlib.crc32(head, self._crc))
@@ -153,7 +158,8 @@ class Container:
             self._report(f"from byte {begin} on nothing is read: {damage}")
             return False
         end = self.size_bytes if found is None else found
-        self._report(f"at byte {begin}: {reason}; {end - begin} bytes are left out")
+        at_end = reason == _CUT and found is None and not self.is_closed
+        self._report(f"at byte {begin}: {reason}; {end - begin} bytes are left out", is_damage=not at_end)
         self.offset = end
         return found is not None
 
@@ -223,7 +229,8 @@ class Container:
         if self._work_bytes < 0:
             raise DamageError("it claims to hold more than a file of its size can")
 
-    def _report(self, fault: str) -> None:
+    def _report(self, fault: str, *, is_damage: bool = True) -> None:
+        self.is_damaged |= is_damage
         if len(self._faults) < FAULTS_MAX:
             self._faults.append(fault)
         else:

@@ -1,10 +1,10 @@
 """Reading a log that cordon wrote: closed or not, as far as it is whole."""
 
-import stat
+import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 from mcap.records import Channel, Schema
 
+from estimation.plain_file import open_plain
 from gcs.flightlog.container import Container, Entry, Message, NoContainerError
 from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.log_error import LogError
@@ -62,13 +63,23 @@ class LogRecord(NamedTuple):
 class FlightLog:
     """What a file holds: the records of the run, and each vehicle's in the order in which they were written.
 
-    `faults` says what is not as it should be: an end that is missing, records that are damaged.
+    `faults` says what is not as it should be: an end that is missing, records that are damaged. It `is_damaged` where
+    records between others are lost.
     """
 
     path: Path
     run_records: list[LogRecord] = field(default_factory=list)
     vehicles: dict[int, list[LogRecord]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
+    is_damaged: bool = False
+
+    @property
+    def recovered(self) -> str:
+        """How much of it was read, for people."""
+        records = [self.run_records, *self.vehicles.values()]
+        stamps_ns = [each.time_ns for some in records for each in (some[0], some[-1]) if some]
+        seconds = (max(stamps_ns) - min(stamps_ns)) / 1e9 if stamps_ns else 0.0
+        return f"{sum(map(len, records))} records of {seconds:.1f} s were read"
 
     @cached_property
     def run(self) -> Run:
@@ -112,6 +123,7 @@ def read_log(path: Path) -> FlightLog:
     if not counter.total:
         raise LogError([f"{path}: it holds no record of cordon's", *(f"{path}: {fault}" for fault in container.faults)])
     log.faults.extend(faults_of(container, counter) + topics.faults)
+    log = replace(log, is_damaged=container.is_damaged or bool(counter.faults))
     if log.run.format > FORMAT:
         log.faults.append(f"it was written by a newer version of cordon (format {log.run.format}, known is {FORMAT})")
         _leave_out_unknown(log)
@@ -122,10 +134,8 @@ def read_log(path: Path) -> FlightLog:
 def open_container(path: Path) -> Iterator[Container]:
     """Open a log; raises LogError when that fails, or when it is no MCAP file."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # a pipe would be waited for
-            raise LogError([f"{path}: it is no file"])
-        with path.open("rb") as stream:
-            yield Container(stream, path.stat().st_size)
+        with open_plain(path) as stream:
+            yield Container(stream, os.fstat(stream.fileno()).st_size)
     except OSError as error:
         raise LogError([f"{path}: {error.strerror or error}"]) from error
     except NoContainerError as error:

@@ -24,11 +24,15 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """The records recovered, their duration, and in `faults` what was not recovered."""
+    """The records recovered, their duration, and in `faults` what was not recovered.
+
+    It `is_damaged` where records between others are lost, and not only the end.
+    """
 
     records: int
     seconds: float
     faults: tuple[str, ...]
+    is_damaged: bool
 
 
 def examine(path: Path, progress: Progress) -> Recovery:
@@ -76,7 +80,8 @@ def _gone_through(path: Path, container: Container, take: Callable[[Entry], None
         raise LogError([f"{path}: it holds no record of cordon's", *(f"{path}: {fault}" for fault in container.faults)])
     if undescribed:
         faults.append(f"{undescribed} records are lost with the description of their channel")
-    return Recovery(counter.total, counter.seconds, tuple(faults))
+    is_damaged = container.is_damaged or bool(counter.faults) or undescribed > 0
+    return Recovery(counter.total, counter.seconds, tuple(faults), is_damaged)
 
 
 @contextmanager

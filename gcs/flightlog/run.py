@@ -3,7 +3,6 @@
 import platform
 from collections.abc import Sequence
 from importlib.metadata import version
-from pathlib import Path
 
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog
@@ -52,6 +51,6 @@ def mission_of(log: FlightLog) -> Mission:
     """Return the mission that was flown, with its own plants; raises LogError where this version refuses it."""
     run = log.run
     try:
-        return parse_mission(run.mission_text, Path(), {plant.name: plant.text for plant in run.plants})
+        return parse_mission(run.mission_text, None, {plant.name: plant.text for plant in run.plants})
     except MissionError as error:
         raise LogError([f"{log.path}: its mission: {fault}" for fault in error.faults]) from error

@@ -9,11 +9,16 @@ from foxglove import Channel, Context, Schema
 from foxglove.mcap import MCAPWriteOptions
 
 from gcs.flightlog.disk import Disk
-from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS
+from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS, Run
 from gcs.flightlog.schema import Codec
 
 SIZE_MAX_BYTES = 2_000_000_000
 """The largest log; it ends there. Eight hours of three vehicles at 20 Hz."""
+
+CHUNK_BYTES = 1 << 17
+"""What one flipped bit costs at most, before compression."""
+REPEAT_BYTES = 1_000_000
+"""How often it is said again what is flown: without that a log can neither be replayed nor reported."""
 
 Picture = Callable[[int, int, Any], None]
 """Draws a record for viewers: the vehicle, the time [ns], and the record."""
@@ -29,11 +34,14 @@ class LogWriter:
         self._disk = None if path is None else Disk(path)
         self._size_max_bytes = size_max_bytes
         self._channels: dict[tuple[type, int], tuple[Channel, Codec]] = {}
-        options = MCAPWriteOptions(profile=PROFILE, compression_threads=0)
+        options = MCAPWriteOptions(profile=PROFILE, chunk_size=CHUNK_BYTES, compression_threads=0)
         self._mcap = None
         if self._disk is not None:
             self._mcap = foxglove.open_mcap(self._disk, context=context, writer_options=options)  # type: ignore[arg-type]  # it is BinaryIO enough
         self._failure = ""
+        self._run: Run | None = None
+        self._run_at_bytes = 0
+        self._log_time_ns = 0
 
     @property
     def fault(self) -> str:
@@ -54,6 +62,11 @@ class LogWriter:
         kind: type[Any] = type(record)
         channel, codec = self._channels.get((kind, vehicle_id)) or self._open_channel(kind, vehicle_id)
         channel.log(codec.encode(record, number), log_time=log_time_ns)
+        self._log_time_ns = max(log_time_ns, self._log_time_ns)
+        if isinstance(record, Run):
+            self._run, self._run_at_bytes = record, self.size_bytes
+        elif self.size_bytes - self._run_at_bytes > REPEAT_BYTES:
+            self._repeat_run()
         if self._mcap is not None and self.size_bytes > self._size_max_bytes:
             self.close()
             self.fail(f"it has reached {self._size_max_bytes / 1e6:g} MB and ends there")
@@ -66,9 +79,16 @@ class LogWriter:
     def close(self) -> None:
         """Complete the file and close it."""
         if self._mcap is not None and self._disk is not None:
+            self.flush()  # a chunk of its own: the last one may be damaged as well
+            self._repeat_run()
             self._mcap.close()
             self._mcap = None
             self._disk.close()
+
+    def _repeat_run(self) -> None:
+        self._run_at_bytes = self.size_bytes
+        if self._run is not None:
+            self.write(0, 0, self._log_time_ns, self._run)
 
     def _open_channel(self, kind: type[Any], vehicle_id: int) -> tuple[Channel, Codec]:
         topic = f"/vehicle/{vehicle_id}/{VEHICLE_TOPICS[kind]}" if vehicle_id else f"/{RUN_TOPICS[kind]}"

@@ -189,7 +189,7 @@ def _plant_lines(found: Found) -> list[str]:
 
 def _bundled_lines(autopilot: Autopilot) -> list[str]:
     """Return what is not identified, as far as the bundled profile differs from the defaults."""
-    bundled = ProfileShelf(Path()).load(autopilot)
+    bundled = ProfileShelf(None).load(autopilot)
     lines = []
     for section, settings in (("own_filter", bundled.own_filter), ("limits", bundled.limits)):
         values = settings.model_dump(exclude_unset=True)

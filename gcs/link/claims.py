@@ -82,9 +82,8 @@ def flight_claims(mission: Mission, vehicles: Sequence[MissionVehicle], *, stubs
     """
     with Claims() as claims:
         faults = list(claims.take_team(mission))
-        for vehicle in vehicles:
-            faults += _faults_of(vehicle)
-        if stubs:
+        if stubs:  # before they start; otherwise the links and the bus say so, beside what else they find
+            faults += (fault for vehicle in vehicles for fault in _faults_of(vehicle))
             faults += claims.take_fed(fed_ports(vehicles))
         _require_none(faults, "end the other run, or give this mission other ports and another network.team")
         yield claims

@@ -3,12 +3,13 @@
 Sections are validated one by one and cross-checked as far as they hold, so that one run names every fault at once.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from estimation.bounded_toml import TEXT_MAX_LENGTH, toml_content
+from estimation.plain_file import read_plain
 from estimation.profile.profile import ProfileError
 from estimation.profile.shelf import ProfileShelf
 from estimation.settings import OwnFilterSettings, Settings
@@ -21,9 +22,11 @@ from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
 from gcs.mission.profiles import LoadedVehicle, resolved
 from gcs.mission.sections import EXCITES, OLD_OWN_FILTER, REQUIRED, SECTIONS, TUNED, TUNING
-from gcs.mission.validation import shown, unknown_key, validated
+from gcs.mission.validation import shown, unknown_keys, validated
 
 _BUNDLED = Path(__file__).parent / "missions"
+VEHICLES_MAX = 254
+"""As many as there are MAVLink system ids."""
 
 
 class MissionError(InputError):
@@ -44,7 +47,7 @@ def load_mission(name: str) -> Mission:
     """Load a bundled mission by its bare name, or a file by its path; raises MissionError with every fault."""
     path = mission_path(name)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_plain(path, 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
     except OSError as error:
         known = ", ".join(bundled_missions())
         raise MissionError([f"{name}: {error.strerror or error}; bundled missions: {known}"]) from error
@@ -53,15 +56,15 @@ def load_mission(name: str) -> Mission:
     return parse_mission(text, path.parent)
 
 
-def parse_mission(text: str, folder: Path, profile_texts: Mapping[str, str] | None = None) -> Mission:
-    """Check a mission's text; profiles whose text is not given are looked up in `folder`.
+def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, str] | None = None) -> Mission:
+    """Check a mission's text; profiles whose text is not given are bundled, or files in `folder`: None has none.
 
     Texts of earlier versions are read as well: `Mission.warnings` says what stands elsewhere today. Raises MissionError
     with every fault.
     """
     try:
-        content, moves = modernised(tomllib.loads(text))
-    except (ValueError, RecursionError) as error:  # also numbers and nesting beyond Python's limits
+        content, moves = modernised(toml_content(text))
+    except ValueError as error:  # also numbers beyond Python's limits
         raise MissionError([f"not TOML: {error}"]) from error
     excites = content.pop(EXCITES, None)
     try:
@@ -76,7 +79,7 @@ def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: li
     """Return the mission of a file's content in today's form; raises MissionError with these faults and all others."""
     own_filter = validated(OwnFilterSettings, content.pop(OLD_OWN_FILTER, {}), OLD_OWN_FILTER, faults)
     known = [*SECTIONS, "vehicles", "tuning"]
-    faults += [unknown_key("", key, known) for key in content if key not in known]
+    faults += unknown_keys("", [key for key in content if key not in known], known)
     faults += [f"{name}: this section is missing" for name in REQUIRED if name not in content]
     sections = _sections(content, faults)
     # Thresholds that do not hold are reported once, not again for every vehicle.
@@ -104,7 +107,7 @@ def _sections(content: dict[str, Any], faults: list[str]) -> dict[str, Settings 
     if not isinstance(tuning, dict):
         faults.append(f"tuning: it must be a table (given: {shown(tuning)})")
         tuning = {}
-    faults += [unknown_key("tuning", key, list(TUNING)) for key in tuning if key not in TUNING]
+    faults += unknown_keys("tuning", [key for key in tuning if key not in TUNING], list(TUNING))
     for name, (section, model) in TUNED.items():
         tuned = validated(TUNING[name], tuning.get(name, {}), f"tuning.{name}", faults)
         sections[name] = _merged(model, sections.get(section), tuned)
@@ -144,6 +147,9 @@ def _excited(mission: Mission, vehicle_id: object) -> Mission:
 def _vehicles(content: object, decision: object, shelf: ProfileShelf, faults: list[str]) -> list[LoadedVehicle | None]:
     if not isinstance(content, list) or not content:
         faults.append("vehicles: a mission needs at least one [[vehicles]] table")
+        return []
+    if len(content) > VEHICLES_MAX:
+        faults.append(f"vehicles: a team has at most {VEHICLES_MAX} vehicles (given: {len(content)})")
         return []
     return [_vehicle(entry, decision, shelf, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
 

@@ -47,13 +47,16 @@ def _endpoint(text: str) -> str:
     return text
 
 
+PARTS_MAX = 1000
+"""Legs of the target's way, and intervals in which it is not seen."""
+
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
 Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
 Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(pair)]
 Velocity = Annotated[float, Field(ge=-20.0, le=20.0)]
 Velocity2 = Annotated[tuple[Velocity, Velocity], BeforeValidator(pair)]
 Interval = tuple[Annotated[float, Field(ge=0.0, le=86400.0)], Annotated[float, Field(ge=0.0, le=86400.0)]]
-Intervals = Annotated[tuple[Interval, ...], BeforeValidator(pairs)]
+Intervals = Annotated[tuple[Interval, ...], Field(max_length=PARTS_MAX), BeforeValidator(pairs)]
 Acceleration = Annotated[float, Field(ge=-10.0, le=10.0)]
 Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pair)]
 
@@ -134,7 +137,7 @@ class TargetSection(TargetBehaviour):
     system_id: int | None = Field(None, ge=1, le=254)
     start_m: Metres2
     velocity_m_s: Velocity2 = (0.0, 0.0)
-    legs: Annotated[tuple[LegSection, ...], BeforeValidator(pair)] = ()
+    legs: Annotated[tuple[LegSection, ...], Field(max_length=PARTS_MAX), BeforeValidator(pair)] = ()
     rounds: int = Field(1, ge=1, le=1000)
     altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
     importance: float = Field(ge=0.0, le=1.0)

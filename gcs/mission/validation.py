@@ -13,8 +13,11 @@ _PLAIN_WORDS = {
     "missing": "this key is missing",
     "model_type": "it must be a table",
     "tuple_type": "it must be a list of numbers",
-    "too_long": "it holds too many numbers",
 }
+
+KEY_LENGTH_MAX = 60
+FAULTS_MAX = 20
+"""Of one section; the others are counted."""
 
 _S = TypeVar("_S", bound=Settings)
 
@@ -24,7 +27,9 @@ def validated(model: type[_S], content: object, path: str, faults: list[str]) ->
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        faults += [_plain(model, path, fault) for fault in error.errors()]
+        errors = error.errors(include_url=False)
+        faults += [_plain(model, path, fault) for fault in errors[:FAULTS_MAX]]
+        faults += _and_more(path, len(errors))
         return None
 
 
@@ -33,6 +38,8 @@ def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
     *parents, last = fault["loc"] or ("",)
     if fault["type"] == "extra_forbidden":
         return unknown_key(_place(path, parents), str(last), _known_keys(model, parents))
+    if fault["type"] == "too_long":
+        return f"{_place(path, fault['loc'])}: it holds too many numbers, more than {fault['ctx']['max_length']}"
     reason = _PLAIN_WORDS.get(fault["type"]) or fault["msg"].removeprefix("Value error, ").replace(
         "Input should be", "it must be"
     )
@@ -62,8 +69,18 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def unknown_keys(parent: str, keys: Sequence[str], known: list[str]) -> list[str]:
+    """Return what to say of keys that are none of the known."""
+    return [*(unknown_key(parent, key, known) for key in keys[:FAULTS_MAX]), *_and_more(parent, len(keys))]
+
+
+def _and_more(path: str, count: int) -> list[str]:
+    return [f"{path or 'the mission'}: and {count - FAULTS_MAX} more faults"] if count > FAULTS_MAX else []
+
+
 def unknown_key(parent: str, key: str, known: list[str]) -> str:
     """Return what to say of a key that is none of the known."""
-    near = difflib.get_close_matches(key, known, n=1)
+    near = difflib.get_close_matches(key, known, n=1) if len(key) <= KEY_LENGTH_MAX else []
+    key = shown(key).strip("'\"")
     hint = f"; did you mean '{near[0]}'?" if near else f"; known keys: {', '.join(sorted(known))}"
     return f"{parent}{'.' if parent else ''}{key}: unknown key{hint}"

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from estimation.plain_file import open_plain
 from gcs.flightlog.log_error import LogError
 from gcs.vehicle_logs.log_file import LogFile, open_log, quiet
 from gcs.vehicle_logs.packet_stamp import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US
@@ -27,9 +28,9 @@ class Reader:
 def is_foreign(path: Path) -> bool:
     """Return whether a file begins as a log of somebody else's does; one that cannot be opened does not."""
     try:
-        with path.open("rb") as stream:
+        with open_plain(path) as stream:
             head = stream.read(_HEAD_BYTES)
-    except OSError:
+    except (OSError, ValueError):
         return False
     return any(reader.recognises(head) for reader in FOREIGN)
 

@@ -1,7 +1,7 @@
 """A log as a file: whether it can be read at all, its hash, and keeping its readers quiet."""
 
 import hashlib
-import stat
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimation.plain_file import open_plain
 from gcs.flightlog.log_error import LogError
 
 BYTES_MAX = 1 << 30
@@ -36,22 +37,20 @@ class LogFile:
 def open_log(path: Path) -> LogFile:
     """Look at a log's file; raises LogError when it is not there, is no file, empty, too large or unreadable."""
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise LogError([f"{path}: is not a file"])
-        if status.st_size == 0:
-            raise LogError([f"{path}: is empty"])
-        if status.st_size > BYTES_MAX:
-            size = f"{status.st_size / 1e9:.1f} GB"
-            raise LogError([f"{path}: is {size}; logs are read up to {BYTES_MAX / 1e9:.1f} GB, so cut it first"])
-        with path.open("rb") as file:
+        with open_plain(path) as file:
+            size_bytes = os.fstat(file.fileno()).st_size
+            if size_bytes == 0:
+                raise LogError([f"{path}: is empty"])
+            if size_bytes > BYTES_MAX:
+                size = f"{size_bytes / 1e9:.1f} GB"
+                raise LogError([f"{path}: is {size}; logs are read up to {BYTES_MAX / 1e9:.1f} GB, so cut it first"])
             head = file.read(HEAD_BYTES)
             file.seek(0)
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise LogError([f"{path}: cannot be read: {reason}"]) from None
-    return LogFile(path, status.st_size, head, sha256)
+    return LogFile(path, size_bytes, head, sha256)
 
 
 class _Nowhere(TextIOBase):

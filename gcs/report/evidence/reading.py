@@ -30,10 +30,11 @@ SAME_START_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class LoggedFlight:
-    """A flight from its logs: its mission and its evidence."""
+    """A flight from its logs: its mission and its evidence, and whether a log is damaged."""
 
     mission: Mission
     evidence: FlightEvidence
+    is_damaged: bool = False
 
 
 def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
@@ -61,7 +62,8 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     order = [track.vehicle_id for track in record.vehicles]
     evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in vehicles}
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
-    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs)))
+    is_damaged = any(log.is_damaged for log in logs)
+    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs)), is_damaged)
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:

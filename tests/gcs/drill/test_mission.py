@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.drill.faults import DRILLS, chosen
-from gcs.drill.mission import drill_mission
+from gcs.drill.mission import drill_mission, profiles_of
 from gcs.drill.roles import Roles
 from gcs.errors import InputError
 from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
@@ -17,7 +17,7 @@ from tests.support.paths import PROFILES
 
 
 def drilled(name: str, *changes: tuple[str, str, object]) -> Mission:
-    return parse_mission(drill_mission(name, changes), Path())
+    return parse_mission(drill_mission(name, changes), None, profiles_of(name))
 
 
 @pytest.mark.parametrize("name", bundled_missions())
