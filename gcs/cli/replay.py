@@ -40,8 +40,9 @@ class ReplayOptions:
 
 
 def replay(options: ReplayOptions) -> Exit:
-    """Feed a recorded flight to new agents and check that every decision is reproduced. Exit code 1 if one is not, or if
-    the log is damaged.
+    """Feed a recorded flight to new agents and check that every decision is reproduced. Exit code 1 if one is not.
+
+    A damaged log is replayed as far as it can be read, and ends with exit code 1 as well.
 
     Example: cordon replay flight.mcap --explain 2
     """

@@ -59,9 +59,7 @@ class LogWriter:
 
     def write(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
         """Write a vehicle's record, or one of the whole run with vehicle 0."""
-        kind: type[Any] = type(record)
-        channel, codec = self._channels.get((kind, vehicle_id)) or self._open_channel(kind, vehicle_id)
-        channel.log(codec.encode(record, number), log_time=log_time_ns)
+        self._log(vehicle_id, number, log_time_ns, record)
         self._log_time_ns = max(log_time_ns, self._log_time_ns)
         if isinstance(record, Run):
             self._run, self._run_at_bytes = record, self.size_bytes
@@ -88,7 +86,12 @@ class LogWriter:
     def _repeat_run(self) -> None:
         self._run_at_bytes = self.size_bytes
         if self._run is not None:
-            self.write(0, 0, self._log_time_ns, self._run)
+            self._log(0, 0, self._log_time_ns, self._run)
+
+    def _log(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
+        kind: type[Any] = type(record)
+        channel, codec = self._channels.get((kind, vehicle_id)) or self._open_channel(kind, vehicle_id)
+        channel.log(codec.encode(record, number), log_time=log_time_ns)
 
     def _open_channel(self, kind: type[Any], vehicle_id: int) -> tuple[Channel, Codec]:
         topic = f"/vehicle/{vehicle_id}/{VEHICLE_TOPICS[kind]}" if vehicle_id else f"/{RUN_TOPICS[kind]}"

@@ -87,10 +87,10 @@ def change_decision(log: FlightLog, vehicle_id: int, tick: int, **fields: Any) -
 
 
 def other_osqp(log: FlightLog) -> None:
-    (record,) = log.run_records[:1]
-    run = record.read(Run)
+    run = log.run_records[0].read(Run)  # `log.run` would remember it as it was
     versions = tuple(Version(each.name, "0.1") if each.name == "osqp" else each for each in run.versions)
-    log.run_records[0] = reencoded(record, msgspec.structs.replace(run, versions=versions))
+    run = msgspec.structs.replace(run, versions=versions)
+    log.run_records[:] = [reencoded(each, run) if each.kind is Run else each for each in log.run_records]
 
 
 def of(log: FlightLog, vehicle_id: int) -> VehicleReplay:
