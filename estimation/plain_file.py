@@ -1,7 +1,6 @@
 """Files from outside: regular ones only, no larger than asked for. A pipe or a device is never waited for."""
 
 import errno
-import os
 import stat
 from io import BufferedReader
 from pathlib import Path
@@ -9,14 +8,9 @@ from pathlib import Path
 
 def open_plain(path: Path) -> BufferedReader:
     """Open a regular file for reading; raises OSError, also for a pipe, a device or a folder, and without waiting."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
-    try:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise OSError(errno.EINVAL, "it is not a file", str(path))
-        return os.fdopen(descriptor, "rb")
-    except BaseException:
-        os.close(descriptor)
-        raise
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "it is not a file", str(path))
+    return path.open("rb")
 
 
 def read_plain(path: Path, bytes_max: int) -> bytes:

@@ -71,7 +71,7 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
         mission = _checked(content, text, ProfileShelf(folder, profile_texts), moves.faults)
     except MissionError as error:
         raise MissionError([moves.as_written(fault) for fault in error.faults]) from error
-    mission = replace(mission, warnings=tuple(moves.warnings), folder=folder)
+    mission = replace(mission, warnings=tuple(moves.warnings), folder=folder or Path())
     return mission if excites is None else _excited(mission, excites)
 
 

@@ -27,7 +27,7 @@ from agents.team.messages import (
     decode,
     encode,
 )
-from agents.team.perception import ExternalSighting, Perception, encode_sighting, is_external_sighting
+from agents.team.perception import ExternalSighting, Perception, encode_sighting
 from estimation.profile.profile import ProfileError
 from estimation.profile.shelf import ProfileShelf
 from gcs.flightlog.log_error import LogError
@@ -247,7 +247,7 @@ def _messages() -> list[bytes]:
 
 
 def _read_bus(data: bytes) -> object:
-    return is_external_sighting(data) or decode(data)
+    return decode(data)
 
 
 def _sightings() -> list[bytes]:

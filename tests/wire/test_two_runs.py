@@ -19,11 +19,13 @@ from rich.console import Console
 from agents.ports import VehicleRefusedError
 from agents.shell.zenoh_bus import ZenohBus
 from agents.team.messages import StartProposal, encode
+from agents.team.participant import vehicle
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.watch import WatchView, watch
 from gcs.link.claims import flight_claims
 from gcs.mission.file import load_mission, parse_mission
+from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT
 from tests.support.wire import free_ports
 
@@ -79,11 +81,11 @@ def missions(mission_file: Callable[..., str], tmp_path: Path) -> tuple[str, str
 
 async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[str, str, str]) -> None:
     flown, renamed, moved = map(load_mission, missions)
-    vehicle = flown.vehicles[0].section
-    fed = f"udp port {vehicle.url.rpartition(':')[2]} receives the vehicle of another run, by process "
+    section = flown.vehicles[0].section
+    fed = f"udp port {section.url.rpartition(':')[2]} receives the vehicle of another run, by process "
     seconds = {
         ("sitl", missions[1]): (fed, "flown.toml --sitl"),
-        ("fly", missions[0], "--sitl", "--no-log"): (vehicle.url, f"endpoint {vehicle.endpoint} is in use by", fed),
+        ("fly", missions[0], "--sitl", "--no-log"): (section.url, f"endpoint {section.endpoint} is in use by", fed),
         ("command", "land", "--mission", missions[1]): ("'case2'", "'survey'"),
     }
     async with cordon("fly", missions[0], "--sitl", "--speed", "2", "--no-log", "--json") as flight:
@@ -112,16 +114,15 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
 
 
 async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missions: tuple[str, str, str]) -> None:
-    flown = load_mission(missions[0])
-    text = flown.text.replace("separation_m = ", "keep_out_m = 1.0\nseparation_m = ")
-    changed = parse_mission(text if text != flown.text else f"{text}\n[safety]\nkeep_out_m = 1.0\n", Path())
+    flown = parse_mission(load_mission(missions[0]).text.replace(*INSECURE), None)
+    changed = parse_mission(flown.text.replace("separation_m = ", "keep_out_m = 1.0\nseparation_m = "), None)
     assert changed.identity != flown.identity
-    vehicle = ZenohBus(1, flown.network.team, flown.vehicle(1).section.endpoint)
-    await vehicle.open(lambda _: None, lambda *_: None)
+    bus = ZenohBus(vehicle(1), flown.network.team, flown.ids, flown.vehicle(1).section.endpoint)
+    await bus.open(lambda *_: None, lambda *_: None)
 
     async def fly() -> None:
         while True:
-            vehicle.publish("start", encode(StartProposal(1, time.time(), None, mission=flown.identity)))
+            bus.publish("start", encode(StartProposal(1, time.time(), None, mission=flown.identity)))
             await asyncio.sleep(0.1)
 
     flying = asyncio.create_task(fly())
@@ -133,7 +134,7 @@ async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missi
         assert "another version" in operator.difference
     finally:
         flying.cancel()
-        await vehicle.close()
+        await bus.close()
 
 
 async def test_stub_vehicles_and_one_flight_go_together_and_a_second_of_either_does_not(
