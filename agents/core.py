@@ -16,7 +16,8 @@ from agents.notes import Notes
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Setpoint, VehicleStatus
-from agents.safety.failsafe import Condition, FailsafeMonitor
+from agents.safety.failsafe import Condition
+from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.safety.interventions import Interventions

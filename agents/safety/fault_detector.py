@@ -4,7 +4,8 @@ from collections.abc import Container, Iterable
 from math import hypot, inf
 
 from agents.drops import NO_DROPS
-from agents.safety.failsafe import Condition, Symptom
+from agents.safety.failsafe import Condition
+from agents.safety.failsafe_monitor import Symptom
 from agents.safety.fence import Fence
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation

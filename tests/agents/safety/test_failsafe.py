@@ -13,7 +13,8 @@ from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import VehicleStatus
-from agents.safety.failsafe import TABLE, Condition, FailsafeMonitor
+from agents.safety.failsafe import TABLE, Condition
+from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings, FailsafeSettings
