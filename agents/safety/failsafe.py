@@ -15,10 +15,17 @@ class Condition(Enum):
 
     TELEMETRY_STALE = "telemetry stale"
     ESTIMATOR_JUMPED = "estimator jumped"
+    REMOTE_CONTROL_LOST = "remote control lost"
+    GROUND_STATION_LOST = "ground station lost"
     PILOT_TOOK_OVER = "pilot took over"
     BATTERY_CRITICAL = "battery critical"
     BATTERY_LOW = "battery low"
+    NO_WAY_HOME = "no way home"
+    ESTIMATOR_FAILING = "estimator failing"
+    NOT_FOLLOWING = "not following"
+    TILTED = "tilt too large"
     FENCE_LEFT = "fence left"
+    ALTITUDE_LEFT = "altitude limit left"
     TOO_CLOSE = "too close"
     TARGET_STALE = "target stale"
     TARGET_JUMPED = "target jumped"
@@ -28,6 +35,8 @@ class Condition(Enum):
     LATE_TICKS = "late ticks"
     BUS_FLOODED = "bus flooded"
     CLOCK_STEPPED = "peer's clock stepped"
+    CLOCK_DRIFTED = "peer's clock drifted"
+    ESTIMATOR_DEGRADED = "estimator degraded"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
     OPERATOR_LOST = "operator lost"
@@ -92,6 +101,20 @@ TABLE = (
         RESUME,
     ),
     Row(
+        Condition.REMOTE_CONTROL_LOST,
+        "the same as *pilot took over*, and the autopilot reports that its remote control is lost",
+        "",
+        (Reaction.HAND_OVER,),
+        "by `resume`, which requests offboard again",
+    ),
+    Row(
+        Condition.GROUND_STATION_LOST,
+        "the same, and the autopilot reports that its ground station is lost",
+        "",
+        (Reaction.HAND_OVER,),
+        "by `resume`, which requests offboard again",
+    ),
+    Row(
         Condition.PILOT_TOOK_OVER,
         "the flight mode is one that cordon did not request, or it disarmed: a pilot, a ground station, the "
         "autopilot's own failsafe",
@@ -114,8 +137,49 @@ TABLE = (
         NOT_IN_THE_AIR,
     ),
     Row(
+        Condition.NO_WAY_HOME,
+        "the remaining flight time is less than the way home takes at the present wind, landing and "
+        "`failsafe.reserve_s` included",
+        "failsafe.battery_s",
+        (Reaction.RETURN,),
+        NOT_IN_THE_AIR,
+    ),
+    Row(
+        Condition.ESTIMATOR_FAILING,
+        "the autopilot's estimator rejects position, height or velocity (test ratio above 1), lacks its horizontal "
+        "position, height or attitude, or reports that its GPS is spoofed",
+        "failsafe.estimator_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        descending=Reaction.LAND,
+    ),
+    Row(
+        Condition.NOT_FOLLOWING,
+        "the vehicle is more than `tuning.failsafe.following_m` from where its plant would be under the setpoints sent",
+        "failsafe.following_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        descending=Reaction.LAND,
+    ),
+    Row(
+        Condition.TILTED,
+        "the autopilot's attitude is tilted by `tuning.failsafe.tilt_max_deg` or more: a wind that it hardly holds "
+        "against, or a failing motor",
+        "failsafe.tilt_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        descending=Reaction.LAND,
+    ),
+    Row(
         Condition.FENCE_LEFT,
         "the vehicle is outside the mission's fence",
+        "failsafe.fence_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+    ),
+    Row(
+        Condition.ALTITUDE_LEFT,
+        "the vehicle is more than a metre above `safety.altitude_max_m` or below `safety.altitude_min_m`",
         "failsafe.fence_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -191,6 +255,22 @@ TABLE = (
         (Reaction.DEGRADE,),
         BY_ITSELF,
         by_wall=True,
+    ),
+    Row(
+        Condition.CLOCK_DRIFTED,
+        "a slow drift has dated the messages of a peer more than `tuning.failsafe.clock_step_s` off what was usual at "
+        "first",
+        "failsafe.clock_s",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
+        Condition.ESTIMATOR_DEGRADED,
+        "a test ratio of the autopilot's estimator is above 0.5, its GPS has no three-dimensional fix, fewer than 6 "
+        "satellites, or is jammed",
+        "failsafe.estimator_s",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
     ),
     Row(
         Condition.LEADER_LOST,

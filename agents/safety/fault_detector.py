@@ -7,6 +7,7 @@ from agents.drops import NO_DROPS
 from agents.safety.failsafe import Condition
 from agents.safety.failsafe_monitor import Symptom
 from agents.safety.fence import Fence
+from agents.safety.vehicle_watch import VehicleWatch
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -25,7 +26,7 @@ Faults = dict[Condition, Symptom]
 
 
 class FaultDetector:
-    """Watches one vehicle, its estimates and its team; the core sets the state of battery, loop, bus and solvers."""
+    """Watches one vehicle, its estimates and its team; the core sets the state of vehicle, loop, bus and solvers."""
 
     def __init__(
         self, config: AgentConfig, own: OwnFilter, target: TargetFilter, team: Team, clocks: ClockWatch
@@ -43,7 +44,7 @@ class FaultDetector:
         self._own_jumps, self._target_jumps = _Jumps(settle_s), _Jumps(settle_s)
         self._since_s: dict[Condition, float] = {}
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
-        self.battery: float | None = None
+        self.vehicle = VehicleWatch(config, self._own)
         self.late_ticks = 0
         self.bus_alive = True
         self.bus_drops = NO_DROPS
@@ -59,6 +60,8 @@ class FaultDetector:
         faults: Faults = {}
         now_s = situation.now_s
         self._check_vehicle(faults, now_s)
+        for condition, detail in self.vehicle.faults(situation, tactic).items():
+            self._add(faults, now_s, condition, detail)
         self._check_loop(faults, now_s)
         self._check_flood(faults, now_s, time_scale)
         self._check_target(faults, situation, tactic, active)
@@ -66,6 +69,9 @@ class FaultDetector:
             self._check_peers(faults, gone_s)
         if self._clocks.off:
             self._check_clocks(faults, now_s, time_scale)
+        if drifted_s := self._clocks.drifted_s:
+            detail = ", ".join(f"vehicle {sender} by {by_s:+.2f} s" for sender, by_s in sorted(drifted_s.items()))
+            self._add(faults, now_s, Condition.CLOCK_DRIFTED, detail)
         x, y = situation.own.mean.item(0), situation.own.mean.item(1)
         if self._fence is not None and not self._fence.contains((x, y)):
             self._add(faults, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
@@ -86,7 +92,7 @@ class FaultDetector:
         jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
             faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position jumped")
-        battery = self.battery
+        battery = self.vehicle.status.battery
         if battery is not None and battery < self._settings.battery_low:
             self._add(faults, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")
             if battery < self._settings.battery_critical:

@@ -26,7 +26,7 @@ class Following:
     def __init__(self, plant: Plant, own: OwnFilter) -> None:
         self._step = exact_step(plant, STEP_S)
         self._own = own
-        self._resets = 0
+        self._jumps = 0
         self._motion: Vector | None = None
         self._time_s = 0.0
 
@@ -37,8 +37,8 @@ class Following:
     def error_m(self, situation: Situation) -> float:
         """Return how far the vehicle is from the model [m]; to be called at least twice a second."""
         now_s, own = situation.now_s, situation.own.mean
-        if self._resets != self._own.resets:
-            self._resets = self._own.resets
+        if self._jumps != self._own.jumps:
+            self._jumps = self._own.jumps
             self.stop()
         if self._motion is None or now_s - self._time_s > _LATE_MAX_S:
             self._motion, self._time_s = own[MOTION].copy(), now_s

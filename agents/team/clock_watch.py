@@ -6,6 +6,8 @@ HEARD_WITHIN_S = 1.0
 """A peer that says nothing at all any more is silent, whatever its clock."""
 _FOLLOWING = 0.1
 """The share by which the usual lag follows the present one: networks get slower and faster."""
+_SETTLING_S = 5.0
+"""How long after a peer's first message its usual lag is the reference for a slow drift."""
 
 
 @dataclass(slots=True)
@@ -24,20 +26,34 @@ class ClockWatch:
         """Take how far off what is usual a message may be dated [wall s]."""
         self._limit_s = limit_s
         self._usual_s: dict[int, float] = {}
+        self._reference_s: dict[int, tuple[float, float]] = {}
         self.off: dict[int, Step] = {}
+        self.drifted_s: dict[int, float] = {}
+        """By how much the clocks of peers have gone ahead since the first messages, where that is beyond the limit."""
 
     def hear(self, sender: int, age_s: float, now_s: float) -> None:
         """Take in how old [wall s] a peer's message was when it came, whether it was believed or not."""
         usual_s = self._usual_s.setdefault(sender, age_s)
         ahead_s = usual_s - age_s
         if abs(ahead_s) <= self._limit_s:
-            self._usual_s[sender] = usual_s - _FOLLOWING * ahead_s
+            self._usual_s[sender] = usual_s = usual_s - _FOLLOWING * ahead_s
+            self._compare(sender, usual_s, now_s)
             if self.off:
                 self.off.pop(sender, None)
         elif sender in self.off:
             self.off[sender].heard_s, self.off[sender].by_s = now_s, ahead_s
         else:
             self.off[sender] = Step(now_s, now_s, ahead_s)
+
+    def _compare(self, sender: int, usual_s: float, now_s: float) -> None:
+        """Compare the usual lag with the first one: a drift too slow for the limit of a step adds up."""
+        settled_s, first_s = self._reference_s.get(sender, (now_s + _SETTLING_S, usual_s))
+        if now_s <= settled_s:
+            self._reference_s[sender] = settled_s, usual_s
+        elif abs(first_s - usual_s) > self._limit_s:
+            self.drifted_s[sender] = first_s - usual_s
+        elif self.drifted_s:
+            self.drifted_s.pop(sender, None)
 
     def stepped(self, now_s: float, time_scale: float) -> dict[int, Step]:
         """Return the peers that are off and still heard; those that fell silent are off no more."""
