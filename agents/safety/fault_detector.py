@@ -16,6 +16,8 @@ from agents.team.team import Team
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 
+COMPARED_S = 0.5
+"""How often clocks are compared for a slow drift."""
 SAME_HEIGHT_M = 1.0
 """Vehicles less than this, or than half a layer, apart in height are at the same height."""
 _FLOOD_ENDS = 0.8
@@ -43,6 +45,7 @@ class FaultDetector:
         settle_s = config.failsafe.settle_s
         self._own_jumps, self._target_jumps = _Jumps(settle_s), _Jumps(settle_s)
         self._since_s: dict[Condition, float] = {}
+        self._compare_s, self._drifted_s = -inf, dict[int, float]()
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self.vehicle = VehicleWatch(config, self._own)
         self.late_ticks = 0
@@ -60,18 +63,16 @@ class FaultDetector:
         faults: Faults = {}
         now_s = situation.now_s
         self._check_vehicle(faults, now_s)
-        for condition, detail in self.vehicle.faults(situation, tactic).items():
-            self._add(faults, now_s, condition, detail)
+        if present := self.vehicle.faults(situation, tactic):
+            for condition, detail in present.items():
+                self._add(faults, now_s, condition, detail)
         self._check_loop(faults, now_s)
         self._check_flood(faults, now_s, time_scale)
         self._check_target(faults, situation, tactic, active)
         if gone_s := self._team.gone_s:
             self._check_peers(faults, gone_s)
-        if self._clocks.off:
+        if self._clocks.off or self._drifted_s or now_s >= self._compare_s:
             self._check_clocks(faults, now_s, time_scale)
-        if drifted_s := self._clocks.drifted_s:
-            detail = ", ".join(f"vehicle {sender} by {by_s:+.2f} s" for sender, by_s in sorted(drifted_s.items()))
-            self._add(faults, now_s, Condition.CLOCK_DRIFTED, detail)
         x, y = situation.own.mean.item(0), situation.own.mean.item(1)
         if self._fence is not None and not self._fence.contains((x, y)):
             self._add(faults, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
@@ -129,11 +130,15 @@ class FaultDetector:
             faults[Condition.PEER_SILENT] = Symptom(min(followers_s.values()), _vehicles(followers_s))
 
     def _check_clocks(self, faults: Faults, now_s: float, time_scale: float) -> None:
+        if now_s >= self._compare_s:
+            self._compare_s, self._drifted_s = now_s + COMPARED_S, self._clocks.drifted(now_s)
+        if self._drifted_s:
+            self._add(faults, now_s, Condition.CLOCK_DRIFTED, _offsets(self._drifted_s))
         stepped = self._clocks.stepped(now_s, time_scale)
         if stepped:
             since_s = min(step.since_s for step in stepped.values())
-            detail = ", ".join(f"vehicle {sender} by {step.by_s:+.2f} s" for sender, step in sorted(stepped.items()))
-            faults[Condition.CLOCK_STEPPED] = Symptom(since_s, detail)
+            by_s = {sender: step.by_s for sender, step in stepped.items()}
+            faults[Condition.CLOCK_STEPPED] = Symptom(since_s, _offsets(by_s))
 
     def _check_distances(self, faults: Faults, now_s: float, x: float, y: float, height_m: float) -> None:
         near_m, nearest = self._near_m, 0
@@ -197,3 +202,7 @@ class _Flood:
 
 def _vehicles(ids: Iterable[int]) -> str:
     return ", ".join(f"vehicle {each}" for each in sorted(ids))
+
+
+def _offsets(by_s: dict[int, float]) -> str:
+    return ", ".join(f"vehicle {sender} by {ahead_s:+.2f} s" for sender, ahead_s in sorted(by_s.items()))

@@ -41,6 +41,8 @@ class VehicleWatch:
         self._seen = self.status
         self._reported: Mapping[Condition, str] = _NOTHING
         self._measured: Mapping[Condition, str] = _NOTHING
+        self._present: Mapping[Condition, str] = _NOTHING
+        self._tactic = Tactic.STANDBY
         self._next_s = -inf
 
     def faults(self, situation: Situation, tactic: Tactic) -> Mapping[Condition, str]:
@@ -49,17 +51,17 @@ class VehicleWatch:
             self._seen = self.status
             self._endurance.see(situation.now_s, self.status.battery, self.status.endurance_s)
             self._reported = reported_faults(self.status, self._config.failsafe.tilt_max_deg)
-        if tactic not in _STEERED:
-            self._following.stop()
-            self._measured, self._next_s = _NOTHING, -inf
-        elif situation.now_s >= self._next_s:
-            self._next_s = situation.now_s + PERIOD_S
+            self._present = {**self._reported, **self._measured}
+        if situation.now_s >= self._next_s or tactic is not self._tactic:
+            self._tactic, self._next_s = tactic, situation.now_s + PERIOD_S
             self._measured = self._measure(situation, tactic)
-        if not (self._reported or self._measured):
-            return _NOTHING
-        return {**self._reported, **self._measured}
+            self._present = {**self._reported, **self._measured}
+        return self._present
 
     def _measure(self, situation: Situation, tactic: Tactic) -> Mapping[Condition, str]:
+        if tactic not in _STEERED:
+            self._following.stop()
+            return _NOTHING
         faults: dict[Condition, str] = {}
         error_m = self._following.error_m(situation)
         if error_m > self._config.failsafe.following_m:

@@ -28,16 +28,13 @@ class ClockWatch:
         self._usual_s: dict[int, float] = {}
         self._reference_s: dict[int, tuple[float, float]] = {}
         self.off: dict[int, Step] = {}
-        self.drifted_s: dict[int, float] = {}
-        """By how much the clocks of peers have gone ahead since the first messages, where that is beyond the limit."""
 
     def hear(self, sender: int, age_s: float, now_s: float) -> None:
         """Take in how old [wall s] a peer's message was when it came, whether it was believed or not."""
         usual_s = self._usual_s.setdefault(sender, age_s)
         ahead_s = usual_s - age_s
         if abs(ahead_s) <= self._limit_s:
-            self._usual_s[sender] = usual_s = usual_s - _FOLLOWING * ahead_s
-            self._compare(sender, usual_s, now_s)
+            self._usual_s[sender] = usual_s - _FOLLOWING * ahead_s
             if self.off:
                 self.off.pop(sender, None)
         elif sender in self.off:
@@ -45,15 +42,19 @@ class ClockWatch:
         else:
             self.off[sender] = Step(now_s, now_s, ahead_s)
 
-    def _compare(self, sender: int, usual_s: float, now_s: float) -> None:
-        """Compare the usual lag with the first one: a drift too slow for the limit of a step adds up."""
-        settled_s, first_s = self._reference_s.get(sender, (now_s + _SETTLING_S, usual_s))
-        if now_s <= settled_s:
-            self._reference_s[sender] = settled_s, usual_s
-        elif abs(first_s - usual_s) > self._limit_s:
-            self.drifted_s[sender] = first_s - usual_s
-        elif self.drifted_s:
-            self.drifted_s.pop(sender, None)
+    def drifted(self, now_s: float) -> dict[int, float]:
+        """Return by how much clocks have gone ahead of their first messages [wall s], where that is beyond the limit.
+
+        A drift too slow for the limit of a step adds up. To be called once in a while, first of all when peers are new.
+        """
+        drifted_s: dict[int, float] = {}
+        for sender, usual_s in self._usual_s.items():
+            settled_s, first_s = self._reference_s.get(sender, (now_s + _SETTLING_S, usual_s))
+            if now_s <= settled_s:
+                self._reference_s[sender] = settled_s, usual_s
+            elif abs(first_s - usual_s) > self._limit_s:
+                drifted_s[sender] = first_s - usual_s
+        return drifted_s
 
     def stepped(self, now_s: float, time_scale: float) -> dict[int, Step]:
         """Return the peers that are off and still heard; those that fell silent are off no more."""
