@@ -16,7 +16,7 @@ from agents.team.team import Team
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 
-COMPARED_S = 0.5
+COMPARED_S = 1.0
 """How often clocks are compared for a slow drift."""
 SAME_HEIGHT_M = 1.0
 """Vehicles less than this, or than half a layer, apart in height are at the same height."""

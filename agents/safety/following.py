@@ -6,8 +6,8 @@ from agents.situation.situation import Situation
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, exact_step
 
-STEP_S = 0.5
-_LATE_MAX_S = 1.5
+STEP_S = 1.0
+_LATE_MAX_S = 1.9
 """The own filter keeps the setpoints of two seconds: after a longer pause the model starts again."""
 
 
@@ -36,7 +36,7 @@ class Following:
         self._axes = []
 
     def error_m(self, situation: Situation) -> float:
-        """Return how far the vehicle is from the model [m]; to be called at least once a second."""
+        """Return how far the vehicle is from the model [m]; to be called about once a second."""
         now_s = situation.now_s
         x, y, x_rate, y_rate, *_ = situation.own.mean.tolist()
         if self._jumps != self._own.jumps:

@@ -178,7 +178,7 @@ class FailsafeTuning(Settings):
         gt=0.0,
         le=100.0,
     )
-    following_s: float = tuned(1.0, "Two comparisons, half a second apart, after the first.", ge=0.0, le=60.0)
+    following_s: float = tuned(1.0, "One comparison after the first: they are a second apart.", ge=0.0, le=60.0)
     tilt_max_deg: float = tuned(
         35.0,
         "An acceleration of 4 m/s² tilts by 22 degrees; PX4 tilts by up to 45, ArduCopter by up to 30 degrees.",

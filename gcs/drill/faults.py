@@ -30,7 +30,7 @@ CUT_S = 5.0
 JUMP_M = 10.0
 PUSHED_SHARE = 2.0
 """How far a vehicle is pushed from where it should be, as a share of what is tolerated."""
-PUSHED_S = 2.5
+PUSHED_S = 3.0
 """How long it takes until half of that shows in a comparison, at the pace of the bundled stub plants [s]."""
 ESTIMATOR_S = 1.0
 """How often an autopilot is asked to report its estimator [s]."""
