@@ -6,7 +6,7 @@ from agents.situation.situation import Situation
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, exact_step
 
-STEP_S = 1.0
+STEP_S = 0.5
 _LATE_MAX_S = 1.9
 """The own filter keeps the setpoints of two seconds: after a longer pause the model starts again."""
 

@@ -6,7 +6,7 @@ from math import cos, exp, hypot, sin, sqrt
 import numpy as np
 import pytest
 
-from agents.safety.following import STEP_S, Following
+from agents.safety.following import Following
 from agents.situation.situation import Situation
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step
@@ -37,7 +37,7 @@ def flown(
         own.measure(Telemetry(now_s, (x + offset_m, y, 8.0), (x_rate, y_rate, 0.0)))
         estimate = own.estimate(now_s)
         assert estimate is not None
-        if tick % round(STEP_S / PERIOD_S) == 0:
+        if tick % round(1.0 / PERIOD_S) == 0:
             situation = Situation(now_s, now_s, estimate, np.zeros(4), np.zeros(2), None, None, None)
             errors.append((now_s, following.error_m(situation)))
         aim: Vector = np.array(aim_m(now_s))
