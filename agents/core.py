@@ -298,6 +298,10 @@ class VehicleCore:
         """Take whether the bus to the peers works, as far as this end of it knows."""
         self._fault_detector.bus_alive = alive
 
+    def on_computer(self, short_of: str) -> None:
+        """Take what this computer runs short of, empty if nothing."""
+        self._fault_detector.computer_short_of = short_of
+
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""
         self._estimator.measure(telemetry)

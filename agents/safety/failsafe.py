@@ -37,6 +37,7 @@ class Condition(Enum):
     CLOCK_STEPPED = "peer's clock stepped"
     CLOCK_DRIFTED = "peer's clock drifted"
     ESTIMATOR_DEGRADED = "estimator degraded"
+    COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
     OPERATOR_LOST = "operator lost"
@@ -269,6 +270,13 @@ TABLE = (
         "a test ratio of the autopilot's estimator is above 0.5, its GPS has no three-dimensional fix, fewer than 6 "
         "satellites, or is jammed",
         "failsafe.estimator_s",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
+        Condition.COMPUTER_SHORT,
+        "the computer has less than 5 % of its memory available, or less than 200 MB of disk for the flight log",
+        "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
     ),

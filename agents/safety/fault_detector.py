@@ -53,6 +53,7 @@ class FaultDetector:
         self.bus_drops = NO_DROPS
         self._flood = _Flood(config.failsafe.flood_per_s)
         self.unsolved = False
+        self.computer_short_of = ""
 
     def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
         """Return the faults of this tick.
@@ -104,6 +105,8 @@ class FaultDetector:
             self._add(faults, now_s, Condition.PLAN_FAILING, "no solution within the bounds")
         if self.late_ticks:
             self._add(faults, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
+        if self.computer_short_of:
+            self._add(faults, now_s, Condition.COMPUTER_SHORT, self.computer_short_of)
         if not self.bus_alive:
             self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
 

@@ -113,6 +113,10 @@ class Agent:
         """Take a sighting from outside the team."""
         self._core.on_sighting(sighting)
 
+    def note_computer(self, short_of: str) -> None:
+        """Take what this computer runs short of, empty if nothing."""
+        self._core.on_computer(short_of)
+
     async def close(self) -> None:
         """Leave the bus and release the link."""
         self._start_agreement.fall_silent()

@@ -88,6 +88,7 @@ class Flight:
         self.clock_drifts = False
         self.height_m = HEIGHT_M
         self.reports: dict[str, Any] = {}
+        self.short_of = ""
 
     @property
     def now_s(self) -> float:
@@ -130,6 +131,7 @@ class Flight:
         core.on_drops(Drops(too_many=self.refused))
         core.on_loop(self.late_ticks)
         core.on_bus(self.bus)
+        core.on_computer(self.short_of)
         output = core.tick(now_s)
         self.outputs.append(output)
         wanted = (x, y) if output.setpoint is None else output.setpoint.position_m[:2]
@@ -253,6 +255,7 @@ CASES = {
         set_to(clock_drifts=True), set_to(clock_drifts=False, clock_ahead_s=0.3), 6.0 + 1.5, AS_BEFORE * 3, over_s=1.3
     ),
     Condition.ESTIMATOR_DEGRADED: Case(reporting(satellites=5), reporting(satellites=6), 2.8, AS_BEFORE * 3),
+    Condition.COMPUTER_SHORT: Case(set_to(short_of="memory"), set_to(short_of=""), 0.0, AS_BEFORE * 3),
     Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
 }
