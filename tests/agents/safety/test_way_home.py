@@ -78,9 +78,10 @@ def test_nothing_is_concluded_from_less_than_a_minute_or_from_a_battery_that_sta
     early, steady = Endurance(0.1), Endurance(0.1)
     discharged(early, 58, 0.5)
     assert early.left_s(58.0) == inf
-    # A simulator's battery that falls to half at once, and stays there.
-    discharged(steady, 120, 1.0, stops_s=40.0)
-    assert steady.left_s(120.0) == inf
+    # A simulator's battery that falls, and then stays as it is.
+    discharged(steady, 160, 0.5, stops_s=80.0)
+    assert steady.left_s(80.0) < 100.0 + 10.0
+    assert steady.left_s(160.0) == inf
     assert Endurance(0.1).left_s(0.0) == inf
 
 
