@@ -15,12 +15,14 @@ from agents.drops import NO_DROPS, Drops, Reason
 from agents.notes import Notes
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
-from agents.ports import Setpoint, VehicleStatus
-from agents.safety.failsafe import Condition, FailsafeMonitor
+from agents.ports import Connection, Setpoint, VehicleStatus
+from agents.safety.failsafe import Condition
+from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.safety.interventions import Interventions
 from agents.safety.neighbours import Neighbours
+from agents.safety.reported_faults import LOST
 from agents.setpoint.altitude import Altitude
 from agents.setpoint.feedforward import FeedForward
 from agents.setpoint.slew_limit import SlewLimit
@@ -215,10 +217,17 @@ class VehicleCore:
             self._failsafe.resume()
         if event is Event.PILOT_TOOK_OVER:
             self._failsafe.latch(Condition.PILOT_TOOK_OVER, "a pilot has the vehicle")
+            self._name_override()
         self._planner.begin(after, to_home=event is Event.RETURN)
         self._estimator.follow_ring(self._planner.ring_rate_rad_s)
         if after is Tactic.FORMATION:
             self._formed_s = None
+
+    def _name_override(self) -> None:
+        """Name the lost connection behind a pilot override, where the autopilot reports one, also when it does late."""
+        condition = LOST.get(self._fault_detector.vehicle.status.lost)
+        if self._tactic is Tactic.PILOT_OVERRIDE and condition is not None and condition not in self._failsafe.active:
+            self._failsafe.latch(condition, "its autopilot reports it")
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
         (x, y), velocity = self._feedforward.split(task.situation, plan, guarded)
@@ -277,7 +286,9 @@ class VehicleCore:
 
     def on_vehicle(self, status: VehicleStatus) -> None:
         """Take the autopilot's status."""
-        self._fault_detector.battery = status.battery
+        self._fault_detector.vehicle.status = status
+        if status.lost is not Connection.NONE:
+            self._name_override()
 
     def on_loop(self, late_ticks: int) -> None:
         """Take how many ticks were skipped before the next, because it comes that late."""
@@ -286,6 +297,10 @@ class VehicleCore:
     def on_bus(self, alive: bool) -> None:
         """Take whether the bus to the peers works, as far as this end of it knows."""
         self._fault_detector.bus_alive = alive
+
+    def on_computer(self, short_of: str) -> None:
+        """Take what this computer runs short of, empty if nothing."""
+        self._fault_detector.computer_short_of = short_of
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""

@@ -26,11 +26,32 @@ class FlightMode(Enum):
     OTHER = "other"
 
 
+class GpsThreat(Enum):
+    """What the autopilot reports of the signals of its GPS."""
+
+    NONE = ""
+    JAMMED = "jammed"
+    SPOOFED = "spoofed"
+
+
+class Connection(Enum):
+    """A connection of the autopilot that its own failsafes watch."""
+
+    NONE = ""
+    REMOTE_CONTROL = "remote control"
+    GROUND_STATION = "ground station"
+
+
 @dataclass(frozen=True, slots=True)
 class VehicleStatus:
     """What a vehicle's autopilot says about itself beside its motion.
 
-    `battery` is a fraction, None if unknown; `restarts` counts how often the autopilot has started anew.
+    `battery` is a fraction, None if unknown; `restarts` counts how often the autopilot has started anew. What the
+    autopilot does not report is None, or empty: `endurance_s` is its own estimate of the flight time until the battery
+    is empty; `tilt_deg` is that of its attitude; `estimator_ratio` is the highest innovation test ratio of its
+    estimator (above 1 the sensor is rejected), that of `estimator_sensor`, and `estimator_fault` names what it lacks;
+    `gps_dimensions` is that of the fix (0 without one, 2 or 3) from so many `satellites`, and `gps_threat` names
+    jamming or spoofing; `lost` names the connection whose loss it has reported.
     """
 
     connected: bool = False
@@ -41,6 +62,15 @@ class VehicleStatus:
     local_position_ok: bool = False
     armable: bool = False
     restarts: int = 0
+    endurance_s: float | None = None
+    tilt_deg: int = 0
+    estimator_ratio: float | None = None
+    estimator_sensor: str = ""
+    estimator_fault: str = ""
+    gps_dimensions: int | None = None
+    satellites: int | None = None
+    gps_threat: GpsThreat = GpsThreat.NONE
+    lost: Connection = Connection.NONE
 
 
 class Setpoint(msgspec.Struct, frozen=True):

@@ -55,6 +55,12 @@ class Bus(msgspec.Struct, frozen=True):
     alive: bool
 
 
+class Computer(msgspec.Struct, frozen=True):
+    """`on_computer`: what the computer runs short of; on tape when it has changed."""
+
+    short_of: str
+
+
 class Message(msgspec.Struct, frozen=True):
     """`on_message`: what came over the bus, when, and on which key below the team's; older logs have none."""
 
@@ -98,6 +104,7 @@ CoreInput = (
     | LateTicks
     | Bus
     | Drops
+    | Computer
     | Telemetry
     | Sighting
     | Message
@@ -126,6 +133,7 @@ class TapedCore(VehicleCore):
         self._late_ticks = 0
         self._bus_alive = True
         self._bus_drops_taped = NO_DROPS
+        self._short_of = ""
 
     def set_time_scale(self, factor: float) -> None:
         """See VehicleCore."""
@@ -169,6 +177,13 @@ class TapedCore(VehicleCore):
             self._bus_drops_taped = drops
             self._write(drops)
         super().on_drops(drops)
+
+    def on_computer(self, short_of: str) -> None:
+        """See VehicleCore."""
+        if short_of != self._short_of:
+            self._short_of = short_of
+            self._write(Computer(short_of))
+        super().on_computer(short_of)
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """See VehicleCore."""
@@ -224,6 +239,7 @@ _CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     LateTicks: lambda core, item: core.on_loop(item.count),
     Bus: lambda core, item: core.on_bus(item.alive),
     Drops: lambda core, item: core.on_drops(item),
+    Computer: lambda core, item: core.on_computer(item.short_of),
     Telemetry: lambda core, item: core.on_telemetry(item),
     Sighting: lambda core, item: core.on_sighting(item),
     Message: lambda core, item: core.on_message(item.payload, item.now_s, item.key),

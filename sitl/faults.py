@@ -11,13 +11,18 @@ class VehicleFaults:
 
     With its link cut nothing passes in either direction; a delay [wall s] is that of each direction. A vehicle whose
     motion is silent tells everything but where it is. An estimate that is off by an offset in the mission frame is off
-    for the autopilot as well: it flies to the setpoint in its own estimate.
+    for the autopilot as well: it flies to the setpoint in its own estimate. A push is an acceleration beside the wind,
+    `estimator_ratio` the test ratio of the horizontal position at the least, `endurance_s` the flight time left that
+    the battery reports (none: it reports none).
     """
 
     link_cut: bool = False
     link_delay_s: float = 0.0
     motion_silent: bool = False
     estimate_offset_m: Triple = (0.0, 0.0, 0.0)
+    push_m_s2: tuple[float, float] = (0.0, 0.0)
+    estimator_ratio: float = 0.0
+    endurance_s: float | None = None
 
 
 def shifted(place_m: Triple, by_m: Triple) -> Triple:

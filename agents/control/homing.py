@@ -16,8 +16,6 @@ from agents.tactics import Tactic
 from agents.team.messages import MemberState
 from estimation.state import POSITION, VELOCITY, Vector
 
-CLIMB_SLOWEST_M_S = 0.5
-SETTLE_S = 3.0
 HEIGHT_TOLERANCE_M = 1.0
 ARRIVED_M, ARRIVED_M_S = 1.0, 0.5
 IN_PLACE_M = 1.0
@@ -59,7 +57,7 @@ class Homing:
         if self._began_s is None:
             self._began_s, self._from_m = situation.now_s, situation.own.mean[POSITION].copy()
         risen = abs(situation.height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
-        if risen and situation.now_s - self._began_s > self._rising_s:
+        if risen and situation.now_s - self._began_s > self._config.rising_s:
             self._rising = False
         goal = self._from_m if self._rising else self._goal
         aim = towards(goal, situation.acting_motion[POSITION], self._lead_m)
@@ -99,14 +97,9 @@ class Homing:
         return self._from_m if self._home_m is None else np.array(self._home_m)
 
     @property
-    def _rising_s(self) -> float:
-        """How long the slowest vehicle takes to its layer: until then none moves across."""
-        return SETTLE_S + len(self._config.slots) * self._config.choreography.layer_m / CLIMB_SLOWEST_M_S
-
-    @property
     def _limit_s(self) -> float:
         way_s = hypot(*(self._goal - self._from_m).tolist()) / self._config.formation.speed_max_m_s
-        flying_s = self._rising_s + 2.0 * way_s if self.returns else HEARD_AFTER_S
+        flying_s = self._config.rising_s + 2.0 * way_s if self.returns else HEARD_AFTER_S
         return flying_s + (self._number + 1) * LANDING_LONGEST_S
 
     @property

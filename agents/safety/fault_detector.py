@@ -4,8 +4,10 @@ from collections.abc import Container, Iterable
 from math import hypot, inf
 
 from agents.drops import NO_DROPS
-from agents.safety.failsafe import Condition, Symptom
+from agents.safety.failsafe import Condition
+from agents.safety.failsafe_monitor import Symptom
 from agents.safety.fence import Fence
+from agents.safety.vehicle_watch import VehicleWatch
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -14,6 +16,8 @@ from agents.team.team import Team
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 
+COMPARED_S = 1.0
+"""How often clocks are compared for a slow drift."""
 SAME_HEIGHT_M = 1.0
 """Vehicles less than this, or than half a layer, apart in height are at the same height."""
 _FLOOD_ENDS = 0.8
@@ -24,7 +28,7 @@ Faults = dict[Condition, Symptom]
 
 
 class FaultDetector:
-    """Watches one vehicle, its estimates and its team; the core sets the state of battery, loop, bus and solvers."""
+    """Watches one vehicle, its estimates and its team; the core sets the state of vehicle, loop, bus and solvers."""
 
     def __init__(
         self, config: AgentConfig, own: OwnFilter, target: TargetFilter, team: Team, clocks: ClockWatch
@@ -41,13 +45,15 @@ class FaultDetector:
         settle_s = config.failsafe.settle_s
         self._own_jumps, self._target_jumps = _Jumps(settle_s), _Jumps(settle_s)
         self._since_s: dict[Condition, float] = {}
+        self._compare_s, self._drifted_s = -inf, dict[int, float]()
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
-        self.battery: float | None = None
+        self.vehicle = VehicleWatch(config, self._own)
         self.late_ticks = 0
         self.bus_alive = True
         self.bus_drops = NO_DROPS
         self._flood = _Flood(config.failsafe.flood_per_s)
         self.unsolved = False
+        self.computer_short_of = ""
 
     def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
         """Return the faults of this tick.
@@ -58,12 +64,15 @@ class FaultDetector:
         faults: Faults = {}
         now_s = situation.now_s
         self._check_vehicle(faults, now_s)
+        if present := self.vehicle.faults(situation, tactic):
+            for condition, detail in present.items():
+                self._add(faults, now_s, condition, detail)
         self._check_loop(faults, now_s)
         self._check_flood(faults, now_s, time_scale)
         self._check_target(faults, situation, tactic, active)
         if gone_s := self._team.gone_s:
             self._check_peers(faults, gone_s)
-        if self._clocks.off:
+        if self._clocks.off or self._drifted_s or now_s >= self._compare_s:
             self._check_clocks(faults, now_s, time_scale)
         x, y = situation.own.mean.item(0), situation.own.mean.item(1)
         if self._fence is not None and not self._fence.contains((x, y)):
@@ -85,7 +94,7 @@ class FaultDetector:
         jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
             faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position jumped")
-        battery = self.battery
+        battery = self.vehicle.status.battery
         if battery is not None and battery < self._settings.battery_low:
             self._add(faults, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")
             if battery < self._settings.battery_critical:
@@ -96,6 +105,8 @@ class FaultDetector:
             self._add(faults, now_s, Condition.PLAN_FAILING, "no solution within the bounds")
         if self.late_ticks:
             self._add(faults, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
+        if self.computer_short_of:
+            self._add(faults, now_s, Condition.COMPUTER_SHORT, self.computer_short_of)
         if not self.bus_alive:
             self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
 
@@ -122,11 +133,15 @@ class FaultDetector:
             faults[Condition.PEER_SILENT] = Symptom(min(followers_s.values()), _vehicles(followers_s))
 
     def _check_clocks(self, faults: Faults, now_s: float, time_scale: float) -> None:
+        if now_s >= self._compare_s:
+            self._compare_s, self._drifted_s = now_s + COMPARED_S, self._clocks.drifted(now_s)
+        if self._drifted_s:
+            self._add(faults, now_s, Condition.CLOCK_DRIFTED, _offsets(self._drifted_s))
         stepped = self._clocks.stepped(now_s, time_scale)
         if stepped:
             since_s = min(step.since_s for step in stepped.values())
-            detail = ", ".join(f"vehicle {sender} by {step.by_s:+.2f} s" for sender, step in sorted(stepped.items()))
-            faults[Condition.CLOCK_STEPPED] = Symptom(since_s, detail)
+            by_s = {sender: step.by_s for sender, step in stepped.items()}
+            faults[Condition.CLOCK_STEPPED] = Symptom(since_s, _offsets(by_s))
 
     def _check_distances(self, faults: Faults, now_s: float, x: float, y: float, height_m: float) -> None:
         near_m, nearest = self._near_m, 0
@@ -190,3 +205,7 @@ class _Flood:
 
 def _vehicles(ids: Iterable[int]) -> str:
     return ", ".join(f"vehicle {each}" for each in sorted(ids))
+
+
+def _offsets(by_s: dict[int, float]) -> str:
+    return ", ".join(f"vehicle {sender} by {ahead_s:+.2f} s" for sender, ahead_s in sorted(by_s.items()))

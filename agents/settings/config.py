@@ -16,6 +16,9 @@ from agents.settings.shapes import SHAPES, Shape, offset_m
 from estimation.plant.model import Plant
 from estimation.settings import OwnFilterSettings, TargetFilterSettings
 
+CLIMB_SLOWEST_M_S = 0.5
+SETTLE_S = 3.0
+
 
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
@@ -95,6 +98,11 @@ class AgentConfig:
     def return_altitude_m(self) -> float:
         """The vehicle's layer on the way home, above all flying heights: who lands first has the lowest."""
         return self._layer_m(self.landing_order.index(self.vehicle_id) + 1)
+
+    @property
+    def rising_s(self) -> float:
+        """How long the slowest vehicle takes to its layer on the way home: until then none moves across [s]."""
+        return SETTLE_S + len(self.slots) * self.choreography.layer_m / CLIMB_SLOWEST_M_S
 
     @property
     def landing_order(self) -> tuple[int, ...]:

@@ -111,12 +111,14 @@ class SafetySettings(SafetySection, SafetyTuning):
 class FailsafeSection(Settings):
     """`[failsafe]`: when a condition of the failsafe table (safety.md) counts, and how long until a graver reaction. A
     condition that lasts `escalation_s` longer leads to the next reaction; the batteries' are shares of a full one; the
-    others are how long the bus, all peers or one of them may be silent.
+    others are how long the bus, all peers or one of them may be silent. A vehicle returns while it can still land at
+    its start with a `reserve_s` of flight time left.
     """
 
     escalation_s: float = Field(30.0, ge=1.0, le=3600.0)
     battery_low: float = Field(0.2, ge=0.0, lt=1.0)
     battery_critical: float = Field(0.1, ge=0.0, lt=1.0)
+    reserve_s: float = Field(30.0, ge=0.0, le=3600.0)
     bus_lost_s: float = Field(2.0, ge=0.0, le=600.0)
     peers_silent_s: float = Field(3.0, ge=1.0, le=600.0)
     peer_silent_s: float = Field(2.0, ge=1.0, le=600.0)

@@ -168,6 +168,24 @@ class FailsafeTuning(Settings):
     battery_s: float = tuned(
         5.0, "Under full throttle the voltage drops, and with it the estimate of what is left.", ge=0.0, le=60.0
     )
+    estimator_s: float = tuned(
+        3.0, "Estimators are reported once a second: a single outlier is not enough.", ge=0.0, le=60.0
+    )
+    following_m: float = tuned(
+        3.0,
+        "Twice what a vehicle that shapes its motion is off its linear plant, on the ring of `shaped-trio`; a steady "
+        "disturbance of `disturbance_max_m_s2` is another 0.4 to 0.9 m.",
+        gt=0.0,
+        le=100.0,
+    )
+    following_s: float = tuned(1.0, "One comparison after the first: they are a second apart.", ge=0.0, le=60.0)
+    tilt_max_deg: float = tuned(
+        35.0,
+        "An acceleration of 4 m/s² tilts by 22 degrees; PX4 tilts by up to 45, ArduCopter by up to 30 degrees.",
+        gt=0.0,
+        le=180.0,
+    )
+    tilt_s: float = tuned(2.0, "Several attitudes: a gust may tilt the vehicle for a moment.", ge=0.0, le=60.0)
     fence_s: float = tuned(0.5, "Ten samples at 20 Hz: a single outlier is not enough.", ge=0.0, le=60.0)
     separation_share: float = tuned(
         0.8, "Noise lets the guard miss the separation by a little. A fifth of it is a failure.", ge=0.0, le=1.0

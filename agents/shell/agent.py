@@ -115,6 +115,10 @@ class Agent:
         """Take a sighting from outside the team."""
         self._core.on_sighting(sighting)
 
+    def note_computer(self, short_of: str) -> None:
+        """Take what this computer runs short of, empty if nothing."""
+        self._core.on_computer(short_of)
+
     async def close(self) -> None:
         """Leave the bus and release the link."""
         self._start_agreement.fall_silent()
@@ -290,12 +294,14 @@ class Agent:
         status = self._link.status
         self._link.hand_over()
         self._activities.cancel(Kind.CALL)
+        self._core.on_vehicle(status)  # it may name the reason
         self._core.on_event(Event.PILOT_TOOK_OVER)
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
         elif pilot_took_over(status):
             what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
-            self._override_reason = f"{what}, which cordon did not ask for"
+            lost = f": it reports that its {status.lost.value} is lost" if status.lost.value else ""
+            self._override_reason = f"{what}, which cordon did not ask for{lost}"
 
     def _take_back(self) -> None:
         self._link.take_back()

@@ -141,6 +141,10 @@ class OwnFilter:
         """Time of the newest telemetry [s]; None before any."""
         return None if self._axes is None else self._time_s
 
+    def mean_aim_m(self, from_s: float, to_s: float) -> tuple[float, float]:
+        """Return the mean (x, y) of the aims that acted from one time to another, within the last two seconds [m]."""
+        return self._inputs.mean(from_s, to_s)
+
     def _axes_at(self, to_s: float) -> _Axes:
         assert self._axes is not None
         step_s = round(to_s - self._time_s, STEP_DIGITS)

@@ -28,6 +28,13 @@ HEARTBEAT_S, BATTERY_S = 1.0, 2.0
 """How often an autopilot reports its mode, and its battery [s]."""
 CUT_S = 5.0
 JUMP_M = 10.0
+PUSHED_SHARE = 2.0
+"""How far a vehicle is pushed from where it should be, as a share of what is tolerated."""
+PUSHED_S = 3.0
+"""How long it takes until half of that shows in a comparison, at the pace of the bundled stub plants [s]."""
+ESTIMATOR_S = 1.0
+"""How often an autopilot is asked to report its estimator [s]."""
+RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
 LOSS, BUS_DELAY_S, LINK_DELAY_S = 0.5, 0.3, 0.1
 TOLERATED_S = 20.0
 """How long the team has to fly on under a fault that requires no reaction [mission s]."""
@@ -187,11 +194,37 @@ def _cut_link(flight: StubFlight, roles: Roles) -> None:
 
 def _jump_inwards(flight: StubFlight, roles: Roles) -> None:
     """Offset its estimate towards the others: its correction leads away from them."""
+    away_x, away_y = _from_the_others(flight, roles)
+    flight.stubs[roles.subject].faults.estimate_offset_m = (-JUMP_M * away_x, -JUMP_M * away_y, 0.0)
+
+
+def _from_the_others(flight: StubFlight, roles: Roles) -> tuple[float, float]:
+    """Return the direction, of length 1, from the others to the subject."""
     places = {i: stub.autopilot.airframe.position_m for i, stub in flight.stubs.items()}
     x, y, _ = places[roles.subject]
-    away_x, away_y = (sum(place[axis] - (x, y)[axis] for place in places.values()) for axis in (0, 1))
-    away_m = hypot(away_x, away_y) or 1.0
-    flight.stubs[roles.subject].faults.estimate_offset_m = (JUMP_M * away_x / away_m, JUMP_M * away_y / away_m, 0.0)
+    away_x, away_y = (sum((x, y)[axis] - place[axis] for place in places.values()) for axis in (0, 1))
+    away_m = hypot(away_x, away_y)
+    return (away_x / away_m, away_y / away_m) if away_m else (1.0, 0.0)
+
+
+def _push_outwards(flight: StubFlight, roles: Roles) -> None:
+    """Push it away from the others, in a steady state by so many metres."""
+    away_x, away_y = _from_the_others(flight, roles)
+    vehicle = roles.mission.vehicle(roles.subject)
+    push_m_s2 = PUSHED_SHARE * roles.mission.failsafe.following_m * vehicle.true_plant.x.a0_per_s2
+    flight.stubs[roles.subject].faults.push_m_s2 = (push_m_s2 * away_x, push_m_s2 * away_y)
+
+
+def _disturb_estimator(ratio: float) -> Callable[[StubFlight, Roles], None]:
+    def disturb(flight: StubFlight, roles: Roles) -> None:
+        flight.stubs[roles.subject].faults.estimator_ratio = ratio
+
+    return disturb
+
+
+def _exhaust(flight: StubFlight, roles: Roles) -> None:
+    """Let it report less flight time than its reserve."""
+    flight.stubs[roles.subject].faults.endurance_s = max(roles.mission.failsafe.reserve_s, 1.0)
 
 
 def _take(flight: StubFlight, roles: Roles) -> None:
@@ -245,6 +278,25 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     ),
     Drill("GPS jump", _reaction(Condition.ESTIMATOR_JUMPED), _jump_inwards, _jump, waits_for_estimate=True),
     Drill(
+        "estimator degraded",
+        _reaction(Condition.ESTIMATOR_DEGRADED),
+        _disturb_estimator(RATIO_DEGRADED),
+        by_table(Condition.ESTIMATOR_DEGRADED, the_subject, found_within_s=ESTIMATOR_S),
+    ),
+    Drill(
+        "estimator failing",
+        _reaction(Condition.ESTIMATOR_FAILING),
+        _disturb_estimator(RATIO_FAILING),
+        by_table(Condition.ESTIMATOR_FAILING, the_subject, found_within_s=ESTIMATOR_S),
+    ),
+    Drill(
+        "not following",
+        _reaction(Condition.NOT_FOLLOWING),
+        _push_outwards,
+        by_table(Condition.NOT_FOLLOWING, the_subject, found_within_s=PUSHED_S),
+        waits_for_estimate=True,
+    ),
+    Drill(
         "foreign mode",
         _reaction(Condition.PILOT_TOOK_OVER),
         _take,
@@ -277,6 +329,13 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         _reaction(Condition.BATTERY_CRITICAL),
         _drain(lambda mission: mission.failsafe.battery_critical * 0.8),
         by_table(Condition.BATTERY_CRITICAL, the_subject, found_within_s=BATTERY_S),
+        lands_subject=True,
+    ),
+    Drill(
+        "no way home",
+        _reaction(Condition.NO_WAY_HOME),
+        _exhaust,
+        by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
     Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends_flight=True, by_autopilot=True),

@@ -8,6 +8,7 @@ from functools import partial
 
 from agents.ports import VehicleRefusedError
 from agents.shell.outcome import Ending, Outcome
+from gcs.console.backlog import unblocked
 from gcs.console.live import LiveView, summary
 from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
@@ -36,6 +37,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
         with (
             flight_log(recording, plan.mission.mission.name) as writer,
             SupervisorHeartbeat.inherited(_report_supervisor_lost) as supervisor,
+            unblocked(STDERR),
             LiveView(STDERR) as view,
         ):
             report = partial(_report_findings, plan.mission)

@@ -2,10 +2,12 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from itertools import count
 from math import degrees
 
 from agents.outputs import CoreStatus
 from gcs.console.live import LiveRow
+from gcs.flight.computer import short_of
 from gcs.flight.team import Member, Team
 from gcs.metrics.event_log import event_line
 from gcs.preflight.findings import Finding, Grade
@@ -14,6 +16,7 @@ from gcs.preflight.vehicle import clock_lag
 FindingsReport = Callable[[Sequence[Finding]], None]
 
 _PERIOD_S = 0.2
+_COMPUTER_EVERY = 25
 
 
 class Watch:
@@ -28,7 +31,9 @@ class Watch:
 
     async def run(self) -> None:
         """Update the view until cancelled."""
-        while True:
+        for update in count():
+            if update % _COMPUTER_EVERY == 0:
+                self._check_computer()
             self._report_clocks()
             self.show_events()
             self._report_log_fault()
@@ -46,6 +51,12 @@ class Watch:
         message = "holding and landing; Ctrl-C once more: land at once" if team.stop.wanted.is_set() else ""
         rows = [_row(member, team.journal.latest.get(member.vehicle.id)) for member in team.members]
         team.view.update(rows, mission_time_s, message, self._hint())
+
+    def _check_computer(self) -> None:
+        log = self._team.plan.log
+        short = short_of(None if log is None else log.path)
+        for member in self._team.members:
+            member.agent.note_computer(short)
 
     def _report_log_fault(self) -> None:
         fault = self._team.recording.fault

@@ -10,7 +10,7 @@ from math import dist
 from typing import Any, TypeVar
 
 from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
@@ -27,6 +27,7 @@ TEXT_DELAY_S = 0.3
 TEXT_AGE_S = 15.0
 SPEED_SNAP = 0.1
 ORIGIN_DISTANCE_MAX_M = 20_000.0
+SET_MESSAGE_INTERVAL = 511
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
@@ -108,21 +109,29 @@ class VehicleCalls:
         reported = f"; the autopilot reports {texts}" if texts else ""
         return VehicleRefusedError(f"vehicle {self._system_id} {reason}{lost}{reported}", next_step)
 
+    async def request_message(self, direct: Any, message: int, rate_hz: float) -> None:
+        """Request a message that MAVSDK's telemetry does not know at a rate [Hz]; a refusal is no error."""
+        command = command_long(self._system_id, SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz)
+        with suppress(MavlinkDirectError):
+            await self.run(direct.send_command, command)
+
     async def close(self) -> None:
         """Wait for running calls: destroying MAVSDK's objects before would block their threads for ever."""
         for executor in (self._executor, self._urgent):
             await asyncio.to_thread(executor.shutdown, cancel_futures=True)
 
 
-async def request_rates(calls: VehicleCalls, telemetry: Any, rates: LinkSection) -> None:
+async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection) -> None:
     """Request the vehicle's motion at the telemetry rate, and its status at lower rates.
 
     Raises VehicleRefusedError when the motion is refused; a refused status message does not prevent a flight.
     """
+    telemetry = feed.plugin
     await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, rates.telemetry_rate_hz)
     slow = [(name, rates.status_rate_hz) for name in STATUS]
     for name, rate_hz in (*slow, *((name, rates.status_rate_hz / 2.0) for name in SLOW_STATUS)):
         await _request_rate(calls, telemetry, name, rate_hz)
+    await calls.request_message(feed.reports.direct, feed.reports.estimator.number, rates.status_rate_hz / 2.0)
 
 
 async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:

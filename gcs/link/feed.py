@@ -15,6 +15,7 @@ from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 from agents.ports import FlightMode, VehicleStatus
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
+from gcs.link.self_reports import SelfReports, tilt_deg
 
 MODES = {
     MavsdkMode.UNKNOWN: FlightMode.UNKNOWN,
@@ -60,6 +61,7 @@ class VehicleFeed:
         self.motion_received_s = time.monotonic()
         self.clock_received = False
         self.plugin: Any = TelemetryPlugin(system)
+        self.reports = SelfReports(system, self._update)
         self._system = system
         self._frame = frame
         self._now_s = now_s
@@ -83,7 +85,8 @@ class VehicleFeed:
         if not self._frame.is_local:
             telemetry.subscribe_home(self._posting(self._take_home))
         telemetry.subscribe_status_text(self._posting(self._take_text))
-        telemetry.subscribe_attitude_euler(self._note_clock)
+        telemetry.subscribe_attitude_euler(self._note_attitude)
+        self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
         self._update(connected=self._system.is_connected())
         self._system.subscribe_is_connected(self._posting(self._take_connected))
 
@@ -143,6 +146,7 @@ class VehicleFeed:
     def close(self) -> None:
         """Unsubscribe from everything; blocks until running callbacks have returned."""
         self.plugin.destroy()
+        self.reports.close()
         self._system.destroy()
 
     def _posting(self, take: Callable[[Any], None]) -> Callable[[Any, object], None]:
@@ -157,11 +161,16 @@ class VehicleFeed:
     def _update(self, **changes: Any) -> None:
         self.status = replace(self.status, **changes)
 
-    def _note_clock(self, attitude: Any, _user_data: object) -> None:
+    def _note_attitude(self, attitude: Any, _user_data: object) -> None:
         # On MAVSDK's thread: the time of reception is now, not when the event loop runs.
         times_s = (time.monotonic(), attitude.timestamp_us * 1e-6)
         with suppress(RuntimeError):  # the loop is closed already
             self._loop.call_soon_threadsafe(self._take_clock, times_s)
+            self._loop.call_soon_threadsafe(self._take_tilt, attitude.roll_deg, attitude.pitch_deg)
+
+    def _take_tilt(self, roll_deg: float, pitch_deg: float) -> None:
+        if isfinite(roll_deg) and isfinite(pitch_deg):
+            self._update(tilt_deg=tilt_deg(roll_deg, pitch_deg))
 
     def _take_clock(self, times_s: tuple[float, float]) -> None:
         last_s, self._clock_s = self._clock_s, times_s[1]
@@ -216,7 +225,11 @@ class VehicleFeed:
 
     def _take_battery(self, battery: Any) -> None:
         percent = battery.remaining_percent
-        self._update(battery=min(max(percent / 100.0, 0.0), 1.0) if isfinite(percent) else None)
+        left_s = battery.time_remaining_s
+        self._update(
+            battery=min(max(percent / 100.0, 0.0), 1.0) if isfinite(percent) else None,
+            endurance_s=float(left_s) if isfinite(left_s) and left_s > 0.0 else None,
+        )
 
     def _take_home(self, home: Any) -> None:
         try:
@@ -228,6 +241,7 @@ class VehicleFeed:
 
     def _take_text(self, text: Any) -> None:
         self._status_texts.append((time.monotonic(), text.text.strip()))
+        self.reports.take_text(text.text)
 
     def _take_connected(self, connected: bool) -> None:
         before = self.status.connected

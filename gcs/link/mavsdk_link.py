@@ -97,7 +97,7 @@ class MavsdkLink:
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
-        await request_rates(calls, feed.plugin, self._config.settings)
+        await request_rates(calls, feed, self._config.settings)
         feed.origin_m = await self._origin(self._config.ready_timeout_s)
         await calls.until(
             lambda: not feed.missing(), MODE_TIMEOUT_S, lambda: f"sent no {feed.missing()}", "check its estimator"
@@ -339,7 +339,7 @@ class MavsdkLink:
     async def _renew(self) -> None:
         """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved."""
         _, feed, calls, _, _ = self._connected()
-        await request_rates(calls, feed.plugin, self._config.settings)
+        await request_rates(calls, feed, self._config.settings)
         await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
         if feed.origin_m is None:
             feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)

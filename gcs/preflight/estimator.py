@@ -1,65 +1,16 @@
 """Preflight checks of the autopilot's estimator: its innovation test ratios, and the states that it provides."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from math import isfinite
 
+from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
+from gcs.link.estimator_report import ARDUPILOT_ESTIMATOR, PX4_ESTIMATOR, EstimatorDialect, EstimatorReport
 from gcs.mission.mission import Mission
-from gcs.preflight.findings import AutopilotKind, EstimatorReport, Finding, Grade, VehicleFacts, limited
+from gcs.preflight.findings import AutopilotKind, Finding, Grade, VehicleFacts, limited
 
-RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
-"""The estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""
-ATTITUDE, POS_HORIZ_REL, POS_HORIZ_ABS, POS_VERT_ABS, PRED_POS_HORIZ_REL, PRED_POS_HORIZ_ABS = 1, 8, 16, 32, 256, 512
-
-
-@dataclass(frozen=True, slots=True)
-class _Dialect:
-    """One autopilot's estimator report: message, field of each test ratio, and meaning of its flags.
-
-    Any bit of `relative` or `absolute` stands for a horizontal position; `errors` maps a bit to its fault.
-    """
-
-    message: str
-    number: int
-    ratios: Mapping[str, str]
-    relative: int
-    absolute: int
-    errors: Mapping[int, str]
-    glitch: int
-
-
-DIALECTS: Mapping[AutopilotKind, _Dialect] = {
-    AutopilotKind.PX4: _Dialect(
-        "ESTIMATOR_STATUS",
-        230,
-        {
-            "horizontal position": "pos_horiz_ratio",
-            "height": "pos_vert_ratio",
-            "velocity": "vel_ratio",
-            "compass": "mag_ratio",
-        },
-        POS_HORIZ_REL | POS_HORIZ_ABS,
-        POS_HORIZ_ABS,
-        {2048: "accelerometer error"},
-        1024,
-    ),
-    AutopilotKind.ARDUPILOT: _Dialect(
-        "EKF_STATUS_REPORT",
-        193,
-        {
-            "horizontal position": "pos_horiz_variance",
-            "height": "pos_vert_variance",
-            "velocity": "velocity_variance",
-            "compass": "compass_variance",
-        },
-        # Disarmed, it may report the position predicted for flight only, as its own arming checks use.
-        POS_HORIZ_REL | POS_HORIZ_ABS | PRED_POS_HORIZ_REL | PRED_POS_HORIZ_ABS,
-        POS_HORIZ_ABS | PRED_POS_HORIZ_ABS,
-        {1024: "not initialized"},
-        1 << 15,
-    ),
+DIALECTS: Mapping[AutopilotKind, EstimatorDialect] = {
+    AutopilotKind.PX4: PX4_ESTIMATOR,
+    AutopilotKind.ARDUPILOT: ARDUPILOT_ESTIMATOR,
 }
-"""The bits above POS_HORIZ_ABS differ: 1024 is a GPS glitch on PX4, and not initialized on ArduPilot."""
 STEPS = {
     "horizontal position": "leave it at rest with a clear view of the sky; indoors check the positioning system",
     "height": "leave it at rest for a minute, or restart the autopilot; shield the barometer from wind and sun",
@@ -68,26 +19,6 @@ STEPS = {
 }
 WHY = "the estimated position or heading may jump or drift in flight, and the vehicle is controlled by it"
 RESTART = "leave the vehicle at rest, restart the autopilot, and read its messages in a ground station"
-
-
-def estimator_report(kind: AutopilotKind, fields: Mapping[str, object]) -> EstimatorReport | None:
-    """Return the report in a message's fields; None without flags. A ratio that is not a number is left out."""
-    dialect, flags = DIALECTS.get(kind), fields.get("flags")
-    if dialect is None or not isinstance(flags, int):
-        return None
-    values = {name: fields.get(field) for name, field in dialect.ratios.items()}
-    faults = [fault for bit, fault in dialect.errors.items() if flags & bit]
-    faults += ["no attitude"] if not flags & ATTITUDE else []
-    faults += ["no height"] if not flags & POS_VERT_ABS else []
-    return EstimatorReport(
-        ratios={
-            name: float(value) for name, value in values.items() if isinstance(value, int | float) and isfinite(value)
-        },
-        relative=bool(flags & dialect.relative),
-        absolute=bool(flags & dialect.absolute),
-        wrong=tuple(faults),
-        glitch=bool(flags & dialect.glitch),
-    )
 
 
 def estimator(facts: VehicleFacts, mission: Mission) -> Iterator[Finding]:

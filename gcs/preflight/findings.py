@@ -7,6 +7,7 @@ from math import isfinite
 
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
+from gcs.link.estimator_report import EstimatorReport
 
 MISSION = "mission"
 """The subject of what concerns the mission or the team as a whole."""
@@ -57,25 +58,6 @@ class GpsFix:
 
     dimensions: int
     satellites: int
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatorReport:
-    """What an estimator says of itself: test ratios by sensor (above 1 it is rejected), and what it knows and not.
-
-    `relative` and `absolute` are horizontal positions, against where it began and on Earth; `wrong` names its errors.
-    Raises ValueError for ratios that are not finite.
-    """
-
-    ratios: Mapping[str, float]
-    relative: bool
-    absolute: bool
-    wrong: tuple[str, ...] = ()
-    glitch: bool = False
-
-    def __post_init__(self) -> None:
-        if not all(map(isfinite, self.ratios.values())):
-            raise ValueError(f"a test ratio of {dict(self.ratios)} is not finite")
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,7 @@ async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, time
     try:
         feed.subscribe()
         with suppress(VehicleRefusedError):  # the measured rate shows a refusal
-            await request_rates(calls, feed.plugin, mission.link)
+            await request_rates(calls, feed, mission.link)
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, mission.link)
         return await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)

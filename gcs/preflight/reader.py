@@ -17,8 +17,9 @@ from typing import Any
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
 from gcs.link.calls import AUTOPILOT_COMPONENT, command_long
-from gcs.preflight.estimator import DIALECTS, estimator_report
-from gcs.preflight.findings import AutopilotKind, EstimatorReport
+from gcs.link.estimator_report import EstimatorReport, estimator_report
+from gcs.preflight.estimator import DIALECTS
+from gcs.preflight.findings import AutopilotKind
 
 REQUEST_PERIOD_S = 0.4
 POLL_S = 0.02
@@ -72,7 +73,7 @@ def read_estimator(system: Any, kind: AutopilotKind, timeout_s: float) -> Estima
     def take(message: Any, _user_data: object) -> None:
         with suppress(ValueError):  # malformed bytes are dropped here
             fields = json.loads(message.fields_json)
-            report = estimator_report(kind, fields) if message.system_id == system_id else None
+            report = estimator_report(dialect, fields) if message.system_id == system_id else None
             if report is not None:
                 reports.append(report)
                 received.set()

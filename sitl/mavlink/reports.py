@@ -5,7 +5,7 @@ Metres and the mission frame stop here: the wire speaks north-east-down, degE7, 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import atan2, cos, degrees, sin, tau
+from math import atan2, cos, degrees, sin, sqrt, tau
 
 import numpy as np
 
@@ -222,7 +222,8 @@ class Reporter:
 
     def _battery_status(self) -> Fields:
         voltages = [*self._cell_mv(), *[UNKNOWN_U16] * (10 - CELLS)]
-        return 0, 1, 1, 2500, voltages, -1, -1, -1, self._battery_percent(), 0, 1
+        endurance_s = round(self._faults.endurance_s or 0.0)  # 0 says that it is unknown
+        return 0, 1, 1, 2500, voltages, -1, -1, -1, self._battery_percent(), endurance_s, 1
 
     def _extended_sys_state(self) -> Fields:
         return 0, int(self._autopilot.landed_state)
@@ -242,7 +243,8 @@ class Reporter:
         estimate, airframe = self._estimate(), self._autopilot.airframe
         position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
         velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
-        return float(np.linalg.norm(velocity)), float(np.hypot(position[0], position[1])), abs(float(position[2]))
+        horizontal = max(float(np.hypot(position[0], position[1])), sqrt(self._faults.estimator_ratio))
+        return float(np.linalg.norm(velocity)), horizontal, abs(float(position[2]))
 
     def _estimator_flags(self) -> EstimatorFlag:
         """Gyros and barometer tell attitude and height at all times; the rest takes something that tells the place."""

@@ -206,8 +206,9 @@ class Stub:
     def advance(self, steps: range) -> None:
         """Take the steps one by one, note the truth, and send what fell due."""
         packets: list[bytes] = []
+        (wind_x, wind_y), (push_x, push_y) = self.config.wind_m_s2, self.faults.push_m_s2
         for step in steps:
-            self.autopilot.step(step * STEP_S, self.config.wind_m_s2)
+            self.autopilot.step(step * STEP_S, (wind_x + push_x, wind_y + push_y))
             packets += self._vehicle.emit(self.autopilot.time_s)
             if step % TRUTH_STEPS == 0:
                 airframe = self.autopilot.airframe

@@ -45,6 +45,7 @@ def flown(core: VehicleCore) -> list[TickOutput]:
         core.on_loop(3 if tick == 20 else 0)
         core.on_bus(tick != 30)
         core.on_drops(Drops(too_many=500 if tick >= 50 else 0))
+        core.on_computer("disk" if tick == 50 else "")
         if tick % 2 == 0:
             core.on_sighting(Sighting(now_s, 2, (6.0, -3.0), (0.01, 0.0, 0.01), 0.8, 0.2))
         if tick == 40:
@@ -96,6 +97,7 @@ def test_an_output_follows_its_tick_and_nothing_is_told_twice(make_config: Calla
     # Said in every tick, on tape only when it was news: a link that works, no late ticks but once, the bus away once.
     assert kinds.count("LateTicks") == 2
     assert kinds.count("Bus") == 2
+    assert kinds.count("Computer") == 2
     assert kinds.count("Command") == 1
     assert kinds.count("Message") == 3
 

@@ -26,6 +26,8 @@ REACTIONS_OFF = (
     ("own_filter", "gate_timeout_s", 60.0),
     ("target", "stale_after_s", 600.0),
     ("failsafe", "battery_s", 60.0),
+    ("failsafe", "estimator_s", 60.0),
+    ("failsafe", "following_s", 60.0),
     ("failsafe", "peers_silent_s", 600.0),
     ("failsafe", "peer_silent_s", 600.0),
 )
@@ -34,9 +36,13 @@ CONTROLLED = (
     "nobody hears anybody",
     "telemetry frozen",
     "GPS jump",
+    "estimator degraded",
+    "estimator failing",
+    "not following",
     "target lost",
     "battery low",
     "battery critical",
+    "no way home",
     "killed agent",
 )
 CONTROL_SPEED = 4.0

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from agents.control.lmpc import Lmpc, QpStatus, Solution
 from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.outputs import CoreStatus, TickOutput
-from agents.ports import VehicleStatus
-from agents.safety.failsafe import TABLE, Condition, FailsafeMonitor
+from agents.ports import Connection, VehicleStatus
+from agents.safety.failsafe import TABLE, Condition
+from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings, FailsafeSettings
@@ -32,6 +34,11 @@ ONSET_S = 8.0
 """When the fault begins: by then everything is known, and nothing was wrong."""
 ESCALATION_S = 6.0
 FENCE_X_M = 0.2 * ONSET_S
+CEILING_M = 9.0
+LOOKS_S = 0.2
+"""What is measured is looked at once a second, and next so long after the onset."""
+DRIFT_S, DRIFTED_S = 0.1, 0.56
+"""A clock gains so much a second, until it has gained so much."""
 # No two alike, so that no row can take another's.
 SETTINGS = FailsafeSettings(
     escalation_s=ESCALATION_S,
@@ -44,6 +51,9 @@ SETTINGS = FailsafeSettings(
     peers_silent_s=3.4,
     peer_silent_s=2.6,
     late_s=1.8,
+    estimator_s=2.8,
+    following_s=1.1,
+    tilt_s=0.9,
     clock_s=1.5,
 )
 
@@ -75,6 +85,10 @@ class Flight:
         self.clock_ahead_s = 0.0
         self.flood = 0
         self.refused = 0
+        self.clock_drifts = False
+        self.height_m = HEIGHT_M
+        self.reports: dict[str, Any] = {}
+        self.short_of = ""
 
     @property
     def now_s(self) -> float:
@@ -103,18 +117,21 @@ class Flight:
 
     def _step(self) -> None:
         now_s, core = self.now_s, self.core
+        if self.clock_drifts:
+            self.clock_ahead_s = min(self.clock_ahead_s + DRIFT_S * PERIOD_S, DRIFTED_S)
         x, y, x_rate, y_rate = self.motion.tolist()
         if self.telemetry:
-            core.on_telemetry(Telemetry(now_s, (x + self.offset_m, y, HEIGHT_M), (x_rate, y_rate, 0.0)))
+            core.on_telemetry(Telemetry(now_s, (x + self.offset_m, y, self.height_m), (x_rate, y_rate, 0.0)))
         for peer, tactic in self.peers.items():
             core.on_message(encode(self._said_by(peer, tactic)), now_s)
         if self.target_m is not None:
             core.on_sighting(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
-        core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery))
+        core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports))
         self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
         core.on_drops(Drops(too_many=self.refused))
         core.on_loop(self.late_ticks)
         core.on_bus(self.bus)
+        core.on_computer(self.short_of)
         output = core.tick(now_s)
         self.outputs.append(output)
         wanted = (x, y) if output.setpoint is None else output.setpoint.position_m[:2]
@@ -139,6 +156,10 @@ def set_to(**values: object) -> Callable[[Flight], None]:
     return change
 
 
+def reporting(**values: object) -> Callable[[Flight], None]:
+    return set_to(reports=values)
+
+
 def peers(*ids: int) -> Callable[[Flight], None]:
     return set_to(peers=dict.fromkeys(ids, "formation"))
 
@@ -160,7 +181,8 @@ def nothing(_flight: Flight) -> None:
 class Case:
     """How a condition comes about and ends, after how long it is met, and by which tactics, one after another.
 
-    `wall` conditions count on the wall's clock. `grave` is the tactic on the way down.
+    `wall` conditions count on the wall's clock. `grave` is the tactic on the way down, `over_s` how long it takes to be
+    found to be over.
     """
 
     begin: Callable[[Flight], None]
@@ -170,6 +192,16 @@ class Case:
     on_ring: bool = False
     wall: bool = False
     grave: Tactic = Tactic.RETURN_AND_LAND
+    over_s: float = 0.3
+
+
+def taken_over_after(lost: Connection) -> Case:
+    def take_over(flight: Flight) -> None:
+        flight.core.on_event(Event.PILOT_TOOK_OVER)
+        flight.reports["lost"] = lost  # the autopilot may say why later
+
+    override = Tactic.PILOT_OVERRIDE
+    return Case(take_over, nothing, 0.0, (override, override), grave=override)
 
 
 AS_BEFORE: tuple[Tactic, ...] = (Tactic.FORMATION,)
@@ -180,6 +212,8 @@ CASES = {
         set_to(telemetry=False), set_to(telemetry=True), 1.0, HOLDS, wall=True, grave=Tactic.LAND
     ),
     Condition.ESTIMATOR_JUMPED: Case(jump, nothing, 1.1, (Tactic.HOLD, Tactic.HOLD)),
+    Condition.REMOTE_CONTROL_LOST: taken_over_after(Connection.REMOTE_CONTROL),
+    Condition.GROUND_STATION_LOST: taken_over_after(Connection.GROUND_STATION),
     Condition.PILOT_TOOK_OVER: Case(
         lambda flight: flight.core.on_event(Event.PILOT_TOOK_OVER),
         nothing,
@@ -191,8 +225,20 @@ CASES = {
     Condition.BATTERY_LOW: Case(
         set_to(battery=0.18), set_to(battery=0.5), 4.0, (Tactic.RETURN_AND_LAND, Tactic.RETURN_AND_LAND)
     ),
+    Condition.NO_WAY_HOME: Case(
+        reporting(endurance_s=20.0), reporting(), LOOKS_S + 4.0, (Tactic.RETURN_AND_LAND, Tactic.RETURN_AND_LAND)
+    ),
+    Condition.ESTIMATOR_FAILING: Case(
+        reporting(estimator_ratio=1.2, estimator_sensor="height"), reporting(), 2.8, HOLDS, grave=Tactic.LAND
+    ),
+    # It takes the plant 1.4 s to be 3 of the 6 m away that this wind pushes it at last.
+    Condition.NOT_FOLLOWING: Case(
+        set_to(wind=np.array([0.0, 6.0 * 0.8])), set_to(wind=np.zeros(2)), LOOKS_S + 2.0 + 1.1, HOLDS, grave=Tactic.LAND
+    ),
+    Condition.TILTED: Case(reporting(tilt_deg=36), reporting(tilt_deg=34), 0.9, HOLDS, grave=Tactic.LAND),
     # The line leads it out at the onset; the wind blows it back in.
     Condition.FENCE_LEFT: Case(nothing, set_to(wind=np.array([-0.6, 0.0])), 0.6, HOLDS),
+    Condition.ALTITUDE_LEFT: Case(set_to(height_m=CEILING_M + 1.2), set_to(height_m=CEILING_M), LOOKS_S + 0.6, HOLDS),
     Condition.TOO_CLOSE: Case(set_to(close=True), set_to(close=False), 0.4, LEAVES),
     Condition.TARGET_STALE: Case(set_to(target_m=None), set_to(target_m=(6.0, -5.0)), 4.0, HOLDS, on_ring=True),
     # Once it has left the ring, the target may jump as it likes.
@@ -204,6 +250,12 @@ CASES = {
     Condition.LATE_TICKS: Case(set_to(late_ticks=1), set_to(late_ticks=0), 1.8, AS_BEFORE + LEAVES, wall=True),
     Condition.BUS_FLOODED: Case(set_to(flood=30), set_to(flood=0), 0.5, AS_BEFORE * 3, wall=True),
     Condition.CLOCK_STEPPED: Case(set_to(clock_ahead_s=0.7), set_to(clock_ahead_s=0.0), 1.5, AS_BEFORE * 3, wall=True),
+    # What is usual follows by a tenth with each message, and has passed 0.5 s after 6 s.
+    Condition.CLOCK_DRIFTED: Case(
+        set_to(clock_drifts=True), set_to(clock_drifts=False, clock_ahead_s=0.3), 6.0 + 1.5, AS_BEFORE * 3, over_s=1.3
+    ),
+    Condition.ESTIMATOR_DEGRADED: Case(reporting(satellites=5), reporting(satellites=6), 2.8, AS_BEFORE * 3),
+    Condition.COMPUTER_SHORT: Case(set_to(short_of="memory"), set_to(short_of=""), 0.0, AS_BEFORE * 3),
     Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
 }
@@ -240,7 +292,10 @@ def make_flight(make_config: Maker, monkeypatch: pytest.MonkeyPatch) -> Callable
             layers_from_m=HEIGHT_M,
             safety={"guard": False, "fence_m": corners(FENCE_X_M)}
             if condition is Condition.FENCE_LEFT
-            else {"guard": condition is Condition.TOO_CLOSE},
+            else {
+                "guard": condition is Condition.TOO_CLOSE,
+                "altitude_max_m": CEILING_M if condition is Condition.ALTITUDE_LEFT else None,
+            },
         )
         flight = Flight(config, on_ring=on_ring, time_scale=time_scale)
         peers(*heard)(flight)
@@ -284,9 +339,12 @@ def test_every_condition_has_one_row_and_every_row_a_case() -> None:
     assert set(CASES) | BY_THE_SHELL == set(Condition)
     assert {row.condition for row in TABLE if row.shell} == BY_THE_SHELL
     assert set(STICKY) | set(PASSING) == set(CASES) - {
+        Condition.REMOTE_CONTROL_LOST,
+        Condition.GROUND_STATION_LOST,
         Condition.PILOT_TOOK_OVER,
         Condition.BATTERY_LOW,
         Condition.BATTERY_CRITICAL,
+        Condition.NO_WAY_HOME,
     }
 
 
@@ -370,7 +428,7 @@ def test_what_is_only_told_ends_by_itself(condition: Condition, make_flight: Cal
     flight.fly(ONSET_S + case.after_s + 1.0)
     assert flight.told.alert == condition.value
     case.end(flight)
-    flight.fly(flight.now_s + 0.3)
+    flight.fly(flight.now_s + case.over_s)
     assert flight.told.alert == ""
     began, over = flight.notes()
     assert began.startswith(f"{condition.value}: ")

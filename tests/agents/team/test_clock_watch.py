@@ -56,3 +56,21 @@ def test_one_that_says_nothing_any_more_is_silent_rather_than_off(time_scale: fl
     watch.hear(1, 3.0, 10.0)
     assert list(watch.stepped(10.0 + after_s - 0.1, time_scale)) == [1]
     assert watch.stepped(10.0 + after_s, time_scale) == {}
+
+
+def test_a_slow_drift_adds_up_and_is_found_past_the_limit() -> None:
+    watch = ClockWatch(0.5)
+    for tenth in range(1, 2000):  # 4 ms a second: no step, and 0.5 s after 125 s
+        watch.hear(7, 0.05 - 0.0004 * tenth, tenth * 0.1)
+        drifted_s = watch.drifted(tenth * 0.1)
+        if tenth == 1200:
+            assert not drifted_s
+    assert not watch.off
+    assert drifted_s[7] == pytest.approx(0.004 * 199.9, abs=0.03)
+
+
+def test_a_network_that_varies_is_no_drift() -> None:
+    watch = ClockWatch(0.5)
+    for tenth in range(2000):
+        watch.hear(7, 0.3 if tenth % 3 else 0.0, tenth * 0.1)
+        assert not watch.drifted(tenth * 0.1)

@@ -12,9 +12,10 @@ from rich.console import Console
 
 from agents.ports import FlightMode, VehicleStatus
 from gcs.errors import Exit
+from gcs.link.estimator_report import EstimatorReport
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from gcs.preflight.findings import AutopilotKind, EstimatorReport, FenceArea, Finding, GpsFix, Grade, VehicleFacts
+from gcs.preflight.findings import AutopilotKind, FenceArea, Finding, GpsFix, Grade, VehicleFacts
 from gcs.preflight.findings_view import exit_code, findings_json, findings_view
 from gcs.preflight.mission import extent_m
 from gcs.preflight.parameters import parameters_wanted

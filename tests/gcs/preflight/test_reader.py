@@ -5,8 +5,9 @@ from math import inf, nan
 
 import pytest
 
-from gcs.preflight.estimator import estimator_report
-from gcs.preflight.findings import AutopilotKind, EstimatorReport
+from gcs.link.estimator_report import EstimatorReport, estimator_report
+from gcs.preflight.estimator import DIALECTS
+from gcs.preflight.findings import AutopilotKind
 from gcs.preflight.reader import parameter_value
 
 INT32, REAL32 = 6, 9
@@ -50,16 +51,16 @@ BOTH = pytest.mark.parametrize(
 
 @BOTH
 def test_an_estimators_report_means(kind: AutopilotKind, fields: dict[str, float]) -> None:
-    report = estimator_report(kind, fields | {"flags": GPS_FLIGHT})
+    report = estimator_report(DIALECTS[kind], fields | {"flags": GPS_FLIGHT})
     assert report == EstimatorReport(RATIOS, relative=True, absolute=True)
-    blind = estimator_report(kind, fields | {"flags": 0b1000_0000})
+    blind = estimator_report(DIALECTS[kind], fields | {"flags": 0b1000_0000})
     assert blind is not None
     assert (blind.relative, blind.absolute, blind.wrong) == (
         False,
         False,
         ("no attitude", "no height"),
     )
-    indoors = estimator_report(kind, fields | {"flags": 0b10_1111})
+    indoors = estimator_report(DIALECTS[kind], fields | {"flags": 0b10_1111})
     assert indoors == EstimatorReport(RATIOS, relative=True, absolute=False)
 
 
@@ -67,7 +68,7 @@ def test_the_upper_flags_mean_another_thing_to_each_autopilot() -> None:
     px4, copter = AutopilotKind.PX4, AutopilotKind.ARDUPILOT
 
     def told(kind: AutopilotKind, flags: int) -> tuple[tuple[str, ...], bool]:
-        report = estimator_report(kind, {"flags": GPS_FLIGHT | flags})
+        report = estimator_report(DIALECTS[kind], {"flags": GPS_FLIGHT | flags})
         assert report is not None
         return report.wrong, report.glitch
 
@@ -77,7 +78,9 @@ def test_the_upper_flags_mean_another_thing_to_each_autopilot() -> None:
     assert told(copter, 1 << 15) == ((), True)
     # On the ground ArduPilot may only predict a position; to PX4 that is none.
     predicted = {"flags": GPS_FLIGHT & ~(8 | 16)}
-    assert [report and report.absolute for report in (estimator_report(k, predicted) for k in (px4, copter))] == [
+    assert [
+        report and report.absolute for report in (estimator_report(DIALECTS[k], predicted) for k in (px4, copter))
+    ] == [
         False,
         True,
     ]
@@ -90,7 +93,7 @@ def test_a_ratio_that_is_no_number_is_left_out(
     for spoilt in (nan, inf, None, "0.1", [1.0]):
         with subtests.test(spoilt=spoilt):
             first = next(iter(fields))
-            report = estimator_report(kind, {**fields, first: spoilt, "flags": GPS_FLIGHT})
+            report = estimator_report(DIALECTS[kind], {**fields, first: spoilt, "flags": GPS_FLIGHT})
             assert report is not None
             assert report.ratios == {name: ratio for name, ratio in RATIOS.items() if name != "velocity"}
 
@@ -99,5 +102,4 @@ def test_what_is_no_report_is_none(subtests: pytest.Subtests) -> None:
     rows: tuple[dict[str, float | None], ...] = ({}, {"flags": None}, {"flags": 1.5}, {"vel_ratio": 0.1})
     for fields in rows:
         with subtests.test(fields=fields):
-            assert estimator_report(AutopilotKind.PX4, fields) is None
-            assert estimator_report(AutopilotKind.OTHER, PX4_FIELDS | {"flags": 1}) is None
+            assert estimator_report(DIALECTS[AutopilotKind.PX4], fields) is None

@@ -1,0 +1,119 @@
+"""A terminal that may stop taking output: writes never block, so that Ctrl-S cannot stop a flight."""
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO, TextIO, cast
+
+from rich.console import Console
+
+BACKLOG_MAX = 200_000
+"""Characters, about a minute of the live table; what comes after them is discarded."""
+CLOSING_S = 2.0
+REPORTED_S = 1.0
+
+
+class Backlog:
+    """A text file in front of another: it takes text at once, and a thread of its own writes it.
+
+    A terminal that takes no output blocks that thread alone. Text beyond BACKLOG_MAX is discarded until it takes output
+    again; then the thread writes for how long it did not. Raises BrokenPipeError once the other file's reader is gone.
+    """
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+        self._texts: deque[str] = deque()
+        self._size = 0
+        self._changed = threading.Condition()
+        self._failed = self._closing = False
+        self._discarded = 0
+        self._thread = threading.Thread(target=self._run, name="terminal", daemon=True)
+        self._thread.start()
+
+    @property
+    def encoding(self) -> str:
+        """That of the other file."""
+        return getattr(self._file, "encoding", "utf-8")
+
+    def fileno(self) -> int:
+        """Return that of the other file."""
+        return self._file.fileno()
+
+    def isatty(self) -> bool:
+        """Return whether the other file is a terminal."""
+        return self._file.isatty()
+
+    def write(self, text: str) -> int:
+        """Take a text."""
+        with self._changed:
+            if self._failed:
+                raise BrokenPipeError
+            if self._size > BACKLOG_MAX:
+                self._discarded += len(text)
+            else:
+                self._texts.append(text)
+                self._size += len(text)
+                self._changed.notify()
+        return len(text)
+
+    def flush(self) -> None:
+        """Do nothing: the thread writes as soon as it can."""
+
+    def close(self) -> None:
+        """Wait for the rest to be written, but not for a terminal that takes none."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(CLOSING_S)
+
+    def _run(self) -> None:
+        while (text := self._next()) is not None:
+            began_s = time.monotonic()
+            try:
+                # Not through the file: a thread that is blocked in it would block the exit of the process.
+                data = text.encode(self.encoding, "replace")
+                while data:
+                    data = data[os.write(self.fileno(), data) :]
+            except (OSError, ValueError):
+                with self._changed:
+                    self._failed = True
+                return
+            self._report(time.monotonic() - began_s)
+
+    def _next(self) -> str | None:
+        with self._changed:
+            while not self._texts and not self._closing:
+                self._changed.wait()
+            if not self._texts:
+                return None
+            text = self._texts.popleft()
+            self._size -= len(text)
+            return text
+
+    def _report(self, blocked_s: float) -> None:
+        if blocked_s < REPORTED_S:
+            return
+        with self._changed:
+            discarded, self._discarded = self._discarded, 0
+            lost = f", {discarded} characters are discarded" if discarded else ""
+            self._texts.append(f"\nthe terminal took no output for {blocked_s:.1f} s{lost}: the flight went on\n")
+
+
+@contextmanager
+def unblocked(console: Console) -> Iterator[None]:
+    """Let what a console prints to a standard stream never block, for as long as the context lasts."""
+    try:
+        console.file.fileno()
+    except OSError:  # it is held in memory
+        yield
+        return
+    backlog = Backlog(console.file)
+    try:
+        console.file = cast(TextIO, backlog)
+        yield
+    finally:
+        backlog.close()
+        console.file = cast(TextIO, None)  # the standard stream again

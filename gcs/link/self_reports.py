@@ -1,0 +1,111 @@
+"""What an autopilot reports of its estimator, its GPS and its connections, as facts of `agents.ports.VehicleStatus`."""
+
+import asyncio
+import json
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from math import acos, cos, degrees, radians
+from typing import Any
+
+from mavsdk.autopilot import Autopilot
+from mavsdk.plugins.mavlink_direct import MavlinkDirect
+from mavsdk.plugins.telemetry import FixType
+
+from agents.ports import Connection, GpsThreat
+from agents.safety.reported_faults import COMPASS, RATIO_MAX
+from gcs.link.estimator_report import ARDUPILOT_ESTIMATOR, PX4_ESTIMATOR, EstimatorReport, estimator_report
+
+LOST_S = 15.0
+"""A lost connection explains a change of the flight mode within this time: PX4 holds for 5 s before it reacts."""
+THREAT_S = 30.0
+"""A status text about the signals of the GPS counts for so long: autopilots send it once."""
+DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
+_LOST = re.compile(r"\b(lost|failsafe)\b", re.IGNORECASE)
+_OVER = re.compile(r"\b(regained|cleared|restored)\b", re.IGNORECASE)
+_CONNECTIONS = {
+    Connection.GROUND_STATION: re.compile(r"\b(ground (control )?station|gcs)\b", re.IGNORECASE),
+    Connection.REMOTE_CONTROL: re.compile(r"\b(remote control|manual control|rc|radio)\b", re.IGNORECASE),
+}
+_THREATS = {
+    GpsThreat.SPOOFED: re.compile(r"\b(gnss|gps)\b.*\bspoof", re.IGNORECASE),
+    GpsThreat.JAMMED: re.compile(r"\b(gnss|gps)\b.*\bjam", re.IGNORECASE),
+}
+
+
+class SelfReports:
+    """Subscribes to what a system reports of itself, and gives changes of the status to `update`."""
+
+    def __init__(self, system: Any, update: Callable[..., None]) -> None:
+        self.direct: Any = MavlinkDirect(system)
+        ardupilot = system.autopilot_type() is Autopilot.ARDUPILOT
+        self.estimator = ARDUPILOT_ESTIMATOR if ardupilot else PX4_ESTIMATOR
+        self._system_id = int(system.get_system_id())
+        self._update = update
+        self._had_remote_control = False
+        self._timers: dict[str, asyncio.TimerHandle] = {}
+
+    def subscribe(self, telemetry: Any, posting: Callable[[Callable[[Any], None]], Any], *, gps: bool) -> None:
+        """Subscribe, to the GPS only where the mission needs it.
+
+        `posting` makes of a function one that MAVSDK's thread may call, and that runs it on the event loop.
+        """
+        self.direct.subscribe_message(self.estimator.message, posting(self._take_estimator))
+        telemetry.subscribe_rc_status(posting(self._take_remote_control))
+        if gps:
+            telemetry.subscribe_gps_info(posting(self._take_gps))
+
+    def take_text(self, text: str) -> None:
+        """Take a status text: some conditions autopilots report in words only."""
+        for threat, words in _THREATS.items():
+            if words.search(text):
+                self._keep("gps_threat", threat, GpsThreat.NONE, THREAT_S)
+        for connection, words in _CONNECTIONS.items():
+            if words.search(text) and _LOST.search(text) and not _OVER.search(text):
+                self._keep("lost", connection, Connection.NONE, LOST_S)
+
+    def close(self) -> None:
+        """Unsubscribe; blocks until running callbacks have returned."""
+        self.direct.destroy()
+
+    def _take_estimator(self, message: Any) -> None:
+        with suppress(ValueError):  # malformed bytes are dropped here
+            report = estimator_report(self.estimator, json.loads(message.fields_json))
+            if report is not None and message.system_id == self._system_id:
+                self._update(**estimator_facts(report))
+
+    def _take_gps(self, gps: Any) -> None:
+        self._update(gps_dimensions=DIMENSIONS.get(gps.fix_type, 3), satellites=int(gps.num_satellites))
+
+    def _take_remote_control(self, status: Any) -> None:
+        if self._had_remote_control and not status.is_available:
+            self._keep("lost", Connection.REMOTE_CONTROL, Connection.NONE, LOST_S)
+        self._had_remote_control = bool(status.is_available)
+
+    def _keep(self, field: str, value: object, after: object, for_s: float) -> None:
+        """Set a fact of the status for a while."""
+        if field in self._timers:
+            self._timers[field].cancel()
+        self._update(**{field: value})
+        self._timers[field] = asyncio.get_running_loop().call_later(for_s, lambda: self._update(**{field: after}))
+
+
+def estimator_facts(report: EstimatorReport) -> dict[str, Any]:
+    """Return the facts of the status in an estimator's report.
+
+    Of the test ratios the highest counts; while another sensor than the compass is rejected, not that of the compass.
+    """
+    faults = [*report.wrong, *([] if report.relative or report.absolute else ["no horizontal position"])]
+    ranked = [(name != COMPASS and ratio > RATIO_MAX, ratio, name) for name, ratio in report.ratios.items()]
+    _, ratio, name = max(ranked, default=(False, None, ""))
+    return {
+        "estimator_ratio": None if ratio is None else round(ratio, 1),
+        "estimator_sensor": name,
+        "estimator_fault": ", ".join(faults),
+    }
+
+
+def tilt_deg(roll_deg: float, pitch_deg: float) -> int:
+    """Return the angle between a vehicle's axis and the vertical in whole degrees."""
+    upright = cos(radians(roll_deg)) * cos(radians(pitch_deg))
+    return round(degrees(acos(min(max(upright, -1.0), 1.0))))

@@ -1,0 +1,141 @@
+"""What autopilots report in words and numbers of their own, as facts of the vehicle's status."""
+
+import asyncio
+import json
+from math import acos, degrees
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from mavsdk.autopilot import Autopilot
+from mavsdk.plugins.telemetry import FixType
+
+from agents.ports import Connection, GpsThreat
+from gcs.link import self_reports
+from gcs.link.estimator_report import EstimatorReport
+from gcs.link.self_reports import SelfReports, estimator_facts, tilt_deg
+
+SYSTEM = 4
+
+
+class Subscriptions:
+    """Stands for MAVSDK's plugins: keeps what is subscribed to."""
+
+    def __init__(self, _system: object = None) -> None:
+        self.taken: dict[str, Any] = {}
+
+    def subscribe_message(self, name: str, take: Any) -> None:
+        self.taken[name] = take
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda take: self.taken.__setitem__(name.removeprefix("subscribe_"), take)
+
+
+class Reports:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, autopilot: Autopilot = Autopilot.PX4) -> None:
+        monkeypatch.setattr(self_reports, "MavlinkDirect", Subscriptions)
+        system = SimpleNamespace(autopilot_type=lambda: autopilot, get_system_id=lambda: SYSTEM)
+        self.status: dict[str, object] = {}
+        self.reports = SelfReports(system, self.status.update)
+        self.telemetry = Subscriptions()
+        self.reports.subscribe(self.telemetry, lambda take: take, gps=True)
+
+    def receive(self, message: str, system_id: int, **fields: object) -> None:
+        self.reports.direct.taken[message](SimpleNamespace(system_id=system_id, fields_json=json.dumps(fields)))
+
+
+TEXTS = {
+    # PX4 1.13 to 1.17, ArduCopter 4.3 to 4.7.
+    "Connection to ground station lost": Connection.GROUND_STATION,
+    "Connection to ground control station lost": Connection.GROUND_STATION,
+    "GCS Failsafe": Connection.GROUND_STATION,
+    "Manual control lost": Connection.REMOTE_CONTROL,
+    "Radio Failsafe - Continuing Guided Mode": Connection.REMOTE_CONTROL,
+    "GCS connection regained": None,
+    "GCS Failsafe Cleared": None,
+    "Radio Failsafe Cleared": None,
+    "Failsafe activated": None,
+    "Connection to mission computer lost": None,
+    "Armed by external command": None,
+    "Forced landing": None,
+}
+THREATS = {
+    "GNSS signal spoofed": GpsThreat.SPOOFED,
+    "GPS signal jammed": GpsThreat.JAMMED,
+    "GPS 1: detected as u-blox": None,
+}
+
+
+async def test_texts_name_the_lost_connection_and_the_threat(
+    monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    for text, expected in {**TEXTS, **THREATS}.items():
+        with subtests.test(text=text):
+            flight = Reports(monkeypatch)
+            flight.reports.take_text(text)
+            assert list(flight.status.values()) == ([] if expected is None else [expected])
+
+
+async def test_what_a_text_reported_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(self_reports, "LOST_S", 0.05)
+    flight = Reports(monkeypatch)
+    flight.reports.take_text("GCS Failsafe")
+    await asyncio.sleep(0.03)
+    flight.reports.take_text("GCS Failsafe")
+    await asyncio.sleep(0.03)
+    assert flight.status == {"lost": Connection.GROUND_STATION}
+    await asyncio.sleep(0.05)
+    assert flight.status == {"lost": Connection.NONE}
+
+
+async def test_a_remote_control_is_lost_only_where_there_was_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Reports(monkeypatch)
+    take = flight.telemetry.taken["rc_status"]
+    take(SimpleNamespace(is_available=False))
+    assert flight.status == {}
+    take(SimpleNamespace(is_available=True))
+    take(SimpleNamespace(is_available=False))
+    assert flight.status == {"lost": Connection.REMOTE_CONTROL}
+
+
+async def test_the_estimator_counts_with_its_own_system_id_and_dialect(monkeypatch: pytest.MonkeyPatch) -> None:
+    copter = Reports(monkeypatch, Autopilot.ARDUPILOT)
+    copter.receive("EKF_STATUS_REPORT", SYSTEM + 1, flags=0x33F, compass_variance=3.0)
+    copter.reports.direct.taken["EKF_STATUS_REPORT"](SimpleNamespace(system_id=SYSTEM, fields_json="{"))
+    assert copter.status == {}
+    copter.receive("EKF_STATUS_REPORT", SYSTEM, flags=0x33F, pos_horiz_variance=0.46, velocity_variance=0.1)
+    expected = {"estimator_ratio": 0.5, "estimator_sensor": "horizontal position", "estimator_fault": ""}
+    assert copter.status == expected
+    px4 = Reports(monkeypatch)
+    px4.receive("ESTIMATOR_STATUS", SYSTEM, flags=32, vel_ratio=None)
+    assert px4.status == {
+        "estimator_ratio": None,
+        "estimator_sensor": "",
+        "estimator_fault": "no attitude, no horizontal position",
+    }
+
+
+def test_a_rejected_sensor_is_not_hidden_by_a_worse_compass() -> None:
+    def worst(**ratios: float) -> object:
+        return estimator_facts(EstimatorReport(ratios, relative=True, absolute=True))["estimator_sensor"]
+
+    assert worst(height=1.2, compass=3.0) == "height"
+    assert worst(height=0.8, compass=3.0) == "compass"
+    assert worst(height=0.8, velocity=0.9) == "velocity"
+
+
+async def test_satellites_and_the_dimensions_of_the_fix(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Reports(monkeypatch)
+    for fix, dimensions in ((FixType.NO_FIX, 0), (FixType.FIX_2D, 2), (FixType.FIX_3D, 3), (FixType.RTK_FIXED, 3)):
+        flight.telemetry.taken["gps_info"](SimpleNamespace(fix_type=fix, num_satellites=7))
+        assert flight.status == {"gps_dimensions": dimensions, "satellites": 7}
+
+
+def test_the_tilt_is_the_angle_between_the_rotated_axis_and_the_vertical() -> None:
+    for roll_deg, pitch_deg in ((0.0, 0.0), (30.0, 0.0), (0.0, -35.0), (25.0, 25.0), (180.0, 0.0)):
+        roll, pitch = np.radians((roll_deg, pitch_deg))
+        about_x = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
+        about_y = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
+        upright = float((about_y @ about_x)[2, 2])
+        assert tilt_deg(roll_deg, pitch_deg) == round(degrees(acos(upright)))
