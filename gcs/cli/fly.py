@@ -63,7 +63,7 @@ def fly(options: FlyOptions) -> int:
     hold_back()
     if options.live_address is not None and not options.live:
         raise InputError(["--live-address: it needs --live"])
-    from gcs.flight.supervisor import is_supervised, supervise
+    from gcs.flight.supervision.supervisor import is_supervised, supervise
 
     return _fly(options) if is_supervised() else supervise()
 

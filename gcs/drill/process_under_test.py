@@ -7,7 +7,7 @@ with a supervisor: nothing heavy is imported before signals are held back.
 import os
 import sys
 
-from gcs.flight.supervisor import is_supervised, supervise
+from gcs.flight.supervision.supervisor import is_supervised, supervise
 from gcs.signals import hold_back
 
 SOCKET = "CORDON_DRILL"

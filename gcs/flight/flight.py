@@ -11,10 +11,10 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending, Outcome, Stop
 from gcs.console.live import LiveView
-from gcs.flight.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import FlightStubs
+from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import Member, Team
 from gcs.flight.watch import FindingsReport, Watch

@@ -13,9 +13,9 @@ from gcs.console.live import LiveView, summary
 from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
 from gcs.flight.flight import Flight, fly
-from gcs.flight.heartbeat import SupervisorHeartbeat
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
+from gcs.flight.supervision.heartbeat import SupervisorHeartbeat
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances

@@ -22,7 +22,7 @@ from gcs.drill.injected_faults import HANG_S, Hang, InjectedFaults
 from gcs.drill.process_under_test import SOCKET
 from gcs.drill.stubs import StubClock
 from gcs.flight.stubs import stub_configs
-from gcs.flight.supervision import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
+from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
 from gcs.mission.file import load_mission
 from sitl.autopilot.modes import NavMode
 from sitl.server.server import serve

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from gcs.cli import app, main
-from gcs.flight.supervision import HEARTBEAT_VARIABLE
+from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE
 from tests.support.paths import MISSIONS, ROOT
 
 # It warns that these tests run main() itself, as the console script does.
@@ -114,7 +114,7 @@ def mission(tmp_path: Path) -> Callable[..., str]:
 
 def test_neither_help_nor_the_supervisor_imports_anything_heavy() -> None:
     program = f"""
-import contextlib, sys, gcs.cli, gcs.flight.supervisor
+import contextlib, sys, gcs.cli, gcs.flight.supervision.supervisor
 for arguments in (["--help"], *([name, "--help"] for name in {COMMANDS})):
     sys.argv = ["cordon", *arguments]
     with contextlib.suppress(SystemExit):

@@ -7,8 +7,16 @@ from collections.abc import Iterator
 
 import pytest
 
-from gcs.flight.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartbeat
-from gcs.flight.supervision import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, Beat, LoopMonitor, encode_beat
+from gcs.flight.supervision.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartbeat
+from gcs.flight.supervision.protocol import (
+    ALIVE,
+    HEARTBEAT_VARIABLE,
+    POLL_PERIOD_S,
+    STOP,
+    Beat,
+    LoopMonitor,
+    encode_beat,
+)
 
 PERIOD_S = 0.1
 
@@ -147,7 +155,7 @@ def test_a_wish_is_one_call_each_and_a_lost_supervisor_is_one_wish(pair: tuple[s
 def test_a_supervisor_that_is_dead_or_silent_makes_it_land(
     closed: bool, pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.flight.heartbeat.POLL_PERIOD_S", 0.001)
+    monkeypatch.setattr("gcs.flight.supervision.heartbeat.POLL_PERIOD_S", 0.001)
     ours, theirs = pair
     calls: list[str] = []
     told = threading.Event()

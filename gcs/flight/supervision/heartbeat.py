@@ -12,7 +12,7 @@ from typing import Protocol, Self
 
 from agents.ports import Heartbeat
 from gcs import signals
-from gcs.flight.supervision import HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, Beat, encode_beat
+from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, Beat, encode_beat
 
 TICK_PERIOD_MIN_S = 0.04
 """A faster loop sends fewer heartbeats than ticks: the supervisor polls ten times a second."""

@@ -15,7 +15,7 @@ import time
 from contextlib import suppress
 
 from gcs.errors import Exit
-from gcs.flight.supervision import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, LoopMonitor
+from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, LoopMonitor
 from gcs.signals import relay
 
 _CONSEQUENCE = (
