@@ -7,6 +7,7 @@ import pytest
 from agents.team.messages import CommandAnswer, MemberState, encode
 from gcs.console.command_client import CommandClient, TeamClock
 from gcs.mission.file import load_mission
+from tests.support.mission_text import INSECURE
 
 
 def clock(times_s: dict[int, float], received_s: float = 10.0) -> TeamClock:
@@ -30,7 +31,7 @@ def test_clocks_go_on_between_messages_and_those_of_silent_vehicles_do_not_count
 
 
 def test_answers_and_clocks_count_on_the_vehicles_own_keys(mission_file: Callable[..., str]) -> None:
-    client = CommandClient(load_mission(mission_file("case2")))
+    client = CommandClient(load_mission(mission_file("case2", INSECURE)))
     here = (0.0, 0.0)
     state = encode(MemberState(3, 9e11, "hold", here, here, here, here))
     answer = encode(CommandAnswer(3, 100.0, client._number, "motors cut"))
