@@ -556,14 +556,15 @@ def test_the_command_tells_what_is_recovered_and_overwrites_nothing(
 def test_one_flipped_bit_costs_its_chunk_and_the_exit_code_says_so(
     sample: Sample, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    chunks = chunks_of(sample.data)
+    chunks, log = chunks_of(sample.data), sample.log
     for which in (0, 1, len(chunks) // 2, len(chunks) - 1):
         offset, length = chunks[which]
         data = bytearray(sample.data)
         data[offset + length // 2] ^= 0x10
-        log = assert_honest(sample, bytes(data))
-        assert log is not None, f"chunk {which}"
-        assert log.is_damaged
+        read = assert_honest(sample, bytes(data))
+        assert read is not None, f"chunk {which}"
+        assert read.is_damaged
+        log = read
         assert held(log) == sample.total - len(_messages(sample.data, which)) > 0.75 * sample.total
     path = str(log.path)
     for command in (("replay",), ("report",), ("log", "recover")):
