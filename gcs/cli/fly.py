@@ -48,6 +48,16 @@ class FlyOptions:
             group=RESULT, help=f"Where --live listens, HOST:PORT, in place of {_LIVE_ADDRESS} (this computer only)."
         ),
     ] = None
+    live_origin: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="",
+            show_default=False,
+            group=RESULT,
+            help="Let a viewer's web page of this origin read the flight too, such as http://localhost:8080; may be "
+            "repeated.",
+        ),
+    ] = ()
     json: Json = False
     plot: Plot = None
 
@@ -61,8 +71,9 @@ def fly(options: FlyOptions) -> int:
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
     """
     hold_back()
-    if options.live_address is not None and not options.live:
-        raise InputError(["--live-address: it needs --live"])
+    for option, given in (("--live-address", options.live_address), ("--live-origin", options.live_origin)):
+        if given and not options.live:
+            raise InputError([f"{option}: it needs --live"])
     from gcs.flight.supervision.supervisor import is_supervised, supervise
 
     return _fly(options) if is_supervised() else supervise()
@@ -88,7 +99,9 @@ def _fly(options: FlyOptions) -> Exit:
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
 
+    recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)
+
     def judge(record: "FlightRecord") -> Exit:
         return present(mission, record, json=options.json, plot=options.plot)
 
-    return run_flight(plan, RecordingOptions(options.log, options.recorded, options.only, live_address), judge)
+    return run_flight(plan, recording, judge)

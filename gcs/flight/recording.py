@@ -25,13 +25,14 @@ class RecordingOptions:
     """Where a flight is recorded: in the file `path`, in the default folder without one, or not at all.
 
     `only` is the vehicle whose agent alone this process runs; the default file name holds it. `live_address`
-    (HOST:PORT) is where viewers may connect.
+    (HOST:PORT) is where viewers may connect, `live_origins` the web pages that may beside those of Foxglove.
     """
 
     path: Path | None = None
     recorded: bool = True
     only: int | None = None
     live_address: str | None = None
+    live_origins: tuple[str, ...] = ()
 
 
 def simulation_recording(
@@ -57,7 +58,7 @@ def flight_log(options: RecordingOptions, mission: str) -> Iterator[LogWriter | 
         yield _flight_writer(options, mission, context)
         return
     address = Address.parsed(options.live_address)
-    with live_server(address, context):
+    with live_server(address, context, options.live_origins):
         writer = _flight_writer(options, mission, context)
         _report_address(address)
         yield writer or LogWriter(None, context)

@@ -6,8 +6,8 @@ from itertools import count
 from math import degrees
 
 from agents.outputs import CoreStatus
+from agents.shell.computer import short_of
 from gcs.console.live import LiveRow
-from gcs.flight.computer import short_of
 from gcs.flight.team import Member, Team
 from gcs.metrics.event_log import event_line
 from gcs.preflight.findings import Finding, Grade

@@ -4,17 +4,23 @@ For a slow viewer the oldest messages are dropped, and a dead viewer is removed.
 """
 
 import logging
+import ssl
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import foxglove
 from foxglove import Context
 
 from agents.ports import VehicleRefusedError
 from gcs.errors import InputError
+from gcs.viewer.origin_gate import PERMITTED, OriginGate
+
+if TYPE_CHECKING:
+    from gcs.keys.certificates import KeyPair
 
 SERVER_NAME = "cordon"
 _EXAMPLE = "127.0.0.1:8765"
@@ -61,26 +67,50 @@ class Address(NamedTuple):
 
 
 @contextmanager
-def live_server(address: Address, context: Context) -> Iterator[None]:
-    """Serve the channels of the context to viewers; raises VehicleRefusedError when the address is not available."""
+def live_server(address: Address, context: Context, origins: Collection[str] = ()) -> Iterator[None]:
+    """Serve the channels of the context to viewers, but to no web page of an origin beside `origins` and `PERMITTED`.
+
+    Raises VehicleRefusedError when the address is not available.
+    """
+    keys, tls = _keys_of_the_gate()
+    server = foxglove.start_server(
+        name=SERVER_NAME,
+        host="127.0.0.1",
+        port=0,
+        capabilities=[],
+        context=context,
+        message_backlog_size=BACKLOG,
+        tls_cert=keys.certificate_pem,
+        tls_key=keys.private_key_pem,
+    )
+    gate = OriginGate(address.host, address.port, server.port, tls, PERMITTED | set(origins))
     try:
-        server = foxglove.start_server(
-            name=SERVER_NAME,
-            host=address.host,
-            port=address.port,
-            capabilities=[],
-            context=context,
-            message_backlog_size=BACKLOG,
-        )
-    except RuntimeError as error:
-        raise VehicleRefusedError(
-            f"--live: cannot listen at {address.host}:{address.port} ({error})",
-            "end the program that uses the port, or choose another address by --live-address HOST:PORT",
-        ) from error
-    try:
+        _open(gate, address)
         yield
     finally:
         # `stop` waits for viewers to disconnect, and a hung viewer never does.
         stopping = threading.Thread(target=server.stop, name="live-server-stop", daemon=True)
         stopping.start()
         stopping.join(STOP_TIMEOUT_S)
+        gate.close(STOP_TIMEOUT_S)
+
+
+def _open(gate: OriginGate, address: Address) -> None:
+    try:
+        gate.open()
+    except OSError as error:
+        raise VehicleRefusedError(
+            f"--live: cannot listen at {address.host}:{address.port} ({error.strerror or error})",
+            "end the program that uses the port, or choose another address by --live-address HOST:PORT",
+        ) from error
+
+
+def _keys_of_the_gate() -> "tuple[KeyPair, ssl.SSLContext]":
+    """Return the server's certificate, and what trusts that one alone: made anew for each flight, kept nowhere."""
+    from gcs.keys.certificates import DAY_S, CertificateAuthority  # noqa: PLC0415
+
+    authority = CertificateAuthority.made(1.0)
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    tls.check_hostname = False
+    tls.load_verify_locations(cadata=authority.keys.certificate_pem.decode())
+    return authority.issue("live-view", time.time() + DAY_S), tls

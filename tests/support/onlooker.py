@@ -28,14 +28,16 @@ class Onlooker:
     topics: dict[int, str] = field(default_factory=dict)
 
     @classmethod
-    async def connected(cls, port: int) -> Self:
-        """Connect; raises OSError while nobody listens."""
+    async def connected(cls, port: int, *headers: str) -> Self:
+        """Connect, with further headers; raises OSError while nobody listens."""
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         key = base64.b64encode(os.urandom(16)).decode()
         writer.write(
             f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
             f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n"
-            "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode()
+            "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n".encode()
+            + "".join(f"{header}\r\n" for header in headers).encode()
+            + b"\r\n"
         )
         answer = await reader.readuntil(b"\r\n\r\n")
         assert answer.startswith(b"HTTP/1.1 101"), answer

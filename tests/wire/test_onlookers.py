@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from math import dist
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,6 +20,7 @@ from foxglove import Context
 from foxglove.channels import PointCloudChannel
 from foxglove.messages import PointCloud
 
+from gcs.viewer import origin_gate
 from gcs.viewer.live_server import STOP_TIMEOUT_S, Address, live_server
 from tests.support.onlooker import Onlooker
 from tests.support.paths import ROOT
@@ -126,6 +129,62 @@ def test_whoever_writes_waits_for_no_viewer_that_hangs_and_neither_does_who_ends
             viewer.kill()
     assert wrote_s - began_s < 2.0
     assert ended_s - wrote_s < STOP_TIMEOUT_S + 1.0
+
+
+async def test_a_web_page_reads_nothing_unless_its_origin_is_permitted() -> None:
+    context, address = Context(), Address(LOOPBACK, free_port())
+    with live_server(address, context, ["http://localhost:8080"]):
+        PointCloudChannel("/points", context=context)
+        for permitted in ((), ("Origin: https://app.foxglove.dev",), ("origin: http://LOCALHOST:8080",)):
+            viewer = await Onlooker.connected(address.port, *permitted)
+            await viewer.know("/points")
+            await viewer.close()
+        for page in (
+            ("Origin: https://evil.example",),
+            ("Origin: null",),
+            ("Origin:",),
+            ("Origin: https://app.foxglove.dev", "ORIGIN: https://evil.example"),
+            ("Origin: https://app.foxglove.dev.evil.example",),
+            ("Origin: http://localhost:8081",),
+        ):
+            with pytest.raises(AssertionError, match="403 Forbidden"):
+                await Onlooker.connected(address.port, *page)
+
+
+async def test_what_serves_behind_the_gate_speaks_to_the_gate_alone() -> None:
+    address, before = Address(LOOPBACK, free_port()), set(listening_ports())
+    with live_server(address, Context()):
+        (port,) = set(listening_ports()) - before - {address.port}
+        with pytest.raises((AssertionError, OSError, EOFError)):
+            await asyncio.wait_for(Onlooker.connected(port), 5.0)
+        with pytest.raises(ssl.SSLCertVerificationError):  # as a browser does
+            await asyncio.open_connection(LOOPBACK, port, ssl=ssl.create_default_context())
+
+
+def listening_ports() -> list[int]:
+    """The TCP ports on which this process listens, by Linux's own tables."""
+    links = (str(each.readlink()) for each in Path("/proc/self/fd").iterdir() if each.is_symlink())
+    own = {link[8:-1] for link in links if link.startswith("socket:[")}
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return [int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == "0A" and row[9] in own]
+
+
+async def test_connections_that_say_nothing_or_too_much_end_by_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(origin_gate, "_HEAD_TIMEOUT_S", 0.5)
+    context, address = Context(), Address(LOOPBACK, free_port())
+    with live_server(address, context):
+        PointCloudChannel("/points", context=context)
+        silent = [await asyncio.open_connection(LOOPBACK, address.port) for _ in range(2 * origin_gate.CONNECTIONS_MAX)]
+        talker = await asyncio.open_connection(LOOPBACK, address.port)
+        talker[1].write(b"GET / HTTP/1.1\r\n" + b"x" * 1_000_000)
+        async with asyncio.timeout(10.0):
+            with suppress(ConnectionResetError):
+                assert await talker[0].read() == b""
+            for reader, _ in silent:
+                assert await reader.read() == b""
+        viewer = await Onlooker.connected(address.port)
+        await viewer.know("/points")
+        await viewer.close()
 
 
 async def test_a_port_that_is_taken_is_a_refusal_before_anything_flies(mission_file: Callable[..., str]) -> None:

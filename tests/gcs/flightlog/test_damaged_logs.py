@@ -553,6 +553,33 @@ def test_the_command_tells_what_is_recovered_and_overwrites_nothing(
     assert "it is complete" in capsys.readouterr().err
 
 
+def test_one_flipped_bit_costs_its_chunk_and_the_exit_code_says_so(
+    sample: Sample, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chunks, log = chunks_of(sample.data), sample.log
+    for which in (0, 1, len(chunks) // 2, len(chunks) - 1):
+        offset, length = chunks[which]
+        data = bytearray(sample.data)
+        data[offset + length // 2] ^= 0x10
+        read = assert_honest(sample, bytes(data))
+        assert read is not None, f"chunk {which}"
+        assert read.is_damaged
+        log = read
+        assert held(log) == sample.total - len(_messages(sample.data, which)) > 0.75 * sample.total
+    path = str(log.path)
+    for command in (("replay",), ("report",), ("log", "recover")):
+        assert run_cli(monkeypatch, *command, path) == 1
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"{held(log)} records of " in said, command
+
+
+def test_a_log_that_was_only_not_closed_is_not_damaged(sample: Sample) -> None:
+    log = assert_honest(sample, sample.data[: chunks_of(sample.data)[-1][0] + 100])
+    assert log is not None
+    assert log.faults
+    assert not log.is_damaged
+
+
 @pytest.mark.parametrize(
     ("name", "output", "reason"),
     [

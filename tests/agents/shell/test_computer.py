@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs.flight import computer
-from gcs.flight.computer import short_of
+from agents.shell import computer
+from agents.shell.computer import short_of
 
 
 def test_nothing_is_short_of_where_limits_are_met_and_both_are_told_where_not(

@@ -1,0 +1,105 @@
+"""The gate in front of the live view: a web page reads nothing of a flight unless its origin is permitted.
+
+Browsers let every page open WebSockets to this computer, and say by the header `Origin` which page it is (RFC 6455,
+section 10.2). The Foxglove server does not look at it. So the gate listens in its place, reads the head of each
+request, and passes on the bytes of those that it permits. The server itself listens behind it on loopback, by TLS with
+a certificate that only the gate trusts: a browser refuses that.
+"""
+
+import asyncio
+import ssl
+import threading
+from collections.abc import Collection
+from concurrent.futures import Future
+from contextlib import suppress
+
+PERMITTED = frozenset({"https://app.foxglove.dev", "file://"})
+"""Foxglove in a browser, and viewers installed on this computer, whose pages are files."""
+CONNECTIONS_MAX = 16
+_HEAD_MAX_BYTES = 16384
+_HEAD_TIMEOUT_S = 5.0
+_PIECE_BYTES = 65536
+_REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
+
+
+def is_permitted(head: bytes, origins: Collection[str]) -> bool:
+    """Return whether the head of a request comes from no web page, or from one of these origins."""
+    lines = head.decode("latin-1").split("\r\n")[1:]
+    said = [value.strip() for name, _, value in (line.partition(":") for line in lines) if name.lower() == "origin"]
+    return not said or (len(said) == 1 and said[0].lower() in {origin.lower() for origin in origins})
+
+
+class OriginGate:
+    """Listens in a thread of its own until it is closed, and passes permitted connections on to the server."""
+
+    def __init__(self, host: str, port: int, server_port: int, tls: ssl.SSLContext, origins: Collection[str]) -> None:
+        """Take where to listen, and where the server does on loopback; nothing is opened before `open`."""
+        self._listen = host, port
+        self._server_port = server_port
+        self._tls = tls
+        self._origins = origins
+        self._connections = 0
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name="live-gate", daemon=True)
+        self._opened: Future[None] = Future()
+        self._closed = asyncio.Event()
+
+    def open(self) -> None:
+        """Listen; raises OSError when the address is not available."""
+        self._thread.start()
+        self._opened.result()
+
+    def close(self, timeout_s: float) -> None:
+        """Close all connections."""
+        with suppress(RuntimeError):  # it never opened
+            self._loop.call_soon_threadsafe(self._closed.set)
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            try:
+                runner.run(self._serve())
+            except Exception as error:
+                if not self._opened.done():
+                    self._opened.set_exception(error)
+
+    async def _serve(self) -> None:
+        host, port = self._listen
+        server = await asyncio.start_server(self._take, host, port, limit=_HEAD_MAX_BYTES)
+        self._opened.set_result(None)
+        await self._closed.wait()
+        server.close()  # the runner cancels the connections that are left
+
+    async def _take(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one connection; whatever is wrong with it ends it, and it alone."""
+        self._connections += 1
+        try:
+            with suppress(OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+                head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_TIMEOUT_S)
+                if self._connections > CONNECTIONS_MAX or not is_permitted(head, self._origins):
+                    writer.write(_REFUSED)
+                    await writer.drain()
+                else:
+                    await self._pass_on(head, reader, writer)
+        finally:
+            self._connections -= 1
+            writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
+
+    async def _pass_on(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Carry bytes both ways until one side ends; what a slow viewer does not read waits in the server."""
+        there, back = await asyncio.open_connection("127.0.0.1", self._server_port, ssl=self._tls)
+        try:
+            back.write(head)
+            ways = [asyncio.create_task(_carry(reader, back)), asyncio.create_task(_carry(there, writer))]
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+        finally:
+            back.transport.abort()
+
+
+async def _carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while piece := await reader.read(_PIECE_BYTES):
+        writer.write(piece)
+        await writer.drain()
