@@ -9,6 +9,7 @@ from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock
 from gcs.keys.identity import Identity
 from gcs.mission.file import load_mission
+from tests.support.mission_text import INSECURE
 
 
 def clock(times_s: dict[int, float], received_s: float = 10.0) -> TeamClock:
@@ -32,7 +33,7 @@ def test_clocks_go_on_between_messages_and_those_of_silent_vehicles_do_not_count
 
 
 def test_answers_and_clocks_count_on_the_vehicles_own_keys(mission_file: Callable[..., str]) -> None:
-    client = CommandClient(load_mission(mission_file("case2")), Identity(Participant("operator", "pat")))
+    client = CommandClient(load_mission(mission_file("case2", INSECURE)), Identity(Participant("operator", "pat")))
     here = (0.0, 0.0)
     state = encode(MemberState(3, 9e11, "hold", here, here, here, here))
     answer = encode(CommandAnswer(3, 100.0, client._number, "motors cut"))
