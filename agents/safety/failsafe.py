@@ -1,16 +1,13 @@
-"""The failsafe table - what may go wrong, and what a vehicle does about it - and the monitor that carries it out.
+"""The failsafe table: what may go wrong, and what a vehicle does about it.
 
-`docs/safety.md` is made from the table. The tactic machine (`agents/tactics.py`) defines what a
-reaction does; `agents/safety/fault_detector.py` detects the conditions.
+`docs/safety.md` is made from it. `agents/safety/fault_detector.py` detects the conditions, `failsafe_monitor.py`
+carries the table out, and the tactic machine (`agents/tactics.py`) defines what a reaction does.
 """
 
-from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
 
 from agents.settings.config import AgentConfig
-from agents.tactics import Event, Tactic
 
 
 class Condition(Enum):
@@ -32,6 +29,9 @@ class Condition(Enum):
     CLOCK_STEPPED = "peer's clock stepped"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
+    PEER_DOUBTFUL = "peer doubtful"
+    SIGHTINGS_CONTRADICT = "sightings contradict"
+    TARGET_FROM_OUTSIDE = "target from outside only"
     OPERATOR_LOST = "operator lost"
 
 
@@ -125,7 +125,7 @@ TABLE = (
     Row(
         Condition.TOO_CLOSE,
         "despite the guard, a peer at the same height is nearer than `tuning.failsafe.separation_share` of "
-        "`safety.separation_m`",
+        "`safety.separation_m`, or was when it fell silent or became doubtful, less than `safety.lost_avoided_s` ago",
         "failsafe.separation_s",
         _GRADUALLY,
         RESUME,
@@ -203,6 +203,29 @@ TABLE = (
         by_wall=True,
     ),
     Row(
+        Condition.PEER_DOUBTFUL,
+        "three states of a peer contradict each other: no vehicle flies them one after another, or two sources send "
+        "them; it lasts until 5 s after the last one. All places are kept clear of",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
+        Condition.SIGHTINGS_CONTRADICT,
+        "three sightings of a peer or an external source are farther from the own sensor's than their covariances "
+        "allow: they are not used while that sees the target; it lasts until 5 s after the last one",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
+        Condition.TARGET_FROM_OUTSIDE,
+        "no sensor of the team has seen the target for `target.stale_after_s`, external sources report it",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
         Condition.OPERATOR_LOST,
         "the terminal of `cordon fly` is gone (SIGHUP), or it was signalled to end (SIGTERM, SIGINT)",
         "",
@@ -214,158 +237,8 @@ TABLE = (
 """Among equally grave conditions the one that stands first is the one that is reported."""
 
 ROWS = {row.condition: row for row in TABLE}
-_ORDER = {row.condition: place for place, row in enumerate(TABLE)}
-_GRAVITY = {reaction: gravity for gravity, reaction in enumerate(Reaction)}
-_EVENTS = {
-    Reaction.ASIDE: Event.STEP_ASIDE,
-    Reaction.HOLD: Event.HOLD,
-    Reaction.RETURN: Event.RETURN,
-    Reaction.LAND: Event.LAND,
-}
-_AMOUNTS_TO = {
-    Tactic.ASIDE: Reaction.ASIDE,
-    Tactic.HOLD: Reaction.HOLD,
-    Tactic.RETURN_AND_LAND: Reaction.RETURN,
-    Tactic.LAND: Reaction.LAND,
-    Tactic.PILOT_OVERRIDE: Reaction.HAND_OVER,
-}
-_ROUNDING_S = 1e-9
-
-
-class Symptom(NamedTuple):
-    """A detected condition: since when it is there, and the detail shown to people."""
-
-    since_s: float
-    detail: str
-
-
-@dataclass(slots=True)
-class _Alert:
-    """A condition whose grace time is over: how far its reactions have got, and whether it is there still."""
-
-    row: Row
-    reached: int
-    detail: str
-    present: bool
-
-    @property
-    def reaction(self) -> Reaction:
-        return self.row.reactions[self.reached]
-
-    @property
-    def sticky(self) -> bool:
-        return self.reaction is not Reaction.DEGRADE
-
-    @property
-    def gravity(self) -> tuple[int, int]:
-        return _GRAVITY[self.reaction], -_ORDER[self.row.condition]
-
-    def demand(self, tactic: Tactic) -> Reaction:
-        """Return what it takes: on the way down that may be more than elsewhere."""
-        if tactic is Tactic.RETURN_AND_LAND and self.present and self.row.descending is not None:
-            return self.row.descending
-        return self.reaction
-
-
-class FailsafeMonitor:
-    """Takes the faults of each tick, returns the event that is due, and remembers the conditions reacted to."""
-
-    def __init__(self, config: AgentConfig) -> None:
-        self._grace_s = {row.condition: grace_s(row, config) for row in TABLE}
-        self._escalation_s = config.failsafe.escalation_s
-        self._time_scale = 1.0
-        self._alerts: dict[Condition, _Alert] = {}
-        self._news: list[str] = []
-
-    def set_time_scale(self, factor: float) -> None:
-        """Let what counts on the wall's clock take `factor` times as long."""
-        self._time_scale = factor
-
-    @property
-    def alert(self) -> str:
-        """The gravest condition, empty if there is none."""
-        if not self._alerts:
-            return ""
-        return max(self._alerts.values(), key=lambda alert: alert.gravity).row.condition.value
-
-    @property
-    def active(self) -> Container[Condition]:
-        """The conditions whose grace time is over, and that are not left yet."""
-        return self._alerts
-
-    def react(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
-        """Return the event that is due in this tactic, None if it is grave enough already.
-
-        A vehicle that lands reacts to nothing any more.
-        """
-        if not (present or self._alerts) or tactic is Tactic.LAND:
-            return None
-        lasting = [condition for condition, symptom in present.items() if self._take(now_s, condition, symptom)]
-        for condition in [c for c, alert in self._alerts.items() if alert.present and c not in lasting]:
-            self._end(condition)
-        return self._due(tactic)
-
-    def latch(self, condition: Condition, detail: str) -> None:
-        """Remember a condition that the shell has reacted to already."""
-        self._alerts[condition] = _Alert(ROWS[condition], 0, detail, present=False)
-        self._tell(condition)
-
-    def refuse_resume(self) -> str | None:
-        """Return why the vehicle must not resume, None if it may: what stopped it is still there."""
-        reasons = [
-            f"{condition.value}: {alert.detail}"
-            for condition, alert in self._alerts.items()
-            if alert.present and alert.sticky
-        ]
-        return "; ".join(reasons) or None
-
-    def resume(self) -> None:
-        """Forget what stopped the vehicle and is over."""
-        for condition in [c for c, alert in self._alerts.items() if not alert.present]:
-            del self._alerts[condition]
-
-    def news(self) -> list[str]:
-        """Return what has changed since the last time, as text for the notes."""
-        if not self._news:
-            return []
-        news, self._news = self._news, []
-        return news
-
-    def _take(self, now_s: float, condition: Condition, symptom: Symptom) -> bool:
-        """Take in a fault, and return whether it has lasted longer than its grace time."""
-        row = ROWS[condition]
-        time_scale = self._time_scale if row.by_wall else 1.0
-        borne_s = now_s - symptom.since_s - self._grace_s[condition] * time_scale + _ROUNDING_S
-        if borne_s < 0.0:
-            return False
-        reached = min(int(borne_s / (self._escalation_s * time_scale)), len(row.reactions) - 1)
-        alert = self._alerts.get(condition)
-        if alert is None:
-            self._alerts[condition] = _Alert(row, reached, symptom.detail, present=True)
-            self._tell(condition)
-            return True
-        alert.present, alert.detail = True, symptom.detail
-        if reached > alert.reached:
-            alert.reached = reached
-            self._tell(condition)
-        return True
-
-    def _tell(self, condition: Condition) -> None:
-        alert = self._alerts[condition]
-        self._news.append(f"{condition.value}: {alert.detail}: {alert.reaction.value}")
-
-    def _end(self, condition: Condition) -> None:
-        alert = self._alerts[condition]
-        alert.present = False
-        self._news.append(f"{condition.value}: cleared" + ("; resume continues the mission" if alert.sticky else ""))
-        if not alert.sticky:
-            del self._alerts[condition]
-
-    def _due(self, tactic: Tactic) -> Event | None:
-        demands = (alert.demand(tactic) for alert in self._alerts.values())
-        gravest = max(demands, key=_GRAVITY.__getitem__, default=Reaction.DEGRADE)
-        got = _GRAVITY[_AMOUNTS_TO.get(tactic, Reaction.DEGRADE)]
-        return _EVENTS[gravest] if _GRAVITY[gravest] > got and gravest in _EVENTS else None
+POSITION_ALERTS = frozenset((Condition.TELEMETRY_STALE.value, Condition.ESTIMATOR_JUMPED.value))
+"""The alerts of a vehicle whose position may jump."""
 
 
 def grace_s(row: Row, config: AgentConfig) -> float:

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -12,7 +13,8 @@ from agents.control.lmpc import Lmpc, QpStatus, Solution
 from agents.core import VehicleCore
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import VehicleStatus
-from agents.safety.failsafe import TABLE, Condition, FailsafeMonitor
+from agents.safety.failsafe import TABLE, Condition
+from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings, FailsafeSettings
@@ -72,6 +74,8 @@ class Flight:
         self.late_ticks = 0
         self.bus = True
         self.clock_ahead_s = 0.0
+        self.second_source = False
+        self.outside_m: tuple[float, float] | None = None
 
     @property
     def now_s(self) -> float:
@@ -107,6 +111,12 @@ class Flight:
             core.on_message(encode(self._said_by(peer, tactic)), now_s)
         if self.target_m is not None:
             core.on_sighting(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+        if self.outside_m is not None:
+            core.on_sighting(Sighting(now_s, 1000, self.outside_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+        if self.second_source:
+            said = self._said_by(1, "formation")
+            forged = msgspec.structs.replace(said, time_s=now_s - 0.05, position_m=(said.position_m[0], 25.0))
+            core.on_message(encode(forged), now_s)
         core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery))
         core.on_loop(self.late_ticks)
         core.on_bus(self.bus)
@@ -200,11 +210,21 @@ CASES = {
     Condition.CLOCK_STEPPED: Case(set_to(clock_ahead_s=0.7), set_to(clock_ahead_s=0.0), 1.5, AS_BEFORE * 3, wall=True),
     Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
+    # The third contradiction counts: two places in turn in one vehicle's name.
+    Condition.PEER_DOUBTFUL: Case(set_to(second_source=True), set_to(second_source=False), 0.2, AS_BEFORE * 3),
+    Condition.SIGHTINGS_CONTRADICT: Case(
+        set_to(target_m=(25.0, -5.0), outside_m=(40.0, -5.0)), set_to(outside_m=None), 0.2, AS_BEFORE * 3
+    ),
+    Condition.TARGET_FROM_OUTSIDE: Case(
+        set_to(outside_m=(40.0, -5.0)), set_to(target_m=(40.0, -5.0)), 0.0, AS_BEFORE * 3
+    ),
 }
 BY_THE_SHELL = {Condition.OPERATOR_LOST}
 """Ended by a signal, see the test at the end."""
 STICKY = [condition for condition, case in CASES.items() if case.tactics[0] in (Tactic.HOLD, Tactic.ASIDE)]
 PASSING = [condition for condition, case in CASES.items() if case.tactics[0] is Tactic.FORMATION]
+LINGERING = (Condition.PEER_DOUBTFUL, Condition.SIGHTINGS_CONTRADICT)
+"""They last until five seconds after the last contradiction."""
 WALL = [condition for condition, case in CASES.items() if case.wall]
 
 
@@ -364,7 +384,7 @@ def test_what_is_only_told_ends_by_itself(condition: Condition, make_flight: Cal
     flight.fly(ONSET_S + case.after_s + 1.0)
     assert flight.told.alert == condition.value
     case.end(flight)
-    flight.fly(flight.now_s + 0.3)
+    flight.fly(flight.now_s + (5.4 if condition in LINGERING else 0.3))
     assert flight.told.alert == ""
     began, over = flight.notes()
     assert began.startswith(f"{condition.value}: ")
