@@ -17,8 +17,8 @@ SEES_S = 1.0
 """A sighting of the own sensor is compared with others' for so long before and after it."""
 FRAMES_OFF_M = 1.0
 """Standard deviation of the difference between two vehicles' own positions, which no sighting's covariance holds."""
-CONTRADICTED = 3
-"""So many contradictory sightings of one sensor are reported: a single one may be an outlier."""
+CONTRADICTED, _COUNTED_MAX = 3, 6
+"""So many more sightings of one sensor contradict than agree before it is reported: a single one may be an outlier."""
 CONTRADICTS_S = 5.0
 """How long after its last contradiction a sensor is reported."""
 _OWN_MAX = 64
@@ -26,12 +26,16 @@ _OWN_MAX = 64
 
 @dataclass(slots=True)
 class Contradiction:
-    """A sensor whose sightings contradict the own one: since when, the last time, how often, and by how much."""
+    """A sensor whose sightings contradict the own one: since when, the last time, by how much.
+
+    `count` is how many more contradict than agree; once there are several it is `reported`.
+    """
 
     since_s: float
     last_s: float
     count: int
     off_m: float
+    reported: bool = False
 
 
 class OwnSensor:
@@ -52,9 +56,7 @@ class OwnSensor:
         time_s, sensor_id = sighting.time_s, sighting.sensor_id
         if sensor_id == self._vehicle_id:
             self._own.append(sighting)
-        elif self._own and (off_m := self._contradicted_m(sighting)):
-            found = self._contradictions.setdefault(sensor_id, Contradiction(time_s, time_s, 0, off_m))
-            found.last_s, found.count, found.off_m = time_s, found.count + 1, off_m
+        elif self._own and not self._agrees(sighting):
             return False
         if time_s > self.team_saw_s and not SOURCES_FROM <= sensor_id <= SOURCES_TO:
             self.team_saw_s = time_s
@@ -67,7 +69,22 @@ class OwnSensor:
         self._contradictions = {
             sensor_id: each for sensor_id, each in self._contradictions.items() if now_s - each.last_s <= CONTRADICTS_S
         }
-        return {sensor_id: each for sensor_id, each in self._contradictions.items() if each.count >= CONTRADICTED}
+        return {sensor_id: each for sensor_id, each in self._contradictions.items() if each.reported}
+
+    def _agrees(self, sighting: Sighting) -> bool:
+        """Return whether another sensor's sighting may be used; a single outlier is the target filter's to refuse."""
+        off_m = self._contradicted_m(sighting)
+        found = self._contradictions.get(sighting.sensor_id)
+        if not off_m:
+            if found is not None and found.count:
+                found.count -= 1
+            return True
+        if found is None:
+            found = self._contradictions[sighting.sensor_id] = Contradiction(sighting.time_s, sighting.time_s, 0, off_m)
+        found.last_s, found.off_m = sighting.time_s, off_m
+        found.count = min(found.count + 1, _COUNTED_MAX)
+        found.reported = found.reported or found.count == CONTRADICTED
+        return found.count < CONTRADICTED
 
     def _contradicted_m(self, sighting: Sighting) -> float:
         """Return how far a sighting is off the own one that is nearest in time, 0 if it agrees or there is none."""
