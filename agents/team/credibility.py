@@ -104,7 +104,8 @@ class Claim:
         changed_m_s = hypot(*_less(state.velocity_m_s, before.velocity_m_s))
         if changed_m_s > VELOCITY_OFF_M_S + agile_m_s2 * apart_s:
             return f"reports a velocity that is {changed_m_s:.1f} m/s off within {apart_s:.1f} s"
-        kept = _KEPT if apart_s < _SOON_S else 0.0
+        # What was silent for longer begins anew.
+        kept = _KEPT if apart_s < _AGE_MAX_S else 0.0
         moved, summed = _less(state.position_m, before.position_m), _sum(state.velocity_m_s, before.velocity_m_s)
         off_x = kept * self._off_x_m + moved[0] - step_s / 2.0 * summed[0]
         off_y = kept * self._off_y_m + moved[1] - step_s / 2.0 * summed[1]
@@ -119,6 +120,7 @@ class Claim:
         if abs(climbed_m) > ALTITUDE_OFF_M:
             return f"reports an altitude that is {climbed_m:+.1f} m off what it can climb"
         if step_s > 0.0:
+            off_x, off_y = (off_x, off_y) if kept else (0.0, 0.0)
             self._off_x_m, self._off_y_m, self._climbed_m, self.state = off_x, off_y, climbed_m, state
         self.count += 1
         return ""
