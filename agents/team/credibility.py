@@ -110,9 +110,11 @@ class Claim:
         off_x = kept * self._off_x_m + moved[0] - step_s / 2.0 * summed[0]
         off_y = kept * self._off_y_m + moved[1] - step_s / 2.0 * summed[1]
         sigma_m = min(max(state.position_sigma_m, before.position_sigma_m), SIGMA_MAX_M)
+        # A clock that is off by a little shows along the way flown alone.
         timing_m = (TIMING_S + clock_off_s) * min(max(speed_m_s, before_m_s), fastest_m_s)
         turned_m = min(agile_m_s2 / 4.0 * apart_s, 2.0 * fastest_m_s) * apart_s
-        if (off_m := hypot(off_x, off_y)) > OFF_M + SIGMAS * sigma_m + timing_m + turned_m:
+        off_m = _beyond((off_x, off_y), summed, timing_m)
+        if off_m > OFF_M + SIGMAS * sigma_m + turned_m:
             return f"reports a place {off_m:.1f} m from where its states lead"
         climbed_m = state.altitude_m - before.altitude_m
         able_m = CLIMB_MAX_M_S * apart_s
@@ -197,6 +199,16 @@ class Credibility:
     def elsewhere(self) -> tuple[MemberState, ...]:
         """Return the newest state of each claim that is not taken for its sender's: it may be there as well."""
         return tuple(claim.state for sender in sorted(self._contested) for claim in self._claims[sender][1:])
+
+
+def _beyond(off_m: Metres2, way: Metres2, along_m: float) -> float:
+    """Return the length of an offset of which up to `along_m` along a way do not count."""
+    length = hypot(*way)
+    if length == 0.0:
+        return hypot(*off_m)
+    x, y = way[0] / length, way[1] / length
+    along, across = off_m[0] * x + off_m[1] * y, off_m[1] * x - off_m[0] * y
+    return hypot(max(abs(along) - along_m, 0.0), across)
 
 
 def _less(here: Metres2, there: Metres2) -> Metres2:
