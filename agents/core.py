@@ -31,7 +31,7 @@ from agents.situation.own_sensor import OwnSensor
 from agents.situation.situation import Situation, Task
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team.clock_watch import ClockWatch
-from agents.team.credibility import Credibility
+from agents.team.credibility import Credibility, Limits
 from agents.team.inbox import Inbox
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.team.team import Team
@@ -45,7 +45,7 @@ class VehicleCore:
         self._config = config
         clocks = ClockWatch(config.failsafe.clock_step_s)
         self._notes = Notes()
-        self._team = Team(Credibility(config.safety, clocks, POSITION_ALERTS))
+        self._team = Team(Credibility(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
         self._orders = Orders(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)

@@ -15,8 +15,6 @@ from agents.tactics import Tactic
 from agents.team.clock_watch import ClockWatch
 from agents.team.messages import TOPICS, MemberState, Metres2
 
-OFF_M = 1.0
-"""How far a position may be off from where its velocities lead: the own filter takes as much for no jump."""
 SIGMAS, SIGMA_MAX_M = 4.0, 1.0
 """So many of the published standard deviations are allowed beside it; a larger deviation counts as the latter."""
 TIMING_S = 0.5
@@ -40,6 +38,14 @@ _AGE_MAX_S = TOPICS[MemberState].age_max_s
 _PILOT = Tactic.PILOT_OVERRIDE.value
 
 
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What vehicles of the team fly at most, and how far positions may be off from where their velocities lead."""
+
+    safety: SafetySettings
+    doubt_m: float
+
+
 @dataclass(slots=True)
 class Doubt:
     """A peer whose states contradict each other: since when, the last time, how often, and how."""
@@ -58,7 +64,7 @@ class Claim:
 
     __slots__ = ("_climbed_m", "_limits", "_off_x_m", "_off_y_m", "accepted", "count", "state")
 
-    def __init__(self, state: MemberState, limits: SafetySettings, *, accepted: bool = False) -> None:
+    def __init__(self, state: MemberState, limits: Limits, *, accepted: bool = False) -> None:
         self.state = state
         self.count = 1
         self.accepted = accepted
@@ -93,7 +99,7 @@ class Claim:
 
     def misfit(self, state: MemberState, clock_off_s: float) -> str:
         """Take a state that can follow the last one, or come before it; return why it cannot, empty if it can."""
-        before, limits = self.state, self._limits
+        before, limits = self.state, self._limits.safety
         step_s = state.time_s - before.time_s
         apart_s = abs(step_s)
         speed_m_s, before_m_s = hypot(*state.velocity_m_s), hypot(*before.velocity_m_s)
@@ -114,7 +120,7 @@ class Claim:
         timing_m = (TIMING_S + clock_off_s) * min(max(speed_m_s, before_m_s), fastest_m_s)
         turned_m = min(agile_m_s2 / 4.0 * apart_s, 2.0 * fastest_m_s) * apart_s
         off_m = _beyond((off_x, off_y), summed, timing_m)
-        if off_m > OFF_M + SIGMAS * sigma_m + turned_m:
+        if off_m > self._limits.doubt_m + SIGMAS * sigma_m + turned_m:
             return f"reports a place {off_m:.1f} m from where its states lead"
         climbed_m = state.altitude_m - before.altitude_m
         able_m = CLIMB_MAX_M_S * apart_s
@@ -131,9 +137,9 @@ class Claim:
 class Credibility:
     """Holds the claims about every peer; which of them is the peer's state is decided as they come."""
 
-    def __init__(self, safety: SafetySettings, clocks: ClockWatch, excuses: Container[str]) -> None:
+    def __init__(self, limits: Limits, clocks: ClockWatch, excuses: Container[str]) -> None:
         """Take what vehicles can fly, whose clocks step, and the alerts of one whose position may jump: `excuses`."""
-        self._safety = safety
+        self._limits = limits
         self._clocks = clocks
         self._excuses = excuses
         self._claims: dict[int, list[Claim]] = {}
@@ -144,7 +150,7 @@ class Credibility:
         """Return whether a state is its sender's; one that contradicts a peer that is `known` to be there is not."""
         claims = self._claims.get(state.sender)
         if claims is None:
-            self._claims[state.sender] = [Claim(state, self._safety, accepted=True)]
+            self._claims[state.sender] = [Claim(state, self._limits, accepted=True)]
             return True
         if claims[0].continued(state):
             return True
@@ -158,7 +164,7 @@ class Credibility:
     ) -> bool:
         claim = next((each for each in claims[1:] if not each.misfit(state, clock_off_s)), None)
         if claim is None:
-            claim = Claim(state, self._safety)
+            claim = Claim(state, self._limits)
             confirmed = [each for each in claims[1:] if each.accepted or each.count >= CONFIRMED]
             claims[1:] = [*confirmed[2 - CLAIMS_MAX :], claim]
         self._contested.add(state.sender)
@@ -178,7 +184,7 @@ class Credibility:
         for sender in tuple(self._contested):
             claims, doubt = self._claims[sender], self._doubts.get(sender)
             for claim in claims[1:]:
-                held_s = self._safety.lost_avoided_s if claim.accepted else _AGE_MAX_S * time_scale
+                held_s = self._limits.safety.lost_avoided_s if claim.accepted else _AGE_MAX_S * time_scale
                 if now_s - claim.state.time_s > held_s:
                     claims.remove(claim)
             if doubt is not None and now_s - doubt.last_s > DOUBTED_S:

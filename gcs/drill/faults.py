@@ -27,7 +27,10 @@ MARGIN_S = 0.5
 HEARTBEAT_S, BATTERY_S = 1.0, 2.0
 """How often an autopilot reports its mode, and its battery [s]."""
 CUT_S = 5.0
-JUMP_M = 10.0
+JUMP_M, LIE_M = 10.0, 5.0
+ROOM_SHARE = 2.0
+CONTRADICTED_S = 1.0
+"""Within this time several contradictory messages have been received [mission s]."""
 LOSS, BUS_DELAY_S, LINK_DELAY_S = 0.5, 0.3, 0.1
 TOLERATED_S = 20.0
 """How long the team has to fly on under a fault that requires no reaction [mission s]."""
@@ -150,6 +153,11 @@ def _peer_silent(roles: Roles, speed: float) -> Expectation:
     return by_table(Condition.PEER_SILENT, lambda roles: roles.others)(roles, speed)
 
 
+def _doubted(roles: Roles, speed: float) -> Expectation:
+    others = by_table(Condition.PEER_DOUBTFUL, lambda roles: roles.others, found_within_s=CONTRADICTED_S)
+    return others(roles, speed)
+
+
 def kill(flight: DrillFlight, _roles: Roles) -> None:
     """Kill the flying process."""
     flight.abandon()
@@ -185,13 +193,38 @@ def _cut_link(flight: StubFlight, roles: Roles) -> None:
     flight.stubs[roles.subject].faults.link_cut = True
 
 
-def _jump_inwards(flight: StubFlight, roles: Roles) -> None:
-    """Offset its estimate towards the others: its correction leads away from them."""
+def _towards_others(flight: StubFlight, roles: Roles, length_m: float) -> tuple[float, float]:
+    """Return a way from the subject towards the others."""
     places = {i: stub.autopilot.airframe.position_m for i, stub in flight.stubs.items()}
     x, y, _ = places[roles.subject]
     away_x, away_y = (sum(place[axis] - (x, y)[axis] for place in places.values()) for axis in (0, 1))
     away_m = hypot(away_x, away_y) or 1.0
-    flight.stubs[roles.subject].faults.estimate_offset_m = (JUMP_M * away_x / away_m, JUMP_M * away_y / away_m, 0.0)
+    return length_m * away_x / away_m, length_m * away_y / away_m
+
+
+def _jump_inwards(flight: StubFlight, roles: Roles) -> None:
+    """Offset its estimate towards the others: its correction leads away from them."""
+    flight.stubs[roles.subject].faults.estimate_offset_m = (*_towards_others(flight, roles, JUMP_M), 0.0)
+
+
+def _lie_m(flight: StubFlight, roles: Roles) -> tuple[float, float]:
+    """Return how far off the subject is said to be: nearer to the others, but not so near that they have to evade."""
+    x, y = _towards_others(flight, roles, LIE_M)
+    places = {i: stub.autopilot.airframe.position_m for i, stub in flight.stubs.items()}
+    subject_x, subject_y, _ = places[roles.subject]
+    away_m = [hypot(places[i][0] - subject_x - x, places[i][1] - subject_y - y) for i in roles.others]
+    room = min(away_m) >= ROOM_SHARE * roles.mission.safety.separation_m
+    return (x, y) if room else (-x, -y)
+
+
+def _lie(flight: StubFlight, roles: Roles) -> None:
+    """Let it report another place than its own."""
+    flight.inject(InjectedFaults(liars=(roles.subject,), lie_m=_lie_m(flight, roles)))
+
+
+def _impersonate(flight: StubFlight, roles: Roles) -> None:
+    """Let a second source send states in its name, from another place."""
+    flight.inject(InjectedFaults(impostors=(roles.subject,), lie_m=_lie_m(flight, roles)))
 
 
 def _take(flight: StubFlight, roles: Roles) -> None:
@@ -220,6 +253,8 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         _tolerated,
         watched_s=TOLERATED_S,
     ),
+    Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _impersonate, _doubted, vehicles_min=2),
+    Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _lie, _doubted, vehicles_min=2),
     Drill(
         "one vehicle not heard",
         f"the others: {_reaction(Condition.PEER_SILENT)}",

@@ -14,7 +14,7 @@ from typing import Literal
 import msgspec
 
 from agents.ports import PeerBus, TargetSensor
-from agents.team.messages import OperatorCommand, decode
+from agents.team.messages import MemberState, OperatorCommand, decode, encode
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
 from gcs.mission.mission import Mission, MissionVehicle
@@ -29,14 +29,23 @@ class InjectedFaults(msgspec.Struct, frozen=True):
     """All faults present from now on; each message replaces the one before.
 
     `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
-    [wall s]; no other vehicle receives the messages of `unheard`. `blind` sensors see no target. A process may `hang`.
+    [wall s]; no other vehicle receives the messages of `unheard`. `liars` report that they are `lie_m` off from where
+    they are; of `impostors` there are two sources, of which the second one does. `blind` sensors see no target. A
+    process may `hang`.
     """
 
     loss: float = 0.0
     delay_s: float = 0.0
     unheard: tuple[int, ...] = ()
+    liars: tuple[int, ...] = ()
+    impostors: tuple[int, ...] = ()
+    lie_m: tuple[float, float] = (0.0, 0.0)
     blind: bool = False
     hang: Hang = ""
+
+
+_SECOND_LATER_S = 0.01
+"""A second source of a vehicle's messages sends so long after the first [wall s]."""
 
 
 class FaultReceiver:
@@ -70,12 +79,13 @@ class FaultReceiver:
 
 
 class FailingBus:
-    """A bus between agents that loses, delays or withholds messages; implements `agents.ports.PeerBus`."""
+    """A vehicle's bus that loses, delays, withholds or falsifies messages; implements `agents.ports.PeerBus`."""
 
-    def __init__(self, bus: PeerBus, receiver: FaultReceiver, seed: int) -> None:
+    def __init__(self, bus: PeerBus, receiver: FaultReceiver, vehicle_id: int) -> None:
         self._bus = bus
         self._receiver = receiver
-        self._chance = random.Random(seed)
+        self._vehicle_id = vehicle_id
+        self._chance = random.Random(vehicle_id)
 
     @property
     def alive(self) -> bool:
@@ -98,8 +108,13 @@ class FailingBus:
         await self._bus.open(receive, on_presence)
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send: messages are lost at the receiver."""
-        self._bus.publish(topic, payload)
+        """Send: messages are lost at the receiver, and lies made here."""
+        faults = self._receiver.now
+        lies = self._vehicle_id in faults.liars
+        self._bus.publish(topic, _moved(payload, faults.lie_m, 0.0) if lies else payload)
+        if self._vehicle_id in faults.impostors:
+            second = _moved(payload, faults.lie_m, _SECOND_LATER_S)
+            asyncio.get_running_loop().call_later(_SECOND_LATER_S, self._bus.publish, topic, second)
 
     async def close(self) -> None:
         """Leave."""
@@ -133,6 +148,21 @@ class FailingEquipment(Equipment):
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""
         return FailingSensor(super().sensor(mission, vehicle_id, start_s), self._receiver)
+
+
+def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:
+    """Return a vehicle's state elsewhere, and later; any other message as it is."""
+    message = decode(payload)
+    if not isinstance(message, MemberState):
+        return payload
+    (x, y), (aim_x, aim_y) = message.position_m, message.setpoint_m
+    elsewhere = msgspec.structs.replace(
+        message,
+        time_s=message.time_s + later_s,
+        position_m=(x + by_m[0], y + by_m[1]),
+        setpoint_m=(aim_x + by_m[0], aim_y + by_m[1]),
+    )
+    return encode(elsewhere)
 
 
 def _sender(payload: bytes) -> int | None:

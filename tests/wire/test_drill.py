@@ -28,8 +28,11 @@ REACTIONS_OFF = (
     ("failsafe", "battery_s", 60.0),
     ("failsafe", "peers_silent_s", 600.0),
     ("failsafe", "peer_silent_s", 600.0),
+    ("tuning", "failsafe", {"doubt_m": 1000.0}),
 )
 CONTROLLED = (
+    "impostor",
+    "liar",
     "one vehicle not heard",
     "nobody hears anybody",
     "telemetry frozen",
