@@ -119,9 +119,9 @@ class Claim:
         # A clock that is off by a little shows along the way flown alone.
         timing_m = (TIMING_S + clock_off_s) * min(max(speed_m_s, before_m_s), fastest_m_s)
         turned_m = min(agile_m_s2 / 4.0 * apart_s, 2.0 * fastest_m_s) * apart_s
-        off_m = _beyond((off_x, off_y), summed, timing_m)
-        if off_m > self._limits.doubt_m + SIGMAS * sigma_m + turned_m:
-            return f"reports a place {off_m:.1f} m from where its states lead"
+        allowed_m = self._limits.doubt_m + SIGMAS * sigma_m + turned_m
+        if _beyond((off_x, off_y), summed, timing_m) > allowed_m:
+            return f"reports a place {hypot(off_x, off_y):.1f} m from where its states lead"
         climbed_m = state.altitude_m - before.altitude_m
         able_m = CLIMB_MAX_M_S * apart_s
         climbed_m = kept * self._climbed_m + climbed_m - min(max(climbed_m, -able_m), able_m)
