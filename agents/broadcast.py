@@ -1,6 +1,7 @@
 """What a vehicle sends to its peers, made from its estimates and its plan."""
 
 from agents.control.plan import Plan
+from agents.drops import Drops
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
 from agents.situation.situation import Task
@@ -10,7 +11,9 @@ from estimation.polar import Polar
 from estimation.state import MOTION, Sighting
 
 
-def member_state(vehicle_id: int, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None) -> Outgoing:
+def member_state(
+    vehicle_id: int, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
+) -> Outgoing:
     """Publish tactic, motion and the undisturbed aim, taken back from when it acts to the present."""
     situation = task.situation
     x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
@@ -29,7 +32,9 @@ def member_state(vehicle_id: int, task: Task, sent: Plan, alert: str, reshaping:
             situation.height_m,
             situation.position_sigma_m,
             alert,
-            *((None, 0.0) if reshaping is None else (reshaping.shape, reshaping.time_s)),
+            None if reshaping is None else reshaping.shape,
+            0.0 if reshaping is None else reshaping.time_s,
+            drops,
         )
     )
 

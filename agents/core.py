@@ -11,6 +11,7 @@ from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, shifted
 from agents.control.planner import Planner
+from agents.drops import NO_DROPS, Drops, Reason
 from agents.notes import Notes
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
@@ -69,6 +70,7 @@ class VehicleCore:
         self._sightings: list[Sighting] = []
         self._own_sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
+        self._bus_drops = NO_DROPS
         self._now_s = 0.0
         self._time_scale = 1.0
 
@@ -166,7 +168,7 @@ class VehicleCore:
             plan=plan,
             guarded=guarded,
             peers=self._team.members(),
-            messages_dropped=self._inbox.dropped,
+            drops=self._drops,
             alert=self.alert,
             notes=self._notes.drained(),
             answers=answers,
@@ -232,7 +234,7 @@ class VehicleCore:
     def _messages(self, task: Task, sent: Plan) -> tuple[Outgoing, ...]:
         """Return what peers receive: the state, on the ring the place on it, and what the own sensor has seen."""
         vehicle_id, situation, ring = self._config.vehicle_id, task.situation, sent.ring
-        messages = [member_state(vehicle_id, task, sent, self.alert, self._reshaping)]
+        messages = [member_state(vehicle_id, task, sent, self.alert, self._reshaping, self._drops)]
         if ring is not None and ring.joined and situation.polar is not None:
             messages.append(neighbour_angle(vehicle_id, situation.now_s, situation.polar, ring.needed))
         if self._own_sightings:
@@ -252,6 +254,12 @@ class VehicleCore:
     def alert(self) -> str:
         """The gravest condition of the failsafe table that is being reacted to, empty if there is none."""
         return self._failsafe.alert
+
+    @property
+    def _drops(self) -> Drops:
+        """The messages dropped so far, by the bus and here."""
+        own = self._inbox.dropped.drops
+        return own if self._bus_drops is NO_DROPS else own.plus(self._bus_drops)
 
     @property
     def kills(self) -> bool:
@@ -295,13 +303,17 @@ class VehicleCore:
         if sighting.sensor_id == self._config.vehicle_id:
             self._own_sightings.append(sighting)
 
-    def on_message(self, payload: bytes, now_s: float) -> BusMessage | None:
-        """Take a peer's message; what is malformed, foreign, too old or from the future is counted and dropped.
+    def on_drops(self, drops: Drops) -> None:
+        """Take how many messages the bus has dropped so far, before they came here."""
+        self._bus_drops = self._fault_detector.bus_drops = drops
 
-        Returns what the payload decodes to, dropped or not, so that no other receiver has to decode it again; None if
-        it is malformed.
+    def on_message(self, payload: bytes, now_s: float, key: str = "") -> BusMessage | None:
+        """Take a message from the bus, on a key below the team's; what `Drops` lists is counted and dropped.
+
+        Returns the message unless it is malformed or on another key than its own, also one that is too old or from the
+        future, so that no other receiver has to decode it again. Without a key every sender counts.
         """
-        message = self._inbox.decoded(payload)
+        message = self._inbox.admitted(payload, key)
         if message is None or not self._inbox.accepts(message, now_s, self._time_scale):
             return message
         match message:
@@ -348,7 +360,7 @@ class VehicleCore:
         try:
             sighting = received_sighting(package)
         except ValueError:
-            self._inbox.dropped += 1
+            self._inbox.dropped.add(Reason.MALFORMED)
             return
         if self._own_sensor.accepts(sighting):
             self._sightings.append(sighting)

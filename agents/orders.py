@@ -12,13 +12,13 @@ import msgspec
 from agents.notes import Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import CommandAnswer, OperatorCommand, Verb
+from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand, Verb
+from agents.team.text import printable
 
 CUTTING, CUT = "cuts the motors", "motors cut"
 REFUSED = "refused: "
 NUMBERS_KEPT = 64
 """How many commands a vehicle remembers, to recognise repeats: those are sent for two seconds at most."""
-DID_LIMIT = 120
 
 _Steering = Literal["hold", "resume", "land", "rtl"]
 _EVENTS: dict[_Steering, Event] = {
@@ -168,6 +168,7 @@ class Orders:
         return _DOES[verb], event
 
     def _remember(self, command: OperatorCommand, did: str, now_s: float) -> None:
+        did = printable(did)  # it may hold the autopilot's own words
         self._did[command.number] = did
         while len(self._did) > NUMBERS_KEPT:
             forgotten, _ = self._did.popitem(last=False)

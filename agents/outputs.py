@@ -6,6 +6,7 @@ from agents.control.encirclement import Approach
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan
 from agents.control.ring import RingPlace
+from agents.drops import NO_DROPS, Drops
 from agents.notes import Note
 from agents.ports import Setpoint
 from agents.safety.guard import Guarded
@@ -29,7 +30,8 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     `situation`, `plan` and `guarded` are None before any telemetry; `plan` and `guarded` are as they were sent. `alert`
     is the failsafe condition that it reacts to, empty if none; `notes` are what has happened, `answers` what peers have
     answered operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude where
-    the mission follows that, `turning_rad_s` the rate at which the vehicle is taken to go around the target.
+    the mission follows that, `drops` are the messages dropped so far, `turning_rad_s` is the rate at which the vehicle
+    is taken to go around the target.
     """
 
     vehicle_id: int
@@ -39,7 +41,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     plan: Plan | None = None
     guarded: Guarded | None = None
     peers: tuple[MemberState, ...] = ()
-    messages_dropped: int = 0
+    drops: Drops = NO_DROPS
     alert: str = ""
     notes: tuple[Note, ...] = ()
     answers: tuple[CommandAnswer, ...] = ()

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import msgspec
 
+from agents.drops import Drops
 from estimation.frames import Triple
 from estimation.state import Sighting, Telemetry
 
@@ -129,12 +130,20 @@ class PeerBus(Protocol):
         """Whether it can still carry messages, as far as this end knows."""
         ...
 
-    async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
-        """Join; both callbacks run on the event loop: a peer's payload; a peer's id and whether it is present."""
+    @property
+    def drops(self) -> Drops:
+        """The messages that it has dropped so far."""
+        ...
+
+    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
+        """Join; both callbacks run on the event loop.
+
+        They take a message's key below the team's and its payload; a peer's id and whether it is present.
+        """
         ...
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send to every peer; never blocks."""
+        """Send to every peer, under the own name; never blocks."""
         ...
 
     async def close(self) -> None:

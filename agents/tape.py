@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import msgspec
 
 from agents.core import VehicleCore
+from agents.drops import NO_DROPS, Drops
 from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
@@ -55,10 +56,11 @@ class Bus(msgspec.Struct, frozen=True):
 
 
 class Message(msgspec.Struct, frozen=True):
-    """`on_message`: what came over the bus, and when."""
+    """`on_message`: what came over the bus, when, and on which key below the team's; older logs have none."""
 
     now_s: float
     payload: bytes
+    key: str = ""
 
 
 class Command(msgspec.Struct, frozen=True):
@@ -95,6 +97,7 @@ CoreInput = (
     | Autopilot
     | LateTicks
     | Bus
+    | Drops
     | Telemetry
     | Sighting
     | Message
@@ -122,6 +125,7 @@ class TapedCore(VehicleCore):
         self._autopilot: VehicleStatus | None = None
         self._late_ticks = 0
         self._bus_alive = True
+        self._bus_drops_taped = NO_DROPS
 
     def set_time_scale(self, factor: float) -> None:
         """See VehicleCore."""
@@ -159,6 +163,13 @@ class TapedCore(VehicleCore):
             self._write(Bus(alive))
         super().on_bus(alive)
 
+    def on_drops(self, drops: Drops) -> None:
+        """See VehicleCore."""
+        if drops != self._bus_drops_taped:
+            self._bus_drops_taped = drops
+            self._write(drops)
+        super().on_drops(drops)
+
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """See VehicleCore."""
         self._write(telemetry)
@@ -169,10 +180,10 @@ class TapedCore(VehicleCore):
         self._write(sighting)
         super().on_sighting(sighting)
 
-    def on_message(self, payload: bytes, now_s: float) -> BusMessage | None:
+    def on_message(self, payload: bytes, now_s: float, key: str = "") -> BusMessage | None:
         """See VehicleCore."""
-        self._write(Message(now_s, payload))
-        return super().on_message(payload, now_s)
+        self._write(Message(now_s, payload, key))
+        return super().on_message(payload, now_s, key)
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """See VehicleCore."""
@@ -212,9 +223,10 @@ _CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     Autopilot: lambda core, item: core.on_vehicle(item.status),
     LateTicks: lambda core, item: core.on_loop(item.count),
     Bus: lambda core, item: core.on_bus(item.alive),
+    Drops: lambda core, item: core.on_drops(item),
     Telemetry: lambda core, item: core.on_telemetry(item),
     Sighting: lambda core, item: core.on_sighting(item),
-    Message: lambda core, item: core.on_message(item.payload, item.now_s),
+    Message: lambda core, item: core.on_message(item.payload, item.now_s, item.key),
     Command: lambda core, item: core.on_command(item.command, item.now_s),
     Killed: lambda core, item: core.on_killed(item.refusal, item.now_s),
     Presence: lambda core, item: core.on_presence(item.vehicle_id, item.present),

@@ -26,6 +26,7 @@ class Condition(Enum):
     BUS_LOST = "bus lost"
     PEERS_SILENT = "all peers silent"
     LATE_TICKS = "late ticks"
+    BUS_FLOODED = "bus flooded"
     CLOCK_STEPPED = "peer's clock stepped"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
@@ -175,6 +176,15 @@ TABLE = (
         "failsafe.late_s",
         (Reaction.DEGRADE, *_GRADUALLY),
         f"{BY_ITSELF}; when aside or worse {RESUME}",
+        by_wall=True,
+    ),
+    Row(
+        Condition.BUS_FLOODED,
+        "the bus refuses more than `tuning.failsafe.flood_per_s` messages a second before it decodes them, because of "
+        "their key, sender, length or rate",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
         by_wall=True,
     ),
     Row(

@@ -3,6 +3,7 @@
 from collections.abc import Container, Iterable
 from math import hypot, inf
 
+from agents.drops import NO_DROPS
 from agents.safety.failsafe import Condition
 from agents.safety.failsafe_monitor import Symptom
 from agents.safety.fence import Fence
@@ -18,6 +19,7 @@ from agents.team.team import Team
 
 SAME_HEIGHT_M = 1.0
 """Vehicles less than this, or than half a layer, apart in height are at the same height."""
+_FLOOD_ENDS = 0.8
 _IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 """On the way up and down vehicles keep apart by layers and in time, and may be near each other."""
 
@@ -49,6 +51,8 @@ class FaultDetector:
         self.battery: float | None = None
         self.late_ticks = 0
         self.bus_alive = True
+        self.bus_drops = NO_DROPS
+        self._flood = _Flood(config.failsafe.flood_per_s)
         self.unsolved = False
 
     def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
@@ -61,6 +65,7 @@ class FaultDetector:
         now_s = situation.now_s
         self._check_vehicle(faults, now_s)
         self._check_loop(faults, now_s)
+        self._check_flood(faults, now_s, time_scale)
         self._check_target(faults, situation, tactic, active)
         if gone_s := self._team.gone_s:
             self._check_peers(faults, gone_s)
@@ -103,6 +108,10 @@ class FaultDetector:
             self._add(faults, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
         if not self.bus_alive:
             self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
+
+    def _check_flood(self, faults: Faults, now_s: float, time_scale: float) -> None:
+        if self._flood.see(self.bus_drops.refused, now_s, time_scale):
+            self._add(faults, now_s, Condition.BUS_FLOODED, self.bus_drops.text())
 
     def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
         on_ring = tactic is Tactic.ENCIRCLE
@@ -176,6 +185,29 @@ class _Jumps:
         if self._since_s is not None and now_s - self._last_s >= self._settle_s:
             self._since_s = None
         return self._since_s
+
+
+class _Flood:
+    """Whether messages are refused faster than a limit: a leaky bucket, which holds what the limit allows in a second.
+
+    It floods from when it is full until it is a fifth empty.
+    """
+
+    def __init__(self, limit_per_s: float) -> None:
+        self._limit_per_s = limit_per_s
+        self._level = 0.0
+        self._counted: int | None = None
+        self._at_s = 0.0
+        self._flooded = False
+
+    def see(self, refused: int, now_s: float, time_scale: float) -> bool:
+        """Take the count of all so far; the mission's clock passes `time_scale` times as fast as the wall's."""
+        if self._counted is not None:
+            leaked = self._limit_per_s * (now_s - self._at_s) / time_scale
+            self._level = min(max(self._level + refused - self._counted - leaked, 0.0), self._limit_per_s)
+        self._counted, self._at_s = refused, now_s
+        self._flooded = self._level >= (_FLOOD_ENDS if self._flooded else 1.0) * self._limit_per_s
+        return self._flooded
 
 
 def _sensor(sensor_id: int) -> str:

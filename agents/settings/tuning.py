@@ -185,4 +185,5 @@ class FailsafeTuning(Settings):
         ge=1.0,
         le=1000.0,
     )
+    flood_per_s: float = tuned(100.0, "More than a misconfigured program sends by mistake.", ge=1.0, le=1e6)
     clock_s: float = tuned(1.0, "Several messages: a single late one is not enough.", ge=0.0, le=60.0)

@@ -15,8 +15,8 @@ from agents.shell.outcome import Ending, LoopReport, Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
-from agents.team.messages import TOPICS, OperatorCommand, encode
-from agents.team.perception import is_external_sighting
+from agents.team.messages import OperatorCommand
+from agents.team.perception import is_perception_key
 from estimation.state import Sighting, Telemetry
 
 ARMED_HEARD_AFTER_S = 2.5
@@ -90,6 +90,7 @@ class Agent:
         """
         self._core.set_time_scale(max(self._clock.speed, 1.0))
         self._duration_s, self._stop = duration_s, stop
+        self._start_agreement.bound(duration_s)
         try:
             self._happen(LifeEvent.FLY)
             await self._over.wait()
@@ -111,10 +112,6 @@ class Agent:
     def see(self, sighting: Sighting) -> None:
         """Take a sighting from outside the team."""
         self._core.on_sighting(sighting)
-
-    def pass_on(self, command: OperatorCommand) -> None:
-        """Send a command to all other vehicles on the bus."""
-        self._parts.bus.publish(TOPICS[OperatorCommand].name, encode(command))
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
@@ -146,13 +143,13 @@ class Agent:
         if self._flew:
             self._core.on_telemetry(telemetry)
 
-    def _hear(self, payload: bytes) -> None:
-        if is_external_sighting(payload):
+    def _hear(self, key: str, payload: bytes) -> None:
+        if is_perception_key(key):
             seen = self._parts.perception.take(payload, self._clock.now_s(), max(self._clock.speed, 1.0))
             if seen is not None:
                 self.see(seen)
             return
-        message = self._core.on_message(payload, self._clock.now_s())
+        message = self._core.on_message(payload, self._clock.now_s(), key)
         self._kill_if_commanded()
         if message is not None:
             self._start_agreement.receive(message)

@@ -43,6 +43,7 @@ class ControlLoop:
         core.on_vehicle(link.status)
         core.on_loop(late_ticks)
         core.on_bus(self._parts.bus.alive)
+        core.on_drops(self._parts.bus.drops)
         now_s = self._parts.clock.now_s()
         sighting = self.sensor.sight(now_s, self.position_m) if self.sensor else None
         began = perf_counter()

@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
-from agents.shell.start_proposal import PeerClocks, TeamReadiness
+from agents.shell.start_proposal import PeerClocks, TeamReadiness, is_possible
 from agents.team.messages import TOPICS, BusMessage, StartProposal, encode
 
 START_TIMEOUT_S = 120.0
@@ -22,6 +22,7 @@ class StartAgreement:
         self._clock = clock
         self._readiness = TeamReadiness(vehicle_id, members)
         self._clocks = PeerClocks()
+        self._duration_s = 0.0
         self._present: set[int] = set()
         self._announcing: asyncio.Task[None] | None = None
         self._agreed = False
@@ -36,6 +37,10 @@ class StartAgreement:
         """How far the clocks of the peers' computers are behind this one's, as far as is known [wall s]."""
         return self._clocks.lags_s()
 
+    def bound(self, duration_s: float) -> None:
+        """Take the mission's duration: one that began earlier is over, and is not joined."""
+        self._duration_s = duration_s
+
     def announce(self) -> None:
         """Send the time to the peers from now on: with the clock at its speed."""
         self._announcing = self._announcing or asyncio.create_task(self._announce())
@@ -43,6 +48,7 @@ class StartAgreement:
     def receive(self, message: BusMessage) -> None:
         """Take a message from the bus; messages other than those of the start agreement are ignored.
 
+        A start that cannot be is not taken, nor the readiness that comes with it.
         A member that comes late, or back, is sent the start of the mission that has begun: it joins.
         """
         if self._announcing is None:  # the speed of this clock is not known yet
@@ -50,10 +56,11 @@ class StartAgreement:
         if isinstance(message, StartProposal) and self._agreed:
             if message.start_s is None and message.sender in self._readiness.others:
                 self._publish(self._readiness.message(self._clock.now_s()))
-        elif isinstance(message, StartProposal):
-            lag_s = self._clock.now_s() - message.time_s
+        elif isinstance(message, StartProposal) and message.sender in self._readiness.others:
+            now_s = self._clock.now_s()
+            lag_s = now_s - message.time_s
             self._clocks.receive(message.sender, lag_s / self._clock.speed)
-            if abs(lag_s) < TOPICS[StartProposal].age_max_s:
+            if abs(lag_s) < TOPICS[StartProposal].age_max_s and is_possible(message, now_s, self._duration_s):
                 self._readiness.receive(message)
 
     def note_presence(self, vehicle_id: int, present: bool) -> None:

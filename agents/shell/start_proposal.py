@@ -13,6 +13,15 @@ CLOCK_OFFSET_LIMIT_S = 0.5
 _AGE_MAX_S = TOPICS[StartProposal].age_max_s
 
 
+def is_possible(message: StartProposal, now_s: float, duration_s: float) -> bool:
+    """Return whether a message proposes no start, or one at which the mission is ahead or under way at `now_s`.
+
+    A proposal is a lead time ahead when it is made, and `_AGE_MAX_S` is how far its date may be off.
+    """
+    start_s = message.start_s
+    return start_s is None or now_s - duration_s <= start_s <= now_s + LEAD_TIME_S + _AGE_MAX_S
+
+
 class PeerClocks:
     """The offsets of the peers' clocks, from the ages of the messages that they date.
 

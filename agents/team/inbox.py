@@ -2,6 +2,8 @@
 
 from collections.abc import Collection
 
+from agents.drops import DropCounter, Reason
+from agents.team.admission import refusal
 from agents.team.clock_watch import ClockWatch
 from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand, decode
 
@@ -10,21 +12,29 @@ _AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items()}
 
 
 class Inbox:
-    """Decodes payloads, and accepts the messages that are for this vehicle's team."""
+    """Decodes payloads, and accepts the messages of this vehicle's team; `dropped` counts all others by reason."""
 
     def __init__(self, vehicle_id: int, members: Collection[int], clocks: ClockWatch) -> None:
         """Take the team; `clocks` takes how every member dates its messages, accepted or not."""
         self._others = frozenset(members) - {vehicle_id}
         self._clocks = clocks
-        self.dropped = 0
+        self.dropped = DropCounter()
 
-    def decoded(self, payload: bytes) -> BusMessage | None:
-        """Return the message in a payload, None when it is malformed."""
+    def admitted(self, payload: bytes, key: str) -> BusMessage | None:
+        """Return the message in a payload, None when it is malformed, or on another key than its own.
+
+        Without a key every sender counts: in simulations, where there is no bus, and in logs of earlier versions.
+        """
         try:
-            return decode(payload)
+            message = decode(payload)
         except ValueError:
-            self.dropped += 1
+            self.dropped.add(Reason.MALFORMED)
             return None
+        reason = refusal(key, message) if key else None
+        if reason is not None:
+            self.dropped.add(reason)
+            return None
+        return message
 
     def accepts(self, message: BusMessage, now_s: float, time_scale: float) -> bool:
         """Return whether a message is neither foreign, nor too old, nor from the future.
@@ -35,7 +45,12 @@ class Inbox:
         known = isinstance(message, OperatorCommand) or message.sender in self._others
         if known and isinstance(message, MemberState):
             self._clocks.hear(message.sender, age_s, now_s)
-        if not (known and -_CLOCK_AHEAD_MAX_S <= age_s <= _AGE_MAX_S[type(message)]):
-            self.dropped += 1
-            return False
-        return True
+        if not known:
+            self.dropped.add(Reason.NOT_A_MEMBER)
+        elif age_s < -_CLOCK_AHEAD_MAX_S:
+            self.dropped.add(Reason.FROM_FUTURE)
+        elif age_s > _AGE_MAX_S[type(message)]:
+            self.dropped.add(Reason.TOO_OLD)
+        else:
+            return True
+        return False

@@ -1,6 +1,7 @@
 """Peer messages: what vehicles tell each other, their codec, and one table of topics with rate and maximum age.
 
-Every number is bounded where it is decoded: NaN, infinity and nonsense from a peer never reach an estimator.
+Every number is bounded where it is decoded: NaN, infinity and nonsense from a peer never reach an estimator. Text with
+control characters is refused there.
 """
 
 from dataclasses import dataclass
@@ -8,7 +9,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from agents.drops import NO_DROPS, Drops
 from agents.settings.shapes import Shape
+from agents.team.text import PRINTABLE
 
 _Id = Annotated[int, msgspec.Meta(ge=1, le=254)]
 _Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
@@ -17,10 +20,11 @@ _Speed = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 _Angle = Annotated[float, msgspec.Meta(ge=-7.0, le=7.0)]
 _Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
 _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
-_Name = Annotated[str, msgspec.Meta(max_length=32)]
+_Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 
+DID_LIMIT = 120
 Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 
@@ -29,7 +33,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
     """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs.
 
     `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none;
-    `shape` is the formation that operators last asked for, at `shaped_s`; None is the mission's.
+    `shape` is the formation that operators last asked for, at `shaped_s`; None is the mission's. `drops` are the
+    messages that it has dropped so far.
     """
 
     sender: _Id
@@ -44,6 +49,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
     alert: _Name = ""
     shape: Shape | None = None
     shaped_s: _Time = 0.0
+    drops: Drops = NO_DROPS
 
 
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
@@ -111,7 +117,7 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     sender: _Id
     time_s: _Time
     number: _Number
-    did: Annotated[str, msgspec.Meta(max_length=120)]
+    did: Annotated[str, msgspec.Meta(max_length=DID_LIMIT, pattern=PRINTABLE)]
 
 
 PeerMessage = MemberState | NeighbourAngle | TargetPackage | StartProposal | CommandAnswer
@@ -136,6 +142,10 @@ TOPICS: dict[type[BusMessage], Topic] = {
     CommandAnswer: Topic("answer", 0.1, 2.0),
 }
 
+OPERATOR_TOPIC = TOPICS[OperatorCommand].name
+PEER_TOPICS = frozenset(topic.name for topic in TOPICS.values()) - {OPERATOR_TOPIC}
+"""Topics with a key for each vehicle; that of commands has one for each verb and operator."""
+
 _encoder = msgspec.msgpack.Encoder()
 _decoder: msgspec.msgpack.Decoder[BusMessage] = msgspec.msgpack.Decoder(BusMessage)
 
@@ -153,3 +163,15 @@ def decode(payload: bytes) -> BusMessage:
         raise ValueError(str(error)) from error
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
+
+
+def topic_of(message: BusMessage) -> str:
+    """Return what stands before the sender in a message's key: its topic, for a command with the verb."""
+    name = TOPICS[type(message)].name
+    return f"{name}/{message.verb}" if isinstance(message, OperatorCommand) else name
+
+
+def key_of(message: BusMessage) -> str:
+    """Return the one key, below the team's, on which a message counts: it names its type and its sender."""
+    sender = message.origin if isinstance(message, OperatorCommand) else message.sender
+    return f"{topic_of(message)}/{sender}"

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import msgspec
 
+from agents.team.text import printable
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting
 
@@ -20,7 +21,6 @@ SOURCES_FROM, SOURCES_TO = 1000, 10999
 AHEAD_MAX_S = 1.0
 AWAY_MAX_M = 1e6
 """Limit of the distance, as in peers' messages: larger numbers are invalid positions."""
-_FIRST_BYTE = b"{"
 
 
 class Frame(Enum):
@@ -65,9 +65,9 @@ class ExternalSighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 _decoder = msgspec.json.Decoder(ExternalSighting)
 
 
-def is_external_sighting(payload: bytes) -> bool:
-    """Return whether a payload on the bus is an external sighting: no peer message begins with the same byte."""
-    return payload.startswith(_FIRST_BYTE)
+def is_perception_key(key: str) -> bool:
+    """Return whether a key, below the team's, is one of the sensors outside of it."""
+    return key.startswith(f"{TOPIC}/")
 
 
 class SightingRefusedError(Exception):
@@ -96,7 +96,7 @@ class Perception:
         except SightingRefusedError as error:
             self.refused[error.refusal] += 1
             if self.refused[error.refusal] == 1:
-                self._report(f"external sighting refused, reported once: {error}")
+                self._report(printable(f"external sighting refused, reported once: {error}"))
         return None
 
     def read(self, payload: bytes, now_s: float, time_scale: float) -> Sighting:

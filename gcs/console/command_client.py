@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from getpass import getuser
 from random import randrange
 from socket import gethostname
+from statistics import median_low
 from time import monotonic
 
 import msgspec
@@ -16,11 +17,12 @@ from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import TOPICS, CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
+from agents.team.admission import refusal
+from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode, topic_of
+from agents.team.participant import Participant, name_from
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from gcs.mission.mission import Mission
 
-_OPERATOR_ID = 0
 _RECEIVED_TIMEOUT_S = 3.0
 _ALL_RECEIVED_TIMEOUT_S = 0.5
 """Wait for the remaining vehicles after the first one was received: a dead vehicle must not delay a command."""
@@ -30,7 +32,8 @@ _KILL_TIMEOUT_S = 12.0
 _POLL_S = 0.005
 _REPEAT_S = 0.1
 _SIGHTING_PERIOD_S = 0.5
-_ORIGIN_LENGTH = 32
+_CLOCK_AGE_MAX_S = 1.0
+"""Of vehicles that fell silent longer ago than others were received, the clock does not count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +54,10 @@ class CommandClient:
 
     def __init__(self, mission: Mission) -> None:
         endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
-        self._bus = ZenohBus(_OPERATOR_ID, mission.network.team, connect=endpoints)
+        operator = Participant("operator", _operator_name())
+        self._bus = ZenohBus(operator, mission.network.team, mission.ids, connect=endpoints)
         self._vehicles = mission.ids
-        self._time_s: dict[int, float] = {}
+        self._clocks = TeamClock()
         self._present: set[int] = set()
         self._number = randrange(2**32)
         self._answers: dict[int, CommandResult] = {}
@@ -89,7 +93,7 @@ class CommandClient:
                     self._bus.publish(TOPIC, payload)
                     await asyncio.sleep(_REPEAT_S)
                 if monotonic() >= end_s:
-                    return self._time_s.keys() | self._present
+                    return self._clocks.members | self._present
                 await asyncio.sleep(_SIGHTING_PERIOD_S - 2.0 * _REPEAT_S)
         finally:
             await self._bus.close()
@@ -97,13 +101,13 @@ class CommandClient:
     async def _join(self, vehicles: Collection[int]) -> None:
         began_s = monotonic()
         await self._bus.open(self._receive, self._on_presence)
-        await self._until(lambda: bool(self._time_s or self._present), _RECEIVED_TIMEOUT_S)
-        if not (self._time_s or self._present):
+        await self._until(lambda: bool(self._clocks.members or self._present), _RECEIVED_TIMEOUT_S)
+        if not (self._clocks.members or self._present):
             raise VehicleRefusedError(
                 f"no vehicle found on the bus within {_RECEIVED_TIMEOUT_S:g} s",
                 "check that the team is running, and that --mission names its mission",
             )
-        await self._until(lambda: self._time_s.keys() >= set(vehicles), _ALL_RECEIVED_TIMEOUT_S)
+        await self._until(lambda: self._clocks.members >= set(vehicles), _ALL_RECEIVED_TIMEOUT_S)
         self.joined_after_s = monotonic() - began_s
 
     async def _send_until_answered(
@@ -123,24 +127,26 @@ class CommandClient:
         return vehicle in self._answers and final(verb, self._answers[vehicle].did)
 
     def _send(self, verb: Verb, vehicle: int | None, shape: Shape | None) -> None:
-        command = OperatorCommand(self._team_s, verb, vehicle, _origin(), self._number, shape)
-        self._bus.publish(TOPICS[OperatorCommand].name, encode(command))
+        origin = self._bus.participant.name
+        command = OperatorCommand(self._team_s, verb, vehicle, origin, self._number, shape)
+        self._bus.publish(topic_of(command), encode(command))
 
     @property
     def _team_s(self) -> float:
-        # The team's clock may run faster than the wall clock: the newest received time is the best estimate of it.
         # Vehicles send no time before take-off.
-        return max(self._time_s.values(), default=time.time())
+        time_s = self._clocks.now_s(monotonic())
+        return time.time() if time_s is None else time_s
 
     def _on_presence(self, vehicle_id: int, present: bool) -> None:
-        if vehicle_id != _OPERATOR_ID:
-            (self._present.add if present else self._present.discard)(vehicle_id)
+        (self._present.add if present else self._present.discard)(vehicle_id)
 
-    def _receive(self, payload: bytes) -> None:
+    def _receive(self, key: str, payload: bytes) -> None:
         with suppress(ValueError):
             message = decode(payload)
+            if refusal(key, message) is not None:
+                return
             if isinstance(message, MemberState):
-                self._time_s[message.sender] = message.time_s
+                self._clocks.receive(message.sender, message.time_s, monotonic())
             if isinstance(message, CommandAnswer) and message.number == self._number:
                 before = self._answers.get(message.sender)
                 if before is None or before.did != message.did:
@@ -152,10 +158,40 @@ class CommandClient:
             await asyncio.sleep(_POLL_S)
 
 
-def _origin() -> str:
-    """Return the user and the computer that send the command."""
+class TeamClock:
+    """The team's clock by its members' messages: the median of their clocks, so that a single wrong one has no effect.
+
+    It may run faster than the wall's. Between messages it goes on at the wall's speed: they come every tick.
+    """
+
+    def __init__(self) -> None:
+        self._received: dict[int, tuple[float, float]] = {}
+
+    @property
+    def members(self) -> set[int]:
+        """The vehicles whose clock has been received."""
+        return set(self._received)
+
+    def receive(self, vehicle_id: int, time_s: float, received_s: float) -> None:
+        """Take the time in a vehicle's message, received at `received_s` [wall s]."""
+        self._received[vehicle_id] = time_s, received_s
+
+    def now_s(self, at_s: float) -> float | None:
+        """Return the team's time at `at_s` [wall s], None if no clock has been received."""
+        if not self._received:
+            return None
+        newest_s = max(received_s for _, received_s in self._received.values())
+        return median_low(
+            time_s + at_s - received_s
+            for time_s, received_s in self._received.values()
+            if newest_s - received_s <= _CLOCK_AGE_MAX_S
+        )
+
+
+def _operator_name() -> str:
+    """Return the user and the computer that send the command, as a name on the bus."""
     try:
         user = getuser()
     except (OSError, KeyError, ImportError):  # the user id has no name on this system
         user = "operator"
-    return f"{user}@{gethostname()}"[:_ORIGIN_LENGTH]
+    return name_from(f"{user}.{gethostname()}")

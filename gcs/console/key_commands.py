@@ -7,22 +7,24 @@ from time import monotonic
 
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
-from agents.team.messages import OperatorCommand, Verb
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import OperatorCommand, Verb, encode, topic_of
 from gcs.console.keyboard import KeyBindings
 
-ORIGIN = "keys"
 REPEAT_S, REPEATS = 0.2, 10
 
 
 class KeyCommands:
     """Sends a command to the team for each key.
 
-    The agents of this process receive it directly; for all others it is repeated on the bus for 2 s.
+    The agents of this process receive it directly; for all others it is repeated on the operator's bus for 2 s. A bus
+    that is not open sends nothing.
     """
 
-    def __init__(self, agents: Sequence[Agent], clock: MissionClock) -> None:
+    def __init__(self, agents: Sequence[Agent], clock: MissionClock, bus: ZenohBus) -> None:
         self._agents = agents
         self._clock = clock
+        self._bus = bus
         self._bindings = KeyBindings()
         self._repeating: asyncio.Task[None] | None = None
 
@@ -38,7 +40,7 @@ class KeyCommands:
             self._command(verb)
 
     def _command(self, verb: Verb) -> None:
-        command = OperatorCommand(self._clock.now_s(), verb, None, ORIGIN, randrange(2**32))
+        command = OperatorCommand(self._clock.now_s(), verb, None, self._bus.participant.name, randrange(2**32))
         for agent in self._agents:
             agent.obey(command)
         if self._repeating is not None:
@@ -47,5 +49,5 @@ class KeyCommands:
 
     async def _repeat(self, command: OperatorCommand) -> None:
         for _ in range(REPEATS):
-            self._agents[0].pass_on(command)
+            self._bus.publish(topic_of(command), encode(command))
             await asyncio.sleep(REPEAT_S)

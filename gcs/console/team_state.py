@@ -1,12 +1,17 @@
 """State of a running team from its bus messages: the latest of each vehicle, and the changes between them."""
 
+from collections import OrderedDict, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from agents.drops import NO_DROPS, Drops
+from agents.team.admission import refusal
 from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, decode
 
 SILENT_AFTER_S = 1.0
 """Vehicles send ten messages per second of mission time, which is at least as fast as the wall clock."""
+EVENTS_KEPT, COMMANDS_KEPT = 100, 1000
+"""At most so many events are shown at a time, and so many commands and answers recognised as repeated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +26,7 @@ class WatchRow:
     radius_m: float | None = None
     angular_rate_rad_s: float | None = None
     alert: str = ""
+    drops: Drops = NO_DROPS
 
     @property
     def silent(self) -> bool:
@@ -44,19 +50,25 @@ class TeamState:
 
     vehicle_ids: Sequence[int]
     _latest: dict[int, _LatestMessages] = field(default_factory=dict)
-    _known: set[tuple[object, ...]] = field(default_factory=set)
-    _events: list[str] = field(default_factory=list)
+    _known: OrderedDict[tuple[object, ...], None] = field(default_factory=OrderedDict)
+    _events: deque[str] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
 
     @property
     def any_received(self) -> bool:
         """Whether any vehicle has been received."""
         return bool(self._latest)
 
-    def receive(self, payload: bytes, now_s: float) -> None:
-        """Add a bus message received at `now_s` [wall s]; a payload that is not a message is ignored."""
+    def receive(self, key: str, payload: bytes, now_s: float) -> None:
+        """Add a message received at `now_s` [wall s] on a key below the team's.
+
+        What is not a message, on another key than its own, or of another vehicle than the mission's is ignored.
+        """
         try:
             message = decode(payload)
         except ValueError:
+            return
+        foreign = not isinstance(message, OperatorCommand) and message.sender not in self.vehicle_ids
+        if foreign or refusal(key, message) is not None:
             return
         match message:
             case MemberState():
@@ -69,8 +81,8 @@ class TeamState:
                 pass
 
     def rows(self, now_s: float) -> list[WatchRow]:
-        """Return a row for each vehicle of the mission and for any other sender."""
-        return [self._row(each, now_s) for each in sorted({*self.vehicle_ids, *self._latest})]
+        """Return a row for each vehicle of the mission."""
+        return [self._row(each, now_s) for each in sorted(self.vehicle_ids)]
 
     def new_events(self, now_s: float) -> list[str]:
         """Return the events since the last call, as text."""
@@ -78,7 +90,8 @@ class TeamState:
             if now_s - latest.received_s > SILENT_AFTER_S and not latest.silence_reported:
                 latest.silence_reported = True
                 self._events.append(f"vehicle {vehicle_id}: no messages, last tactic {latest.state.tactic}")
-        events, self._events = self._events, []
+        events = list(self._events)
+        self._events.clear()
         return events
 
     def _receive_state(self, state: MemberState, now_s: float) -> None:
@@ -104,8 +117,10 @@ class TeamState:
             key = (message.number, message.sender, message.did)
             text = f"vehicle {message.sender} answers: {message.did}"
         if key not in self._known:
-            self._known.add(key)
+            self._known[key] = None
             self._events.append(text)
+            if len(self._known) > COMMANDS_KEPT:
+                self._known.popitem(last=False)
 
     def _row(self, vehicle_id: int, now_s: float) -> WatchRow:
         latest = self._latest.get(vehicle_id)
@@ -122,4 +137,5 @@ class TeamState:
             angle.radius_m if angle is not None and on_ring else None,
             angle.angular_rate_rad_s if angle is not None and on_ring else None,
             state.alert,
+            state.drops,
         )

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from agents.shell.zenoh_bus import ZenohBus
+from agents.team.participant import Participant
 from gcs.console.live import TACTIC_STYLES, TableView, number
 from gcs.console.team_state import TeamState, WatchRow
 from gcs.mission.mission import Mission
@@ -51,9 +52,9 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     """Show the team until `stop`."""
     team = TeamState(mission.ids)
     endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
-    bus = ZenohBus(None, mission.network.team, None, endpoints)
+    bus = ZenohBus(Participant("observer", "watch"), mission.network.team, mission.ids, None, endpoints)
     began_s = monotonic()
-    await bus.open(lambda payload: team.receive(payload, monotonic()), lambda *_: None)
+    await bus.open(lambda key, payload: team.receive(key, payload, monotonic()), lambda *_: None)
     try:
         while not stop.is_set():
             now_s = monotonic()
@@ -126,4 +127,5 @@ def _plain(row: WatchRow) -> str:
 
 def _remark(row: WatchRow) -> str:
     silent = f"no messages for {row.age_s:.0f} s" if row.silent else "" if row.age_s is not None else "not received"
-    return ", ".join(filter(None, [silent, row.alert]))
+    dropped = f"dropped: {row.drops.text()}" if row.drops.total else ""
+    return ", ".join(filter(None, [silent, row.alert, dropped]))

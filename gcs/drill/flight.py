@@ -16,6 +16,7 @@ import msgspec
 from agents.ports import VehicleRefusedError
 from agents.shell.zenoh_bus import ZenohBus
 from agents.team.messages import MemberState, NeighbourAngle, decode
+from agents.team.participant import Participant
 from estimation.frames import Triple
 from gcs.console.command_client import CommandClient
 from gcs.drill.injected_faults import InjectedFaults
@@ -201,11 +202,12 @@ class DrillFlight:
 
     async def _listen(self) -> None:
         endpoints = [vehicle.section.endpoint for vehicle in self.mission.vehicles]
-        bus = ZenohBus(None, self.mission.network.team, None, endpoints)  # read-only
+        mission = self.mission
+        bus = ZenohBus(Participant("observer", "drill"), mission.network.team, mission.ids, None, endpoints)
         await bus.open(self._receive, lambda *_: None)
         self._stack.push_async_callback(bus.close)
 
-    def _receive(self, payload: bytes) -> None:
+    def _receive(self, _key: str, payload: bytes) -> None:
         with suppress(ValueError):
             message, now_s = decode(payload), self.now_s()
             if isinstance(message, MemberState):

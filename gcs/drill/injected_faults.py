@@ -8,13 +8,13 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Literal
 
 import msgspec
 
+from agents.drops import Drops
 from agents.ports import PeerBus, TargetSensor
-from agents.team.messages import MemberState, OperatorCommand, decode, encode
+from agents.team.messages import PEER_TOPICS, MemberState, decode, encode
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
 from gcs.mission.mission import Mission, MissionVehicle
@@ -92,18 +92,23 @@ class FailingBus:
         """Whether the real one is."""
         return self._bus.alive
 
-    async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
+    @property
+    def drops(self) -> Drops:
+        """What the real one has dropped."""
+        return self._bus.drops
+
+    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
         """Join."""
         loop = asyncio.get_running_loop()
 
-        def receive(payload: bytes) -> None:
+        def receive(key: str, payload: bytes) -> None:
             faults = self._receiver.now
-            if self._chance.random() < faults.loss or _sender(payload) in faults.unheard:
+            if self._chance.random() < faults.loss or _sender(key) in faults.unheard:
                 return
             if faults.delay_s > 0.0:
-                loop.call_later(faults.delay_s, on_message, payload)
+                loop.call_later(faults.delay_s, on_message, key, payload)
             else:
-                on_message(payload)
+                on_message(key, payload)
 
         await self._bus.open(receive, on_presence)
 
@@ -140,10 +145,10 @@ class FailingEquipment(Equipment):
     def __init__(self, receiver: FaultReceiver) -> None:
         self._receiver = receiver
 
-    def bus(self, mission: Mission, vehicle: MissionVehicle) -> PeerBus:
+    def bus(self, mission: Mission, vehicle: MissionVehicle, speed: float) -> PeerBus:
         """Return a bus that can fail."""
         self._receiver.loop = asyncio.get_running_loop()
-        return FailingBus(super().bus(mission, vehicle), self._receiver, vehicle.id)
+        return FailingBus(super().bus(mission, vehicle, speed), self._receiver, vehicle.id)
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""
@@ -165,8 +170,7 @@ def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:
     return encode(elsewhere)
 
 
-def _sender(payload: bytes) -> int | None:
-    with suppress(ValueError):
-        message = decode(payload)
-        return None if isinstance(message, OperatorCommand) else message.sender
-    return None
+def _sender(key: str) -> int | None:
+    """Return the vehicle whose key it is, None for others."""
+    topic, _, name = key.partition("/")
+    return int(name) if topic in PEER_TOPICS else None

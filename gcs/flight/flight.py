@@ -13,6 +13,7 @@ from agents.shell.outcome import Ending, Outcome, Stop
 from gcs.console.key_commands import KeyCommands
 from gcs.console.keyboard import Keyboard
 from gcs.console.live import LiveView
+from gcs.flight.equipment import Equipment
 from gcs.flight.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import FlightStubs
@@ -79,8 +80,12 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         await _unless_stopped(_prepare(team, target, report), team.stop)
         team.recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
-        key_commands = KeyCommands(team.agents, clock)
+        operator_bus = (plan.equipment or Equipment()).operator_bus(plan.mission)
+        key_commands = KeyCommands(team.agents, clock, operator_bus)
         keyboard = stack.enter_context(Keyboard(key_commands.press)) if team.view.is_live else None
+        if keyboard is not None and keyboard.active and len(team.members) < len(plan.mission.vehicles):
+            stack.push_async_callback(operator_bus.close)
+            await operator_bus.open(lambda *_: None, lambda *_: None)
         hint = (lambda: key_commands.hint) if keyboard is not None and keyboard.active else str
         outcomes = await _fly_members(team, Watch(team, report, hint))
         wall_time_s = perf_counter() - began_s

@@ -82,7 +82,7 @@ class Team:
             core=self.recording.core(config),
             config=config,
             link=link,
-            bus=equipment.bus(mission, vehicle),
+            bus=equipment.bus(mission, vehicle, self.clock.speed),
             clock=self.clock,
             make_sensor=partial(equipment.sensor, mission, vehicle.id),
             observe=self._observe,

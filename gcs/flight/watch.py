@@ -82,5 +82,5 @@ def _row(member: Member, status: CoreStatus | None) -> LiveRow:
 
 
 def _remark(status: CoreStatus) -> str:
-    dropped = f"{status.messages_dropped} messages dropped" if status.messages_dropped else ""
+    dropped = f"messages dropped: {status.drops.text()}" if status.drops.total else ""
     return ", ".join(filter(None, [status.alert, status.slowed, dropped]))

@@ -6,6 +6,7 @@ number, which puts all that went into its core and came out of it in order, what
 
 import msgspec
 
+from agents.drops import Drops
 from agents.notes import Note
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
@@ -148,7 +149,8 @@ class Decision(msgspec.Struct, frozen=True):
     `peers` are the members that it counted on, `answers` what peers answered to operators, as it came over the bus.
     `ring_rate_rad_s` is the angular rate of the ring as it is flown, 0 off it; None in logs older than rings that slow.
     `target_altitude_m` is what it believed of the target's altitude, None where it followed none. `turning_rad_s` is
-    the rate at which it took itself to go around, 0 off the ring; older logs have none.
+    the rate at which it took itself to go around, 0 off the ring; older logs have none. `drops` are the messages that
+    were dropped so far by reason, `messages_dropped` in all; older logs have the number alone.
     """
 
     time_s: float
@@ -171,6 +173,7 @@ class Decision(msgspec.Struct, frozen=True):
     ring_rate_rad_s: float | None = None
     target_altitude_m: float | None = None
     turning_rad_s: float | None = None
+    drops: Drops | None = None
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -211,6 +214,7 @@ VEHICLE_TOPICS: dict[type, str] = {
     Autopilot: "autopilot",
     LateTicks: "late",
     Bus: "bus",
+    Drops: "drops",
     Telemetry: "telemetry",
     Sighting: "sighting",
     Message: "message",
@@ -269,10 +273,11 @@ def decision_of(output: TickOutput) -> Decision:
         tuple([Sent(message.topic, message.payload) for message in output.messages]),
         tuple([peer.sender for peer in status.peers]),
         tuple(map(encode, status.answers)),
-        status.messages_dropped,
+        status.drops.total,
         status.ring_rate_rad_s,
         status.target_altitude_m,
         status.turning_rad_s,
+        status.drops,
     )
 
 

@@ -43,7 +43,11 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
 
 def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:
     """Return every field that differs between two decisions."""
-    return list(_compared("", _readable(recorded), _readable(replayed), same))
+    one, other = _readable(recorded), _readable(replayed)
+    if recorded.drops is None:  # an earlier version knew no reasons
+        for fields in (one, other):
+            _forget_reasons(fields)
+    return list(_compared("", one, other, same))
 
 
 def identical(_: str, one: Any, other: Any) -> bool:
@@ -81,6 +85,13 @@ def _readable(decision: Decision) -> dict[str, Any]:
     fields["sent"] = [{"topic": sent.topic, "message": _decoded(sent.payload)} for sent in decision.sent]
     fields["answers"] = [_decoded(payload) for payload in decision.answers]
     return fields
+
+
+def _forget_reasons(decision: dict[str, Any]) -> None:
+    del decision["drops"]
+    for sent in decision["sent"]:
+        if isinstance(sent["message"], dict):
+            sent["message"].pop("drops", None)
 
 
 def _decoded(payload: bytes) -> Any:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from agents.drops import Drops
 from agents.tape import (
     Autopilot,
     Bus,
@@ -17,6 +18,7 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
+from agents.team.admission import refusal
 from agents.team.messages import (
     CommandAnswer,
     MemberState,
@@ -26,6 +28,7 @@ from agents.team.messages import (
     StartProposal,
     TargetPackage,
     decode,
+    key_of,
 )
 from estimation.state import Sighting, Telemetry
 
@@ -66,14 +69,16 @@ def _target(item: Sighting | TargetPackage) -> str:
 
 
 def _message(item: Message, time: Time) -> str:
-    return f"received at {time(item.now_s)}: {_payload(item.payload, time)}"
+    return f"received at {time(item.now_s)}: {_payload(item.payload, item.key, time)}"
 
 
-def _payload(payload: bytes, time: Time) -> str:
+def _payload(payload: bytes, key: str, time: Time) -> str:
     try:
         message = decode(payload)
     except ValueError as error:
         return f"{len(payload)} bytes that are not a message: {error}"
+    if key and refusal(key, message) is not None:
+        return f"dropped, on the key {key}, which is not that of its sender: {key_of(message)}"
     if isinstance(message, OperatorCommand):
         return _command(message)
     return f"vehicle {message.sender} at {time(message.time_s)}: {_peer_message(message)}"
@@ -122,6 +127,7 @@ _FORMATTERS: dict[type, Callable[[Any, Time], str]] = {
     TacticEvent: lambda item, _: f"tactic event: {item.event.value}",
     Autopilot: _autopilot,
     LateTicks: lambda item, _: f"{item.count} ticks skipped",
+    Drops: lambda item, _: f"bus: messages dropped so far: {item.text() or 'none'}",
     Bus: lambda item, _: "bus connected" if item.alive else "bus lost",
     Telemetry: _telemetry,
     Sighting: _sighting,

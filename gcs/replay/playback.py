@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from agents.drops import Drops
 from agents.settings.config import AgentConfig
 from agents.tape import (
     Autopilot,
@@ -34,6 +35,7 @@ _CORE_RECORDS = {
     Autopilot,
     LateTicks,
     Bus,
+    Drops,
     Telemetry,
     Sighting,
     Message,

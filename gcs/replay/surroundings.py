@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from agents.tactics import Tactic
 from agents.tape import CoreInput, LateTicks, Message, Start, TimeScale
+from agents.team.admission import refusal
 from agents.team.messages import BusMessage, MemberState, decode
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision
@@ -67,10 +68,11 @@ class Surroundings:
 
 
 def received_message(item: CoreInput) -> BusMessage | None:
-    """Return the bus message of an input, None where the input is not a valid message."""
+    """Return the bus message of an input, None where the input is none, or not admitted."""
     if not isinstance(item, Message):
         return None
     try:
-        return decode(item.payload)
+        message = decode(item.payload)
     except ValueError:
         return None
+    return None if item.key and refusal(item.key, message) is not None else message

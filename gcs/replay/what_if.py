@@ -166,7 +166,7 @@ class Feed:
                     yield from self._received(item)
 
     def _received(self, item: Message) -> Iterator[FilterInput]:
-        message = self._inbox.decoded(item.payload)
+        message = self._inbox.admitted(item.payload, item.key)
         if message is None or not self._inbox.accepts(message, item.now_s, self._time_scale):
             return
         if isinstance(message, OperatorCommand):

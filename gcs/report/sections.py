@@ -237,8 +237,8 @@ def _links(flight: Flight) -> Section:
     )
     if not charts:
         return Section("links", "Links", missing=("Reception of telemetry and messages was not recorded.",))
-    dropped = [f"{v.dropped} by vehicle {v.vehicle_id}" for v in vehicles if v.dropped]
-    refused = f"Messages refused as malformed or late: {', '.join(dropped)}." if dropped else "No message was refused."
+    dropped = [f"vehicle {v.vehicle_id} {v.dropped}" for v in vehicles if v.dropped]
+    refused = f"Messages dropped: {'; '.join(dropped)}." if dropped else "No message was dropped."
     lead = f"Telemetry of the own autopilot, and messages of the peers in the colour of their sender. {refused}"
     return Section("links", "Links", lead, charts, (tables.link_table(flight.evidence),))
 

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 
 from agents.core import VehicleCore
 from agents.notes import Notes
-from agents.orders import CUT, CUTTING, DID_LIMIT, NUMBERS_KEPT, Orders, Reshaping, final, obeyed
+from agents.orders import CUT, CUTTING, NUMBERS_KEPT, Orders, Reshaping, final, obeyed
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
+from agents.team.messages import DID_LIMIT, CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
 from estimation.state import Telemetry
 
 HOVER_S = 5.0

@@ -7,6 +7,7 @@ from typing import Any, get_args
 import pytest
 
 from agents.core import VehicleCore
+from agents.drops import Drops
 from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
@@ -43,6 +44,7 @@ def flown(core: VehicleCore) -> list[TickOutput]:
         core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=1.0 - tick / 400))
         core.on_loop(3 if tick == 20 else 0)
         core.on_bus(tick != 30)
+        core.on_drops(Drops(too_many=500 if tick >= 50 else 0))
         if tick % 2 == 0:
             core.on_sighting(Sighting(now_s, 2, (6.0, -3.0), (0.01, 0.0, 0.01), 0.8, 0.2))
         if tick == 40:

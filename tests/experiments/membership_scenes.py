@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agents.core import VehicleCore
 from agents.settings.config import AgentConfig
 from agents.settings.shapes import Shape
-from agents.team.messages import OperatorCommand, decode, encode
+from agents.team.messages import BusMessage, OperatorCommand, decode, encode
 from estimation.state import Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
@@ -69,11 +69,12 @@ class _CutOff(VehicleCore):
         super().__init__(config)
         self._unheard_id, self._hears = unheard_id, config.vehicle_id != unheard_id
 
-    def on_message(self, payload: bytes, now_s: float) -> None:
+    def on_message(self, payload: bytes, now_s: float, key: str = "") -> BusMessage | None:
         message = decode(payload)
         sender = None if isinstance(message, OperatorCommand) else message.sender
         if now_s < CHANGE_S or (self._hears and sender != self._unheard_id):
-            super().on_message(payload, now_s)
+            return super().on_message(payload, now_s, key)
+        return None
 
 
 def flown(scene: Scene, seed: int) -> SimulatedFlight:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
+from agents.drops import NO_DROPS
 from agents.team.messages import MemberState, OperatorCommand, encode
 from estimation.state import Sighting
 from gcs.drill.injected_faults import FailingBus, FailingSensor, FaultReceiver, InjectedFaults
@@ -58,11 +59,12 @@ class Bus:
     """A peer bus of which one end is seen: what is put in is delivered."""
 
     alive = True
+    drops = NO_DROPS
 
     def __init__(self) -> None:
-        self.deliver: Callable[[bytes], None] = lambda _payload: None
+        self.deliver: Callable[[str, bytes], None] = lambda _key, _payload: None
 
-    async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
+    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
         self.deliver = on_message
 
     def publish(self, topic: str, payload: bytes) -> None:
@@ -82,32 +84,34 @@ COMMAND = encode(OperatorCommand(1.0, "hold", None, "somebody", 7))
 async def test_a_bus_loses_the_share_it_is_told_to() -> None:
     receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, lambda *_: None)
+    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
     for _ in range(1000):
-        bus.deliver(member(1))
+        bus.deliver("member/1", member(1))
     assert len(heard) == 1000
     receiver.now = InjectedFaults(loss=0.5)
     for _ in range(1000):
-        bus.deliver(member(1))
+        bus.deliver("member/1", member(1))
     assert 1450 < len(heard) < 1550
 
 
 async def test_who_is_unheard_is_and_operators_are_not() -> None:
     receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, lambda *_: None)
+    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
     receiver.now = InjectedFaults(unheard=(1, 2))
-    for payload in (member(1), member(2), member(3), COMMAND, b"noise"):
-        bus.deliver(payload)
+    for sender in (1, 2, 3):
+        bus.deliver(f"member/{sender}", member(sender))
+    bus.deliver("command/hold/somebody", COMMAND)
+    bus.deliver("perception/1", b"noise")
     assert heard == [member(3), COMMAND, b"noise"]
 
 
 async def test_what_is_late_comes_later() -> None:
     receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, lambda *_: None)
+    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
     receiver.now = InjectedFaults(delay_s=0.01)
-    bus.deliver(member(1))
+    bus.deliver("member/1", member(1))
     assert heard == []
     arrived = asyncio.Event()
     asyncio.get_running_loop().call_later(0.02, arrived.set)

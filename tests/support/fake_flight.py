@@ -8,6 +8,7 @@ from itertools import count, groupby
 from typing import ClassVar
 
 from agents.core import VehicleCore
+from agents.drops import NO_DROPS
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.settings.config import AgentConfig
@@ -19,7 +20,7 @@ from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.tactics import Event
 from agents.tape import CoreInput, TacticEvent, TapedCore
-from agents.team.messages import OperatorCommand, StartProposal, Verb, encode
+from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb, encode, key_of
 from agents.team.perception import Perception
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting, Telemetry
@@ -173,14 +174,19 @@ class FakeBus:
     """A bus that keeps what is published; the test speaks for the peers."""
 
     alive = True
+    drops = NO_DROPS
 
     def __init__(self) -> None:
         self.published: list[tuple[str, bytes]] = []
-        self.deliver: Callable[[bytes], None] = lambda _payload: None
+        self._receive: Callable[[str, bytes], None] = lambda _key, _payload: None
         self.appear: Callable[[int, bool], None] = lambda _vehicle_id, _present: None
 
-    async def open(self, on_message: Callable[[bytes], None], on_presence: Callable[[int, bool], None]) -> None:
-        self.deliver, self.appear = on_message, on_presence
+    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
+        self._receive, self.appear = on_message, on_presence
+
+    def deliver(self, message: BusMessage) -> None:
+        """Let a message arrive on its own key."""
+        self._receive(key_of(message), encode(message))
 
     def publish(self, topic: str, payload: bytes) -> None:
         self.published.append((topic, payload))
@@ -280,4 +286,4 @@ class FakeFlight:
         """Let vehicle 2 be present and tell a time that is `ahead_s` of the agent's."""
         self.bus.appear(2, True)
         for _ in range(times):
-            self.bus.deliver(encode(StartProposal(2, self.clock.now_s() + ahead_s, None, ready=False)))
+            self.bus.deliver(StartProposal(2, self.clock.now_s() + ahead_s, None, ready=False))

@@ -100,6 +100,6 @@ def _evidence(
         loop,
         Reception(time_s, random.uniform(0.0, 0.05, ticks)),
         peers,
-        track.vehicle_id,
+        f"malformed {track.vehicle_id}",
         np.column_stack((time_s, np.linspace(0.9, 0.4, ticks))),
     )

@@ -17,6 +17,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending
 from agents.shell.zenoh_bus import ZenohBus
+from agents.team import participant
 from agents.team.messages import TOPICS, StartProposal, encode
 from gcs.console.live import LiveView
 from gcs.flight.flight import Flight, fly
@@ -209,8 +210,9 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
 async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -> AsyncIterator[None]:
     """Let one vehicle be up and ready on a computer whose clock is ahead, and never propose a start."""
     others = [each.section.endpoint for each in mission.vehicles if each.id != vehicle.id]
-    bus, clock = ZenohBus(vehicle.id, mission.network.team, vehicle.section.endpoint, others), MissionClock(SPEED)
-    await bus.open(lambda _payload: None, lambda _vehicle, _present: None)
+    own, clock = participant.vehicle(vehicle.id), MissionClock(SPEED)
+    bus = ZenohBus(own, mission.network.team, mission.ids, vehicle.section.endpoint, others)
+    await bus.open(lambda _key, _payload: None, lambda _vehicle, _present: None)
 
     async def speak() -> None:
         while True:

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from agents.shell.outcome import Ending, Outcome
 from agents.shell.zenoh_bus import ZenohBus
+from agents.team.participant import Participant
 from agents.team.perception import TOPIC, ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
@@ -135,9 +136,10 @@ async def test_a_target_is_pointed_out_and_encircled_but_not_where_no_sighting_c
     )
     async with fly_team() as team:
         endpoints = [vehicle.section.endpoint for vehicle in team.mission.vehicles]
-        camera = ZenohBus(0, team.mission.network.team, connect=endpoints)
+        sensor = Participant("sensor", "camera")
+        camera = ZenohBus(sensor, team.mission.network.team, team.mission.ids, connect=endpoints)
         seen: set[int] = set()
-        await camera.open(lambda _: None, lambda vehicle_id, _: seen.add(vehicle_id))
+        await camera.open(lambda *_: None, lambda vehicle_id, _: seen.add(vehicle_id))
         await until(lambda: seen >= {1, 2, 3})
         payloads = [json.dumps(good | changes).encode() for changes, _ in bad]
         for payload in (*payloads, *payloads):

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from io import StringIO
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -10,6 +11,7 @@ from rich.console import Console
 from agents.outputs import CoreStatus
 from agents.shell.outcome import Ending
 from agents.shell.zenoh_bus import ZenohBus
+from agents.team.participant import Participant
 from gcs.console.live import LiveView
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
@@ -42,9 +44,10 @@ async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(
     notes: list[str] = []
     make, note = ZenohBus.__init__, Journal.note
 
-    def made(bus: ZenohBus, vehicle_id: int, *rest: object, **named: object) -> None:
-        buses[vehicle_id] = bus
-        make(bus, vehicle_id, *rest, **named)  # type: ignore[arg-type]
+    def made(bus: ZenohBus, participant: Participant, *rest: Any, **named: Any) -> None:
+        if participant.vehicle_id is not None:
+            buses[participant.vehicle_id] = bus
+        make(bus, participant, *rest, **named)
 
     def noted(journal: Journal, status: CoreStatus, tick_us: float) -> None:
         latest[status.vehicle_id] = status

@@ -17,6 +17,7 @@ from rich.console import Console
 
 from agents.shell.zenoh_bus import ZenohBus
 from agents.team.messages import MemberState, encode
+from agents.team.participant import vehicle
 from gcs.console.watch import WatchView, watch
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
@@ -65,8 +66,8 @@ async def watched(mission: Mission) -> AsyncIterator[tuple[StringIO, asyncio.Eve
 async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable[..., str]) -> None:
     mission = load_mission(mission_file("case2"))
     heard: list[object] = []
-    vehicle = ZenohBus(1, mission.network.team, mission.vehicle(1).section.endpoint)
-    await vehicle.open(heard.append, lambda *presence: heard.append(presence))
+    bus = ZenohBus(vehicle(1), mission.network.team, mission.ids, mission.vehicle(1).section.endpoint)
+    await bus.open(lambda *message: heard.append(message), lambda *presence: heard.append(presence))
     try:
         async with watched(mission) as (output, _):
             began_s = time.monotonic()
@@ -74,7 +75,7 @@ async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable
             def shown(text: str) -> bool:
                 tactic = "formation" if time.monotonic() - began_s < 1.0 else "hold"
                 state = MemberState(1, time.time(), tactic, (1.0, -2.0), (0.0, 0.0), (1.0, -2.0), (0.0, 0.0), 8.0)
-                vehicle.publish("member", encode(state))
+                bus.publish("member", encode(state))
                 return text in output.getvalue()
 
             await until(lambda: shown("vehicle 1: connected, tactic formation"), 5.0)
@@ -82,9 +83,9 @@ async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable
             await until(lambda: "vehicle 1: no messages, last tactic hold" in output.getvalue(), 5.0)
             await until(lambda: shown("vehicle 1: messages restored"), 5.0)
         await asyncio.sleep(0.3)
-        assert (heard, vehicle.dropped) == ([], 0), "it has said something, or shown itself"
+        assert (heard, bus.drops.total) == ([], 0), "it has said something, or shown itself"
     finally:
-        await vehicle.close()
+        await bus.close()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

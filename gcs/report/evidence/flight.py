@@ -68,9 +68,9 @@ class Reception:
 class VehicleEvidence:
     """The recorded data of one vehicle.
 
-    `telemetry` is the reception of its own autopilot, `peers` that of each other vehicle, by id; `dropped` counts the
-    refused messages. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is at `own.time_s`. `samples` (K, 3)
-    are time, x and y of the autopilot's position.
+    `telemetry` is the reception of its own autopilot, `peers` that of each other vehicle, by id; `dropped` states the
+    messages dropped by reason. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is at `own.time_s`.
+    `samples` (K, 3) are time, x and y of the autopilot's position.
     """
 
     vehicle_id: int
@@ -80,7 +80,7 @@ class VehicleEvidence:
     loop: Loop = field(default_factory=Loop)
     telemetry: Reception = field(default_factory=lambda: Reception(np.empty(0), np.empty(0)))
     peers: dict[int, Reception] = field(default_factory=dict)
-    dropped: int = 0
+    dropped: str = ""
     battery: Vector = field(default_factory=_no_pairs)
     samples: Vector = field(default_factory=lambda: np.empty((0, 3)))
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from agents.drops import Drops
 from agents.notes import Note
 from agents.tape import Autopilot, LateTicks, Message, Start
+from agents.team.admission import refusal
 from agents.team.messages import CommandAnswer, MemberState, decode
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.log_error import LogError
@@ -140,7 +142,7 @@ class _VehicleReader:
         self._battery: list[tuple[float, float]] = []
         self._truth: list[tuple[float, ...]] = []
         self._late = 0
-        self._dropped = 0
+        self._dropped = ""
         self._end: VehicleEnd | None = None
         records = log.vehicles.get(vehicle_id, [])
         self._costs_us = {cost.time_s: cost.tick_us for cost in log.of_kind(vehicle_id, Cost)}
@@ -212,7 +214,7 @@ class _VehicleReader:
         decision, journal = record.message(), self._journal
         notes = [Note(note.time_s, note.kind, note.text) for note in decision.notes]
         journal.event_log.add_notes(self.vehicle_id, notes)
-        self._dropped = decision.messages_dropped
+        self._dropped = _drops_text(decision)
         tick_us = self._costs_us.get(decision.time_s)
         if tick_us is None:  # outside the control loop
             return
@@ -256,6 +258,9 @@ class _VehicleReader:
         received = record.message()
         with suppress(ValueError):
             message = decode(received.payload)
+            key = getattr(received, "key", "")  # older logs have none
+            if key and refusal(key, message) is not None:
+                return
             if isinstance(message, MemberState):
                 self._received[message.sender].append((received.now_s, message.time_s))
                 newest = self._peers.get(message.sender)
@@ -276,6 +281,16 @@ class _VehicleReader:
 
 def _estimates(time_s: Vector, motion: list[list[float]], sigma: list[Vector]) -> EstimateSeries:
     return EstimateSeries(time_s, np.array(motion).reshape(-1, 4), np.array(sigma).reshape(-1, 4))
+
+
+def _drops_text(decision: Any) -> str:
+    """Return how many messages were dropped so far, by reason where the log has that; empty if none."""
+    if not decision.messages_dropped:
+        return ""
+    drops = getattr(decision, "drops", None)  # older logs have none
+    if drops is None:
+        return str(decision.messages_dropped)
+    return Drops(**{field.name: value for field, value in drops.ListFields()}).text()
 
 
 def _sigma(covariance: Sequence[float], size: int) -> Vector:

@@ -11,6 +11,7 @@ import pytest
 
 from agents.control.lmpc import Lmpc, QpStatus, Solution
 from agents.core import VehicleCore
+from agents.drops import Drops
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import VehicleStatus
 from agents.safety.failsafe import TABLE, Condition
@@ -76,6 +77,8 @@ class Flight:
         self.clock_ahead_s = 0.0
         self.second_source = False
         self.outside_m: tuple[float, float] | None = None
+        self.flood = 0
+        self.refused = 0
 
     @property
     def now_s(self) -> float:
@@ -118,6 +121,8 @@ class Flight:
             forged = msgspec.structs.replace(said, time_s=now_s - 0.05, position_m=(said.position_m[0], 25.0))
             core.on_message(encode(forged), now_s)
         core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery))
+        self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
+        core.on_drops(Drops(too_many=self.refused))
         core.on_loop(self.late_ticks)
         core.on_bus(self.bus)
         output = core.tick(now_s)
@@ -207,6 +212,7 @@ CASES = {
     Condition.BUS_LOST: Case(set_to(bus=False), set_to(bus=True), 2.2, LEAVES, wall=True),
     Condition.PEERS_SILENT: Case(peers(), peers(1, 2), 3.4, LEAVES, wall=True),
     Condition.LATE_TICKS: Case(set_to(late_ticks=1), set_to(late_ticks=0), 1.8, AS_BEFORE + LEAVES, wall=True),
+    Condition.BUS_FLOODED: Case(set_to(flood=30), set_to(flood=0), 0.5, AS_BEFORE * 3, wall=True),
     Condition.CLOCK_STEPPED: Case(set_to(clock_ahead_s=0.7), set_to(clock_ahead_s=0.0), 1.5, AS_BEFORE * 3, wall=True),
     Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
@@ -548,7 +554,7 @@ def test_a_peer_whose_words_are_dropped_for_its_clock_is_said_to_have_stepped(
     flight = make_flight(None)
     flight.clock_ahead_s = -5.0
     flight.fly(ONSET_S + 4.0)
-    assert flight.status.messages_dropped >= 39
+    assert flight.status.drops.too_old >= 39
     step, silence = flight.notes()
     assert step == "peer's clock stepped: vehicle 1 by -5.00 s: fly on and report"
     assert silence.startswith("peer silent: vehicle 1")

@@ -12,7 +12,7 @@ from agents.shell.life import Phase
 from agents.shell.outcome import Ending, Outcome
 from agents.tactics import Event, Tactic
 from agents.tape import Start, TacticEvent, Tick, TimeScale
-from agents.team.messages import CommandAnswer, StartProposal, decode, encode
+from agents.team.messages import CommandAnswer, StartProposal, decode
 from tests.support.fake_flight import ALONE, PAIR, FakeFlight
 from tests.support.simulated_loop import run_simulated
 
@@ -528,7 +528,7 @@ def test_the_start_is_agreed_on_while_a_pilot_has_the_vehicle() -> None:
         flight = await reach(P.AGREEING_START)
         flight.link.change(mode=FlightMode.HOLD)
         await flight.until(P.PILOT_OVERRIDE)
-        flight.bus.deliver(encode(StartProposal(2, flight.clock.now_s(), flight.clock.now_s() + 2.0)))
+        flight.bus.deliver(StartProposal(2, flight.clock.now_s(), flight.clock.now_s() + 2.0))
         await asyncio.sleep(3.0)
         assert [item for _, item in flight.inputs if isinstance(item, Start)] == [Start(flight.agent.start_s or 0.0)]
         assert flight.agent.phase is P.PILOT_OVERRIDE

@@ -7,14 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.team.messages import MemberState, encode
 from agents.team.perception import (
     SOURCES_FROM,
-    ExternalSighting,
     Perception,
     Refusal,
-    encode_sighting,
-    is_external_sighting,
+    is_perception_key,
 )
 from estimation.frames import Geodetic, MissionFrame
 
@@ -147,8 +144,7 @@ def test_a_reason_is_told_once_and_counted_ever_after() -> None:
     assert len(told) == 2
 
 
-def test_peers_messages_are_none_from_outside() -> None:
-    seen = ExternalSighting("mission", (1.0, 2.0), (1.0, 0.0, 1.0), 0.5, 0.5, 10.0)
-    assert is_external_sighting(encode_sighting(seen))
-    member = MemberState(1, 1.0, "encircle", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
-    assert not is_external_sighting(encode(member))
+def test_sightings_from_outside_have_keys_of_their_own() -> None:
+    assert is_perception_key("perception/mast-camera")
+    assert not is_perception_key("member/1")
+    assert not is_perception_key("perceptions/1")

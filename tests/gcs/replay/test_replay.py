@@ -12,6 +12,7 @@ import pytest
 
 from agents.control.plan import Plan
 from agents.control.planner import Planner
+from agents.drops import Drops
 from agents.ports import FlightMode, VehicleStatus
 from agents.situation.situation import Task
 from agents.tactics import Event
@@ -383,6 +384,8 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
     Autopilot(STATUS): ("autopilot", "connected", "armed", "on the ground", "offboard", "50%"),
     LateTicks(3): ("3 ticks",),
     Bus(alive=False): ("bus",),
+    Drops(too_many=7, unknown_key=1): ("too many 7", "unknown key 1"),
+    Message(101.0, encode(StartProposal(3, 100.5, None)), "start/2"): ("dropped", "start/2", "start/3"),
     Telemetry(101.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.5)): ("1.000 s", "(1.000, 2.000, 3.000) m", "0.500) m/s"),
     Sighting(101.0, 2, (1.0, 2.0), (0.25, 0.0, 0.04), 0.8, 0.2): ("(1.000, 2.000) m", "0.50 m", "importance 0.800"),
     Sighting(101.0, 2, (1.0, 2.0), (0.2, 0.0, 0.2), 0.8, 0.2, 7.5, 0.4): ("altitude 7.500 m", "0.40 m"),

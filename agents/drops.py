@@ -1,0 +1,94 @@
+"""How many messages were dropped on receipt, by reason."""
+
+from collections import Counter
+from enum import Enum
+from typing import Annotated
+
+import msgspec
+
+_Count = Annotated[int, msgspec.Meta(ge=0, lt=2**53)]
+
+
+class Reason(Enum):
+    """Why a message is dropped. The values are the fields of `Drops`."""
+
+    UNKNOWN_KEY = "unknown_key"
+    NOT_A_MEMBER = "not_a_member"
+    OWN_ID = "own_id"
+    TOO_LONG = "too_long"
+    TOO_MANY = "too_many"
+    SUPERSEDED = "superseded"
+    MALFORMED = "malformed"
+    WRONG_TOPIC = "wrong_topic"
+    WRONG_SENDER = "wrong_sender"
+    TOO_OLD = "too_old"
+    FROM_FUTURE = "from_future"
+    NOT_SENT = "not_sent"
+
+
+class Drops(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The messages dropped so far, by reason.
+
+    Before they are decoded: on a key that the team does not use, of a vehicle that is not in the team or has this
+    vehicle's own id, longer than a message may be, more than a sender may send, or superseded by a newer one of the
+    same sender before the control loop took it. Afterwards: malformed, on the topic of another type, on the key of
+    another sender, too old, from the future. `not_sent` are own messages that the bus could not send.
+    """
+
+    unknown_key: _Count = 0
+    not_a_member: _Count = 0
+    own_id: _Count = 0
+    too_long: _Count = 0
+    too_many: _Count = 0
+    superseded: _Count = 0
+    malformed: _Count = 0
+    wrong_topic: _Count = 0
+    wrong_sender: _Count = 0
+    too_old: _Count = 0
+    from_future: _Count = 0
+    not_sent: _Count = 0
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return sum(msgspec.structs.astuple(self))
+
+    @property
+    def refused(self) -> int:
+        """Those that the bus refused before they were decoded, because of their sender, key, length or rate."""
+        return self.unknown_key + self.not_a_member + self.own_id + self.too_long + self.too_many
+
+    def plus(self, other: "Drops") -> "Drops":
+        """Return the sums by reason."""
+        pairs = zip(msgspec.structs.astuple(self), msgspec.structs.astuple(other), strict=True)
+        return Drops(*(one + another for one, another in pairs))
+
+    def text(self) -> str:
+        """Return the reasons that there are with their counts, such as "too many 7, malformed 1"; empty if none."""
+        counts = msgspec.structs.asdict(self)
+        return ", ".join(f"{reason.replace('_', ' ')} {count}" for reason, count in counts.items() if count)
+
+
+NO_DROPS = Drops()
+
+
+class DropCounter:
+    """Counts drops; `drops` is made anew only when one has been added."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._drops = NO_DROPS
+        self._changed = False
+
+    def add(self, reason: Reason) -> None:
+        """Count one message."""
+        self._counts[reason.value] += 1
+        self._changed = True
+
+    @property
+    def drops(self) -> Drops:
+        """The counts so far; the same object until one is added."""
+        if self._changed:
+            self._changed = False
+            self._drops = Drops(**self._counts)
+        return self._drops

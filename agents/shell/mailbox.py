@@ -1,0 +1,175 @@
+"""The mailbox between the bus's threads and the event loop: bounded in length, rate and number of senders.
+
+What a key or a length refuses is dropped before it is copied or decoded. Of each sender's states the newest waits, of
+messages that each count for themselves the last few.
+"""
+
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Callable, Collection
+from typing import get_args
+
+from agents.drops import DropCounter, Drops, Reason
+from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, TargetPackage, Verb
+from agents.team.participant import is_name
+from agents.team.perception import TOPIC as SENSOR_TOPIC
+
+PAYLOAD_LIMIT_BYTES = 4096
+KEY_LENGTH = 128
+_KEPT = {TOPICS[TargetPackage].name: 16, TOPICS[CommandAnswer].name: 16}
+"""How many messages of a peer wait on topics where each counts for itself; elsewhere it is the newest."""
+_OPERATOR_KEPT, _OPERATOR_RATE_HZ = 8, 50.0
+_SENSOR_KEPT, _SENSOR_RATE_HZ = 32, 200.0
+_GUESTS = 32
+"""How many operators, and how many sensors, are told apart at a time."""
+_NEW_GUESTS_HZ = 20.0
+_BURST_S = 0.5
+"""A sender may send what its rate allows in this time at once."""
+_BURST_MIN = 10.0
+_VERBS = frozenset(get_args(Verb))
+
+Read = Callable[[], bytes]
+
+
+class _RateLimit:
+    """Allows `rate_hz` messages a second, and a burst of half a second's at once."""
+
+    __slots__ = ("_at_s", "_burst", "_left", "_rate_hz")
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._left = self._burst = max(rate_hz * _BURST_S, _BURST_MIN)
+        self._at_s = 0.0
+
+    def allows(self, now_s: float) -> bool:
+        """Take one message at `now_s` [s]."""
+        self._left = min(self._left + (now_s - self._at_s) * self._rate_hz, self._burst)
+        self._at_s = now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class _Box:
+    """What waits of one sender on one topic: the key and the payload of its newest messages."""
+
+    __slots__ = ("limit", "waiting")
+
+    def __init__(self, kept: int, rate_hz: float) -> None:
+        self.waiting: deque[tuple[str, bytes]] = deque(maxlen=kept)
+        self.limit = _RateLimit(rate_hz)
+
+
+class _Guests:
+    """The boxes of senders whose names are not known before: the ones that were heard last."""
+
+    def __init__(self, kept: int, rate_hz: float) -> None:
+        self._kept = kept
+        self._rate_hz = rate_hz
+        self._boxes: OrderedDict[str, _Box] = OrderedDict()
+        self._newcomers = _RateLimit(_NEW_GUESTS_HZ)
+
+    def box(self, name: str, now_s: float) -> _Box | None:
+        """Return the box of a sender, None if too many new ones come."""
+        box = self._boxes.get(name)
+        if box is None:
+            if not self._newcomers.allows(now_s):
+                return None
+            if len(self._boxes) >= _GUESTS:
+                self._boxes.popitem(last=False)
+            box = self._boxes[name] = _Box(self._kept, self._rate_hz)
+        self._boxes.move_to_end(name)
+        return box
+
+
+class Mailbox:
+    """Takes messages on any thread, and gives them out on another; `drops` counts what it dropped, by reason.
+
+    `members` are the team's vehicles, `vehicle_id` the own one, None for others; `rate_hz` is how many messages a
+    second each of them may send on each topic.
+    """
+
+    def __init__(self, vehicle_id: int | None, members: Collection[int], rate_hz: float) -> None:
+        self._lock = threading.Lock()
+        self._own = None if vehicle_id is None else str(vehicle_id)
+        self._ids = {str(member): member for member in members if member != vehicle_id}
+        self._peers = {
+            f"{topic}/{name}": _Box(_KEPT.get(topic, 1), rate_hz) for topic in PEER_TOPICS for name in self._ids
+        }
+        self._operators = _Guests(_OPERATOR_KEPT, _OPERATOR_RATE_HZ)
+        self._sensors = _Guests(_SENSOR_KEPT, _SENSOR_RATE_HZ)
+        self._filled: dict[int, _Box] = {}
+        self._presence: dict[int, bool] = {}
+        self._awaited = False
+        self._dropped = DropCounter()
+
+    @property
+    def drops(self) -> Drops:
+        """The messages dropped so far."""
+        with self._lock:
+            return self._dropped.drops
+
+    def count(self, reason: Reason) -> None:
+        """Count a message that was dropped elsewhere."""
+        with self._lock:
+            self._dropped.add(reason)
+
+    def put(self, key: str, length: int, read: Read, now_s: float) -> bool:
+        """Take a message of `length` bytes on a key below the team's, or drop it; `read` returns its payload.
+
+        Returns whether `take` has to be called: once until then, whatever else comes.
+        """
+        with self._lock:
+            box = self._peers.get(key) or self._guest_box(key, now_s)
+            if isinstance(box, Reason):
+                self._dropped.add(box)
+            elif length > PAYLOAD_LIMIT_BYTES:
+                self._dropped.add(Reason.TOO_LONG)
+            elif not box.limit.allows(now_s):
+                self._dropped.add(Reason.TOO_MANY)
+            else:
+                if len(box.waiting) == box.waiting.maxlen:
+                    self._dropped.add(Reason.SUPERSEDED)
+                box.waiting.append((key, read()))
+                self._filled[id(box)] = box
+                return self._calls()
+            return False
+
+    def put_presence(self, name: str, present: bool) -> bool:
+        """Take that a vehicle is present or has gone; returns the same as `put`."""
+        with self._lock:
+            vehicle_id = self._ids.get(name)
+            if vehicle_id is None:
+                if name != self._own:
+                    self._dropped.add(Reason.NOT_A_MEMBER)
+                return False
+            self._presence[vehicle_id] = present
+            return self._calls()
+
+    def take(self) -> tuple[dict[int, bool], list[tuple[str, bytes]]]:
+        """Return all that waits: whether vehicles are present, and messages with their keys, oldest sender first."""
+        with self._lock:
+            self._awaited = False
+            presence, self._presence = self._presence, {}
+            filled, self._filled = self._filled, {}
+            messages = [message for box in filled.values() for message in box.waiting]
+            for box in filled.values():
+                box.waiting.clear()
+        return presence, messages
+
+    def _calls(self) -> bool:
+        awaited, self._awaited = self._awaited, True
+        return not awaited
+
+    def _guest_box(self, key: str, now_s: float) -> _Box | Reason:
+        """Return the box of an operator or a sensor, or why there is none for a key."""
+        parts = key.split("/", 3) if len(key) <= KEY_LENGTH else []
+        match parts:
+            case [topic, verb, name] if topic == OPERATOR_TOPIC and verb in _VERBS and is_name(name):
+                return self._operators.box(name, now_s) or Reason.TOO_MANY
+            case [topic, name] if topic == SENSOR_TOPIC and is_name(name):
+                return self._sensors.box(name, now_s) or Reason.TOO_MANY
+            case [topic, name] if topic in PEER_TOPICS:
+                return Reason.OWN_ID if name == self._own else Reason.NOT_A_MEMBER
+        return Reason.UNKNOWN_KEY

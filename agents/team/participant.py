@@ -1,0 +1,49 @@
+"""Who takes part in a team's bus, and under which name."""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+Role = Literal["vehicle", "operator", "sensor", "observer"]
+NAME_LENGTH = 32
+_NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{NAME_LENGTH}}}")
+_FOREIGN_TO_NAMES = re.compile(r"[^A-Za-z0-9_.-]")
+
+
+def is_name(text: str) -> bool:
+    """Return whether a text can be a name on the bus."""
+    return _NAME.fullmatch(text) is not None
+
+
+def name_from(text: str) -> str:
+    """Return a text as a name: what names cannot hold becomes '-', and the end is cut off."""
+    return _FOREIGN_TO_NAMES.sub("-", text)[:NAME_LENGTH] or "-"
+
+
+@dataclass(frozen=True, slots=True)
+class Participant:
+    """A vehicle (its name is its number), an operator, a sensor of the target, or an observer, which sends nothing.
+
+    Raises ValueError for a name that is none.
+    """
+
+    role: Role
+    name: str
+
+    def __post_init__(self) -> None:
+        if not is_name(self.name):
+            raise ValueError(
+                f"{self.role} {self.name!r}: a name has letters, digits, '_', '.' and '-', at most {NAME_LENGTH}"
+            )
+        if self.role == "vehicle" and str(self.vehicle_id) != self.name:
+            raise ValueError(f"vehicle {self.name!r}: a vehicle's name is its number")
+
+    @property
+    def vehicle_id(self) -> int | None:
+        """A vehicle's id, None for all others."""
+        return int(self.name) if self.role == "vehicle" and self.name.isdecimal() else None
+
+
+def vehicle(vehicle_id: int) -> Participant:
+    """Return a vehicle as a participant."""
+    return Participant("vehicle", str(vehicle_id))

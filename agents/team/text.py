@@ -1,0 +1,13 @@
+"""Text from others: without control characters, which a terminal would obey."""
+
+import re
+
+CONTROL = r"\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069"
+"""Control characters of ASCII, Latin-1 and Unicode: escape sequences, line ends, and changes of writing direction."""
+PRINTABLE = rf"\A[^{CONTROL}]*\Z"
+_CONTROL = re.compile(f"[{CONTROL}]")
+
+
+def printable(text: str) -> str:
+    """Return a text with '?' in place of each control character."""
+    return _CONTROL.sub("?", text)
