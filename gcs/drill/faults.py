@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
 from gcs.drill.flight import DrillFlight
-from gcs.drill.injected_faults import InjectedFaults
+from gcs.drill.injected_faults import FLOOD_HZ, InjectedFaults
 from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
 from gcs.drill.stubs import StubFlight
@@ -29,6 +29,8 @@ HEARTBEAT_S, BATTERY_S = 1.0, 2.0
 CUT_S = 5.0
 JUMP_M, LIE_M = 10.0, 5.0
 ROOM_SHARE = 2.0
+FLOODED_S = 1.0
+"""Within this time a flood has shown [wall s]."""
 CONTRADICTED_S = 1.0
 """Within this time several contradictory messages have been received [mission s]."""
 LOSS, BUS_DELAY_S, LINK_DELAY_S = 0.5, 0.3, 0.1
@@ -153,6 +155,11 @@ def _peer_silent(roles: Roles, speed: float) -> Expectation:
     return by_table(Condition.PEER_SILENT, lambda roles: roles.others)(roles, speed)
 
 
+def _flooded(roles: Roles, speed: float) -> Expectation:
+    others = by_table(Condition.BUS_FLOODED, lambda roles: roles.others, found_within_s=FLOODED_S * speed)
+    return others(roles, speed)
+
+
 def _doubted(roles: Roles, speed: float) -> Expectation:
     others = by_table(Condition.PEER_DOUBTFUL, lambda roles: roles.others, found_within_s=CONTRADICTED_S)
     return others(roles, speed)
@@ -252,6 +259,14 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         _delay,
         _tolerated,
         watched_s=TOLERATED_S,
+    ),
+    Drill(
+        "flood",
+        f"the others: {_reaction(Condition.BUS_FLOODED)} ({FLOOD_HZ:g} messages a second)",
+        _inject(lambda roles, _speed: InjectedFaults(flooders=(roles.subject,))),
+        _flooded,
+        by_wall=True,
+        vehicles_min=2,
     ),
     Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _impersonate, _doubted, vehicles_min=2),
     Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _lie, _doubted, vehicles_min=2),

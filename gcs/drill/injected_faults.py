@@ -30,8 +30,8 @@ class InjectedFaults(msgspec.Struct, frozen=True):
 
     `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
     [wall s]; no other vehicle receives the messages of `unheard`. `liars` report that they are `lie_m` off from where
-    they are; of `impostors` there are two sources, of which the second one does. `blind` sensors see no target. A
-    process may `hang`.
+    they are; of `impostors` there are two sources, of which the second one does; `flooders` send junk as well.
+    `blind` sensors see no target. A process may `hang`.
     """
 
     loss: float = 0.0
@@ -40,10 +40,13 @@ class InjectedFaults(msgspec.Struct, frozen=True):
     liars: tuple[int, ...] = ()
     impostors: tuple[int, ...] = ()
     lie_m: tuple[float, float] = (0.0, 0.0)
+    flooders: tuple[int, ...] = ()
     blind: bool = False
     hang: Hang = ""
 
 
+FLOOD_HZ, _BURST_S, _JUNK = 8000.0, 0.01, bytes(64)
+"""How many messages a second a flood has [1 / wall s], how often it sends some of them, and what each holds."""
 _SECOND_LATER_S = 0.01
 """A second source of a vehicle's messages sends so long after the first [wall s]."""
 
@@ -86,6 +89,7 @@ class FailingBus:
         self._receiver = receiver
         self._vehicle_id = vehicle_id
         self._chance = random.Random(vehicle_id)
+        self._flooding: asyncio.Task[None] | None = None
 
     @property
     def alive(self) -> bool:
@@ -111,6 +115,7 @@ class FailingBus:
                 on_message(key, payload)
 
         await self._bus.open(receive, on_presence)
+        self._flooding = asyncio.create_task(self._flood())
 
     def publish(self, topic: str, payload: bytes) -> None:
         """Send: messages are lost at the receiver, and lies made here."""
@@ -123,7 +128,17 @@ class FailingBus:
 
     async def close(self) -> None:
         """Leave."""
+        if self._flooding is not None:
+            self._flooding.cancel()
+            await asyncio.gather(self._flooding, return_exceptions=True)
         await self._bus.close()
+
+    async def _flood(self) -> None:
+        while True:
+            await asyncio.sleep(_BURST_S)
+            if self._vehicle_id in self._receiver.now.flooders:
+                for _ in range(round(FLOOD_HZ * _BURST_S)):
+                    self._bus.publish("junk", _JUNK)
 
 
 class FailingSensor:

@@ -28,9 +28,10 @@ REACTIONS_OFF = (
     ("failsafe", "battery_s", 60.0),
     ("failsafe", "peers_silent_s", 600.0),
     ("failsafe", "peer_silent_s", 600.0),
-    ("tuning", "failsafe", {"doubt_m": 1000.0}),
+    ("tuning", "failsafe", {"doubt_m": 1000.0, "flood_per_s": 1e6}),
 )
 CONTROLLED = (
+    "flood",
     "impostor",
     "liar",
     "one vehicle not heard",
