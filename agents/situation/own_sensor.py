@@ -88,11 +88,16 @@ class OwnSensor:
 
     def _contradicted_m(self, sighting: Sighting) -> float:
         """Return how far a sighting is off the own one that is nearest in time, 0 if it agrees or there is none."""
-        own = min(reversed(self._own), key=lambda each: abs(each.time_s - sighting.time_s))
+        own = self._own[-1]
+        for earlier in reversed(self._own):
+            if abs(earlier.time_s - sighting.time_s) > abs(own.time_s - sighting.time_s):
+                break
+            own = earlier
         apart_s = abs(own.time_s - sighting.time_s)
-        if apart_s > SEES_S:
-            return 0.0
         x, y = sighting.position_m[0] - own.position_m[0], sighting.position_m[1] - own.position_m[1]
+        # Within the gate whatever the covariances are, which nearly every sighting is.
+        if apart_s > SEES_S or x * x + y * y <= self._gate * FRAMES_OFF_M**2:
+            return 0.0
         spread_m2 = FRAMES_OFF_M**2 + (self._reach_m_s * apart_s) ** 2
         xx, xy, yy = (one + other for one, other in zip(sighting.covariance_m2, own.covariance_m2, strict=True))
         xx, yy = xx + spread_m2, yy + spread_m2

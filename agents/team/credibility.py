@@ -144,7 +144,8 @@ class Credibility:
         self._excuses = excuses
         self._claims: dict[int, list[Claim]] = {}
         self._doubts: dict[int, Doubt] = {}
-        self._contested: set[int] = set()
+        self.contested: set[int] = set()
+        """The peers about which there is more than one claim, or was lately."""
 
     def accepts(self, state: MemberState, *, known: bool) -> bool:
         """Return whether a state is its sender's; one that contradicts a peer that is `known` to be there is not."""
@@ -167,7 +168,7 @@ class Credibility:
             claim = Claim(state, self._limits)
             confirmed = [each for each in claims[1:] if each.accepted or each.count >= CONFIRMED]
             claims[1:] = [*confirmed[2 - CLAIMS_MAX :], claim]
-        self._contested.add(state.sender)
+        self.contested.add(state.sender)
         excused = state.alert in self._excuses or state.tactic == _PILOT
         if not excused:
             doubt = self._doubts.setdefault(state.sender, Doubt(state.time_s, state.time_s, 0, why))
@@ -181,7 +182,7 @@ class Credibility:
 
     def expire(self, now_s: float, time_scale: float) -> None:
         """Drop claims and doubts that are over: a claim that was accepted once is held as long as a silent peer."""
-        for sender in tuple(self._contested):
+        for sender in tuple(self.contested):
             claims, doubt = self._claims[sender], self._doubts.get(sender)
             for claim in claims[1:]:
                 held_s = self._limits.safety.lost_avoided_s if claim.accepted else _AGE_MAX_S * time_scale
@@ -190,12 +191,7 @@ class Credibility:
             if doubt is not None and now_s - doubt.last_s > DOUBTED_S:
                 del self._doubts[sender]
             elif doubt is None and len(claims) == 1:
-                self._contested.discard(sender)
-
-    @property
-    def contested(self) -> bool:
-        """Whether there is more than one claim about a peer, or was lately."""
-        return bool(self._contested)
+                self.contested.discard(sender)
 
     @property
     def doubts(self) -> Mapping[int, Doubt]:
@@ -204,7 +200,7 @@ class Credibility:
 
     def elsewhere(self) -> tuple[MemberState, ...]:
         """Return the newest state of each claim that is not taken for its sender's: it may be there as well."""
-        return tuple(claim.state for sender in sorted(self._contested) for claim in self._claims[sender][1:])
+        return tuple(claim.state for sender in sorted(self.contested) for claim in self._claims[sender][1:])
 
 
 def _beyond(off_m: Metres2, way: Metres2, along_m: float) -> float:
