@@ -71,7 +71,7 @@ class FaultDetector:
             self._check_peers(faults, gone_s)
         if self._clocks.off:
             self._check_clocks(faults, now_s, time_scale)
-        if doubts := self._team.doubts:  # several contradictory states: the grace time
+        if doubts := self._team.doubts:
             since_s = min(doubt.since_s for doubt in doubts.values())
             detail = ", ".join(f"vehicle {sender} {doubt.why}" for sender, doubt in sorted(doubts.items()))
             faults[Condition.PEER_DOUBTFUL] = Symptom(since_s, detail)
