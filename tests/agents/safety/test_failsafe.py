@@ -561,6 +561,17 @@ def test_a_peer_whose_words_are_dropped_for_its_clock_is_said_to_have_stepped(
     assert flight.told.alert == "peer's clock stepped"
 
 
+def test_a_peer_that_falls_silent_nearby_still_counts_as_near(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.TOO_CLOSE, heard=(2,))
+    flight.close = True
+    peers(1, 2)(flight)
+    flight.fly(ONSET_S + 0.1)
+    peers(2)(flight)
+    flight.core.on_presence(1, present=False)
+    flight.fly(ONSET_S + 0.6)
+    assert (flight.told.tactic, flight.told.alert) == ("aside", "too close")
+
+
 @pytest.mark.parametrize("height_m", [6.5, 9.5])
 def test_above_and_below_each_other_vehicles_are_not_too_close(
     height_m: float, make_flight: Callable[..., Flight]
