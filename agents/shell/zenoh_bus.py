@@ -13,6 +13,7 @@ import zenoh
 
 from agents.drops import Drops, Reason
 from agents.ports import VehicleRefusedError
+from agents.shell.bus_security import BusSecurity, secured
 from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES, Mailbox
 from agents.team.messages import TOPICS, MemberState, NeighbourAngle, StartProposal
 from agents.team.participant import Participant, is_name
@@ -38,8 +39,10 @@ class ZenohBus:
     messages a second on each topic. `listen` and `connect` are Zenoh endpoints such as `tcp/127.0.0.1:7447`. Endpoints
     at which nothing listens yet are tried again. A peer that dies is noticed at once, one that freezes after
     `lease_ms`. An observer publishes nothing, and only a vehicle shows its presence. `listen` None opens no port.
-    `settings` are further Zenoh settings by path, for instance `transport/link/tls/listen_certificate`. A bus is opened
-    and closed once. Raises ValueError for a team's name that would be a pattern in a key.
+    With `security` the endpoints are of TLS, whatever scheme they are written with, and only the holders of its
+    certificates are heard, each on its own keys. `settings` are further Zenoh settings by path, for instance
+    `transport/link/tx/lease`. A bus is opened and closed once. Raises ValueError for a team's name that would be a
+    pattern in a key.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class ZenohBus:
         lease_ms: int = LEASE_MS,
         rate_hz: float = RATE_HZ,
         settings: Mapping[str, object] | None = None,
+        security: BusSecurity | None = None,
     ) -> None:
         """Take the settings; nothing is opened before `open`."""
         if not is_name(team):
@@ -61,10 +65,13 @@ class ZenohBus:
         self.participant = participant
         self._prefix = f"cordon/{team}"
         self._listen = listen
+        if security is not None:
+            listen, connect = None if listen is None else secured(listen), [secured(each) for each in connect]
         self._settings = (
             _settings(listen, connect, multicast=multicast, lease_ms=lease_ms)
             | _limits(self._prefix, members)
             | dict(settings or {})
+            | ({} if security is None else security.settings(team))
         )
         self._session: zenoh.Session | None = None
         self._token: zenoh.LivelinessToken | None = None

@@ -18,6 +18,7 @@ VERBS = (
     "excite",
     "fly",
     "identify",
+    "keys",
     "log",
     "replay",
     "report",

@@ -6,7 +6,7 @@ from datetime import date
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Json, MissionName, loaded_mission
+from gcs.cli.options import Json, MissionName, bus_mission
 from gcs.errors import Exit
 
 
@@ -30,7 +30,7 @@ def check(options: CheckOptions) -> Exit:
     from gcs.preflight.link_facts import gather_facts
     from gcs.preflight.preflight import preflight
 
-    mission = loaded_mission(options.mission)
+    mission = bus_mission(options.mission)
     findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today())
     STDERR.print(findings_view(mission.mission.name, findings))
     if options.json:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RunningMission, chosen_vehicle, loaded_mission
+from gcs.cli.options import KeyName, RunningMission, bus_mission, chosen_vehicle
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
     from gcs.console.command_client import CommandResult
+    from gcs.keys.identity import Identity
     from gcs.mission.mission import Mission
 
 Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
@@ -25,6 +26,7 @@ class CommandOptions:
 
     vehicle: Annotated[int | None, Parameter(help="Send it to this vehicle alone, in place of all.")] = None
     mission: RunningMission = "case2"
+    key: KeyName = None
     yes: Annotated[bool, Parameter(negative="", help="Kill without asking for confirmation.")] = False
 
 
@@ -50,21 +52,35 @@ def command(
     from gcs.console.command_client import CommandClient
     from gcs.console.terminal import print_problem
 
-    mission, vehicle = loaded_mission(options.mission), options.vehicle
+    mission, vehicle = bus_mission(options.mission), options.vehicle
     vehicles = mission.ids if vehicle is None else (chosen_vehicle(mission, vehicle, "--vehicle").id,)
     if faults := list(_shape_faults(mission, verb, shape, vehicle)):
         raise InputError(faults)
     if verb == "kill" and not options.yes and not confirmed(_kill_question(vehicles, mission)):
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
-    operator = CommandClient(mission)
     try:
+        operator = CommandClient(mission, _operator(mission, verb, options.key))
         answers = asyncio.run(operator.command(verb, vehicles, vehicle, shape))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
     _show(verb, answers, operator.joined_after_s)
     return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
+
+
+def _operator(mission: "Mission", verb: Verb, name: str | None) -> "Identity":
+    """Return the operator whose keys are here; raises VehicleRefusedError when they do not grant the verb."""
+    from agents.ports import VehicleRefusedError
+    from gcs.keys.team_keys import team_keys
+
+    operator = team_keys(mission).identity("operator", name)
+    if verb not in operator.may:
+        raise VehicleRefusedError(
+            f"operator {operator.participant.name} may not command {verb} (its keys grant {', '.join(operator.may)})",
+            "let an operator command it who may; `cordon keys issue operator NAME --may` grants verbs",
+        )
+    return operator
 
 
 def _show(verb: Verb, answers: "Mapping[int, CommandResult | None]", joined_after_s: float) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json, Log, MissionName, Recorded, Speed, chosen_vehicle, loaded_mission
+from gcs.cli.options import RESULT, Json, Log, MissionName, Recorded, Speed, bus_mission, chosen_vehicle
 from gcs.errors import Exit
 from gcs.signals import hold_back
 
@@ -57,7 +57,7 @@ def _excite(options: ExciteOptions) -> Exit:
     from gcs.flight.run import run_flight
     from gcs.mission.file import excitation_mission
 
-    whole = loaded_mission(options.mission)
+    whole = bus_mission(options.mission)
     vehicle = whole.vehicles[0] if options.vehicle is None else chosen_vehicle(whole, options.vehicle, "--vehicle")
     mission = excitation_mission(whole, vehicle.id)
     planned = preview(mission.agent_config(mission.vehicles[0]))

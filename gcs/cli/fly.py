@@ -14,8 +14,8 @@ from gcs.cli.options import (
     Plot,
     Recorded,
     Speed,
+    bus_mission,
     chosen_vehicle,
-    loaded_mission,
 )
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
@@ -75,7 +75,7 @@ def _fly(options: FlyOptions) -> Exit:
     from gcs.flight.run import run_flight
 
     check_plot(options.plot)
-    mission = loaded_mission(options.mission)
+    mission = bus_mission(options.mission)
     if options.sitl and options.only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
     only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")

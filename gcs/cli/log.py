@@ -10,7 +10,7 @@ from gcs.errors import Exit
 
 log = App(
     name="log",
-    help="Repair a flight log, or write the layout for its viewers.\n\n"
+    help="Repair a flight log, verify its audit log, or write the layout for its viewers.\n\n"
     "Example: cordon log layout -o cordon-layout.json",
 )
 
@@ -52,6 +52,32 @@ def recover(options: RecoverOptions) -> Exit:
     print_line(f"{target}: {recovered.records} records of {recovered.seconds:.1f} s recovered; {path} is unchanged")
     for fault in recovered.faults:
         print_line(f"incomplete: {fault}", "yellow")
+    return Exit.HOLDS
+
+
+@log.command
+def audit(path: Annotated[Path, Parameter(name="LOG", help="The log of a flight.")], /) -> Exit:
+    """Show which operator commanded what and what each vehicle did, and verify that no entry was changed or removed.
+
+    Exit code 1 when the chain of entries is broken. The last digest, noted elsewhere, proves which log it is.
+
+    Example: cordon log audit 2026-05-04_10-00-00-case2.mcap
+    """
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.flightlog.audit.entry import AuditEntry, chain_fault
+    from gcs.flightlog.audit.view import audit_line
+    from gcs.flightlog.reader import read_log
+
+    records = read_log(path).run_records
+    entries = [each.read(AuditEntry) for each in records if each.kind is AuditEntry]
+    for entry in entries:
+        if entry.event != "closed":
+            print_result(audit_line(entry))
+    if fault := chain_fault(entries):
+        print_problem(f"{path}: the audit log is broken: {fault}")
+        return Exit.VERDICT_FAILED
+    print_line(f"{path}: {len(entries)} entries, none changed or removed; last digest {entries[-1].digest}")
     return Exit.HOLDS
 
 

@@ -21,6 +21,10 @@ MissionName = Annotated[
     ),
 ]
 RunningMission = Annotated[str, Parameter(help="The mission that the team flies: it holds the team's addresses.")]
+KeyName = Annotated[
+    str | None,
+    Parameter(help="Whose keys to use, such as anna: needed only where the mission's folder of keys has several."),
+]
 Duration = Annotated[
     float | None,
     Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0, lte=86400)),
@@ -63,6 +67,22 @@ def loaded_mission(name: str) -> "Mission":
 
         for warning in mission.warnings:
             print_line(f"warning: {warning}", "yellow")
+    return mission
+
+
+def bus_mission(name: str) -> "Mission":
+    """Return the mission of a verb that joins the team's bus; an insecure one is said so.
+
+    Raises InputError, also for a bus beyond this computer without `[network.security]`.
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.team_keys import INSECURE, security_faults
+
+    mission = loaded_mission(name)
+    if faults := security_faults(mission):
+        raise InputError(faults)
+    if mission.network.security is not None and mission.network.security.insecure:
+        print_line(f"warning: {INSECURE}", "yellow")
     return mission
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import RunningMission, loaded_mission
+from gcs.cli.options import KeyName, RunningMission, bus_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ class TargetOptions:
         Parameter(help="Repeat it for this many seconds, twice a second.", validator=Number(gte=0.0, lte=3600.0)),
     ] = 0.0
     mission: RunningMission = "case2"
+    key: KeyName = None
 
     @property
     def is_geodetic(self) -> bool:
@@ -71,10 +72,10 @@ def target(
     position = tuple(value for value in (x, y, options.lat, options.lon) if value is not None)
     if len(position) != 2 or not (options.is_geodetic or (x is not None and y is not None)):
         raise InputError(["target: give its position as X Y in metres, or as --lat and --lon in degrees"])
-    mission = loaded_mission(options.mission)
+    mission = bus_mission(options.mission)
     if faults := list(_position_faults(position, mission, geodetic=options.is_geodetic)):
         raise InputError(faults)
-    return _publish(_sighting(position, options), mission, options.lasting)
+    return _publish(_sighting(position, options), mission, options)
 
 
 def _position_faults(position: tuple[float, ...], mission: "Mission", *, geodetic: bool) -> Iterator[str]:
@@ -103,19 +104,21 @@ def _sighting(position: tuple[float, ...], options: TargetOptions) -> "ExternalS
     )
 
 
-def _publish(sighting: "ExternalSighting", mission: "Mission", lasting_s: float) -> Exit:
+def _publish(sighting: "ExternalSighting", mission: "Mission", options: TargetOptions) -> Exit:
     """Publish a sighting for some seconds; one that the vehicles would reject is rejected here."""
     from agents.ports import VehicleRefusedError
     from agents.team.perception import Perception, SightingRefusedError, encode_sighting
     from gcs.console.command_client import CommandClient
     from gcs.console.terminal import STDERR, print_problem
+    from gcs.keys.team_keys import team_keys
 
     try:
         Perception(mission.mission_frame(), lambda _: None).read(encode_sighting(sighting), now_s=0.0, time_scale=1.0)
     except SightingRefusedError as refused:
         raise InputError([f"target: {refused}"]) from refused
     try:
-        reached = asyncio.run(CommandClient(mission).send_sighting(sighting, lasting_s))
+        sensor = team_keys(mission).identity("sensor", options.key)
+        reached = asyncio.run(CommandClient(mission, sensor).send_sighting(sighting, options.lasting))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RunningMission, loaded_mission
+from gcs.cli.options import RunningMission, bus_mission
 from gcs.errors import Exit
 from gcs.signals import hold_back
 
@@ -31,7 +31,7 @@ def watch(*, options: WatchOptions = _DEFAULTS) -> Exit:
     from gcs.console.terminal import STDERR, print_problem
     from gcs.console.watch import WatchView, watch_until_ctrl_c
 
-    mission = loaded_mission(options.mission)
+    mission = bus_mission(options.mission)
     try:
         with WatchView(STDERR) as view:
             asyncio.run(watch_until_ctrl_c(mission, view))

@@ -5,9 +5,7 @@ import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
-from getpass import getuser
 from random import randrange
-from socket import gethostname
 from statistics import median_low
 from time import monotonic
 
@@ -16,11 +14,12 @@ import msgspec
 from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
-from agents.shell.zenoh_bus import ZenohBus
 from agents.team.admission import refusal
-from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode, topic_of
-from agents.team.participant import Participant, name_from
+from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
+from gcs.console.team_bus import guest_bus, send_command
+from gcs.keys.identity import Identity
+from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
 
 _RECEIVED_TIMEOUT_S = 3.0
@@ -52,10 +51,13 @@ class CommandResult:
 class CommandClient:
     """Sends commands and sightings to the vehicles of one mission."""
 
-    def __init__(self, mission: Mission) -> None:
-        endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
-        operator = Participant("operator", _operator_name())
-        self._bus = ZenohBus(operator, mission.network.team, mission.ids, connect=endpoints)
+    def __init__(self, mission: Mission, identity: Identity | None = None) -> None:
+        """Take the sensor whose sightings these are, or the operator: by default the one whose keys are here.
+
+        Raises InputError when there are none, VehicleRefusedError where no flight runs.
+        """
+        self._identity = identity or team_keys(mission).identity("operator")
+        self._bus = guest_bus(mission, self._identity)
         self._vehicles = mission.ids
         self._clocks = TeamClock()
         self._present: set[int] = set()
@@ -127,9 +129,8 @@ class CommandClient:
         return vehicle in self._answers and final(verb, self._answers[vehicle].did)
 
     def _send(self, verb: Verb, vehicle: int | None, shape: Shape | None) -> None:
-        origin = self._bus.participant.name
-        command = OperatorCommand(self._team_s, verb, vehicle, origin, self._number, shape)
-        self._bus.publish(topic_of(command), encode(command))
+        command = OperatorCommand(self._team_s, verb, vehicle, self._identity.participant.name, self._number, shape)
+        send_command(self._bus, command)
 
     @property
     def _team_s(self) -> float:
@@ -186,12 +187,3 @@ class TeamClock:
             for time_s, received_s in self._received.values()
             if newest_s - received_s <= _CLOCK_AGE_MAX_S
         )
-
-
-def _operator_name() -> str:
-    """Return the user and the computer that send the command, as a name on the bus."""
-    try:
-        user = getuser()
-    except (OSError, KeyError, ImportError):  # the user id has no name on this system
-        user = "operator"
-    return name_from(f"{user}.{gethostname()}")

@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from gcs.console.printable import Printable, printable_lines
 from gcs.metrics.result import FlightResult, VehicleResult
 from gcs.metrics.reynolds_view import reynolds_grid
 
@@ -119,7 +120,7 @@ class TableView(Generic[RowT]):
 
     def print_line(self, text: str) -> None:
         """Print a permanent line above the table."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._console.print(printable_lines(text), markup=False, highlight=False, soft_wrap=True)
 
     def _line_is_due(self, now_s: float) -> bool:
         return self._printed_s is None or not 0.0 <= now_s - self._printed_s < self._interval_s
@@ -127,7 +128,8 @@ class TableView(Generic[RowT]):
     def _render(self) -> RenderableType:
         rows, time_s, message, hint = self._shown
         table = self._table(rows, time_s, message)
-        return Group(table, Text(hint, style="dim")) if hint else table
+        # A live view is drawn past the console's own hooks.
+        return Printable(Group(table, Text(hint, style="dim")) if hint else Group(table))
 
 
 class LiveView(TableView[LiveRow]):

@@ -7,6 +7,8 @@ from typing import TextIO
 
 from rich.console import Console
 
+from gcs.console.printable import PrintableOutput
+
 
 class _StderrConsole(Console):
     """A console that survives a closed pipe: a flight goes on when its output is no longer read."""
@@ -18,6 +20,7 @@ class _StderrConsole(Console):
 
 
 STDERR = _StderrConsole(stderr=True)
+STDERR.push_render_hook(PrintableOutput())
 
 
 def print_line(text: str, style: str = "") -> None:

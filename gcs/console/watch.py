@@ -9,10 +9,9 @@ from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from agents.shell.zenoh_bus import ZenohBus
-from agents.team.participant import Participant
 from gcs.console.live import TACTIC_STYLES, TableView, number
 from gcs.console.team_state import TeamState, WatchRow
+from gcs.console.watched_bus import WatchedBus
 from gcs.mission.mission import Mission
 from gcs.signals import relay
 
@@ -49,22 +48,17 @@ async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
 
 
 async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
-    """Show the team until `stop`."""
-    team = TeamState(mission.ids)
-    endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
-    bus = ZenohBus(Participant("observer", "watch"), mission.network.team, mission.ids, None, endpoints)
-    began_s = monotonic()
-    await bus.open(lambda key, payload: team.receive(key, payload, monotonic()), lambda *_: None)
-    try:
+    """Show the team until `stop`; raises InputError when this computer has no keys to listen with."""
+    team, began_s = TeamState(mission.ids), monotonic()
+    async with WatchedBus(mission, lambda key, payload: team.receive(key, payload, monotonic())) as bus:
         while not stop.is_set():
+            await bus.follow()
             now_s = monotonic()
             for line in team.new_events(now_s):
                 view.print_line(line)
-            view.update(team.rows(now_s), now_s - began_s, _message(mission, team, now_s - began_s))
+            view.update(team.rows(now_s), now_s - began_s, bus.refusal or _message(mission, team, now_s - began_s))
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
-    finally:
-        await bus.close()
 
 
 def watch_table(rows: Sequence[WatchRow], watched_s: float, message: str) -> RenderableType:

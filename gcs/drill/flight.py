@@ -14,14 +14,14 @@ from typing import Self
 import msgspec
 
 from agents.ports import VehicleRefusedError
-from agents.shell.zenoh_bus import ZenohBus
 from agents.team.messages import MemberState, NeighbourAngle, decode
-from agents.team.participant import Participant
 from estimation.frames import Triple
 from gcs.console.command_client import CommandClient
+from gcs.console.team_bus import guest_bus
 from gcs.drill.injected_faults import InjectedFaults
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
+from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
 _POLL_S = 0.004
@@ -68,6 +68,7 @@ class DrillFlight:
         self._stack = AsyncExitStack()
         self._process: asyncio.subprocess.Process | None = None
         self._output = ""
+        self._keys: TeamKeys = NoKeys()
         self._stalls: list[tuple[float, float]] = []
 
     async def __aenter__(self) -> Self:
@@ -149,7 +150,8 @@ class DrillFlight:
         """Command a vehicle once to resume its mission."""
         with suppress(VehicleRefusedError, TimeoutError):
             await asyncio.wait_for(
-                CommandClient(self.mission).command("resume", (vehicle,), vehicle), _RESUME_TIMEOUT_S
+                CommandClient(self.mission).command("resume", (vehicle,), vehicle),
+                _RESUME_TIMEOUT_S,
             )
 
     async def _start(self) -> None:
@@ -157,6 +159,7 @@ class DrillFlight:
         mission_file, path = folder / "mission.toml", folder / "socket"
         mission_file.write_text(self._text, encoding="utf-8")
         await self.serve(self._stack)
+        self._keys = self._stack.enter_context(flight_keys(self.mission))
         server = await asyncio.start_unix_server(self._under_test.meet, path)
         self._stack.callback(server.close)
         await self._fly(mission_file, path)
@@ -201,9 +204,7 @@ class DrillFlight:
             await process.wait()
 
     async def _listen(self) -> None:
-        endpoints = [vehicle.section.endpoint for vehicle in self.mission.vehicles]
-        mission = self.mission
-        bus = ZenohBus(Participant("observer", "drill"), mission.network.team, mission.ids, None, endpoints)
+        bus = guest_bus(self.mission, self._keys.identity("observer"))
         await bus.open(self._receive, lambda *_: None)
         self._stack.push_async_callback(bus.close)
 

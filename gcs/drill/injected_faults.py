@@ -17,6 +17,7 @@ from agents.ports import PeerBus, TargetSensor
 from agents.team.messages import PEER_TOPICS, MemberState, decode, encode
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
+from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission, MissionVehicle
 
 HANG_S = 6
@@ -160,10 +161,10 @@ class FailingEquipment(Equipment):
     def __init__(self, receiver: FaultReceiver) -> None:
         self._receiver = receiver
 
-    def bus(self, mission: Mission, vehicle: MissionVehicle, speed: float) -> PeerBus:
+    def bus(self, mission: Mission, vehicle: MissionVehicle, speed: float, keys: TeamKeys) -> PeerBus:
         """Return a bus that can fail."""
         self._receiver.loop = asyncio.get_running_loop()
-        return FailingBus(super().bus(mission, vehicle, speed), self._receiver, vehicle.id)
+        return FailingBus(super().bus(mission, vehicle, speed, keys), self._receiver, vehicle.id)
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""

@@ -62,7 +62,9 @@ def _move_apart(content: _Content, folder: Path) -> None:
             profile = folder / vehicle.get(key, "")
             if profile.is_file():
                 vehicle[key] = str(profile.resolve())
-    content.setdefault("network", {})["team"] = f"drill-{os.getpid()}"
+    network = content.setdefault("network", {})
+    network.pop("security", None)  # this computer's flights have keys of their own
+    network["team"] = f"drill-{os.getpid()}"
 
 
 def _free_ports(count: int) -> list[int]:

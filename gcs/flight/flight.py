@@ -3,24 +3,23 @@
 import asyncio
 import traceback
 from collections.abc import Coroutine
-from contextlib import AsyncExitStack, suppress
+from contextlib import AsyncExitStack, ExitStack, suppress
 from dataclasses import dataclass
 from time import perf_counter
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending, Outcome, Stop
-from gcs.console.key_commands import KeyCommands
-from gcs.console.keyboard import Keyboard
 from gcs.console.live import LiveView
-from gcs.flight.equipment import Equipment
 from gcs.flight.heartbeat import SupervisorLink, Unsupervised
+from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import FlightStubs
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import Member, Team
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
+from gcs.keys.team_keys import flight_keys
 from gcs.link.hub import MavsdkHub
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
@@ -48,17 +47,18 @@ async def fly(
 ) -> Flight:
     """Fly; raises VehicleRefusedError when the team cannot take off, or should not: `report` receives the findings.
 
+    Raises InputError when the keys of the team are not here or do not count.
+
     Ctrl-C makes every vehicle hold and land, a second one land at once.
     """
     clock = MissionClock(plan.speed or 1.0)
-
-    def team(recording: Recording) -> Team:
-        return Team(plan, clock, recording, view, Journal(plan.mission))
-
-    if plan.log is None:
-        return await _fly(team(Unrecorded()), report, supervisor)
-    with FlightRecording(plan.log, clock, Scene(plan.log.context, plan.mission)) as recording:
-        return await _fly(team(recording), report, supervisor)
+    with ExitStack() as stack:
+        keys = stack.enter_context(flight_keys(plan.mission))
+        recording: Recording = Unrecorded()
+        if plan.log is not None:
+            scene = Scene(plan.log.context, plan.mission)
+            recording = stack.enter_context(FlightRecording(plan.log, clock, scene))
+        return await _fly(Team(plan, clock, recording, view, Journal(plan.mission), keys), report, supervisor)
 
 
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -> Flight:
@@ -80,13 +80,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         await _unless_stopped(_prepare(team, target, report), team.stop)
         team.recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
-        operator_bus = (plan.equipment or Equipment()).operator_bus(plan.mission)
-        key_commands = KeyCommands(team.agents, clock, operator_bus)
-        keyboard = stack.enter_context(Keyboard(key_commands.press)) if team.view.is_live else None
-        if keyboard is not None and keyboard.active and len(team.members) < len(plan.mission.vehicles):
-            stack.push_async_callback(operator_bus.close)
-            await operator_bus.open(lambda *_: None, lambda *_: None)
-        hint = (lambda: key_commands.hint) if keyboard is not None and keyboard.active else str
+        hint = await command_by_keyboard(team, stack)
         outcomes = await _fly_members(team, Watch(team, report, hint))
         wall_time_s = perf_counter() - began_s
     record = team.record(stubs.record, wall_time_s)

@@ -17,6 +17,7 @@ from gcs.flight.equipment import Equipment
 from gcs.flight.plan import FlightPlan
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
+from gcs.keys.team_keys import TeamKeys
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.metrics.journal import Journal, RunTotals
@@ -48,6 +49,7 @@ class Team:
     recording: Recording
     view: LiveView
     journal: Journal
+    keys: TeamKeys
     stop: Stop = field(default_factory=Stop)
     members: list[Member] = field(default_factory=list)
 
@@ -82,7 +84,7 @@ class Team:
             core=self.recording.core(config),
             config=config,
             link=link,
-            bus=equipment.bus(mission, vehicle, self.clock.speed),
+            bus=equipment.bus(mission, vehicle, self.clock.speed, self.keys),
             clock=self.clock,
             make_sensor=partial(equipment.sensor, mission, vehicle.id),
             observe=self._observe,

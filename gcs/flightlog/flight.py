@@ -7,6 +7,7 @@ from agents.core import VehicleCore
 from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
 from agents.tape import TapedCore
+from gcs.flightlog.audit.trail import AuditTrail
 from gcs.flightlog.recorder import Recorder, RecorderThread, VehicleTape
 from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
 from gcs.flightlog.writer import LogWriter, Picture
@@ -83,7 +84,7 @@ class FlightRecording:
     """Records on a thread of its own; use it as a context manager around everything that flies."""
 
     def __init__(self, writer: LogWriter, clock: MissionClock, picture: Picture | None = None) -> None:
-        self._recorder = Recorder(writer, clock.now_s, lambda: clock.speed, picture)
+        self._recorder = Recorder(writer, clock.now_s, lambda: clock.speed, picture, AuditTrail())
         self._thread = RecorderThread(self._recorder)
         self._tapes: dict[int, VehicleTape] = {}
 

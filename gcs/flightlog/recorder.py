@@ -13,6 +13,7 @@ from typing import Self
 
 from agents.outputs import TickOutput
 from agents.tape import CoreInput
+from gcs.flightlog.audit.trail import AuditTrail
 from gcs.flightlog.records import Decision, recorded
 from gcs.flightlog.writer import LogWriter, Picture
 
@@ -36,8 +37,13 @@ class Recorder:
         now_s: Callable[[], float],
         speed: Callable[[], float],
         picture: Picture | None = None,
+        audit: AuditTrail | None = None,
     ) -> None:
-        """Take the log; the clock of the records passes `speed()` times as fast as that of the log's time stamps."""
+        """Take the log; the clock of the records passes `speed()` times as fast as that of the log's time stamps.
+
+        `audit` makes the entries of the audit log; None for a log without.
+        """
+        self._audit = audit
         self._writer = writer
         self._now_s = now_s
         self._speed = speed
@@ -74,7 +80,7 @@ class Recorder:
         while queue:
             vehicle_id, number, time_s, item = queue.popleft()
             try:
-                self._write(vehicle_id, number, round(max(time_s, 0.0) / speed * 1e9), item)
+                self._write(vehicle_id, number, time_s, round(max(time_s, 0.0) / speed * 1e9), item)
             except Exception as error:  # a bug with one record must not cost the others, and never a flight
                 self.fail(f"a {type(item).__name__} could not be written: {_error_text(error)}")
 
@@ -87,12 +93,18 @@ class Recorder:
     def close(self) -> None:
         """Write the remaining records and close the log."""
         self._drain()
+        if self._audit is not None:
+            self.note(0, 0, self._audit.closed(self._now_s()))
+            self._drain()
         self._writer.close()
 
-    def _write(self, vehicle_id: int, number: int, time_ns: int, item: object) -> None:
+    def _write(self, vehicle_id: int, number: int, time_s: float, time_ns: int, item: object) -> None:
         record = recorded(item)
         self._eventful |= type(record) is Decision and bool(record.notes)
         self._writer.write(vehicle_id, number, time_ns, record)
+        if self._audit is not None:
+            for entry in self._audit.take(vehicle_id, time_s, item):
+                self._writer.write(0, 0, time_ns, entry)
         if self._picture is None:
             return
         try:

@@ -25,6 +25,7 @@ from agents.tape import (
 )
 from agents.team.messages import encode
 from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
+from gcs.flightlog.audit.entry import AuditEntry
 
 PROFILE = "cordon"
 """The word by which an MCAP file says whose it is."""
@@ -206,7 +207,7 @@ class RunEnd(msgspec.Struct, frozen=True):
     wall_time_s: float
 
 
-RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end"}
+RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end", AuditEntry: "audit"}
 VEHICLE_TOPICS: dict[type, str] = {
     TimeScale: "time_scale",
     Start: "start",

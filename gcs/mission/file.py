@@ -67,7 +67,7 @@ def parse_mission(text: str, folder: Path, profile_texts: Mapping[str, str] | No
         mission = _checked(content, text, ProfileShelf(folder, profile_texts), moves.faults)
     except MissionError as error:
         raise MissionError([moves.as_written(fault) for fault in error.faults]) from error
-    mission = replace(mission, warnings=tuple(moves.warnings))
+    mission = replace(mission, warnings=tuple(moves.warnings), folder=folder)
     return mission if excites is None else _excited(mission, excites)
 
 
@@ -127,7 +127,7 @@ def excitation_mission(mission: Mission, vehicle_id: int) -> Mission:
     """
     if mission.excites:
         return mission
-    return parse_mission(f"{EXCITES} = {vehicle_id}\n{mission.text}", Path(), mission.profile_texts)
+    return parse_mission(f"{EXCITES} = {vehicle_id}\n{mission.text}", mission.folder, mission.profile_texts)
 
 
 def _excited(mission: Mission, vehicle_id: object) -> Mission:

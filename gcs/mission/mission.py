@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -155,6 +156,22 @@ class TargetSection(TargetBehaviour):
         return TargetMotion(self.start_m, self.velocity_m_s, legs, self.rounds)
 
 
+class SecuritySection(Settings):
+    """`[network.security]`: `keys` is the folder of this computer's keys (`cordon keys`), beside the mission. Without
+    the section a team on one computer has keys of its own for each flight; over several computers it is required. With
+    `insecure = true` nothing on the bus is encrypted or authenticated: who reaches it may command the vehicles.
+    """
+
+    keys: str | None = Field(None, min_length=1)
+    insecure: bool = False
+
+    @model_validator(mode="after")
+    def _is_one_or_the_other(self) -> Self:
+        if (self.keys is None) != self.insecure:
+            raise ValueError("it has either the folder of the keys, keys, or insecure = true")
+        return self
+
+
 class NetworkSection(Settings):
     """`[network]`: the team's name on the bus, and how far messages reach; delay and loss are the simulation's."""
 
@@ -162,6 +179,7 @@ class NetworkSection(Settings):
     range_m: float = Field(200.0, gt=0.0, le=100000.0)
     delay_s: float = Field(0.0, ge=0.0, le=5.0)
     loss: float = Field(0.0, ge=0.0, lt=1.0)
+    security: SecuritySection | None = None
 
 
 class LinkSection(Settings):
@@ -273,8 +291,8 @@ class MissionVehicle:
 class Mission:
     """A whole mission, checked: every section, and the vehicles with their profiles; and what it was read from.
 
-    `warnings` name the keys that stand where an earlier version had them, and where each stands today. A mission that
-    `excites` is the flight by which its only vehicle is identified.
+    `folder` is that of its file. `warnings` name the keys that stand where an earlier version had them, and where each
+    stands today. A mission that `excites` is the flight by which its only vehicle is identified.
     """
 
     mission: MissionSection
@@ -296,6 +314,7 @@ class Mission:
     profile_texts: Mapping[str, str] = field(compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
     excites: bool = False
+    folder: Path = field(default=Path(), compare=False)
 
     @property
     def ids(self) -> tuple[int, ...]:

@@ -13,13 +13,14 @@ from agents.tactics import diagram
 from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
-from gcs.mission.mission import LegSection, SensorChange, SensorSection, TrueScale, VehicleSection
+from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
 from tests.structure import PACKAGES
 from tests.support.paths import DOCS, ROOT
 
 _TABLES: dict[str, type[Settings]] = {
     **{f"[{name}]": model for name, model in SECTIONS.items()},
+    "[network.security]": SecuritySection,
     "[target.sensor]": SensorSection,
     "[[target.legs]]": LegSection,
     "[[vehicles]]": VehicleSection,

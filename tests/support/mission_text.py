@@ -18,6 +18,8 @@ from tests.support.paths import MISSIONS
 Content = dict[str, Any]
 Place = tuple[str | int, ...]
 
+INSECURE = ("[target]\n", "[network.security]\ninsecure = true\n\n[target]\n")
+"""A change of a mission's text: its bus is plain, and whatever connects takes part."""
 CASE2 = (MISSIONS / "case2.toml").read_text(encoding="utf-8")
 
 

@@ -28,6 +28,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
+from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT
 from tests.support.wire import served
 
@@ -165,7 +166,7 @@ async def test_a_peer_whose_computer_has_another_time(
     ahead_s: float, refused: bool, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("agents.shell.start_agreement.START_TIMEOUT_S", 5.0)
-    mission = load_mission(mission_file("case2"))
+    mission = load_mission(mission_file("case2", INSECURE))
     one, _, three = mission.vehicles
     watched, told = Watched(monkeypatch), list[Finding]()
     plan = FlightPlan(mission, 5.0, (one,), stubs=False, speed=SPEED)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_agreement import StartAgreement
-from agents.shell.start_proposal import LEAD_TIME_S, SAMPLES_MIN, PeerClocks, TeamReadiness
+from agents.shell.start_proposal import LEAD_TIME_S, SAMPLES_MIN, PeerClocks, TeamReadiness, is_possible
 from agents.team.messages import TOPICS, StartProposal, decode
 
 MEMBERS = (1, 2, 3)
@@ -197,3 +197,51 @@ def test_a_late_comer_takes_the_start_it_is_told() -> None:
     comer = TeamReadiness(2, (1, 2, 3))
     comer.receive(StartProposal(1, 500.0, 102.0))
     assert comer.start_s == 102.0
+
+
+@pytest.mark.parametrize(
+    ("start_s", "possible"),
+    [(None, True), (0.0, False), (399.0, False), (401.0, True), (1000.0, True), (1002.9, True), (1004.0, False)],
+)
+def test_a_start_is_a_lead_time_ahead_or_of_a_mission_under_way(start_s: float | None, possible: bool) -> None:
+    assert is_possible(StartProposal(2, 1000.0, start_s), 1000.0, 600.0) is possible
+
+
+def test_a_start_that_cannot_be_neither_ends_the_mission_nor_holds_it_up() -> None:
+    async def agreed() -> None:
+        clock = Clock()
+        clock.time_s = 1000.0
+        air = Air(clock)
+        air.agreement.bound(600.0)
+        air.agreement.announce()
+        for start_s in (0.0, 1e9):
+            air.agreement.receive(StartProposal(2, clock.time_s, start_s))
+        assert air.agreement.start_s is None
+        assert 1002.0 < await air.agreement.agree() < 1010.0
+
+    asyncio.run(agreed())
+
+
+def test_who_joins_a_mission_under_way_takes_its_start() -> None:
+    async def joined() -> None:
+        clock = Clock()
+        clock.time_s = 1000.0
+        air = Air(clock)
+        air.agreement.bound(600.0)
+        air.agreement.announce()
+        air.agreement.receive(StartProposal(2, clock.time_s, 700.0))
+        assert await air.agreement.agree() == 700.0
+
+    asyncio.run(joined())
+
+
+def test_the_clock_of_a_stranger_keeps_no_vehicle_on_the_ground() -> None:
+    async def compared() -> None:
+        air = Air(Clock())
+        air.agreement.announce()
+        for _ in range(SAMPLES_MIN):
+            air.agreement.receive(StartProposal(9, 500.0, None))
+        await air.agreement.compare_clocks()
+        assert air.agreement.clock_lags_s == {}
+
+    asyncio.run(compared())

@@ -60,7 +60,7 @@ def test_a_log_holds_it_beside_the_parameters(tmp_path: Path) -> None:
             VehicleFacts(vehicle_id=2, autopilot=AutopilotKind.PX4, firmware="1.17.0", parameters=parameters)
         )
     with path.open("rb") as stream:
-        ((_, channel, _, vehicle),) = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
-    assert channel.topic == "/vehicle/2/vehicle"
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        ((_, _, _, vehicle),) = reader.iter_decoded_messages(topics="/vehicle/2/vehicle")
     assert (vehicle.autopilot, vehicle.firmware) == ("PX4", "1.17.0")
     assert [(each.name, each.value) for each in vehicle.parameters] == [("COM_OBL_RC_ACT", 4.0)]

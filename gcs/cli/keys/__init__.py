@@ -1,0 +1,77 @@
+"""`cordon keys`: the keys by which vehicles, operators and sensors of a team know each other."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from gcs.cli.keys.issue import issue
+from gcs.cli.keys.options import Days, KeysOptions, print_roster_step
+from gcs.errors import Exit
+
+keys = App(
+    name="keys",
+    help="Make, issue and revoke the keys of a team that flies from several computers.\n\n"
+    "Example: cordon keys issue vehicle 3",
+)
+keys.command(issue)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InitOptions(KeysOptions):
+    """What `cordon keys init` is given."""
+
+    days: Days = 3650.0
+
+
+_KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
+
+
+@keys.command
+def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
+    """Make the authority of a team, which signs all its keys. Its folder `authority` stays on this computer.
+
+    Example: cordon keys init --keys keys
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AUTHORITY, AuthorityFolder
+
+    AuthorityFolder(options.keys).init(options.days)
+    print_line(f"{options.keys / AUTHORITY}: made; keep it secret: who has it can issue keys")
+    print_line(f"next: cordon keys issue vehicle 1 --keys {options.keys}")
+    return Exit.HOLDS
+
+
+@keys.command
+def revoke(
+    holder: Annotated[str, Parameter(help="The holder, such as operator-anna or vehicle-3.")],
+    /,
+    *,
+    options: KeysOptions = _KEYS_DEFAULTS,
+) -> Exit:
+    """Revoke the keys of a holder. It takes effect on a computer when the roster has been copied there.
+
+    Example: cordon keys revoke operator-anna
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AuthorityFolder
+
+    folder = AuthorityFolder(options.keys)
+    print_line(f"{folder.revoke(holder).label}: revoked")
+    print_roster_step(folder.roster.valid, options.keys)
+    return Exit.HOLDS
+
+
+@keys.command
+def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
+    """Show who has keys, what each may do, and until when.
+
+    Example: cordon keys show
+    """
+    from gcs.cli.output import print_result
+    from gcs.keys.authority_folder import AuthorityFolder
+    from gcs.keys.roster_view import roster_view
+
+    print_result(roster_view(AuthorityFolder(options.keys).roster))
+    return Exit.HOLDS

@@ -1,0 +1,33 @@
+"""The bus of a running team, as operators, sensors and observers join it: they connect to the vehicles' endpoints."""
+
+from contextlib import suppress
+
+from agents.ports import PeerBus
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import OperatorCommand, encode, topic_of
+from gcs.errors import InputError
+from gcs.keys.identity import Identity
+from gcs.keys.team_keys import TeamKeys
+from gcs.mission.mission import Mission
+
+
+def guest_bus(mission: Mission, identity: Identity) -> ZenohBus:
+    """Return the bus of an operator, a sensor or an observer, not yet open."""
+    endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
+    network = mission.network
+    return ZenohBus(identity.participant, network.team, mission.ids, None, endpoints, security=identity.security)
+
+
+def observer(keys: TeamKeys) -> Identity:
+    """Return an identity to listen with: an observer's, or an operator's where no observer's keys are here.
+
+    Raises InputError, and VehicleRefusedError where no flight runs.
+    """
+    with suppress(InputError):
+        return keys.identity("observer")
+    return keys.identity("operator")
+
+
+def send_command(bus: PeerBus, command: OperatorCommand) -> None:
+    """Send a command once."""
+    bus.publish(topic_of(command), encode(command))

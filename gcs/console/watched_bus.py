@@ -1,0 +1,65 @@
+"""The bus of a team that is watched: it is joined when a flight begins, and anew when the next one has other keys."""
+
+from collections.abc import Callable
+from time import monotonic
+from types import TracebackType
+from typing import Self
+
+from agents.ports import PeerBus, VehicleRefusedError
+from gcs.console.team_bus import guest_bus, observer
+from gcs.errors import InputError
+from gcs.keys.identity import Identity
+from gcs.keys.team_keys import team_keys
+from gcs.mission.mission import Mission
+
+_LOOKED_UP_EVERY_S = 1.0
+
+
+class WatchedBus:
+    """Listens to the present flight of a team; use it as a context manager, and call `follow` again and again."""
+
+    def __init__(self, mission: Mission, on_message: Callable[[str, bytes], None]) -> None:
+        """Take the mission; raises InputError when its team has no keys and needs them."""
+        self._mission = mission
+        self._keys = team_keys(mission)
+        self._on_message = on_message
+        self._identity: Identity | None = None
+        self._bus: PeerBus | None = None
+        self._look_up_s = 0.0
+        self.refusal = ""
+        """Why no flight can be watched at present, empty when one is."""
+
+    async def __aenter__(self) -> Self:
+        """Prepare to listen."""
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the bus."""
+        await self._leave()
+
+    async def follow(self) -> None:
+        """Join the bus of a flight that has begun since; raises InputError when this computer has no keys for it."""
+        if monotonic() < self._look_up_s:
+            return
+        self._look_up_s = monotonic() + _LOOKED_UP_EVERY_S
+        try:
+            identity = observer(self._keys)
+        except VehicleRefusedError as refusal:
+            self.refusal = f"waiting for team {self._mission.network.team}: {refusal.reason}"
+            return
+        except InputError:
+            if self._bus is None:
+                raise
+            return  # the keys were removed since: what is open stays
+        self.refusal = ""
+        if identity != self._identity:
+            await self._leave()
+            self._identity, self._bus = identity, guest_bus(self._mission, identity)
+            await self._bus.open(self._on_message, lambda _vehicle, _present: None)
+
+    async def _leave(self) -> None:
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            await bus.close()

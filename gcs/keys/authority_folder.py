@@ -1,0 +1,102 @@
+"""The folder of keys on the computer where they are made: with the authority that signs them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import time
+
+import msgspec
+
+from agents.team.messages import Verb
+from agents.team.participant import Role, is_name
+from gcs.errors import InputError
+from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
+from gcs.keys.holder import UNLESS_NAMED, Holder
+from gcs.keys.key_folder import CERTIFICATE_FILE, PRIVATE_KEY_FILE, KeyFolder
+from gcs.keys.private_files import make_folder, read, read_private, write
+from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
+
+AUTHORITY = "authority"
+
+
+@dataclass(frozen=True, slots=True)
+class AuthorityFolder:
+    """Issues and revokes the keys in one folder; its folder `authority` never leaves this computer."""
+
+    path: Path
+
+    @property
+    def roster(self) -> Roster:
+        """All holders; raises InputError where no authority was made."""
+        self._require_authority()
+        return read_roster(self.path / ROSTER_FILE)
+
+    def init(self, days: float) -> None:
+        """Make the authority of a team; raises InputError when there is one already."""
+        if self._authority.exists():
+            raise InputError([f"{self.path}: it has an authority already; next: choose another folder by --keys"])
+        make_folder(self.path)
+        make_folder(self._authority)
+        keys = CertificateAuthority.made(days).keys
+        write(self._authority / PRIVATE_KEY_FILE, keys.private_key_pem)
+        write(self._authority / CERTIFICATE_FILE, keys.certificate_pem)
+        KeyFolder(self.path).put_roster(Roster(digest(keys.certificate_pem)))
+
+    def issue(self, role: Role, name: str, days: float, may: tuple[Verb, ...] | None = None) -> Holder:
+        """Issue a holder's certificate, valid for some days; one that was issued before no longer counts.
+
+        `may` are the verbs of an operator, None for all but kill. Raises InputError.
+        """
+        roster, authority = self.roster, self._load_authority()
+        _require_name(role, name)
+        before = roster.find(role, name)
+        holder = Holder(
+            role,
+            name,
+            min(time() + days * DAY_S, authority.expires_s),
+            _verbs(role, may),
+            1 if before is None else before.generation + 1,
+        )
+        keys = authority.issue(holder.common_name, holder.expires_s)
+        folder = KeyFolder(self.path)
+        folder.put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
+        folder.put_roster(roster.put(holder))
+        return holder
+
+    def revoke(self, label: str) -> Holder:
+        """Revoke the certificate of a holder such as `operator-anna`; raises InputError when there is none."""
+        roster = self.roster
+        holder = next((each for each in roster.holders if each.label == label), None)
+        if holder is None:
+            known = ", ".join(each.label for each in roster.holders) or "none"
+            raise InputError([f"{label}: no keys of this name were issued (issued: {known})"])
+        revoked = msgspec.structs.replace(holder, revoked=True)
+        KeyFolder(self.path).put_roster(roster.put(revoked))
+        return revoked
+
+    @property
+    def _authority(self) -> Path:
+        return self.path / AUTHORITY
+
+    def _require_authority(self) -> None:
+        if not self._authority.is_dir():
+            raise InputError([f"{self.path}: no authority is here; next: cordon keys init --keys {self.path}"])
+
+    def _load_authority(self) -> CertificateAuthority:
+        keys = KeyPair(read(self._authority / CERTIFICATE_FILE), read_private(self._authority / PRIVATE_KEY_FILE))
+        try:
+            return CertificateAuthority(keys)
+        except ValueError as error:
+            raise InputError([f"{self._authority}: the authority's keys cannot be read: {error}"]) from error
+
+
+def _verbs(role: Role, may: tuple[Verb, ...] | None) -> tuple[Verb, ...]:
+    if role != "operator":
+        return ()
+    return UNLESS_NAMED if may is None else tuple(dict.fromkeys(may))
+
+
+def _require_name(role: Role, name: str) -> None:
+    if role == "vehicle" and not (name.isdecimal() and name == str(int(name)) and 1 <= int(name) <= 254):
+        raise InputError([f"{name}: a vehicle's keys are issued for its id, 1 to 254"])
+    if not is_name(name):
+        raise InputError([f"{name}: a name has letters, digits, '_', '.' and '-', 32 at most"])

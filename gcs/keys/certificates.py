@@ -1,0 +1,114 @@
+"""Certificates of a team: X.509 with keys on the curve P-256, by `cryptography`.
+
+Import it where certificates are made: it takes a tenth of a second.
+"""
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+DAY_S = 86400.0
+CLOCKS_DIFFER_BY = timedelta(days=1)
+"""Certificates are valid from so long before they were made: clocks of other computers may be behind."""
+
+
+@dataclass(frozen=True, slots=True)
+class KeyPair:
+    """A certificate and its private key, in PEM."""
+
+    certificate_pem: bytes
+    private_key_pem: bytes = field(repr=False)
+
+
+class CertificateAuthority:
+    """Signs the certificates of one team."""
+
+    def __init__(self, keys: KeyPair) -> None:
+        """Take its own certificate and private key; raises ValueError when they are none."""
+        self.keys = keys
+        self._certificate = x509.load_pem_x509_certificate(keys.certificate_pem)
+        private_key = serialization.load_pem_private_key(keys.private_key_pem, password=None)
+        if not isinstance(private_key, ec.EllipticCurvePrivateKey):
+            raise ValueError("its private key is not of an elliptic curve")
+        self._private_key = private_key
+
+    @classmethod
+    def made(cls, days: float) -> "CertificateAuthority":
+        """Return a new authority."""
+        private_key = ec.generate_private_key(ec.SECP256R1())
+        name = _name("cordon authority")
+        builder = (
+            _builder(name, name, private_key, _now() + timedelta(days=days))
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(_usage(signs_certificates=True), critical=True)
+            .add_extension(x509.SubjectKeyIdentifier.from_public_key(private_key.public_key()), critical=False)
+        )
+        return cls(_key_pair(builder.sign(private_key, hashes.SHA256()), private_key))
+
+    @property
+    def expires_s(self) -> float:
+        """When its certificate expires, and with it all others at the latest [Unix s]."""
+        return self._certificate.not_valid_after_utc.timestamp()
+
+    def issue(self, common_name: str, expires_s: float) -> KeyPair:
+        """Return a new key with a certificate for a peer, which connects to others and is connected to."""
+        private_key = ec.generate_private_key(ec.SECP256R1())
+        until = datetime.fromtimestamp(expires_s, UTC)
+        both_ways = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
+        issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(self._private_key.public_key())
+        builder = (
+            _builder(_name(common_name), self._certificate.subject, private_key, until)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_usage(signs_certificates=False), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(both_ways), critical=False)
+            .add_extension(issuer, critical=False)
+        )
+        return _key_pair(builder.sign(self._private_key, hashes.SHA256()), private_key)
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, private_key: ec.EllipticCurvePrivateKey, until: datetime
+) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(private_key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(min(_now(), until) - CLOCKS_DIFFER_BY)
+        .not_valid_after(until)
+    )
+
+
+def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _key_pair(certificate: x509.Certificate, private_key: ec.EllipticCurvePrivateKey) -> KeyPair:
+    pem = serialization.Encoding.PEM
+    return KeyPair(
+        certificate.public_bytes(pem),
+        private_key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()),
+    )
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)

@@ -1,0 +1,63 @@
+"""The holders of keys: their roles, their names, and what each role may send on the bus."""
+
+from typing import get_args
+
+import msgspec
+
+from agents.shell.bus_security import Grant
+from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, Verb
+from agents.team.participant import Participant, Role
+from agents.team.perception import TOPIC as PERCEPTION
+
+VERBS: tuple[Verb, ...] = get_args(Verb)
+UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")
+"""What an operator may whose verbs are not named: a kill drops vehicles, and is granted by name only."""
+
+
+class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The holder of a certificate: a vehicle's name is its id. `may` are the verbs that an operator may command.
+
+    `expires_s` is Unix time. Who is issued a certificate again has the next `generation`, which the certificate's
+    common name states: what was issued before no longer counts. Raises ValueError for a name that is none.
+    """
+
+    role: Role
+    name: str
+    expires_s: float
+    may: tuple[Verb, ...] = ()
+    generation: int = 1
+    revoked: bool = False
+
+    def __post_init__(self) -> None:
+        if self.generation < 1:
+            raise ValueError(f"{self.label}: generation {self.generation}: they count from 1")
+        _ = self.participant
+
+    @property
+    def participant(self) -> Participant:
+        """The holder as it takes part in the bus."""
+        return Participant(self.role, self.name)
+
+    @property
+    def label(self) -> str:
+        """Role and name, as the holder's folder is called."""
+        return f"{self.role}-{self.name}"
+
+    @property
+    def common_name(self) -> str:
+        """The common name of the certificate that counts; no name holds a tilde."""
+        return self.label if self.generation == 1 else f"{self.label}~{self.generation}"
+
+    @property
+    def grant(self) -> Grant:
+        """What the holder may send."""
+        match self.role:
+            case "vehicle":
+                topics = tuple(f"{topic}/{self.name}" for topic in sorted(PEER_TOPICS))
+                return Grant(self.common_name, topics, (f"alive/{self.name}",))
+            case "operator":
+                return Grant(self.common_name, tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may))
+            case "sensor":
+                return Grant(self.common_name, (f"{PERCEPTION}/{self.name}",))
+            case "observer":
+                return Grant(self.common_name)

@@ -1,0 +1,31 @@
+"""A participant of a team's bus, and the keys by which others know it."""
+
+from dataclasses import dataclass
+from getpass import getuser
+from socket import gethostname
+
+from agents.shell.bus_security import BusSecurity
+from agents.team.messages import Verb
+from agents.team.participant import Participant, name_from
+from gcs.keys.holder import VERBS
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who takes part in the bus.
+
+    `security` is None on an insecure bus; `may` are the verbs that an operator may command.
+    """
+
+    participant: Participant
+    security: BusSecurity | None = None
+    may: tuple[Verb, ...] = VERBS
+
+
+def user_name() -> str:
+    """Return the user and the computer of this process, as a name on the bus."""
+    try:
+        user = getuser()
+    except (OSError, KeyError, ImportError):  # the user id has no name on this system
+        user = "operator"
+    return name_from(f"{user}.{gethostname()}")

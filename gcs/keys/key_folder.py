@@ -1,0 +1,90 @@
+"""A folder of keys, as a computer of the team has it: one folder for each holder that uses this computer."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import time
+
+from agents.shell.bus_security import BusSecurity
+from agents.team.participant import Role
+from gcs.errors import InputError
+from gcs.keys.holder import Holder
+from gcs.keys.identity import Identity
+from gcs.keys.private_files import check_folder, make_folder, read, read_private, write
+from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
+
+AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE = "authority.pem", "certificate.pem", "private-key.pem"
+
+
+@dataclass(frozen=True, slots=True)
+class KeyFolder:
+    """The keys in `path`, each holder's in a folder such as `vehicle-3`: with its certificate and private key, the
+    authority's certificate, and the roster. A holder's folder is copied to its computer as a whole.
+    """
+
+    path: Path
+
+    def identity(self, role: Role, name: str | None = None) -> Identity:
+        """Return a holder's identity; without a name the only one of this role here. Raises InputError."""
+        folder = self.path / f"{role}-{self._only(role) if name is None else name}"
+        if not folder.is_dir():
+            raise InputError([f"{folder}: no such folder of keys; next: {self._next_step(role, name)}"])
+        check_folder(folder)
+        roster, authority_pem = read_roster(folder / ROSTER_FILE), read(folder / AUTHORITY_FILE)
+        if digest(authority_pem) != roster.authority:
+            raise InputError([f"{folder / ROSTER_FILE}: it is of another authority than {AUTHORITY_FILE} beside it"])
+        holder = _holder(roster, folder)
+        security = BusSecurity(
+            authority_pem,
+            read(folder / CERTIFICATE_FILE),
+            read_private(folder / PRIVATE_KEY_FILE),
+            tuple(each.grant for each in roster.valid),
+        )
+        return Identity(holder.participant, security, holder.may)
+
+    def put(self, holder: Holder, certificate_pem: bytes, private_key_pem: bytes, authority_pem: bytes) -> Path:
+        """Write a holder's folder, all but the roster; return its path. Raises InputError."""
+        folder = self.path / holder.label
+        make_folder(folder)
+        write(folder / AUTHORITY_FILE, authority_pem)
+        write(folder / CERTIFICATE_FILE, certificate_pem)
+        write(folder / PRIVATE_KEY_FILE, private_key_pem)
+        return folder
+
+    def put_roster(self, roster: Roster) -> None:
+        """Write the roster, here and in the folder of each of its holders; raises InputError."""
+        content = roster.encoded()
+        write(self.path / ROSTER_FILE, content)
+        for holder in roster.holders:
+            if (folder := self.path / holder.label).is_dir():
+                write(folder / ROSTER_FILE, content)
+
+    def _only(self, role: Role) -> str:
+        try:
+            found = sorted(path.name for path in self.path.glob(f"{role}-*") if path.is_dir())
+        except OSError as error:
+            raise InputError([f"{self.path}: {error.strerror or error}"]) from error
+        if not found:
+            raise InputError([f"{self.path}: no {role}'s keys are here; next: {self._next_step(role, None)}"])
+        if len(found) > 1:
+            raise InputError([f"--key: {self.path} has the keys of several {role}s: name one ({', '.join(found)})"])
+        return found[0].removeprefix(f"{role}-")
+
+    def _next_step(self, role: Role, name: str | None) -> str:
+        issue = f"cordon keys issue {role} {name or 'NAME'} --keys {self.path}"
+        return (
+            f"make them by `{issue}`, or copy the folder {role}-{name or 'NAME'} from the computer that has made them"
+        )
+
+
+def _holder(roster: Roster, folder: Path) -> Holder:
+    """Return the holder of a folder, if its certificate counts; raises InputError."""
+    holder = next((each for each in roster.holders if each.label == folder.name), None)
+    if holder is None:
+        raise InputError([f"{folder / ROSTER_FILE}: it does not name {folder.name}; next: copy the folder anew"])
+    if holder.revoked:
+        raise InputError([f"{folder}: these keys are revoked; next: cordon keys issue {holder.role} {holder.name}"])
+    if holder.expires_s <= time():
+        raise InputError(
+            [f"{folder}: its certificate has expired; next: cordon keys issue {holder.role} {holder.name}"]
+        )
+    return holder

@@ -1,0 +1,60 @@
+"""The roster: the holders of a team's keys, what each may do, and what is revoked; as it is kept in a file."""
+
+import hashlib
+from pathlib import Path
+
+import msgspec
+
+from agents.team.participant import Role
+from gcs.errors import InputError
+from gcs.keys.holder import Holder
+
+ROSTER_FILE = "roster.json"
+_SIZE_MAX_BYTES = 1_000_000
+
+
+class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All holders of certificates of one authority; `authority` is the SHA-256 of its certificate, in hex."""
+
+    authority: str
+    holders: tuple[Holder, ...] = ()
+
+    def find(self, role: Role, name: str) -> Holder | None:
+        """Return a holder, None if none has this role and name."""
+        return next((each for each in self.holders if (each.role, each.name) == (role, name)), None)
+
+    @property
+    def valid(self) -> tuple[Holder, ...]:
+        """The holders that are not revoked."""
+        return tuple(each for each in self.holders if not each.revoked)
+
+    def put(self, holder: Holder) -> "Roster":
+        """Return the roster with a holder added, or in place of the one of the same role and name."""
+        others = (each for each in self.holders if each.label != holder.label)
+        return Roster(self.authority, tuple(sorted((*others, holder), key=_order)))
+
+    def encoded(self) -> bytes:
+        """Return it as a file's content: JSON, for people to read."""
+        return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
+
+
+def digest(authority_pem: bytes) -> str:
+    """Return what a roster knows its authority by."""
+    return hashlib.sha256(authority_pem).hexdigest()
+
+
+def read_roster(path: Path) -> Roster:
+    """Read a roster; raises InputError."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_SIZE_MAX_BYTES)
+        return msgspec.json.decode(content, type=Roster)
+    except OSError as error:
+        raise InputError([f"{path}: {error.strerror or error}"]) from error
+    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+        raise InputError([f"{path}: not a roster of keys: {error}"]) from error
+
+
+def _order(holder: Holder) -> tuple[str, int, str]:
+    number = int(holder.name) if holder.name.isdecimal() else 0
+    return holder.role, number, holder.name

@@ -1,0 +1,138 @@
+"""The keys of flights on one computer, which need no step of their user: made by the first flying process of a team in
+the user's runtime directory, shared by those that come later, and removed by the last.
+"""
+
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import time
+
+from agents.ports import VehicleRefusedError
+from agents.team.participant import Role
+from gcs.keys.holder import VERBS, Holder
+from gcs.keys.identity import Identity, user_name
+from gcs.keys.key_folder import KeyFolder
+from gcs.keys.private_files import make_folder
+from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
+
+_VALID_DAYS = 7.0
+"""Longer than any flight: the keys are removed when its last process ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunKeys:
+    """The keys of a team's vehicles, and of this user as operator, sensor and observer.
+
+    They are in use as long as a process holds a shared lock on their folder. The lock of the folder above it orders all
+    that make, look up and remove keys. Locks end with their processes: what a killed one leaves is replaced.
+    """
+
+    team: str
+    ids: tuple[int, ...]
+
+    def identity(self, role: Role, name: str | None = None) -> Identity:
+        """Return the identity of a vehicle, or of this user.
+
+        Raises VehicleRefusedError when no flight of the team runs on this computer, InputError for foreign folders.
+        """
+        with _ordered() as runtime:
+            folder = runtime / self.team
+            if not _in_use(folder):
+                raise VehicleRefusedError(
+                    f"no flight of team {self.team} runs on this computer, under this user",
+                    "start it with `cordon fly`, or check that --mission names its mission; to reach a team that flies"
+                    " from other computers, the mission needs [network.security]",
+                )
+            return KeyFolder(folder).identity(role, name)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep the keys as long as this context lasts.
+
+        Raises InputError when the runtime directory cannot be used, VehicleRefusedError when a flight of other vehicles
+        has the team's name.
+        """
+        with _ordered() as runtime:
+            folder = runtime / self.team
+            if _in_use(folder):
+                self._require_own_vehicles(folder)
+            else:
+                shutil.rmtree(folder, ignore_errors=True)
+                self._make(folder)
+            use = os.open(folder, os.O_RDONLY)
+            fcntl.flock(use, fcntl.LOCK_SH)
+        try:
+            yield
+        finally:
+            with suppress(OSError), _locked(runtime):  # the directory may be gone: the user has logged out
+                os.close(use)
+                if not _in_use(folder):
+                    shutil.rmtree(folder, ignore_errors=True)
+
+    def _require_own_vehicles(self, folder: Path) -> None:
+        flying = {each.name for each in read_roster(folder / ROSTER_FILE).valid if each.role == "vehicle"}
+        if others := [vehicle_id for vehicle_id in self.ids if str(vehicle_id) not in flying]:
+            raise VehicleRefusedError(
+                f"a flight of team {self.team} runs on this computer with vehicles {', '.join(sorted(flying))}, without"
+                f" {', '.join(map(str, others))}",
+                "end it, or give this mission a team of its own in [network]",
+            )
+
+    def _make(self, folder: Path) -> None:
+        from gcs.keys.certificates import DAY_S, CertificateAuthority  # noqa: PLC0415
+
+        authority = CertificateAuthority.made(_VALID_DAYS)
+        authority_pem = authority.keys.certificate_pem
+        make_folder(folder)
+        keys, roster = KeyFolder(folder), Roster(digest(authority_pem))
+        for holder in self._holders(time() + _VALID_DAYS * DAY_S):
+            pair = authority.issue(holder.common_name, holder.expires_s)
+            keys.put(holder, pair.certificate_pem, pair.private_key_pem, authority_pem)
+            roster = roster.put(holder)
+        keys.put_roster(roster)
+
+    def _holders(self, expires_s: float) -> Iterator[Holder]:
+        yield from (Holder("vehicle", str(vehicle_id), expires_s) for vehicle_id in self.ids)
+        yield Holder("operator", user_name(), expires_s, VERBS)
+        yield Holder("sensor", user_name(), expires_s)
+        yield Holder("observer", user_name(), expires_s)
+
+
+def _in_use(folder: Path) -> bool:
+    """Return whether a process holds the keys in a folder."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+@contextmanager
+def _ordered() -> Iterator[Path]:
+    """Return the user's runtime directory of cordon, locked; raises InputError when others could write there."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    folder = Path(runtime) / "cordon" if runtime else Path(tempfile.gettempdir()) / f"cordon-{os.geteuid()}"
+    make_folder(folder)
+    with _locked(folder):
+        yield folder
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,139 @@
+"""The mailbox: bounded in what waits, in how fast it may come, and in how many senders it tells apart."""
+
+import threading
+
+from agents.drops import Drops
+from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES, Mailbox
+
+MEMBERS = (1, 2, 3)
+
+
+def put(mailbox: Mailbox, key: str, payload: bytes = b"x", now_s: float = 100.0) -> bool:
+    return mailbox.put(key, len(payload), lambda: payload, now_s)
+
+
+def unread() -> bytes:
+    raise AssertionError("a payload was copied that is dropped")
+
+
+def test_the_newest_state_of_each_sender_waits() -> None:
+    mailbox = Mailbox(1, MEMBERS, 100.0)
+    calls = [put(mailbox, f"member/{sender}", b"%d" % number) for number in range(5) for sender in (2, 3)]
+    assert calls == [True] + [False] * 9, "one call until it is taken"
+    assert mailbox.take() == ({}, [("member/2", b"4"), ("member/3", b"4")])
+    assert mailbox.take() == ({}, [])
+    assert mailbox.drops == Drops(superseded=8)
+    assert put(mailbox, "angle/2")
+
+
+def test_sightings_answers_and_commands_wait_together_up_to_a_limit() -> None:
+    mailbox = Mailbox(1, MEMBERS, 1000.0)
+    for key, kept in (("target/2", 16), ("answer/2", 16), ("command/hold/pat", 8), ("perception/camera", 32)):
+        for number in range(kept + 5):
+            put(mailbox, key, b"%d" % number)
+        assert mailbox.take()[1] == [(key, b"%d" % number) for number in range(5, kept + 5)]
+
+
+def test_commands_of_an_operator_wait_in_order_whatever_their_verb() -> None:
+    mailbox = Mailbox(1, MEMBERS, 100.0)
+    keys = ["command/hold/pat", "command/resume/pat", "command/kill/pat"]
+    for key in keys:
+        put(mailbox, key)
+    assert [key for key, _ in mailbox.take()[1]] == keys
+
+
+def test_what_cannot_be_a_message_is_dropped_unread() -> None:
+    keys = {
+        "not_a_member": ("member/9", "answer/x", "angle/02", "member/"),
+        "own_id": ("member/1", "target/1"),
+        "unknown_key": (
+            *("", "member", "junk/2", "member/2/", "command/hold", "command/hold/a b", "command/fly/pat", "perception"),
+            *(
+                "command/hold/pat/2",
+                "perception/\x1b[2J",
+                "alive/2",
+                f"perception/{'a' * 33}",
+                "/" * 1000,
+                "member/2/2",
+            ),
+        ),
+    }
+    for reason, refused in keys.items():
+        mailbox = Mailbox(1, MEMBERS, 100.0)
+        assert not any(mailbox.put(key, 1, unread, 100.0) for key in refused)
+        assert mailbox.drops == Drops(**{reason: len(refused)})
+    mailbox = Mailbox(1, MEMBERS, 100.0)
+    assert not mailbox.put("member/2", 100_000_000, unread, 100.0)
+    assert not mailbox.put("command/hold/pat", PAYLOAD_LIMIT_BYTES + 1, unread, 100.0)
+    assert put(mailbox, "member/2", bytes(PAYLOAD_LIMIT_BYTES))
+    assert mailbox.drops == Drops(too_long=2)
+
+
+def test_a_sender_has_a_rate_and_takes_none_from_others() -> None:
+    mailbox = Mailbox(1, MEMBERS, 50.0)
+    taken = {"answer/2": 0, "answer/3": 0, "member/2": 0, "command/hold/pat": 0}
+    for millisecond in range(10_000):
+        now_s = 100.0 + millisecond * 1e-3
+        put(mailbox, "answer/2", now_s=now_s)
+        if millisecond % 100 == 0:
+            for key in ("answer/3", "member/2", "command/hold/pat"):
+                put(mailbox, key, now_s=now_s)
+        for key, _ in mailbox.take()[1]:
+            taken[key] += 1
+    assert 500 <= taken.pop("answer/2") <= 526
+    assert set(taken.values()) == {100}
+
+
+def test_operators_without_number_do_not_displace_one_that_is_known() -> None:
+    mailbox = Mailbox(1, MEMBERS, 100.0)
+    put(mailbox, "command/hold/pat", now_s=100.0)
+    assert len(mailbox.take()[1]) == 1
+    waiting = 0
+    for number in range(100_000):
+        now_s = 100.0 + number * 1e-4
+        put(mailbox, f"command/kill/eve{number}", now_s=now_s)
+        if number % 1000 == 999:
+            put(mailbox, "command/hold/pat", now_s=now_s)
+            keys = [key for key, _ in mailbox.take()[1]]
+            assert "command/hold/pat" in keys
+            waiting = max(waiting, len(keys))
+    assert waiting <= 33
+
+
+def test_presence_is_of_members_and_the_newest_counts() -> None:
+    mailbox = Mailbox(1, MEMBERS, 100.0)
+    assert mailbox.put_presence("2", True)
+    for name in ("1", "9", "x", "02", "２"):
+        assert not mailbox.put_presence(name, True)
+    assert not mailbox.put_presence("3", True)
+    assert not mailbox.put_presence("3", False)
+    assert mailbox.take() == ({2: True, 3: False}, [])
+    assert mailbox.drops == Drops(not_a_member=4)
+    assert mailbox.put_presence("3", True)
+
+
+def test_threads_lose_no_call_and_no_count() -> None:
+    mailbox, calls, taken = Mailbox(1, MEMBERS, 1e9), [0], [0]
+    called, ended = threading.Semaphore(0), threading.Event()
+
+    def send(sender: int) -> None:
+        for _ in range(5000):
+            if put(mailbox, f"member/{sender}"):
+                called.release()
+
+    def receive() -> None:
+        while not ended.is_set() or called.acquire(blocking=False):
+            if called.acquire(timeout=0.01):
+                calls[0] += 1
+            taken[0] += len(mailbox.take()[1])
+
+    threads = [threading.Thread(target=send, args=(sender,)) for sender in (2, 3, 2, 3)]
+    receiver = threading.Thread(target=receive)
+    receiver.start()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    ended.set()
+    receiver.join()
+    assert taken[0] + mailbox.drops.superseded + len(mailbox.take()[1]) == 20_000

@@ -1,0 +1,96 @@
+"""Admission: a message counts on the one key of its type and its sender."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from agents.core import VehicleCore
+from agents.drops import Drops, Reason
+from agents.settings.config import AgentConfig
+from agents.team.admission import refusal
+from agents.team.messages import (
+    PEER_TOPICS,
+    BusMessage,
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    OperatorCommand,
+    StartProposal,
+    TargetPackage,
+    encode,
+    key_of,
+)
+from agents.team.participant import Participant, name_from, vehicle
+from estimation.state import Telemetry
+
+KEYS: dict[str, BusMessage] = {
+    "member/3": MemberState(3, 5.0, "formation", (9.0, 0.0), (0.0, 0.0), (9.0, 0.0), (0.0, 0.0)),
+    "angle/3": NeighbourAngle(3, 5.0, 0.5, 0.05, 10.0),
+    "target/3": TargetPackage(3, 5.0, (8.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (2,)),
+    "start/3": StartProposal(3, 5.0, 7.0),
+    "answer/3": CommandAnswer(3, 5.0, 7, "motors cut"),
+    "command/hold/pat": OperatorCommand(5.0, "hold", None, "pat", 7),
+}
+OTHERS: tuple[str, ...] = (
+    "",
+    "member",
+    "member/",
+    "member/03",
+    "member/3/",
+    "/member/3",
+    "member/1",
+    "answer/2",
+    "command/pat",
+    "x/3",
+)
+OTHERS += ("command/kill/pat", "command/hold/eve", "command/hold/3", "perception/3", "command/hold/pat/3")
+
+
+def test_each_type_has_one_key() -> None:
+    for key, message in KEYS.items():
+        assert key_of(message) == key
+        assert refusal(key, message) is None
+        for other in (*KEYS, *OTHERS):
+            if other != key:
+                assert refusal(other, message) in (Reason.WRONG_TOPIC, Reason.WRONG_SENDER)
+    assert {key.split("/")[0] for key in KEYS} == PEER_TOPICS | {"command"}
+
+
+@pytest.mark.parametrize("message", KEYS.values(), ids=lambda message: type(message).__name__)
+def test_a_core_takes_nothing_that_is_said_in_the_name_of_another(
+    message: BusMessage, make_config: Callable[..., AgentConfig]
+) -> None:
+    """A message on the key of vehicle 1, of another operator or of another topic leaves no trace but its count."""
+    core, untouched = (VehicleCore(replace(make_config(), slots=(1, 2, 3))) for _ in range(2))
+    for each in (core, untouched):
+        each.on_telemetry(Telemetry(5.0, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
+        each.start(0.0)
+    topic = key_of(message).split("/")[0]
+    same_topic = "command/hold/eve" if topic == "command" else f"{topic}/1"
+    assert core.on_message(encode(message), 5.0, same_topic) is None
+    assert core.on_message(encode(message), 5.0, "answer/1" if topic == "member" else "member/1") is None
+    (output, expected) = (each.tick(5.1) for each in (core, untouched))
+    assert output.status.drops == Drops(wrong_sender=1, wrong_topic=1)
+    assert output.status.tactic is expected.status.tactic
+    assert (output.status.peers, output.status.answers, output.status.target) == ((), (), None)
+    assert output.setpoint == expected.setpoint
+    assert core.on_message(encode(message), 5.0, key_of(message)) == message
+
+
+def test_names_are_safe_in_keys_and_on_terminals() -> None:
+    for role, name in (
+        ("operator", "a/b"),
+        ("operator", ""),
+        ("sensor", "*"),
+        ("operator", "a" * 33),
+        ("vehicle", "x"),
+    ):
+        with pytest.raises(ValueError, match=role):
+            Participant(role, name)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="number"):
+        Participant("vehicle", "03")
+    assert (vehicle(3).vehicle_id, Participant("operator", "3").vehicle_id) == (3, None)
+    for text in ("pat@field computer", "\x1b[2J", "jürgen", "a/b/c" * 20, ""):
+        assert Participant("operator", name_from(text)).name
+    assert name_from("pat@field computer") == "pat-field-computer"

@@ -1,0 +1,45 @@
+"""What an operator's client believes: the clocks of the mission's vehicles, and answers on their own keys."""
+
+from collections.abc import Callable
+
+import pytest
+
+from agents.team.messages import CommandAnswer, MemberState, encode
+from gcs.console.command_client import CommandClient, TeamClock
+from gcs.mission.file import load_mission
+
+
+def clock(times_s: dict[int, float], received_s: float = 10.0) -> TeamClock:
+    team = TeamClock()
+    for vehicle_id, time_s in times_s.items():
+        team.receive(vehicle_id, time_s, received_s)
+    return team
+
+
+@pytest.mark.parametrize("wrong_s", [0.0, 9e11])
+def test_one_wrong_clock_changes_nothing(wrong_s: float) -> None:
+    assert clock({}).now_s(10.0) is None
+    assert clock({1: 500.0, 2: wrong_s, 3: 500.1}).now_s(10.25) == pytest.approx(500.25, abs=0.11)
+
+
+def test_clocks_go_on_between_messages_and_those_of_silent_vehicles_do_not_count() -> None:
+    team = clock({1: 500.0, 2: 500.0})
+    team.receive(3, 620.0, 70.0)  # two fell silent a minute ago, and this one flies at twice the speed
+    assert team.now_s(70.5) == 620.5
+    assert team.members == {1, 2, 3}
+
+
+def test_answers_and_clocks_count_on_the_vehicles_own_keys(mission_file: Callable[..., str]) -> None:
+    client = CommandClient(load_mission(mission_file("case2")))
+    here = (0.0, 0.0)
+    state = encode(MemberState(3, 9e11, "hold", here, here, here, here))
+    answer = encode(CommandAnswer(3, 100.0, client._number, "motors cut"))
+    for key in ("answer/1", "member/3", "answer/9", "command/kill/pat", "answer/03"):
+        client._receive(key, answer)
+        client._receive(f"member/{key[-1]}1", state)
+    assert client._answers == {}
+    assert client._clocks.members == set()
+    client._receive("answer/3", answer)
+    client._receive("member/3", state)
+    assert client._answers[3].did == "motors cut"
+    assert client._clocks.members == {3}

@@ -1,0 +1,174 @@
+"""Keys on disk: issued, copied to another computer, revoked; who may send what; and what is refused."""
+
+import re
+import shutil
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from agents.shell.bus_security import BusSecurity
+from agents.team.participant import Role
+from gcs.cli import main
+from gcs.errors import Exit, InputError
+from gcs.keys.authority_folder import AuthorityFolder
+from gcs.keys.key_folder import KeyFolder
+from gcs.keys.roster import ROSTER_FILE
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> AuthorityFolder:
+    """Return a folder with keys of a vehicle, two operators, a sensor and an observer."""
+    folder = AuthorityFolder(tmp_path / "keys")
+    folder.init(10.0)
+    folder.issue("vehicle", "3", 1.0)
+    folder.issue("operator", "anna", 1.0)
+    folder.issue("operator", "bob", 1.0, ("hold", "kill"))
+    folder.issue("sensor", "mast", 1.0)
+    folder.issue("observer", "tower", 1.0)
+    return folder
+
+
+def security_of(keys: AuthorityFolder, role: Role, name: str) -> BusSecurity:
+    security = KeyFolder(keys.path).identity(role, name).security
+    assert security is not None
+    return security
+
+
+def granted(keys: AuthorityFolder, common_name: str) -> set[str]:
+    """Return the keys that a vehicle hears from a certificate."""
+    grants = security_of(keys, "vehicle", "3").grants
+    return {key for grant in grants if grant.common_name == common_name for key in (*grant.topics, *grant.presence)}
+
+
+def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
+    own = {"member/3", "angle/3", "target/3", "start/3", "answer/3", "alive/3"}
+    assert granted(keys, "vehicle-3") == own
+    steering = {"hold", "resume", "land", "rtl", "abort", "formation"}
+    assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering}
+    assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob"}
+    assert granted(keys, "sensor-mast") == {"perception/mast"}
+    assert granted(keys, "observer-tower") == set()
+
+
+def test_what_is_not_allowed_is_denied_and_nobody_may_write_patterns(keys: AuthorityFolder) -> None:
+    settings = security_of(keys, "vehicle", "3").settings("team")
+    assert settings["transport/link/protocols"] == ["tls"]
+    control = settings["access_control"]
+    assert isinstance(control, dict)
+    assert control["default_permission"] == "deny"
+    for rule in control["rules"]:
+        if "ingress" in rule["flows"] and set(rule["messages"]) & {"put", "delete", "liveliness_token"}:
+            assert not any("*" in key or "$" in key for key in rule["key_exprs"]), rule
+    everybody = {"vehicle-3", "operator-anna", "operator-bob", "sensor-mast", "observer-tower"}
+    assert {name for subject in control["subjects"] for name in subject["cert_common_names"]} == everybody
+
+
+def test_only_the_user_may_read_them(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
+    for path in [keys.path, *keys.path.rglob("*")]:
+        with subtests.test(path=path.relative_to(keys.path.parent)):
+            assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600)
+    key = keys.path / "vehicle-3" / "private-key.pem"
+    key.chmod(0o640)
+    with pytest.raises(InputError, match="chmod 600"):
+        security_of(keys, "vehicle", "3")
+
+
+def test_a_folder_copied_to_another_computer_is_complete(keys: AuthorityFolder, tmp_path: Path) -> None:
+    there = tmp_path / "drone" / "keys"
+    shutil.copytree(keys.path / "vehicle-3", there / "vehicle-3")
+    security = KeyFolder(there).identity("vehicle", "3").security
+    assert security == security_of(keys, "vehicle", "3")
+    assert security is not None
+    assert b"PRIVATE" in security.private_key_pem
+    assert "PRIVATE" not in repr(security)
+    assert not list(there.rglob("authority"))
+
+
+def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(keys: AuthorityFolder) -> None:
+    before = security_of(keys, "operator", "bob").certificate_pem
+    keys.revoke("operator-bob")
+    assert granted(keys, "operator-bob") == set()
+    with pytest.raises(InputError, match="revoked"):
+        security_of(keys, "operator", "bob")
+    keys.issue("operator", "bob", 1.0, ("hold",))
+    after = security_of(keys, "operator", "bob")
+    assert after.certificate_pem != before
+    assert granted(keys, "operator-bob") == set(), "the certificate that was revoked still counts"
+    assert granted(keys, "operator-bob~2") == {"command/hold/bob"}
+
+
+def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
+    folder = KeyFolder(keys.path)
+    keys.issue("observer", "late", -1.0)
+    stranger = AuthorityFolder(keys.path.parent / "others")
+    stranger.init(1.0)
+    stranger.issue("vehicle", "5", 1.0)
+    shutil.copytree(stranger.path / "vehicle-5", keys.path / "vehicle-5")
+    shutil.copyfile(keys.path / ROSTER_FILE, keys.path / "vehicle-5" / ROSTER_FILE)
+    open_folder = keys.path / "sensor-mast"
+    open_folder.chmod(0o755)
+    asked: dict[str, Callable[[], object]] = {
+        "cordon keys issue vehicle 4": lambda: folder.identity("vehicle", "4"),
+        "operator-anna, operator-bob": lambda: folder.identity("operator"),
+        "expired": lambda: folder.identity("observer", "late"),
+        "another authority": lambda: folder.identity("vehicle", "5"),
+        "chmod 700": lambda: folder.identity("sensor"),
+        "no authority is here": lambda: AuthorityFolder(keys.path / "vehicle-3").issue("vehicle", "4", 1.0),
+        "already": lambda: keys.init(1.0),
+        "its id": lambda: keys.issue("vehicle", "03", 1.0),
+        "letters": lambda: keys.issue("operator", "a/b", 1.0),
+        "operator-carl": lambda: keys.revoke("operator-carl"),
+    }
+    for words, ask in asked.items():
+        with subtests.test(words=words), pytest.raises(InputError, match=re.escape(words)):
+            ask()
+
+
+def test_a_roster_that_was_tampered_with_is_refused(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
+    file = keys.path / "vehicle-3" / ROSTER_FILE
+    whole = file.read_bytes()
+    damaged = {
+        "cut off": whole[:-20],
+        "an unknown verb": whole.replace(b'"kill"', b'"fly"'),
+        "a pattern for a name": whole.replace(b'"bob"', b'"*"'),
+        "an unknown role": whole.replace(b'"sensor"', b'"captain"'),
+        "no JSON": b"\xff" * 100,
+        "nested": b"[" * 100_000,
+    }
+    for name, content in damaged.items():
+        with subtests.test(name=name):
+            assert content != whole
+            file.write_bytes(content)
+            with pytest.raises(InputError, match="roster"):
+                security_of(keys, "vehicle", "3")
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr("sys.argv", ["cordon", "keys", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def test_the_commands_make_what_they_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, "init") == Exit.HOLDS
+    assert run(monkeypatch, "issue", "vehicle", "3") == Exit.HOLDS
+    assert run(monkeypatch, "issue", "operator", "anna", "--may", "land,hold", "--days", "2") == Exit.HOLDS
+    assert run(monkeypatch, "issue", "operator", "bob") == Exit.HOLDS
+    assert run(monkeypatch, "issue", "sensor", "mast") == Exit.HOLDS
+    assert run(monkeypatch, "revoke", "operator-bob") == Exit.HOLDS
+    said = capsys.readouterr()
+    assert "PRIVATE" not in said.out + said.err
+    assert run(monkeypatch, "show") == Exit.HOLDS
+    shown = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert shown.keys() == {"operator-anna", "operator-bob", "sensor-mast", "vehicle-3"}
+    assert "hold, land" in shown["operator-anna"]
+    assert "revoked" in shown["operator-bob"]
+    assert run(monkeypatch, "issue", "operator", "carl", "--may", "fly") == Exit.BAD_INPUT
+    assert run(monkeypatch, "init") == Exit.BAD_INPUT
+    assert [path.name for path in tmp_path.iterdir()] == ["keys"]

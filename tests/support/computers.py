@@ -1,0 +1,54 @@
+"""Several computers on one network, as far as Linux can show them on one: network namespaces joined by a bridge."""
+
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+import pytest
+
+
+@dataclass(frozen=True)
+class Computer:
+    """A network namespace with an address of its own."""
+
+    namespace: str
+    address: str
+
+    def command(self, *arguments: str) -> list[str]:
+        """Return a command line that runs there."""
+        return ["ip", "netns", "exec", self.namespace, *arguments]
+
+
+@contextmanager
+def computers(count: int) -> Iterator[list[Computer]]:
+    """Set up computers that reach each other; skip the test where this is not permitted."""
+    prefix = f"cd{os.getpid() % 100_000}"
+    with ExitStack() as stack:
+        switch = _namespace(f"{prefix}s", stack)
+        _ip("-n", switch, "link", "add", "bridge", "type", "bridge")
+        _ip("-n", switch, "link", "set", "bridge", "up")
+        made = []
+        for k in range(1, count + 1):
+            name, address = _namespace(f"{prefix}c{k}", stack), f"10.77.0.{k}"
+            _ip("-n", name, "link", "add", "net", "type", "veth", "peer", "name", f"port{k}", "netns", switch)
+            _ip("-n", switch, "link", "set", f"port{k}", "master", "bridge", "up")
+            _ip("-n", name, "address", "add", f"{address}/24", "dev", "net")
+            _ip("-n", name, "link", "set", "net", "up")
+            made.append(Computer(name, address))
+        yield made
+
+
+def _namespace(name: str, stack: ExitStack) -> str:
+    try:
+        _ip("netns", "add", name)
+        stack.callback(_ip, "netns", "delete", name)
+        _ip("-n", name, "link", "set", "lo", "up")
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"network namespaces are not permitted here: {getattr(error, 'stderr', '') or error}")
+    return name
+
+
+def _ip(*arguments: str) -> None:
+    subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True)

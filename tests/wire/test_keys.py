@@ -1,0 +1,269 @@
+"""Keys on the wire: a stranger gets no link, and who has keys is heard on its own keys only.
+
+Peers are cordon's buses; strangers are plain Zenoh sessions, which try whatever their certificate does not grant.
+"""
+
+import asyncio
+import base64
+import json
+import time
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from agents.shell.bus_security import BusSecurity
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import MemberState, OperatorCommand, encode
+from agents.team.participant import Role
+from gcs.keys.authority_folder import AuthorityFolder
+from gcs.keys.certificates import CertificateAuthority, KeyPair
+from gcs.keys.key_folder import KeyFolder
+from gcs.keys.team_keys import NoKeys
+from tests.support.wire import free_ports, until
+
+pytestmark = pytest.mark.wire
+
+TEAM = "keys"
+TRIES = 8
+"""Attempts of a stranger: each sends all keys once. A peer that is granted them is heard at the first."""
+LINK_S = 1.0
+"""How long a stranger has to get a link: who has keys gets one in a fifth of that."""
+
+
+def member(vehicle_id: int, tactic: str) -> bytes:
+    return encode(MemberState(vehicle_id, time.time(), tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+
+
+def command(verb: str, name: str) -> bytes:
+    return encode(OperatorCommand(time.time(), verb, None, name, 1))  # type: ignore[arg-type]
+
+
+SAID: Mapping[str, bytes] = {
+    "member/1": member(1, "forged"),
+    "member/2": member(2, "forged"),
+    "member/3": member(3, "forged"),
+    "answer/1": b"x",
+    "command/hold/anna": command("hold", "anna"),
+    "command/kill/anna": command("kill", "anna"),
+    "command/hold/bob": command("hold", "bob"),
+    "perception/mast": b"{}",
+}
+"""What every stranger sends, by key."""
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> AuthorityFolder:
+    """Return the keys of three vehicles, of operators and of others."""
+    folder = AuthorityFolder(tmp_path / "keys")
+    folder.init(10.0)
+    folder.issue("vehicle", "1", 1.0)
+    folder.issue("vehicle", "2", 1.0)
+    folder.issue("vehicle", "3", 1.0)
+    folder.issue("operator", "anna", 1.0, ("hold",))
+    folder.issue("operator", "bob", 1.0)
+    folder.issue("sensor", "mast", 1.0)
+    folder.issue("observer", "tower", 1.0)
+    return folder
+
+
+def security_of(keys: AuthorityFolder, role: Role, name: str) -> BusSecurity:
+    security = KeyFolder(keys.path).identity(role, name).security
+    assert security is not None
+    return security
+
+
+class Peers:
+    """Vehicles 1 and 2 of a team: the keys that each hears of the other, those that a stranger is heard on, and who is
+    present.
+    """
+
+    def __init__(self) -> None:
+        self.endpoints = [f"127.0.0.1:{port}" for port in free_ports(2)]
+        self.heard: list[set[str]] = [set(), set()]
+        self.forged: set[str] = set()
+        self.present: list[set[int]] = [set(), set()]
+        self.buses: list[ZenohBus] = []
+
+    def forget(self) -> None:
+        for heard in (*self.heard, self.forged):
+            heard.clear()
+
+    def receive(self, own: int, key: str, payload: bytes) -> None:
+        (self.forged if SAID.get(key) == payload else self.heard[own]).add(key)
+
+    def note_presence(self, own: int, vehicle_id: int, present: bool) -> None:
+        (self.present[own].add if present else self.present[own].discard)(vehicle_id)
+
+
+@asynccontextmanager
+async def peers(folder: AuthorityFolder | None) -> AsyncIterator[Peers]:
+    team, keys = Peers(), NoKeys() if folder is None else KeyFolder(folder.path)
+    async with AsyncExitStack() as stack:
+        for k in (0, 1):
+            identity = keys.identity("vehicle", str(k + 1))
+            listen, other = (f"tcp/{team.endpoints[i]}" for i in (k, 1 - k))
+            bus = ZenohBus(identity.participant, TEAM, (1, 2, 3), listen, [other], security=identity.security)
+            stack.push_async_callback(bus.close)
+            await bus.open(partial(team.receive, k), partial(team.note_presence, k))
+            team.buses.append(bus)
+        await until(lambda: team.present == [{2}, {1}], 5.0)
+        yield team
+
+
+class Stranger:
+    """A plain Zenoh session that connects to both vehicles, with some certificate or none, and no access control."""
+
+    def __init__(self, endpoints: Sequence[str], settings: Mapping[str, object], scheme: str = "tls") -> None:
+        config = zenoh.Config()
+        all_settings: dict[str, object] = {
+            "mode": "peer",
+            "listen/endpoints": [],
+            "connect/endpoints": [f"{scheme}/{each}" for each in endpoints],
+            "connect/timeout_ms": -1,
+            "connect/exit_on_failure": False,
+            "connect/retry": {"period_init_ms": 100, "period_max_ms": 200, "period_increase_factor": 1},
+            "scouting/multicast/enabled": False,
+            **settings,
+        }
+        for path, value in all_settings.items():
+            config.insert_json5(path, json.dumps(value))
+        self.heard: set[str] = set()
+        self._session = zenoh.open(config)
+        self._session.declare_subscriber(f"cordon/{TEAM}/**", self._hear, allowed_origin=zenoh.Locality.REMOTE)
+        self._session.liveliness().declare_subscriber(f"cordon/{TEAM}/**", self._hear, history=True)
+        self._token = self._session.liveliness().declare_token(f"cordon/{TEAM}/alive/3")
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        self.heard.add(str(sample.key_expr).removeprefix(f"cordon/{TEAM}/"))
+
+    @property
+    def linked(self) -> bool:
+        return bool(list(self._session.info.peers_zid()))
+
+    def say(self) -> None:
+        for key, payload in SAID.items():
+            self._session.put(f"cordon/{TEAM}/{key}", payload)
+
+    def close(self) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+
+
+def with_keys(security: BusSecurity) -> dict[str, object]:
+    """Return the settings of a stranger that has somebody's keys."""
+    return {"transport/link/tls": security.settings(TEAM)["transport/link/tls"]}
+
+
+def without_keys(security: BusSecurity) -> dict[str, object]:
+    """Return the settings of a stranger that knows the authority only."""
+    authority = base64.b64encode(security.authority_pem).decode()
+    tls = {"root_ca_certificate_base64": authority, "verify_name_on_connect": False}
+    return {"transport/link/tls": tls}
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a stranger reached: a link, the keys that vehicles heard of it, and those that it heard of vehicles."""
+
+    linked: bool
+    said: set[str]
+    heard: set[str]
+
+
+NOTHING = Tried(linked=False, said=set(), heard=set())
+LISTENED = {"member/1", "member/2", "alive/1", "alive/2"}
+
+
+async def tried(team: Peers, *settings: Mapping[str, object], scheme: str = "tls") -> list[Tried]:
+    """Return what strangers reach side by side: what vehicles hear counts for each of them."""
+    strangers = [await asyncio.to_thread(Stranger, team.endpoints, each, scheme) for each in settings]
+    try:
+        end_s = time.monotonic() + LINK_S
+        while time.monotonic() < end_s and not all(stranger.linked for stranger in strangers):
+            await asyncio.sleep(0.02)
+        linked = [stranger.linked for stranger in strangers]
+        await asyncio.sleep(0.1 * any(linked))  # subscriptions follow the link
+        team.forget()
+        for _ in range(TRIES):
+            for stranger in strangers:
+                stranger.say()
+            for bus in team.buses:
+                bus.publish("member", member(int(bus.participant.name), "hold"))
+            await asyncio.sleep(0.03)
+        assert team.heard == [{"member/2"}, {"member/1"}], "the team has to hear itself, or this shows nothing"
+        said = set(team.forged)
+        return [Tried(link, said, each.heard - {"alive/3"}) for link, each in zip(linked, strangers, strict=True)]
+    finally:
+        for stranger in strangers:
+            await asyncio.to_thread(stranger.close)
+
+
+async def test_without_keys_everything_is_heard() -> None:
+    # The control of all that follow: on a bus without keys the same attempts reach the vehicles.
+    async with peers(None) as team:
+        assert await tried(team, {}, scheme="tcp") == [Tried(linked=True, said=set(SAID), heard=LISTENED)]
+
+
+async def test_without_keys_that_count_there_is_no_link_or_nothing_is_heard(
+    keys: AuthorityFolder, tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    other = AuthorityFolder(tmp_path / "others")
+    other.init(10.0)
+    for role, name in (("vehicle", "2"), ("operator", "anna")):
+        other.issue(role, name, 1.0)  # type: ignore[arg-type]
+    forged, own = security_of(other, "operator", "anna"), security_of(keys, "vehicle", "1")
+    revoked = security_of(keys, "operator", "bob")
+    keys.revoke("operator-bob")
+    replaced = security_of(keys, "operator", "anna")
+    keys.issue("operator", "anna", 1.0, ("hold",))
+    authority = CertificateAuthority(
+        KeyPair(*((keys.path / "authority" / name).read_bytes() for name in ("certificate.pem", "private-key.pem")))
+    )
+    expired, unlisted = (
+        authority.issue("operator-anna", time.time() - 60.0),
+        authority.issue("vehicle-9", time.time() + 60.0),
+    )
+    strangers = {
+        "other authority": with_keys(forged),
+        "other authority, trusting ours": with_keys(replace(forged, authority_pem=own.authority_pem)),
+        "expired": with_keys(
+            replace(own, certificate_pem=expired.certificate_pem, private_key_pem=expired.private_key_pem)
+        ),
+        "no certificate": without_keys(own),
+    }
+    silent = {
+        "revoked": with_keys(revoked),
+        "replaced": with_keys(replaced),
+        "not on the roster": with_keys(
+            replace(own, certificate_pem=unlisted.certificate_pem, private_key_pem=unlisted.private_key_pem)
+        ),
+    }
+    async with peers(keys) as team:
+        for name, found in zip(strangers, await tried(team, *strangers.values()), strict=True):
+            with subtests.test(name=name):
+                assert found == NOTHING
+        with subtests.test(name="plain TCP"):
+            assert await tried(team, {}, scheme="tcp") == [NOTHING]
+        for name, found in zip(silent, await tried(team, *silent.values()), strict=True):
+            with subtests.test(name=name):
+                assert (found.said, found.heard) == (set(), set())
+        assert team.present == [{2}, {1}]
+
+
+async def test_who_has_keys_is_heard_on_its_own_keys_only(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
+    expected = {
+        ("operator", "anna"): {"command/hold/anna"},
+        ("sensor", "mast"): {"perception/mast"},
+        ("observer", "tower"): set(),
+        ("vehicle", "3"): {"member/3"},
+    }
+    async with peers(keys) as team:
+        for (role, name), said in expected.items():
+            with subtests.test(role=role):
+                assert team.present == [{2}, {1}]
+                (found,) = await tried(team, with_keys(security_of(keys, role, name)))  # type: ignore[arg-type]
+                assert found == Tried(linked=True, said=said, heard=LISTENED)

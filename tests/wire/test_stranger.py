@@ -1,0 +1,243 @@
+"""A stranger on a team's plain bus, at its worst, while a team of stubs flies.
+
+What it may still do there, speaking on a vehicle's own key, takes certificates to prevent (docs/safety.md).
+"""
+
+import asyncio
+import json
+import re
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from io import StringIO
+from pathlib import Path
+from subprocess import PIPE, Popen
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from agents.outputs import CoreStatus
+from agents.team.messages import (
+    BusMessage,
+    CommandAnswer,
+    NeighbourAngle,
+    OperatorCommand,
+    StartProposal,
+    decode,
+    encode,
+)
+from gcs.console.command_client import CommandClient
+from gcs.console.live import LiveView
+from gcs.console.watch import WatchView, watch
+from gcs.flight.flight import Flight, fly
+from gcs.flight.plan import FlightPlan
+from gcs.flight.stubs import stub_configs
+from gcs.metrics.journal import Journal
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from tests.support.mission_text import INSECURE
+from tests.support.paths import ROOT
+from tests.support.stranger import FAR_M, Stranger, state
+from tests.support.wire import served, until
+
+pytestmark = pytest.mark.wire
+
+SPEED = 5.0
+ESCAPE = "\x1b[2J\x1b]0;mine\x07"
+CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]")
+
+
+class Scene:
+    """A flying team, and everything that is shown of it."""
+
+    def __init__(self, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.mission = mission
+        self.latest: dict[int, CoreStatus] = {}
+        self.alerts: set[str] = set()
+        self.strange_peers = 0
+        self.text = StringIO()
+        self.watched = StringIO()
+        self.flight: asyncio.Task[Flight]
+        note = Journal.note
+
+        def noted(journal: Journal, status: CoreStatus, tick_us: float | None) -> None:
+            self.latest[status.vehicle_id] = status
+            self.alerts.add(status.alert)
+            self.strange_peers += sum(peer.position_m == FAR_M for peer in status.peers)
+            note(journal, status, tick_us)
+
+        monkeypatch.setattr(Journal, "note", noted)
+
+    @property
+    def endpoints(self) -> list[str]:
+        return [vehicle.section.endpoint for vehicle in self.mission.vehicles]
+
+    @property
+    def now_s(self) -> float:
+        """The team's time."""
+        return max(status.time_s for status in self.latest.values())
+
+    @property
+    def tactics(self) -> list[str]:
+        return [self.latest[i].tactic.value if i in self.latest else "" for i in (1, 2, 3)]
+
+    async def command(self, verb: str, shape: str | None = None) -> dict[int, tuple[str, float]]:
+        """Return what each vehicle answers, and after how long."""
+        client = CommandClient(self.mission)
+        answers = await client.command(verb, self.mission.ids, None, shape)  # type: ignore[arg-type]
+        return {i: ("", 9.9) if answer is None else (answer.did, answer.after_s) for i, answer in answers.items()}
+
+
+@asynccontextmanager
+async def flying(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path | None = None) -> AsyncIterator[Scene]:
+    """Fly on stubs of this process, with a watch beside."""
+    scene, stop = Scene(mission, monkeypatch), asyncio.Event()
+    async with served(stub_configs(mission), SPEED):
+        plan = FlightPlan(mission, 300.0, mission.vehicles, stubs=False, speed=SPEED)
+        view = LiveView(Console(file=scene.text, width=300))
+        scene.flight = asyncio.create_task(fly(plan, view))
+        watching = asyncio.create_task(watch(mission, WatchView(Console(file=scene.watched, width=300)), stop))
+        try:
+            yield scene
+        finally:
+            stop.set()
+            scene.flight.cancel()
+            await asyncio.gather(scene.flight, watching, return_exceptions=True)
+
+
+@contextmanager
+def flood(kind: str, scene: Scene, lasting_s: float, rate_hz: float) -> Iterator["Popen[str]"]:
+    """Let a stranger in a process of its own flood the bus."""
+    arguments = [kind, scene.mission.network.team, str(lasting_s), str(rate_hz), *scene.endpoints]
+    with Popen([sys.executable, "-m", "tests.support.stranger", *arguments], cwd=ROOT, stdout=PIPE, text=True) as flood:
+        try:
+            yield flood
+        finally:
+            flood.kill()
+
+
+async def spoken(stranger: Stranger, message: Callable[[], list[tuple[str, bytes]]], lasting_s: float) -> None:
+    """Say something ten times a second."""
+    end_s = time.monotonic() + lasting_s
+    while time.monotonic() < end_s:
+        for key, payload in message():
+            stranger.put(key, payload)
+        await asyncio.sleep(0.1)
+
+
+def resident_mb() -> float:
+    """The memory of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+
+async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"'), INSECURE))
+    async with flying(mission, monkeypatch) as scene:
+        stranger = Stranger(mission.network.team, scene.endpoints)
+
+        def past_start() -> list[tuple[str, bytes]]:
+            now_s = time.time() * SPEED
+            proposals = [StartProposal(sender, now_s, start_s) for sender in (1, 2, 3) for start_s in (0.0, 1e12)]
+            return [(f"start/{each.sender}", encode(each)) for each in proposals]
+
+        with subtests.test("a start in 1970, or in the year 33658, from a vehicle's own key"):
+            agreeing = asyncio.create_task(spoken(stranger, past_start, 60.0))
+            await until(lambda: scene.flight.done() or scene.tactics == ["formation"] * 3, 60.0)
+            assert not scene.flight.done(), scene.flight.result()
+            await asyncio.sleep(1.0)
+            agreeing.cancel()
+            assert scene.tactics == ["formation"] * 3
+
+        with subtests.test("states and bearings in the names of vehicles, on other keys"):
+
+            def lies() -> list[tuple[str, bytes]]:
+                said: list[BusMessage] = [state(sender, scene.now_s) for sender in (1, 2, 3)]
+                said += [NeighbourAngle(sender, scene.now_s, 0.5, 0.05, 10.0) for sender in (1, 2, 3)]
+                keys = ("member/0", "member/9", "angle/9", "start/1", "answer/2", "hello/3", "alive/1", "member/1")
+                return [(key, encode(each)) for each in said for key in keys if key != f"member/{each.sender}"]  # type: ignore[union-attr]
+
+            await spoken(stranger, lies, 1.0)
+            assert scene.strange_peers == 0
+            drops = scene.latest[2].drops
+            assert drops.unknown_key > 0, drops
+            assert drops.not_a_member > 0, drops
+            assert drops.wrong_sender > 0, drops
+            assert drops.wrong_topic > 0, drops
+
+        with subtests.test("commands on other keys than those of verb and operator"):
+            number = iter(range(1000, 9999))
+
+            def orders() -> list[tuple[str, bytes]]:
+                keys = ("member/3", "command/3", "command/hold/eve", "command/kill/eve", "command/land/pat", "x/1")
+                return [
+                    (key, encode(OperatorCommand(scene.now_s, verb, None, "pat", next(number))))
+                    for key in keys
+                    for verb in ("hold", "kill")
+                ]
+
+            await spoken(stranger, orders, 0.5)
+            assert scene.tactics == ["formation"] * 3
+
+        with subtests.test("clocks and answers of others do not reach an operator"):
+            heard: list[OperatorCommand] = []
+
+            def hear(sample: Any) -> None:
+                message = decode(sample.payload.to_bytes())
+                assert isinstance(message, OperatorCommand)
+                heard.append(message)
+                for sender in (1, 2, 3):
+                    for key in ("answer/9", f"answer/{sender % 3 + 1}", f"member/{sender}"):
+                        stranger.put(key, encode(CommandAnswer(sender, message.time_s, message.number, "motors cut")))
+
+            subscriber = stranger.session.declare_subscriber(f"cordon/{mission.network.team}/command/**", hear)
+            dated = lambda: [(key, encode(state(99, 9e11))) for key in ("member/99", "member/7")]  # noqa: E731
+            dating = asyncio.create_task(spoken(stranger, dated, 30.0))
+            await asyncio.sleep(0.3)
+            answers = await scene.command("formation", "wedge")
+            dating.cancel()
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+            assert {did for did, _ in answers.values()} == {"takes its place in the shape 'wedge'"}, answers
+
+        with subtests.test("control characters reach neither terminal nor log"):
+
+            def escapes() -> list[tuple[str, bytes]]:
+                order = OperatorCommand(scene.now_s, "formation", None, ESCAPE, 77, "line")
+                return [
+                    ("command/formation/eve", encode(order)),
+                    ("member/2", encode(state(2, scene.now_s, ESCAPE))),
+                    ("answer/2", encode(CommandAnswer(2, scene.now_s, 77, ESCAPE))),
+                    ("perception/eve", json.dumps({"frame": "mission", ESCAPE: 1}, ensure_ascii=False).encode()),
+                    ("perception/eve", json.dumps({ESCAPE: 1}, ensure_ascii=False).encode()),
+                ]
+
+            await spoken(stranger, escapes, 0.5)
+            await asyncio.sleep(0.3)
+            for shown in (scene.text.getvalue(), scene.watched.getvalue()):
+                assert "connected" in shown or "refused" in shown, "it shows something at all"
+                assert not CONTROL.search(shown), CONTROL.findall(shown)
+            notes = [note.text for status in scene.latest.values() for note in status.notes]
+            assert not any(map(CONTROL.search, notes)), notes
+        stranger.close()
+        for kind in ("junk", "valid"):
+            with subtests.test(kind), flood(kind, scene, 20.0, 4000.0):
+                scene.alerts.clear()
+                await until(lambda: "bus flooded" in scene.alerts, 10.0, "the alert")
+                answers = await scene.command("hold")
+                assert {did for did, _ in answers.values()} <= {"holds", "was holding already"}, answers
+                assert max(after_s for _, after_s in answers.values()) < 0.5, answers
+        with subtests.test("large payloads"):
+            before_mb = resident_mb()
+            with flood("large", scene, 3.0, 2.0) as flooding:
+                await until(lambda: flooding.poll() is not None, 60.0)
+            await asyncio.sleep(0.5)
+            assert resident_mb() - before_mb < 20.0
+        await until(lambda: all(status.alert == "" for status in scene.latest.values()), 10.0, "the end of the alert")
+        await until(
+            lambda: "too many" in scene.watched.getvalue(), 8.0, f"the watch's line {scene.watched.getvalue()[-900:]}"
+        )
+        assert set(scene.tactics) == {"hold"}
+        assert not scene.flight.done()
