@@ -261,6 +261,14 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         watched_s=TOLERATED_S,
     ),
     Drill(
+        "stranger",
+        f"all fly on for {TOLERATED_S:g} s",
+        lambda flight, _roles: flight.intrude(),
+        _tolerated,
+        watched_s=TOLERATED_S,
+        vehicles_min=2,
+    ),
+    Drill(
         "flood",
         f"the others: {_reaction(Condition.BUS_FLOODED)} ({FLOOD_HZ:g} messages a second)",
         _inject(lambda roles, _speed: InjectedFaults(flooders=(roles.subject,))),

@@ -14,7 +14,7 @@ import msgspec
 
 from agents.drops import Drops
 from agents.ports import PeerBus, TargetSensor
-from agents.team.messages import PEER_TOPICS, MemberState, decode, encode
+from agents.team.messages import PEER_TOPICS, TOPICS, CommandAnswer, MemberState, decode, encode
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
 from gcs.keys.team_keys import TeamKeys
@@ -46,8 +46,8 @@ class InjectedFaults(msgspec.Struct, frozen=True):
     hang: Hang = ""
 
 
-FLOOD_HZ, _BURST_S, _JUNK = 8000.0, 0.01, bytes(64)
-"""How many messages a second a flood has [1 / wall s], how often it sends some of them, and what each holds."""
+FLOOD_HZ, _BURST_S, _FLOODED, _JUNK = 8000.0, 0.01, TOPICS[CommandAnswer].name, bytes(64)
+"""How many messages a second a flood has [1 / wall s], how often it sends some, its topic, and what each holds."""
 _SECOND_LATER_S = 0.01
 """A second source of a vehicle's messages sends so long after the first [wall s]."""
 
@@ -139,7 +139,7 @@ class FailingBus:
             await asyncio.sleep(_BURST_S)
             if self._vehicle_id in self._receiver.now.flooders:
                 for _ in range(round(FLOOD_HZ * _BURST_S)):
-                    self._bus.publish("junk", _JUNK)
+                    self._bus.publish(_FLOODED, _JUNK)
 
 
 class FailingSensor:

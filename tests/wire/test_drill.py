@@ -88,6 +88,15 @@ async def test_control_with_the_reactions_switched_off_every_drill_fails() -> No
         assert "did not react" in row.detail, row
 
 
+async def test_control_on_a_plain_bus_a_stranger_is_obeyed() -> None:
+    drills = [drill for drill in DRILLS if drill.fault == "stranger"]
+    plain = (("network", "security", {"insecure": True}),)
+    run = DrillRun("case2", StubFlight, drills, Silent(), speed=CONTROL_SPEED, changes=plain)
+    (row,) = await run.run()
+    assert row.holds is False, row
+    assert "to 'hold'" in row.detail, row
+
+
 async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen() -> None:
     text = drill_mission("case2")
     roles = Roles(parse_mission(text, Path()))
