@@ -28,9 +28,9 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
     path = mission_path(name)
     mission = load_mission(name)
     content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    _move_apart(content, path.parent)
     for section, key, value in changes:
         content.setdefault(section, {})[key] = value
-    _move_apart(content, path.parent)
     near = {**content, "target": {**content["target"], "start_m": _near_m(mission)}}
     try:
         parse_mission(tomli_w.dumps(near), path.parent)
