@@ -16,7 +16,7 @@ from agents.notes import Notes
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Connection, Setpoint, VehicleStatus
-from agents.safety.failsafe import Condition
+from agents.safety.failsafe import POSITION_ALERTS, Condition
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus
@@ -29,9 +29,11 @@ from agents.setpoint.slew_limit import SlewLimit
 from agents.setpoint.yaw import Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
+from agents.situation.own_sensor import OwnSensor
 from agents.situation.situation import Situation, Task
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team.clock_watch import ClockWatch
+from agents.team.credibility import Credibility, Limits
 from agents.team.inbox import Inbox
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
 from agents.team.team import Team
@@ -45,12 +47,13 @@ class VehicleCore:
         self._config = config
         clocks = ClockWatch(config.failsafe.clock_step_s)
         self._notes = Notes()
-        self._team = Team()
+        self._team = Team(Credibility(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
         self._orders = Orders(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
         self._estimator = Estimator(config)
-        self._fault_detector = FaultDetector(config, self._estimator.own, self._estimator.target, self._team, clocks)
+        self._own_sensor = OwnSensor(config)
+        self._fault_detector = FaultDetector(config, self._estimator, self._own_sensor, self._team, clocks)
         self._failsafe = FailsafeMonitor(config)
         self._planner = Planner(config, self._team)
         self._slew_limit = SlewLimit(config)
@@ -130,7 +133,8 @@ class VehicleCore:
         if task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE):
             lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
             near = self._neighbours.near(situation, self._team.members())
-            guarded = self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost))
+            bodies = self._neighbours.bodies(situation, near, lost, self._team.doubts)
+            guarded = self._guard.check(situation, aim_m, bodies)
         news = self._interventions.news(situation.now_s, aim_m, guarded)
         if news is not None:
             self._notes.add(situation.now_s, "guard", *news)
@@ -308,7 +312,8 @@ class VehicleCore:
 
     def on_sighting(self, sighting: Sighting) -> None:
         """Take a sighting. The next tick sends those of the vehicle's own sensor to the peers."""
-        self._sightings.append(sighting)
+        if self._own_sensor.accepts(sighting):
+            self._sightings.append(sighting)
         if sighting.sensor_id == self._config.vehicle_id:
             self._own_sightings.append(sighting)
 
@@ -367,9 +372,12 @@ class VehicleCore:
         if self._config.vehicle_id not in package.recipients:
             return
         try:
-            self._sightings.append(received_sighting(package))
+            sighting = received_sighting(package)
         except ValueError:
             self._inbox.dropped.add(Reason.MALFORMED)
+            return
+        if self._own_sensor.accepts(sighting):
+            self._sightings.append(sighting)
 
     def _reshape(self, wanted: Reshaping) -> None:
         """Take the newest shape of the formation, from an operator or from a peer that has received one."""

@@ -40,6 +40,9 @@ class Condition(Enum):
     COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
+    PEER_DOUBTFUL = "peer doubtful"
+    SIGHTINGS_CONTRADICT = "sightings contradict"
+    TARGET_FROM_OUTSIDE = "target from outside only"
     OPERATOR_LOST = "operator lost"
 
 
@@ -188,7 +191,7 @@ TABLE = (
     Row(
         Condition.TOO_CLOSE,
         "despite the guard, a peer at the same height is nearer than `tuning.failsafe.separation_share` of "
-        "`safety.separation_m`",
+        "`safety.separation_m`, or was when it fell silent or became doubtful, less than `safety.lost_avoided_s` ago",
         "failsafe.separation_s",
         _GRADUALLY,
         RESUME,
@@ -298,6 +301,29 @@ TABLE = (
         by_wall=True,
     ),
     Row(
+        Condition.PEER_DOUBTFUL,
+        "three states of a peer contradict each other: no vehicle flies them one after another, or two sources send "
+        "them; it lasts until 5 s after the last one. All places are kept clear of",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
+        Condition.SIGHTINGS_CONTRADICT,
+        "three sightings of a peer or an external source are farther from the own sensor's than their covariances "
+        "allow: they are not used while that sees the target; it lasts until 5 s after the last one",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
+        Condition.TARGET_FROM_OUTSIDE,
+        "no sensor of the team has seen the target for `target.stale_after_s`, external sources report it",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
         Condition.OPERATOR_LOST,
         "the terminal of `cordon fly` is gone (SIGHUP), or it was signalled to end (SIGTERM, SIGINT)",
         "",
@@ -309,6 +335,8 @@ TABLE = (
 """Among equally grave conditions the one that stands first is the one that is reported."""
 
 ROWS = {row.condition: row for row in TABLE}
+POSITION_ALERTS = frozenset((Condition.TELEMETRY_STALE.value, Condition.ESTIMATOR_JUMPED.value))
+"""The alerts of a vehicle whose position may jump."""
 
 
 def grace_s(row: Row, config: AgentConfig) -> float:

@@ -7,14 +7,16 @@ from agents.drops import NO_DROPS
 from agents.safety.failsafe import Condition
 from agents.safety.failsafe_monitor import Symptom
 from agents.safety.fence import Fence
+from agents.safety.neighbours import GOING_ON_S
 from agents.safety.vehicle_watch import VehicleWatch
 from agents.settings.config import AgentConfig
+from agents.situation.estimator import Estimator
+from agents.situation.own_sensor import OwnSensor
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.clock_watch import ClockWatch
+from agents.team.perception import SOURCES_FROM
 from agents.team.team import Team
-from estimation.filters.own import OwnFilter
-from estimation.filters.target import TargetFilter
 
 COMPARED_S = 1.0
 """How often clocks are compared for a slow drift."""
@@ -31,7 +33,7 @@ class FaultDetector:
     """Watches one vehicle, its estimates and its team; the core sets the state of vehicle, loop, bus and solvers."""
 
     def __init__(
-        self, config: AgentConfig, own: OwnFilter, target: TargetFilter, team: Team, clocks: ClockWatch
+        self, config: AgentConfig, estimator: Estimator, own_sensor: OwnSensor, team: Team, clocks: ClockWatch
     ) -> None:
         self._settings = config.failsafe
         self._leader = config.formation.leader
@@ -41,7 +43,10 @@ class FaultDetector:
         self._near_m = config.failsafe.separation_share * config.safety.separation_m if config.safety.guard else 0.0
         layer_m = config.choreography.layer_m
         self._same_height_m = min(SAME_HEIGHT_M, layer_m / 2.0) if layer_m else SAME_HEIGHT_M
-        self._own, self._target, self._team, self._clocks = own, target, team, clocks
+        self._lost_avoided_s = config.safety.lost_avoided_s
+        self._stale_after_s = config.target_filter.stale_after_s
+        self._own, self._target, self._own_sensor = estimator.own, estimator.target, own_sensor
+        self._team, self._clocks = team, clocks
         settle_s = config.failsafe.settle_s
         self._own_jumps, self._target_jumps = _Jumps(settle_s), _Jumps(settle_s)
         self._since_s: dict[Condition, float] = {}
@@ -74,6 +79,10 @@ class FaultDetector:
             self._check_peers(faults, gone_s)
         if self._clocks.off or self._drifted_s or now_s >= self._compare_s:
             self._check_clocks(faults, now_s, time_scale)
+        if doubts := self._team.doubts:
+            since_s = min(doubt.since_s for doubt in doubts.values())
+            detail = ", ".join(f"vehicle {sender} {doubt.why}" for sender, doubt in sorted(doubts.items()))
+            faults[Condition.PEER_DOUBTFUL] = Symptom(since_s, detail)
         x, y = situation.own.mean.item(0), situation.own.mean.item(1)
         if self._fence is not None and not self._fence.contains((x, y)):
             self._add(faults, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
@@ -122,6 +131,12 @@ class FaultDetector:
         jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:
             faults[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings disagree with the estimate")
+        if situation.target is not None and situation.now_s - self._own_sensor.team_saw_s > self._stale_after_s:
+            self._add(faults, situation.now_s, Condition.TARGET_FROM_OUTSIDE, "no sensor of the team sees it")
+        if contradictions := self._own_sensor.contradictions(situation.now_s):
+            since_s = min(each.since_s for each in contradictions.values())
+            detail = ", ".join(f"{_sensor(i)} by {each.off_m:.1f} m" for i, each in sorted(contradictions.items()))
+            faults[Condition.SIGHTINGS_CONTRADICT] = Symptom(since_s, detail)
 
     def _check_peers(self, faults: Faults, gone_s: dict[int, float]) -> None:
         if not self._team.members() and self._team.count_heard == self._others:
@@ -153,6 +168,12 @@ class FaultDetector:
                 away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * age_s - y)
                 if away_m < near_m:
                     near_m, nearest = away_m, peer.sender
+        for peer in self._team.lost(now_s, self._lost_avoided_s):
+            ahead_s = min(now_s - peer.time_s, GOING_ON_S)
+            away_x = peer.position_m[0] + peer.velocity_m_s[0] * ahead_s - x
+            away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * ahead_s - y)
+            if away_m < near_m and abs(peer.altitude_m - height_m) < self._same_height_m:
+                near_m, nearest = away_m, peer.sender
         if nearest:
             self._add(faults, now_s, Condition.TOO_CLOSE, f"{near_m:.2f} m from vehicle {nearest}")
 
@@ -201,6 +222,10 @@ class _Flood:
         self._counted, self._at_s = refused, now_s
         self._flooded = self._level >= (_FLOOD_ENDS if self._flooded else 1.0) * self._limit_per_s
         return self._flooded
+
+
+def _sensor(sensor_id: int) -> str:
+    return f"vehicle {sensor_id}" if sensor_id < SOURCES_FROM else f"source {sensor_id - SOURCES_FROM}"
 
 
 def _vehicles(ids: Iterable[int]) -> str:

@@ -1,6 +1,6 @@
 """The other vehicles as bodies to keep away from: where their published plans take them, and how sure that is."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from math import hypot, sqrt
 
 from agents.safety.barriers import Body, unsure_m
@@ -54,12 +54,18 @@ class Neighbours:
                 near.append(member)
         return near
 
-    def bodies(self, situation: Situation, heard: Iterable[MemberState], lost: Iterable[MemberState]) -> list[Body]:
+    def bodies(
+        self,
+        situation: Situation,
+        heard: Iterable[MemberState],
+        lost: Iterable[MemberState],
+        doubtful: Container[int] = (),
+    ) -> list[Body]:
         """Return the bodies at the moment when the setpoint acts: all heard or lost, but those well above or below.
 
-        A vehicle that lands, is lost, or is flown by a pilot does not keep away itself.
+        A vehicle that lands, is lost, is doubtful, or is flown by a pilot does not keep away itself.
         """
-        members = [(member, member.tactic not in _DOES_NOT_EVADE) for member in heard]
+        members = [(member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in heard]
         members += [(member, False) for member in lost]
         apart_m, own_sigma_m = self._safety.vertical_separation_m, situation.position_sigma_m
         return [

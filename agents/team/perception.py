@@ -16,8 +16,8 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting
 
 TOPIC = "perception"
-SOURCES_FROM = 1000
-"""The sensor id of source 0: vehicles' own sensors have the vehicles' ids."""
+SOURCES_FROM, SOURCES_TO = 1000, 10999
+"""The sensor ids of sources 0 to 9999: vehicles' own sensors have the vehicles' ids."""
 AHEAD_MAX_S = 1.0
 AWAY_MAX_M = 1e6
 """Limit of the distance, as in peers' messages: larger numbers are invalid positions."""

@@ -1,9 +1,10 @@
 """The peers of a vehicle: the newest of each kind of message from each, while it is fresh."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import hypot
 
 from agents.tactics import Tactic
+from agents.team.credibility import Credibility, Doubt
 from agents.team.messages import TOPICS, MemberState, NeighbourAngle
 from agents.team.ring_scale import FULL_RING, RingScale
 from estimation.state import Vector
@@ -18,15 +19,19 @@ _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 class Team:
     """The peers of one vehicle, by their last messages; stale means gone."""
 
-    def __init__(self) -> None:
+    def __init__(self, credibility: Credibility) -> None:
+        """Take what decides whether a state is its sender's."""
+        self._credibility = credibility
         self._members: dict[int, MemberState] = {}
         self._angles: dict[int, NeighbourAngle] = {}
         self._lost: dict[int, MemberState] = {}
         self._heard: set[int] = set()
 
     def hear_member(self, message: MemberState) -> None:
-        """Take in a peer's state unless a newer one is known."""
+        """Take in a peer's state unless a newer one is known, or it contradicts what is."""
         known = self._members.get(message.sender)
+        if not self._credibility.accepts(message, known=known is not None):
+            return
         if known is None or message.time_s > known.time_s:
             self._members[message.sender] = message
             if known is None:
@@ -53,6 +58,8 @@ class Team:
             self._lost[sender] = self._members.pop(sender)
         for sender in [s for s, a in self._angles.items() if a.time_s < angle_s]:
             del self._angles[sender]
+        if self._credibility.contested:
+            self._credibility.expire(now_s, time_scale)
 
     def in_formation(self) -> Iterable[int]:
         """Return the ids of the peers that fly in formation."""
@@ -63,8 +70,19 @@ class Team:
         return tuple(self._members.values())
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
-        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed."""
-        return tuple(member for member in self._lost.values() if now_s - member.time_s < for_s)
+        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed.
+
+        So is where a peer may be beside its state, as other states in its name claim or as it was known before.
+        """
+        if not self._lost and not self._credibility.contested:
+            return ()
+        silent = tuple(member for member in self._lost.values() if now_s - member.time_s < for_s)
+        return silent + self._credibility.elsewhere()
+
+    @property
+    def doubts(self) -> Mapping[int, Doubt]:
+        """The peers whose states contradict each other."""
+        return self._credibility.doubts if self._credibility.contested else {}
 
     @property
     def gone_s(self) -> dict[int, float]:

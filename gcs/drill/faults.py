@@ -5,20 +5,36 @@ Reactions and grace times come from the failsafe table and from the mission.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import hypot
-from signal import SIGKILL, SIGSTOP
 from typing import Generic, TypeVar
 
 from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
 from gcs.drill.flight import DrillFlight
-from gcs.drill.injected_faults import InjectedFaults
+from gcs.drill.injected_faults import FLOOD_HZ, InjectedFaults
+from gcs.drill.injections import (
+    BUS_DELAY_S,
+    LINK_DELAY_S,
+    cut_link,
+    delay,
+    disturb_estimator,
+    drain,
+    exhaust,
+    hang,
+    impersonate,
+    inject,
+    jump_inwards,
+    kill,
+    lie,
+    push_outwards,
+    select_hold,
+    silence_motion,
+    stop,
+)
 from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
 from gcs.drill.stubs import StubFlight
 from gcs.errors import InputError
 from gcs.mission.mission import Mission
-from sitl.autopilot.modes import NavMode
 
 OUT_OF_OFFBOARD_S = 2.0
 """A vehicle without an agent is out of offboard within this time [wall s]."""
@@ -27,15 +43,16 @@ MARGIN_S = 0.5
 HEARTBEAT_S, BATTERY_S = 1.0, 2.0
 """How often an autopilot reports its mode, and its battery [s]."""
 CUT_S = 5.0
-JUMP_M = 10.0
-PUSHED_SHARE = 2.0
-"""How far a vehicle is pushed from where it should be, as a share of what is tolerated."""
 PUSHED_S = 3.0
 """How long it takes until half of that shows in a comparison, at the pace of the bundled stub plants [s]."""
 ESTIMATOR_S = 1.0
 """How often an autopilot is asked to report its estimator [s]."""
 RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
-LOSS, BUS_DELAY_S, LINK_DELAY_S = 0.5, 0.3, 0.1
+FLOODED_S = 1.0
+"""Within this time a flood has shown [wall s]."""
+CONTRADICTED_S = 1.0
+"""Within this time several contradictory messages have been received [mission s]."""
+LOSS = 0.5
 TOLERATED_S = 20.0
 """How long the team has to fly on under a fault that requires no reaction [mission s]."""
 RESPACED_S = 60.0
@@ -157,106 +174,53 @@ def _peer_silent(roles: Roles, speed: float) -> Expectation:
     return by_table(Condition.PEER_SILENT, lambda roles: roles.others)(roles, speed)
 
 
-def kill(flight: DrillFlight, _roles: Roles) -> None:
-    """Kill the flying process."""
-    flight.abandon()
-    flight.signal(SIGKILL)
+def _flooded(roles: Roles, speed: float) -> Expectation:
+    others = by_table(Condition.BUS_FLOODED, lambda roles: roles.others, found_within_s=FLOODED_S * speed)
+    return others(roles, speed)
 
 
-def stop(flight: DrillFlight, _roles: Roles) -> None:
-    """Stop the flying process."""
-    flight.abandon()
-    flight.signal(SIGSTOP)
-
-
-def _hang(flight: StubFlight, _roles: Roles) -> None:
-    flight.abandon()
-    flight.inject(InjectedFaults(hang="interpreter"))
-
-
-def _inject(faults: Callable[[Roles, float], InjectedFaults]) -> Callable[[StubFlight, Roles], None]:
-    return lambda flight, roles: flight.inject(faults(roles, flight.speed))
-
-
-def _delay(flight: StubFlight, _roles: Roles) -> None:
-    flight.inject(InjectedFaults(delay_s=BUS_DELAY_S / flight.speed))
-    for stub in flight.stubs.values():
-        stub.faults.link_delay_s = LINK_DELAY_S / flight.speed
-
-
-def _silence_motion(flight: StubFlight, roles: Roles) -> None:
-    flight.stubs[roles.subject].faults.motion_silent = True
-
-
-def _cut_link(flight: StubFlight, roles: Roles) -> None:
-    flight.stubs[roles.subject].faults.link_cut = True
-
-
-def _jump_inwards(flight: StubFlight, roles: Roles) -> None:
-    """Offset its estimate towards the others: its correction leads away from them."""
-    away_x, away_y = _from_the_others(flight, roles)
-    flight.stubs[roles.subject].faults.estimate_offset_m = (-JUMP_M * away_x, -JUMP_M * away_y, 0.0)
-
-
-def _from_the_others(flight: StubFlight, roles: Roles) -> tuple[float, float]:
-    """Return the direction, of length 1, from the others to the subject."""
-    places = {i: stub.autopilot.airframe.position_m for i, stub in flight.stubs.items()}
-    x, y, _ = places[roles.subject]
-    away_x, away_y = (sum((x, y)[axis] - place[axis] for place in places.values()) for axis in (0, 1))
-    away_m = hypot(away_x, away_y)
-    return (away_x / away_m, away_y / away_m) if away_m else (1.0, 0.0)
-
-
-def _push_outwards(flight: StubFlight, roles: Roles) -> None:
-    """Push it away from the others, in a steady state by so many metres."""
-    away_x, away_y = _from_the_others(flight, roles)
-    vehicle = roles.mission.vehicle(roles.subject)
-    push_m_s2 = PUSHED_SHARE * roles.mission.failsafe.following_m * vehicle.true_plant.x.a0_per_s2
-    flight.stubs[roles.subject].faults.push_m_s2 = (push_m_s2 * away_x, push_m_s2 * away_y)
-
-
-def _disturb_estimator(ratio: float) -> Callable[[StubFlight, Roles], None]:
-    def disturb(flight: StubFlight, roles: Roles) -> None:
-        flight.stubs[roles.subject].faults.estimator_ratio = ratio
-
-    return disturb
-
-
-def _exhaust(flight: StubFlight, roles: Roles) -> None:
-    """Let it report less flight time than its reserve."""
-    flight.stubs[roles.subject].faults.endurance_s = max(roles.mission.failsafe.reserve_s, 1.0)
-
-
-def _take(flight: StubFlight, roles: Roles) -> None:
-    flight.stubs[roles.subject].autopilot.select(NavMode.HOLD)
-
-
-def _drain(fraction: Callable[[Mission], float]) -> Callable[[StubFlight, Roles], None]:
-    def drain(flight: StubFlight, roles: Roles) -> None:
-        flight.stubs[roles.subject].autopilot.battery_fraction = fraction(roles.mission)
-
-    return drain
+def _doubted(roles: Roles, speed: float) -> Expectation:
+    others = by_table(Condition.PEER_DOUBTFUL, lambda roles: roles.others, found_within_s=CONTRADICTED_S)
+    return others(roles, speed)
 
 
 DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "half of all messages lost",
         f"all fly on for {TOLERATED_S:g} s",
-        _inject(lambda _roles, _speed: InjectedFaults(loss=LOSS)),
+        inject(lambda _roles, _speed: InjectedFaults(loss=LOSS)),
         _tolerated,
         watched_s=TOLERATED_S,
     ),
     Drill(
         "latency",
         f"all fly on for {TOLERATED_S:g} s (bus {BUS_DELAY_S:g} s, link {LINK_DELAY_S:g} s each way)",
-        _delay,
+        delay,
         _tolerated,
         watched_s=TOLERATED_S,
     ),
     Drill(
+        "stranger",
+        f"all fly on for {TOLERATED_S:g} s",
+        lambda flight, _roles: flight.intrude(),
+        _tolerated,
+        watched_s=TOLERATED_S,
+        vehicles_min=2,
+    ),
+    Drill(
+        "flood",
+        f"the others: {_reaction(Condition.BUS_FLOODED)} ({FLOOD_HZ:g} messages a second)",
+        inject(lambda roles, _speed: InjectedFaults(flooders=(roles.subject,))),
+        _flooded,
+        by_wall=True,
+        vehicles_min=2,
+    ),
+    Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", impersonate, _doubted, vehicles_min=2),
+    Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", lie, _doubted, vehicles_min=2),
+    Drill(
         "one vehicle not heard",
         f"the others: {_reaction(Condition.PEER_SILENT)}",
-        _inject(lambda roles, _speed: InjectedFaults(unheard=(roles.subject,))),
+        inject(lambda roles, _speed: InjectedFaults(unheard=(roles.subject,))),
         _peer_silent,
         by_wall=True,
         vehicles_min=2,
@@ -264,7 +228,7 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "nobody hears anybody",
         f"all: {_reaction(Condition.PEERS_SILENT)}",
-        _inject(lambda roles, _speed: InjectedFaults(unheard=roles.airborne)),
+        inject(lambda roles, _speed: InjectedFaults(unheard=roles.airborne)),
         by_table(Condition.PEERS_SILENT, lambda roles: roles.airborne),
         by_wall=True,
         vehicles_min=2,
@@ -272,46 +236,46 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "telemetry frozen",
         _reaction(Condition.TELEMETRY_STALE),
-        _silence_motion,
+        silence_motion,
         by_table(Condition.TELEMETRY_STALE, the_subject),
         by_wall=True,
     ),
-    Drill("GPS jump", _reaction(Condition.ESTIMATOR_JUMPED), _jump_inwards, _jump, waits_for_estimate=True),
+    Drill("GPS jump", _reaction(Condition.ESTIMATOR_JUMPED), jump_inwards, _jump, waits_for_estimate=True),
     Drill(
         "estimator degraded",
         _reaction(Condition.ESTIMATOR_DEGRADED),
-        _disturb_estimator(RATIO_DEGRADED),
+        disturb_estimator(RATIO_DEGRADED),
         by_table(Condition.ESTIMATOR_DEGRADED, the_subject, found_within_s=ESTIMATOR_S),
     ),
     Drill(
         "estimator failing",
         _reaction(Condition.ESTIMATOR_FAILING),
-        _disturb_estimator(RATIO_FAILING),
+        disturb_estimator(RATIO_FAILING),
         by_table(Condition.ESTIMATOR_FAILING, the_subject, found_within_s=ESTIMATOR_S),
     ),
     Drill(
         "not following",
         _reaction(Condition.NOT_FOLLOWING),
-        _push_outwards,
+        push_outwards,
         by_table(Condition.NOT_FOLLOWING, the_subject, found_within_s=PUSHED_S),
         waits_for_estimate=True,
     ),
     Drill(
         "foreign mode",
         _reaction(Condition.PILOT_TOOK_OVER),
-        _take,
+        select_hold,
         by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S),
     ),
     Drill(
         "target lost",
         f"all on the ring: {_reaction(Condition.TARGET_STALE)}",
-        _inject(lambda _roles, _speed: InjectedFaults(blind=True)),
+        inject(lambda _roles, _speed: InjectedFaults(blind=True)),
         by_table(Condition.TARGET_STALE, lambda roles: roles.on_ring),
     ),
     Drill(
         "link cut",
         f"out of offboard, and not back after {CUT_S:g} s; the others close the gap",
-        _cut_link,
+        cut_link,
         cut,
         undo_after_s=CUT_S,
         lands_subject=True,
@@ -320,27 +284,27 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "battery low",
         _reaction(Condition.BATTERY_LOW),
-        _drain(lambda mission: (mission.failsafe.battery_low + mission.failsafe.battery_critical) / 2.0),
+        drain(lambda mission: (mission.failsafe.battery_low + mission.failsafe.battery_critical) / 2.0),
         by_table(Condition.BATTERY_LOW, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
     Drill(
         "battery critical",
         _reaction(Condition.BATTERY_CRITICAL),
-        _drain(lambda mission: mission.failsafe.battery_critical * 0.8),
+        drain(lambda mission: mission.failsafe.battery_critical * 0.8),
         by_table(Condition.BATTERY_CRITICAL, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
     Drill(
         "no way home",
         _reaction(Condition.NO_WAY_HOME),
-        _exhaust,
+        exhaust,
         by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
     Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends_flight=True, by_autopilot=True),
     Drill("frozen agent", "all out of offboard", stop, dead, by_wall=True, ends_flight=True, by_autopilot=True),
-    Drill("frozen interpreter", "all out of offboard", _hang, dead, by_wall=True, ends_flight=True, by_autopilot=True),
+    Drill("frozen interpreter", "all out of offboard", hang, dead, by_wall=True, ends_flight=True, by_autopilot=True),
 )
 """In the order in which one flight can have them: first those that a vehicle resumes from, then those that it lands
 for, at last those that end the flight."""

@@ -22,6 +22,7 @@ from gcs.console.team_bus import guest_bus
 from gcs.drill.injected_faults import InjectedFaults
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
+from gcs.drill.stranger import Stranger
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
@@ -72,6 +73,7 @@ class DrillFlight:
         self._process: asyncio.subprocess.Process | None = None
         self._output = ""
         self._keys: TeamKeys = NoKeys()
+        self._stranger: asyncio.Task[None] | None = None
         self._stalls: list[tuple[float, float]] = []
 
     async def __aenter__(self) -> Self:
@@ -112,6 +114,18 @@ class DrillFlight:
     def clear_faults(self) -> None:
         """Clear all faults that can be cleared."""
         self.inject(InjectedFaults())
+        if self._stranger is not None:
+            self._stranger.cancel()
+            self._stranger = None
+
+    def mission_now_s(self) -> float:
+        """Return the time of the team's clock [mission s]."""
+        raise NotImplementedError
+
+    def intrude(self) -> None:
+        """Let a stranger speak in the vehicles' names and command them, until the faults are cleared."""
+        self._stranger = asyncio.create_task(Stranger(self.mission, self.mission_now_s).run())
+        self._stack.push_async_callback(_cancelled, self._stranger)
 
     def signal(self, number: int) -> None:
         """Send the flying process a signal."""

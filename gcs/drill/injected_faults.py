@@ -14,7 +14,7 @@ import msgspec
 
 from agents.drops import Drops
 from agents.ports import PeerBus, TargetSensor
-from agents.team.messages import PEER_TOPICS
+from agents.team.messages import PEER_TOPICS, TOPICS, CommandAnswer, MemberState, decode, encode
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
 from gcs.keys.team_keys import TeamKeys
@@ -30,14 +30,26 @@ class InjectedFaults(msgspec.Struct, frozen=True):
     """All faults present from now on; each message replaces the one before.
 
     `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
-    [wall s]; no other vehicle receives the messages of `unheard`. `blind` sensors see no target. A process may `hang`.
+    [wall s]; no other vehicle receives the messages of `unheard`. `liars` report that they are `lie_m` off from where
+    they are; of `impostors` there are two sources, of which the second one does; `flooders` send junk as well.
+    `blind` sensors see no target. A process may `hang`.
     """
 
     loss: float = 0.0
     delay_s: float = 0.0
     unheard: tuple[int, ...] = ()
+    liars: tuple[int, ...] = ()
+    impostors: tuple[int, ...] = ()
+    lie_m: tuple[float, float] = (0.0, 0.0)
+    flooders: tuple[int, ...] = ()
     blind: bool = False
     hang: Hang = ""
+
+
+FLOOD_HZ, _BURST_S, _FLOODED, _JUNK = 8000.0, 0.01, TOPICS[CommandAnswer].name, bytes(64)
+"""How many messages a second a flood has [1 / wall s], how often it sends some, its topic, and what each holds."""
+_SECOND_LATER_S = 0.01
+"""A second source of a vehicle's messages sends so long after the first [wall s]."""
 
 
 class FaultReceiver:
@@ -71,12 +83,14 @@ class FaultReceiver:
 
 
 class FailingBus:
-    """A bus between agents that loses, delays or withholds messages; implements `agents.ports.PeerBus`."""
+    """A vehicle's bus that loses, delays, withholds or falsifies messages; implements `agents.ports.PeerBus`."""
 
-    def __init__(self, bus: PeerBus, receiver: FaultReceiver, seed: int) -> None:
+    def __init__(self, bus: PeerBus, receiver: FaultReceiver, vehicle_id: int) -> None:
         self._bus = bus
         self._receiver = receiver
-        self._chance = random.Random(seed)
+        self._vehicle_id = vehicle_id
+        self._chance = random.Random(vehicle_id)
+        self._flooding: asyncio.Task[None] | None = None
 
     @property
     def alive(self) -> bool:
@@ -102,14 +116,30 @@ class FailingBus:
                 on_message(key, payload)
 
         await self._bus.open(receive, on_presence)
+        self._flooding = asyncio.create_task(self._flood())
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send: messages are lost at the receiver."""
-        self._bus.publish(topic, payload)
+        """Send: messages are lost at the receiver, and lies made here."""
+        faults = self._receiver.now
+        lies = self._vehicle_id in faults.liars
+        self._bus.publish(topic, _moved(payload, faults.lie_m, 0.0) if lies else payload)
+        if self._vehicle_id in faults.impostors:
+            second = _moved(payload, faults.lie_m, _SECOND_LATER_S)
+            asyncio.get_running_loop().call_later(_SECOND_LATER_S, self._bus.publish, topic, second)
 
     async def close(self) -> None:
         """Leave."""
+        if self._flooding is not None:
+            self._flooding.cancel()
+            await asyncio.gather(self._flooding, return_exceptions=True)
         await self._bus.close()
+
+    async def _flood(self) -> None:
+        while True:
+            await asyncio.sleep(_BURST_S)
+            if self._vehicle_id in self._receiver.now.flooders:
+                for _ in range(round(FLOOD_HZ * _BURST_S)):
+                    self._bus.publish(_FLOODED, _JUNK)
 
 
 class FailingSensor:
@@ -139,6 +169,21 @@ class FailingEquipment(Equipment):
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""
         return FailingSensor(super().sensor(mission, vehicle_id, start_s), self._receiver)
+
+
+def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:
+    """Return a vehicle's state elsewhere, and later; any other message as it is."""
+    message = decode(payload)
+    if not isinstance(message, MemberState):
+        return payload
+    (x, y), (aim_x, aim_y) = message.position_m, message.setpoint_m
+    elsewhere = msgspec.structs.replace(
+        message,
+        time_s=message.time_s + later_s,
+        position_m=(x + by_m[0], y + by_m[1]),
+        setpoint_m=(aim_x + by_m[0], aim_y + by_m[1]),
+    )
+    return encode(elsewhere)
 
 
 def _sender(key: str) -> int | None:

@@ -26,9 +26,9 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
     """
     mission = load_mission(name)
     content = toml_content(mission.text)
+    _move_apart(content)
     for section, key, value in changes:
         content.setdefault(section, {})[key] = value
-    _move_apart(content)
     near = {**content, "target": {**content["target"], "start_m": _near_m(mission)}}
     try:
         parse_mission(tomli_w.dumps(near), None, mission.profile_texts)

@@ -74,6 +74,10 @@ class StubFlight(DrillFlight):
         bodies = {i: stub.autopilot.airframe for i, stub in self.stubs.items()}
         self.log.note_places(now_s, {i: b.position_m for i, b in bodies.items() if b.height_m > _AIRBORNE_M})
 
+    def mission_now_s(self) -> float:
+        """Return the time of the stubs' clock."""
+        return self._clock.now_s()
+
     def abandon(self) -> None:
         """Run at the wall clock's speed: what follows is measured in it."""
         self._clock.run_at_wall_speed()

@@ -31,6 +31,7 @@ def feasibility(mission: Mission) -> Iterator[Finding]:
     if len(mission.vehicles) > 1:
         yield _ring_gap(mission)
         yield _line_gap(mission)
+    yield _mission_fence(mission)
     yield _target_speed(mission)
     yield _ring_acceleration(mission)
     yield _formation_speed(mission)
@@ -106,6 +107,18 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, step: str) -> Fi
         f"{what}: {gap_m:.2f} m apart, needed: {separation_m:g} m separation and {error_m:.2f} m position error",
         "the guard would move setpoints all the time, or vehicles would come too close",
         step,
+    )
+
+
+def _mission_fence(mission: Mission) -> Finding:
+    corners = len(mission.safety.fence_m)
+    return Finding.graded(
+        Grade.PASS if corners else Grade.WARNING,
+        MISSION,
+        "mission fence",
+        f"safety.fence_m has {corners} corners" if corners else "safety.fence_m is empty",
+        "vehicles follow the target wherever sightings lead them, also those from outside the team (docs/target.md)",
+        "set safety.fence_m to the area that the flight may take",
     )
 
 

@@ -13,8 +13,9 @@ from agents.ports import VehicleRefusedError
 from agents.safety.failsafe import Condition
 from agents.tactics import Tactic
 from gcs.console.terminal import STDERR
-from gcs.drill.faults import HEARTBEAT_S, Drill, by_table, cut, dead, kill, stop, the_subject
+from gcs.drill.faults import HEARTBEAT_S, Drill, by_table, cut, dead, the_subject
 from gcs.drill.flight import DrillFlight
+from gcs.drill.injections import kill, stop
 from gcs.drill.judge import OFFBOARD, Expectation
 from gcs.drill.roles import Roles
 from gcs.drill.run import DrillRun

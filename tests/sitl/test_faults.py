@@ -84,7 +84,7 @@ COMMAND = encode(OperatorCommand(1.0, "hold", None, "somebody", 7))
 async def test_a_bus_loses_the_share_it_is_told_to() -> None:
     receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, receiver, seed=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
+    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
     for _ in range(1000):
         bus.deliver("member/1", member(1))
     assert len(heard) == 1000
@@ -97,7 +97,7 @@ async def test_a_bus_loses_the_share_it_is_told_to() -> None:
 async def test_who_is_unheard_is_and_operators_are_not() -> None:
     receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, receiver, seed=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
+    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
     receiver.now = InjectedFaults(unheard=(1, 2))
     for sender in (1, 2, 3):
         bus.deliver(f"member/{sender}", member(sender))
@@ -109,7 +109,7 @@ async def test_who_is_unheard_is_and_operators_are_not() -> None:
 async def test_what_is_late_comes_later() -> None:
     receiver, bus = FaultReceiver(), Bus()
     heard: list[bytes] = []
-    await FailingBus(bus, receiver, seed=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
+    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
     receiver.now = InjectedFaults(delay_s=0.01)
     bus.deliver("member/1", member(1))
     assert heard == []

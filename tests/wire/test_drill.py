@@ -30,8 +30,12 @@ REACTIONS_OFF = (
     ("failsafe", "following_s", 60.0),
     ("failsafe", "peers_silent_s", 600.0),
     ("failsafe", "peer_silent_s", 600.0),
+    ("tuning", "failsafe", {"doubt_m": 1000.0, "flood_per_s": 1e6}),
 )
 CONTROLLED = (
+    "flood",
+    "impostor",
+    "liar",
     "one vehicle not heard",
     "nobody hears anybody",
     "telemetry frozen",
@@ -88,6 +92,15 @@ async def test_control_with_the_reactions_switched_off_every_drill_fails() -> No
         assert row.holds is False, row
         assert row.measured_s is None, row
         assert "did not react" in row.detail, row
+
+
+async def test_control_on_a_plain_bus_a_stranger_is_obeyed() -> None:
+    drills = [drill for drill in DRILLS if drill.fault == "stranger"]
+    plain = (("network", "security", {"insecure": True}),)
+    run = DrillRun("case2", StubFlight, drills, Silent(), speed=CONTROL_SPEED, changes=plain)
+    (row,) = await run.run()
+    assert row.holds is False, row
+    assert "to 'hold'" in row.detail, row
 
 
 async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen() -> None:

@@ -10,7 +10,7 @@ from agents.control.ring_feasibility import BROKEN_MAX, RESERVE, RingFeasibility
 from agents.settings.config import AgentConfig
 from agents.team.messages import MemberState, NeighbourAngle
 from agents.team.ring_scale import FULL_RING, RingScale
-from agents.team.team import Team
+from tests.support.team import a_team
 
 Maker = Callable[..., AgentConfig]
 RING = {"radius_m": 10.0, "angular_rate_rad_s": 0.15, "speed_max_m_s": 3.0, "acceleration_max_m_s2": 2.0}
@@ -119,7 +119,7 @@ def test_everybody_flies_by_the_needs_of_whoever_needs_most_and_nobody_holds_on_
 
 
 def test_a_team_knows_the_ring_that_its_engaged_members_can_fly() -> None:
-    team = Team()
+    team = a_team()
     for sender, tactic, rate, radius in ((1, "encircle", 0.7, 1.0), (2, "encircle", 1.0, 1.4), (3, "hold", 0.1, 2.0)):
         team.hear_member(MemberState(sender, 1.0, tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
         team.hear_angle(NeighbourAngle(sender, 1.0, 0.0, 0.1, 10.0, rate, radius))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -83,6 +84,8 @@ class Flight:
         self.late_ticks = 0
         self.bus = True
         self.clock_ahead_s = 0.0
+        self.second_source = False
+        self.outside_m: tuple[float, float] | None = None
         self.flood = 0
         self.refused = 0
         self.clock_drifts = False
@@ -126,6 +129,12 @@ class Flight:
             core.on_message(encode(self._said_by(peer, tactic)), now_s)
         if self.target_m is not None:
             core.on_sighting(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+        if self.outside_m is not None:
+            core.on_sighting(Sighting(now_s, 1000, self.outside_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+        if self.second_source:
+            said = self._said_by(1, "formation")
+            forged = msgspec.structs.replace(said, time_s=now_s - 0.05, position_m=(said.position_m[0], 25.0))
+            core.on_message(encode(forged), now_s)
         core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports))
         self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
         core.on_drops(Drops(too_many=self.refused))
@@ -258,6 +267,16 @@ CASES = {
     Condition.COMPUTER_SHORT: Case(set_to(short_of="memory"), set_to(short_of=""), 0.0, AS_BEFORE * 3),
     Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
+    # The third contradiction counts: two places in turn in one vehicle's name. It lasts until 5 s after the last one.
+    Condition.PEER_DOUBTFUL: Case(
+        set_to(second_source=True), set_to(second_source=False), 0.2, AS_BEFORE * 3, over_s=5.4
+    ),
+    Condition.SIGHTINGS_CONTRADICT: Case(
+        set_to(target_m=(25.0, -5.0), outside_m=(40.0, -5.0)), set_to(outside_m=None), 0.2, AS_BEFORE * 3, over_s=5.4
+    ),
+    Condition.TARGET_FROM_OUTSIDE: Case(
+        set_to(outside_m=(40.0, -5.0)), set_to(target_m=(40.0, -5.0)), 0.0, AS_BEFORE * 3
+    ),
 }
 BY_THE_SHELL = {Condition.OPERATOR_LOST}
 """Ended by a signal, see the test at the end."""
@@ -411,7 +430,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
         (refusal,) = flight.notes(said_s - PERIOD_S, kind="command")
         assert refusal.startswith(f"resume by pat: refused: {condition.value}")
     case.end(flight)
-    after = flight.fly(flight.now_s + 4.0)
+    after = flight.fly(flight.now_s + 6.0)
     assert {output.status.tactic for output in after} == {reaction}, "it stays"
     assert (flight.told.tactic, flight.told.alert) == (reaction.value, condition.value)
     assert f"{condition.value}: cleared; resume continues the mission" in flight.notes()
@@ -599,14 +618,25 @@ def test_a_peer_whose_words_are_dropped_for_its_clock_is_said_to_have_stepped(
     assert flight.told.alert == "peer's clock stepped"
 
 
+def test_a_peer_that_falls_silent_nearby_still_counts_as_near(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.TOO_CLOSE, heard=(2,))
+    flight.close = True
+    peers(1, 2)(flight)
+    flight.fly(ONSET_S + 0.1)
+    peers(2)(flight)
+    flight.core.on_presence(1, present=False)
+    flight.fly(ONSET_S + 0.6)
+    assert (flight.told.tactic, flight.told.alert) == ("aside", "too close")
+
+
 @pytest.mark.parametrize("height_m", [6.5, 9.5])
 def test_above_and_below_each_other_vehicles_are_not_too_close(
     height_m: float, make_flight: Callable[..., Flight]
 ) -> None:
     flight = make_flight(Condition.TOO_CLOSE)
     flight.close, flight.peer_height_m = True, height_m
-    flight.fly(ONSET_S + 2.0)
-    assert flight.told.alert == ""
+    flown = flight.fly(ONSET_S + 2.0)
+    assert "too close" not in {output.status.alert for output in flown}
 
 
 def test_a_field_flight_with_losses_and_delays_raises_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,10 +16,10 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Event
 from agents.team.messages import MemberState, encode
-from agents.team.team import Team
 from estimation.plant.model import exact_step
 from estimation.state import OwnEstimate, Telemetry
 from tests.conftest import CONFIG, STUB
+from tests.support.team import a_team
 
 Maker = Callable[..., AgentConfig]
 HEIGHT_M = 8.0
@@ -135,7 +135,7 @@ def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts:
 
 
 def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -> None:
-    team = Team()
+    team = a_team()
     team.hear_member(member(10.0))
     team.expire(11.0)
     assert team.lost(11.0, 60.0) == ()
@@ -146,7 +146,7 @@ def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -
 
 
 def test_who_is_heard_again_is_lost_no_more() -> None:
-    team = Team()
+    team = a_team()
     team.hear_member(member(10.0))
     team.expire(12.0)
     team.hear_member(member(12.1))
@@ -155,7 +155,7 @@ def test_who_is_heard_again_is_lost_no_more() -> None:
 
 @pytest.mark.parametrize("tactic", ["formation", "return and land", "land"])
 def test_who_says_good_bye_is_lost(tactic: str) -> None:
-    team = Team()
+    team = a_team()
     team.hear_member(member(10.0, tactic))
     team.forget(1)
     assert team.members() == ()
@@ -163,7 +163,7 @@ def test_who_says_good_bye_is_lost(tactic: str) -> None:
 
 
 def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_told_of_it() -> None:
-    team = Team()
+    team = a_team()
     team.hear_member(member(10.0, "land"))
     team.expire(11.5)
     team.forget(1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agents.team.messages import MemberState, NeighbourAngle
-from agents.team.team import Team
+from tests.support.team import a_team
 
 
 def member(sender: int, time_s: float, tactic: str = "formation", x: float = 0.0) -> MemberState:
@@ -16,7 +16,7 @@ def angle(sender: int, time_s: float, bearing: float = 0.5) -> NeighbourAngle:
 
 
 def test_the_newest_message_counts_whatever_the_order() -> None:
-    team = Team()
+    team = a_team()
     for time_s in (2.0, 3.0, 1.0):
         team.hear_member(member(1, time_s, "encircle", x=time_s))
         team.hear_angle(angle(1, time_s, bearing=time_s / 10.0))
@@ -26,7 +26,7 @@ def test_the_newest_message_counts_whatever_the_order() -> None:
 
 
 def test_what_was_said_too_long_ago_is_dropped() -> None:
-    team = Team()
+    team = a_team()
     team.hear_member(member(1, 10.0))
     team.hear_member(member(3, 10.2))
     team.hear_angle(angle(1, 10.0))
@@ -41,7 +41,7 @@ def test_what_was_said_too_long_ago_is_dropped() -> None:
 
 
 def test_a_peer_that_left_is_forgotten_at_once() -> None:
-    team = Team()
+    team = a_team()
     team.hear_member(member(1, 10.0, "encircle"))
     team.hear_angle(angle(1, 10.0))
     team.forget(1)
@@ -51,7 +51,7 @@ def test_a_peer_that_left_is_forgotten_at_once() -> None:
 
 
 def test_bearings_go_on_at_the_rate_of_the_ring() -> None:
-    team = Team()
+    team = a_team()
     team.hear_angle(angle(1, 10.0, 0.5))
     team.hear_angle(angle(3, 9.5, 3.0))
     assert team.bearings_rad(10.2, 0.05) == pytest.approx([0.5 + 0.01, 3.0 + 0.035])
@@ -59,7 +59,7 @@ def test_bearings_go_on_at_the_rate_of_the_ring() -> None:
 
 @pytest.mark.parametrize(("tactic", "counted"), [("encircle", 1), ("formation", 0), ("hold", 0), ("land", 0)])
 def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
-    team = Team()
+    team = a_team()
     team.hear_angle(angle(1, 10.0))
     assert len(team.bearings_rad(10.0, 0.0)) == 1
     team.hear_member(member(1, 10.0, tactic))
@@ -67,7 +67,7 @@ def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
 
 
 def test_who_flies_in_formation_and_who_is_near() -> None:
-    team = Team()
+    team = a_team()
     for sender, tactic, x in ((1, "formation", 3.0), (3, "encircle", 5.0), (4, "formation", 5.01)):
         team.hear_member(member(sender, 1.0, tactic, x))
     assert sorted(team.in_formation()) == [1, 4]
@@ -77,7 +77,7 @@ def test_who_flies_in_formation_and_who_is_near() -> None:
 @pytest.mark.parametrize("how", ["expires", "is forgotten"])
 @pytest.mark.parametrize(("tactic", "missed"), [("formation", True), ("return and land", True), ("land", False)])
 def test_who_falls_silent_is_missed_unless_it_said_that_it_leaves(how: str, tactic: str, missed: bool) -> None:
-    team = Team()
+    team = a_team()
     team.hear_member(member(1, 10.0, "formation"))
     team.hear_member(member(1, 10.5, tactic))
     team.hear_member(member(3, 11.6))

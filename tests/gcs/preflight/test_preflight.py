@@ -22,7 +22,9 @@ from gcs.preflight.parameters import parameters_wanted
 from gcs.preflight.preflight import preflight, worst
 from tests.support.wording import facts_missing
 
-CASE2 = load_mission("case2")
+OPEN = load_mission("case2")
+FENCE_M = ((-100.0, -100.0), (100.0, -100.0), (100.0, 100.0), (-100.0, 100.0))
+CASE2 = replace(OPEN, safety=OPEN.safety.model_copy(update={"fence_m": FENCE_M}))
 PX4 = {
     "COM_OBL_RC_ACT": 4.0,
     "COM_OF_LOSS_T": 1.0,
@@ -107,6 +109,13 @@ def test_a_healthy_team_has_no_grave_finding() -> None:
     assert worst(findings) is Grade.PASS
     assert all(each.found and not each.next_step for each in findings)
     assert exit_code(findings) is Exit.HOLDS
+
+
+def test_a_mission_without_a_fence_is_warned_of() -> None:
+    found = graded(OPEN, "mission fence")
+    assert found.grade is Grade.WARNING
+    assert "safety.fence_m" in found.next_step
+    assert graded(CASE2, "mission fence").grade is Grade.PASS
 
 
 def test_an_estimator_is_graded_by_its_test_ratios() -> None:

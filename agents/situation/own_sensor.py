@@ -1,0 +1,105 @@
+"""What others report of the target, compared with what the vehicle's own sensor sees; and who sees it at all.
+
+A sighting of a peer or from outside that contradicts the own sensor is refused while that sees the target: a liar
+does not move the estimate of a vehicle that looks for itself.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import hypot, inf
+
+from agents.settings.config import AgentConfig
+from agents.team.perception import SOURCES_FROM, SOURCES_TO
+from estimation.state import Sighting
+
+SEES_S = 1.0
+"""A sighting of the own sensor is compared with others' for so long before and after it."""
+FRAMES_OFF_M = 1.0
+"""Standard deviation of the difference between two vehicles' own positions, which no sighting's covariance holds."""
+CONTRADICTED, _COUNTED_MAX = 3, 6
+"""So many more sightings of one sensor contradict than agree before it is reported: a single one may be an outlier."""
+CONTRADICTS_S = 5.0
+"""How long after its last contradiction a sensor is reported."""
+_OWN_MAX = 64
+
+
+@dataclass(slots=True)
+class Contradiction:
+    """A sensor whose sightings contradict the own one: since when, the last time, by how much.
+
+    `count` is how many more contradict than agree; once there are several it is `reported`.
+    """
+
+    since_s: float
+    last_s: float
+    count: int
+    off_m: float
+    reported: bool = False
+
+
+class OwnSensor:
+    """Remembers what one vehicle's own sensor has seen within the last second, and when any of the team's did."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._vehicle_id = config.vehicle_id
+        self._reach_m_s = config.target_filter.velocity_prior_m_s
+        # Of two dimensions: the gate of the target filter.
+        self._gate = 2.0 * config.target_filter.gate_sigma**2
+        self._own: deque[Sighting] = deque(maxlen=_OWN_MAX)
+        self._contradictions: dict[int, Contradiction] = {}
+        self.team_saw_s = -inf
+        """When a sensor of the own vehicle or of a peer saw the target last, not one from outside."""
+
+    def accepts(self, sighting: Sighting) -> bool:
+        """Take a sighting of any sensor; return whether it may be used."""
+        time_s, sensor_id = sighting.time_s, sighting.sensor_id
+        if sensor_id == self._vehicle_id:
+            self._own.append(sighting)
+        elif self._own and not self._agrees(sighting):
+            return False
+        if time_s > self.team_saw_s and not SOURCES_FROM <= sensor_id <= SOURCES_TO:
+            self.team_saw_s = time_s
+        return True
+
+    def contradictions(self, now_s: float) -> Mapping[int, Contradiction]:
+        """Return the sensors that contradict the own one, by their ids."""
+        if not self._contradictions:
+            return self._contradictions
+        self._contradictions = {
+            sensor_id: each for sensor_id, each in self._contradictions.items() if now_s - each.last_s <= CONTRADICTS_S
+        }
+        return {sensor_id: each for sensor_id, each in self._contradictions.items() if each.reported}
+
+    def _agrees(self, sighting: Sighting) -> bool:
+        """Return whether another sensor's sighting may be used; a single outlier is the target filter's to refuse."""
+        off_m = self._contradicted_m(sighting)
+        found = self._contradictions.get(sighting.sensor_id)
+        if not off_m:
+            if found is not None and found.count:
+                found.count -= 1
+            return True
+        if found is None:
+            found = self._contradictions[sighting.sensor_id] = Contradiction(sighting.time_s, sighting.time_s, 0, off_m)
+        found.last_s, found.off_m = sighting.time_s, off_m
+        found.count = min(found.count + 1, _COUNTED_MAX)
+        found.reported = found.reported or found.count == CONTRADICTED
+        return found.count < CONTRADICTED
+
+    def _contradicted_m(self, sighting: Sighting) -> float:
+        """Return how far a sighting is off the own one that is nearest in time, 0 if it agrees or there is none."""
+        own = self._own[-1]
+        for earlier in reversed(self._own):
+            if abs(earlier.time_s - sighting.time_s) > abs(own.time_s - sighting.time_s):
+                break
+            own = earlier
+        apart_s = abs(own.time_s - sighting.time_s)
+        x, y = sighting.position_m[0] - own.position_m[0], sighting.position_m[1] - own.position_m[1]
+        # Within the gate whatever the covariances are, which nearly every sighting is.
+        if apart_s > SEES_S or x * x + y * y <= self._gate * FRAMES_OFF_M**2:
+            return 0.0
+        spread_m2 = FRAMES_OFF_M**2 + (self._reach_m_s * apart_s) ** 2
+        xx, xy, yy = (one + other for one, other in zip(sighting.covariance_m2, own.covariance_m2, strict=True))
+        xx, yy = xx + spread_m2, yy + spread_m2
+        squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+        return hypot(x, y) if squared > self._gate else 0.0

@@ -1,0 +1,221 @@
+"""Whether a vehicle can have flown what a peer's states claim, one after another.
+
+A state that does not continue the one before it begins a claim of its own. The claim accepted first stays the peer's
+state as long as it is continued: a second source of the same id does not replace it. Once it is not continued any
+more, another claim that has been steady takes its place. All claims are places where the vehicle may be.
+"""
+
+from collections.abc import Container, Mapping
+from dataclasses import dataclass
+from math import hypot
+
+from agents.settings.sections import SafetySettings
+from agents.settings.tuning import SETPOINTS_FASTER
+from agents.tactics import Tactic
+from agents.team.clock_watch import ClockWatch
+from agents.team.messages import TOPICS, MemberState, Metres2
+
+SIGMAS, SIGMA_MAX_M = 4.0, 1.0
+"""So many of the published standard deviations are allowed beside it; a larger deviation counts as the latter."""
+TIMING_S = 0.5
+"""How far off a state may be dated without its clock being found to have stepped."""
+AGILE = 2.0
+"""How many times `safety.acceleration_max_m_s2` a vehicle may change its velocity: a gust, or an autopilot that brakes.
+"""
+VELOCITY_OFF_M_S, SPEED_OFF_M_S = 2.0, 1.0
+"""Beside what the limits allow: the noise of an estimate."""
+CLIMB_MAX_M_S, ALTITUDE_OFF_M = 6.0, 2.0
+CONFIRMED = 3
+"""So many contradictions are reported, and so many states that continue each other are a claim: one may be a fault."""
+CLAIMS_MAX = 4
+DOUBTED_S = 5.0
+"""How long after its last contradiction a peer is doubtful."""
+_KEPT = 0.98
+"""The share kept, a state, of how far positions have gone beyond velocities: it fades within some seconds."""
+_SOON_S, _QUITE_M, _QUITE_M_S, _CRUISE_M_S, _CLIMBED_M = 0.3, 0.5, 1.0, 5.0, 0.3
+"""What needs no closer look: within this time, and these changes along each axis."""
+_AGE_MAX_S = TOPICS[MemberState].age_max_s
+_PILOT = Tactic.PILOT_OVERRIDE.value
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What vehicles of the team fly at most, and how far positions may be off from where their velocities lead."""
+
+    safety: SafetySettings
+    doubt_m: float
+
+
+@dataclass(slots=True)
+class Doubt:
+    """A peer whose states contradict each other: since when, the last time, how often, and how."""
+
+    since_s: float
+    last_s: float
+    count: int
+    why: str
+
+
+class Claim:
+    """Successive states of one peer that one vehicle can have flown.
+
+    It is `accepted` if it is or was taken for the peer's state.
+    """
+
+    __slots__ = ("_climbed_m", "_limits", "_off_x_m", "_off_y_m", "accepted", "count", "state")
+
+    def __init__(self, state: MemberState, limits: Limits, *, accepted: bool = False) -> None:
+        self.state = state
+        self.count = 1
+        self.accepted = accepted
+        self._limits = limits
+        self._off_x_m = self._off_y_m = self._climbed_m = 0.0
+
+    def continued(self, state: MemberState) -> bool:
+        """Take a state that is as expected soon after the last one, which nearly every one is; return whether it is."""
+        before = self.state
+        step_s = state.time_s - before.time_s
+        x, y = state.position_m
+        before_x, before_y = before.position_m
+        x_rate, y_rate = state.velocity_m_s
+        before_x_rate, before_y_rate = before.velocity_m_s
+        half_s = step_s / 2.0
+        off_x = _KEPT * self._off_x_m + x - before_x - half_s * (x_rate + before_x_rate)
+        off_y = _KEPT * self._off_y_m + y - before_y - half_s * (y_rate + before_y_rate)
+        if (
+            0.0 < step_s < _SOON_S
+            and -_QUITE_M < off_x < _QUITE_M
+            and -_QUITE_M < off_y < _QUITE_M
+            and -_QUITE_M_S < x_rate - before_x_rate < _QUITE_M_S
+            and -_QUITE_M_S < y_rate - before_y_rate < _QUITE_M_S
+            and -_CRUISE_M_S < x_rate < _CRUISE_M_S
+            and -_CRUISE_M_S < y_rate < _CRUISE_M_S
+            and -_CLIMBED_M < state.altitude_m - before.altitude_m < _CLIMBED_M
+        ):
+            self._off_x_m, self._off_y_m, self.state = off_x, off_y, state
+            self.count += 1
+            return True
+        return False
+
+    def misfit(self, state: MemberState, clock_off_s: float) -> str:
+        """Take a state that can follow the last one, or come before it; return why it cannot, empty if it can."""
+        before, limits = self.state, self._limits.safety
+        step_s = state.time_s - before.time_s
+        apart_s = abs(step_s)
+        speed_m_s, before_m_s = hypot(*state.velocity_m_s), hypot(*before.velocity_m_s)
+        fastest_m_s = SETPOINTS_FASTER * limits.speed_max_m_s + SPEED_OFF_M_S
+        if speed_m_s > fastest_m_s and state.tactic != _PILOT:
+            return f"reports {speed_m_s:.1f} m/s"
+        agile_m_s2 = AGILE * limits.acceleration_max_m_s2
+        changed_m_s = hypot(*_less(state.velocity_m_s, before.velocity_m_s))
+        if changed_m_s > VELOCITY_OFF_M_S + agile_m_s2 * apart_s:
+            return f"reports a velocity that is {changed_m_s:.1f} m/s off within {apart_s:.1f} s"
+        # What was silent for longer begins anew.
+        kept = _KEPT if apart_s < _AGE_MAX_S else 0.0
+        moved, summed = _less(state.position_m, before.position_m), _sum(state.velocity_m_s, before.velocity_m_s)
+        off_x = kept * self._off_x_m + moved[0] - step_s / 2.0 * summed[0]
+        off_y = kept * self._off_y_m + moved[1] - step_s / 2.0 * summed[1]
+        sigma_m = min(max(state.position_sigma_m, before.position_sigma_m), SIGMA_MAX_M)
+        # A clock that is off by a little shows along the way flown alone.
+        timing_m = (TIMING_S + clock_off_s) * min(max(speed_m_s, before_m_s), fastest_m_s)
+        turned_m = min(agile_m_s2 / 4.0 * apart_s, 2.0 * fastest_m_s) * apart_s
+        allowed_m = self._limits.doubt_m + SIGMAS * sigma_m + turned_m
+        if _beyond((off_x, off_y), summed, timing_m) > allowed_m:
+            return f"reports a place {hypot(off_x, off_y):.1f} m from where its states lead"
+        climbed_m = state.altitude_m - before.altitude_m
+        able_m = CLIMB_MAX_M_S * apart_s
+        climbed_m = kept * self._climbed_m + climbed_m - min(max(climbed_m, -able_m), able_m)
+        if abs(climbed_m) > ALTITUDE_OFF_M:
+            return f"reports an altitude that is {climbed_m:+.1f} m off what it can climb"
+        if step_s > 0.0:
+            off_x, off_y = (off_x, off_y) if kept else (0.0, 0.0)
+            self._off_x_m, self._off_y_m, self._climbed_m, self.state = off_x, off_y, climbed_m, state
+        self.count += 1
+        return ""
+
+
+class Credibility:
+    """Holds the claims about every peer; which of them is the peer's state is decided as they come."""
+
+    def __init__(self, limits: Limits, clocks: ClockWatch, excuses: Container[str]) -> None:
+        """Take what vehicles can fly, whose clocks step, and the alerts of one whose position may jump: `excuses`."""
+        self._limits = limits
+        self._clocks = clocks
+        self._excuses = excuses
+        self._claims: dict[int, list[Claim]] = {}
+        self._doubts: dict[int, Doubt] = {}
+        self.contested: set[int] = set()
+        """The peers about which there is more than one claim, or was lately."""
+
+    def accepts(self, state: MemberState, *, known: bool) -> bool:
+        """Return whether a state is its sender's; one that contradicts a peer that is `known` to be there is not."""
+        claims = self._claims.get(state.sender)
+        if claims is None:
+            self._claims[state.sender] = [Claim(state, self._limits, accepted=True)]
+            return True
+        if claims[0].continued(state):
+            return True
+        step = self._clocks.off.get(state.sender)
+        clock_off_s = 0.0 if step is None else abs(step.by_s)
+        why = claims[0].misfit(state, clock_off_s)
+        return not why or self._contradicted(claims, state, clock_off_s, why, known=known)
+
+    def _contradicted(
+        self, claims: list[Claim], state: MemberState, clock_off_s: float, why: str, *, known: bool
+    ) -> bool:
+        claim = next((each for each in claims[1:] if not each.misfit(state, clock_off_s)), None)
+        if claim is None:
+            claim = Claim(state, self._limits)
+            confirmed = [each for each in claims[1:] if each.accepted or each.count >= CONFIRMED]
+            claims[1:] = [*confirmed[2 - CLAIMS_MAX :], claim]
+        self.contested.add(state.sender)
+        excused = state.alert in self._excuses or state.tactic == _PILOT
+        if not excused:
+            doubt = self._doubts.setdefault(state.sender, Doubt(state.time_s, state.time_s, 0, why))
+            doubt.last_s, doubt.count, doubt.why = state.time_s, doubt.count + 1, why
+        if not excused and (known or claim.count < CONFIRMED):
+            return False
+        claims.remove(claim)
+        claims.insert(0, claim)
+        claim.accepted = True
+        return True
+
+    def expire(self, now_s: float, time_scale: float) -> None:
+        """Drop claims and doubts that are over: a claim that was accepted once is held as long as a silent peer."""
+        for sender in tuple(self.contested):
+            claims, doubt = self._claims[sender], self._doubts.get(sender)
+            for claim in claims[1:]:
+                held_s = self._limits.safety.lost_avoided_s if claim.accepted else _AGE_MAX_S * time_scale
+                if now_s - claim.state.time_s > held_s:
+                    claims.remove(claim)
+            if doubt is not None and now_s - doubt.last_s > DOUBTED_S:
+                del self._doubts[sender]
+            elif doubt is None and len(claims) == 1:
+                self.contested.discard(sender)
+
+    @property
+    def doubts(self) -> Mapping[int, Doubt]:
+        """The peers that have contradicted themselves often enough to be reported."""
+        return {sender: doubt for sender, doubt in self._doubts.items() if doubt.count >= CONFIRMED}
+
+    def elsewhere(self) -> tuple[MemberState, ...]:
+        """Return the newest state of each claim that is not taken for its sender's: it may be there as well."""
+        return tuple(claim.state for sender in sorted(self.contested) for claim in self._claims[sender][1:])
+
+
+def _beyond(off_m: Metres2, way: Metres2, along_m: float) -> float:
+    """Return the length of an offset of which up to `along_m` along a way do not count."""
+    length = hypot(*way)
+    if length == 0.0:
+        return hypot(*off_m)
+    x, y = way[0] / length, way[1] / length
+    along, across = off_m[0] * x + off_m[1] * y, off_m[1] * x - off_m[0] * y
+    return hypot(max(abs(along) - along_m, 0.0), across)
+
+
+def _less(here: Metres2, there: Metres2) -> Metres2:
+    return here[0] - there[0], here[1] - there[1]
+
+
+def _sum(one: Metres2, other: Metres2) -> Metres2:
+    return one[0] + other[0], one[1] + other[1]

@@ -1,0 +1,52 @@
+"""A stranger in a drill: sessions without keys that speak in the names of the team's vehicles and of an operator."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AsyncExitStack, suppress
+
+from agents.ports import VehicleRefusedError
+from agents.shell.zenoh_bus import ZenohBus
+from agents.team.messages import MemberState, NeighbourAngle, OperatorCommand, encode
+from agents.team.participant import Participant, vehicle
+from gcs.mission.mission import Mission
+
+_PERIOD_S = 0.02
+_FAR_M = (500.0, 500.0)
+_STILL_M_S = (0.0, 0.0)
+_ORIGIN = "stranger"
+
+
+class Stranger:
+    """Sends states from far away, one bearing for all vehicles, and the command to hold, as long as it runs."""
+
+    def __init__(self, mission: Mission, now_s: Callable[[], float]) -> None:
+        """Take the team and its clock: of another date nothing would count, whoever sends it."""
+        self._mission = mission
+        self._now_s = now_s
+        self._number = 0
+
+    async def run(self) -> None:
+        """Send until it is cancelled."""
+        async with AsyncExitStack() as stack:
+            vehicles = {i: await self._joined(stack, vehicle(i)) for i in self._mission.ids}
+            operator = await self._joined(stack, Participant("operator", _ORIGIN))
+            while True:
+                self._send(vehicles, operator)
+                await asyncio.sleep(_PERIOD_S)
+
+    async def _joined(self, stack: AsyncExitStack, participant: Participant) -> ZenohBus:
+        mission = self._mission
+        endpoints = [each.section.endpoint.replace("tls/", "tcp/") for each in mission.vehicles]
+        bus = ZenohBus(participant, mission.network.team, mission.ids, None, endpoints)
+        stack.push_async_callback(bus.close)
+        with suppress(VehicleRefusedError):
+            await bus.open(lambda *_: None, lambda *_: None)
+        return bus
+
+    def _send(self, vehicles: dict[int, ZenohBus], operator: ZenohBus) -> None:
+        now_s = self._now_s()
+        for i, bus in vehicles.items():
+            bus.publish("member", encode(MemberState(i, now_s, "encircle", _FAR_M, _STILL_M_S, _FAR_M, _STILL_M_S)))
+            bus.publish("angle", encode(NeighbourAngle(i, now_s, 0.0, 0.0, self._mission.encirclement.radius_m)))
+        self._number += 1
+        operator.publish("command/hold", encode(OperatorCommand(now_s, "hold", None, _ORIGIN, self._number)))

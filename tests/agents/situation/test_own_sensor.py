@@ -1,0 +1,60 @@
+"""Whose sightings of the target are used by a vehicle that sees it itself."""
+
+from collections.abc import Callable
+
+import pytest
+
+from agents.settings.config import AgentConfig
+from agents.situation.own_sensor import OwnSensor
+from estimation.state import Sighting
+
+OWN, PEER, OUTSIDE = 3, 1, 1000
+
+
+def sighting(sensor_id: int, time_s: float, x: float, sigma_m: float = 0.3) -> Sighting:
+    return Sighting(time_s, sensor_id, (x, 0.0), (sigma_m**2, 0.0, sigma_m**2), 0.8, 0.2)
+
+
+@pytest.fixture
+def sensor(make_config: Callable[..., AgentConfig]) -> OwnSensor:
+    return OwnSensor(make_config(vehicle_id=OWN))
+
+
+def accepted(sensor: OwnSensor, source: int, off_m: float, from_s: float, to_s: float, *, sees: bool = True) -> int:
+    """Return how many of a source's sightings are used, that come with the own ones at 5 Hz."""
+    count = 0
+    for tick in range(round(from_s * 5.0), round(to_s * 5.0)):
+        if sees:
+            assert sensor.accepts(sighting(OWN, tick / 5.0, 10.0))
+        count += sensor.accepts(sighting(source, tick / 5.0, 10.0 + off_m))
+    return count
+
+
+@pytest.mark.parametrize("source", [PEER, OUTSIDE])
+def test_who_contradicts_the_own_sensor_is_refused_until_it_sees_nothing_any_more(
+    sensor: OwnSensor, source: int
+) -> None:
+    assert accepted(sensor, source, 12.0, 0.0, 10.0) == 2, "a single one may be an outlier"
+    assert set(sensor.contradictions(10.0)) == {source}
+    assert accepted(sensor, source, 12.0, 12.0, 14.0, sees=False) == 10
+    assert set(sensor.contradictions(20.0)) == set()
+
+
+def test_who_agrees_is_used_and_so_is_an_outlier_now_and_then(sensor: OwnSensor) -> None:
+    for start_s in range(20):
+        assert accepted(sensor, PEER, 1.5, start_s, start_s + 0.8) == 4
+        assert accepted(sensor, PEER, 12.0, start_s + 0.8, start_s + 1.0) == 1
+    assert not sensor.contradictions(20.0)
+
+
+def test_a_sensor_that_admits_how_unsure_it_is_does_not_contradict(sensor: OwnSensor) -> None:
+    for tick in range(20):
+        sensor.accepts(sighting(OWN, tick / 5.0, 10.0))
+        assert sensor.accepts(sighting(PEER, tick / 5.0, 22.0, sigma_m=4.0))
+
+
+def test_the_team_sees_the_target_by_its_own_sensors_alone(sensor: OwnSensor) -> None:
+    sensor.accepts(sighting(OUTSIDE, 5.0, 10.0))
+    assert sensor.team_saw_s == -float("inf")
+    sensor.accepts(sighting(PEER, 6.0, 10.0))
+    assert sensor.team_saw_s == 6.0

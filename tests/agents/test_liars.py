@@ -1,0 +1,261 @@
+"""A vehicle of a simulated team lies about itself or about the target: judged by the truth of the simulation.
+
+What the honest vehicles find out, and what they cannot: a lie that a vehicle could fly.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+from math import cos, inf, sin
+
+import msgspec
+import numpy as np
+import pytest
+
+from agents.core import VehicleCore
+from agents.outputs import Outgoing, TickOutput
+from agents.safety.failsafe import Condition
+from agents.settings.config import AgentConfig
+from agents.settings.sections import FailsafeSettings
+from agents.tactics import Event
+from agents.team.messages import MemberState, NeighbourAngle, TargetPackage, decode, encode
+from estimation.state import POSITION
+from gcs.flight.simulated import simulated_vehicles
+from sitl.simulation.simulation import NetworkModel, simulate
+from tests.support.mission_text import CASE2, Content, content, parsed
+from tests.support.paths import MISSIONS
+
+LIAR = 3
+CROSSING = (MISSIONS / "crossing.toml").read_text(encoding="utf-8")
+
+Peer = MemberState | NeighbourAngle | TargetPackage
+Lie = Callable[[float, Peer], list[Peer]]
+"""What a liar sends instead of a message, so long after its first lie."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A mission, from when on one vehicle lies, and for how long it is flown."""
+
+    mission: Content
+    from_s: float
+    duration_s: float
+
+
+def on_the_ring() -> Scene:
+    """Case2 with a target that all see and encircle from the start: the ring has settled when the lies begin."""
+    mission = content(CASE2)
+    mission["target"]["start_m"] = [7.0, -4.0]
+    return Scene(mission, 30.0, 50.0)
+
+
+def crossing() -> Scene:
+    """Four vehicles swap places through one point: they are about to meet when the lies begin."""
+    return Scene(content(CROSSING), 5.0, 25.0)
+
+
+class Liar(VehicleCore):
+    """A core whose messages are not what it knows. One that `blocks` then stands where it is, and does not evade."""
+
+    def __init__(self, lie: Lie, from_s: float, blocks: bool, config: AgentConfig) -> None:
+        self._lies = config.vehicle_id == LIAR
+        unguarded = config.safety.model_copy(update={"guard": False})
+        super().__init__(replace(config, safety=unguarded) if self._lies and blocks else config)
+        self._lie, self._from_s, self._blocks = lie, from_s, blocks
+
+    def tick(self, now_s: float) -> TickOutput:
+        if self._lies and self._blocks and now_s >= self._from_s:
+            self.on_event(Event.HOLD)
+        output = super().tick(now_s)
+        if not self._lies or now_s < self._from_s:
+            return output
+        messages = [(each.topic, decode(each.payload)) for each in output.messages]
+        sent = [
+            Outgoing(topic, encode(lie))
+            for topic, message in messages
+            for lie in (self._lie(now_s - self._from_s, message) if isinstance(message, Peer) else [message])
+        ]
+        return msgspec.structs.replace(output, messages=tuple(sent))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What honest vehicles reported and from when, and how near vehicles truly came from the first lie on."""
+
+    since_s: Mapping[str, float]
+    honest_m: float
+    liar_m: float
+    separation_m: float
+    target_off_m: float
+
+
+def flown(lie: Lie, scene: Scene, *, blocks: bool = False) -> Outcome:
+    mission = parsed(scene.mission)
+    vehicles = simulated_vehicles(mission, 1, partial(Liar, lie, scene.from_s, blocks))
+    since_s: dict[str, float] = {}
+    target_off_m = [0.0]
+
+    def observe(_tick: int, index: int, output: TickOutput) -> None:
+        status = output.status
+        if mission.ids[index] == LIAR:
+            return
+        if status.alert:
+            since_s.setdefault(status.alert, status.time_s - scene.from_s)
+        if status.target is not None and status.time_s > scene.from_s:
+            x, y = mission.target.motion.position_m(status.time_s)
+            target_off_m.append(float(np.hypot(status.target[0] - x, status.target[1] - y)))
+
+    network = mission.network
+    flight = simulate(
+        vehicles,
+        NetworkModel(network.range_m, network.delay_s, network.loss),
+        rate_hz=mission.mission.rate_hz,
+        duration_s=scene.duration_s,
+        seed=1,
+        observe=observe,
+        progress=lambda _: None,
+    )
+    place_m = flight.motion[flight.time_s >= scene.from_s][..., POSITION]
+    near_m = {
+        (mission.ids[one], mission.ids[other]): float(
+            np.linalg.norm(place_m[:, one] - place_m[:, other], axis=-1).min(initial=inf)
+        )
+        for one, other in combinations(range(len(mission.ids)), 2)
+    }
+    return Outcome(
+        since_s,
+        min(away_m for pair, away_m in near_m.items() if LIAR not in pair),
+        min(away_m for pair, away_m in near_m.items() if LIAR in pair),
+        mission.safety.separation_m,
+        max(target_off_m),
+    )
+
+
+def shifted(state: MemberState, x_m: float, y_m: float) -> MemberState:
+    (x, y), (aim_x, aim_y) = state.position_m, state.setpoint_m
+    return msgspec.structs.replace(state, position_m=(x + x_m, y + y_m), setpoint_m=(aim_x + x_m, aim_y + y_m))
+
+
+def about_state(change: Callable[[float, MemberState], list[MemberState]]) -> Lie:
+    return lambda since_s, message: [*change(since_s, message)] if isinstance(message, MemberState) else [message]
+
+
+def drifts(speed_m_s: float, *, admits_it: bool) -> Lie:
+    """Drift sideways; the published velocity is that of the drift if it `admits_it`."""
+
+    def lie(since_s: float, state: MemberState) -> list[MemberState]:
+        drifted = shifted(state, 0.0, speed_m_s * since_s)
+        x_rate, y_rate = drifted.velocity_m_s
+        reported_m_s = (x_rate, y_rate + speed_m_s) if admits_it else (x_rate, y_rate)
+        return [msgspec.structs.replace(drifted, velocity_m_s=reported_m_s)]
+
+    return about_state(lie)
+
+
+def is_two(_since_s: float, state: MemberState) -> list[MemberState]:
+    return [state, msgspec.structs.replace(shifted(state, 4.0, 3.0), time_s=state.time_s + 0.02)]
+
+
+def is_elsewhere(_since_s: float, message: Peer) -> list[Peer]:
+    """Claim to be far away, and on a bearing that is another vehicle's."""
+    if isinstance(message, NeighbourAngle):
+        return [msgspec.structs.replace(message, bearing_rad=message.bearing_rad - 2.0)]
+    return [shifted(message, 500.0, 0.0)] if isinstance(message, MemberState) else [message]
+
+
+def is_on_another_bearing(since_s: float, message: Peer) -> list[Peer]:
+    return is_elsewhere(since_s, message) if isinstance(message, NeighbourAngle) else [message]
+
+
+FOUND = {
+    "jumps once by 5 m": about_state(lambda _, state: [shifted(state, 5.0, 0.0)]),
+    "jumps about": about_state(lambda at_s, state: [shifted(state, 8.0 * cos(17.0 * at_s), 8.0 * sin(31.0 * at_s))]),
+    "drifts at 0.6 m/s, and reports a velocity without it": drifts(0.6, admits_it=False),
+    "flies 15 m/s": about_state(lambda _, state: [msgspec.structs.replace(state, velocity_m_s=(15.0, 0.0))]),
+    "is in two places": about_state(is_two),
+    "is far away, and on another's bearing": is_elsewhere,
+    "rises by 20 m": about_state(lambda _, state: [msgspec.structs.replace(state, altitude_m=state.altitude_m + 20.0)]),
+}
+SLOW = ("drifts at 0.6 m/s, and reports a velocity without it",)
+NOT_FOUND = {
+    "is on another's bearing": is_on_another_bearing,
+    "drifts at 0.3 m/s, with the velocity of that": drifts(0.3, admits_it=True),
+}
+DOUBTFUL = Condition.PEER_DOUBTFUL.value
+
+
+@pytest.mark.parametrize("scene", [on_the_ring, crossing])
+@pytest.mark.parametrize("name", FOUND)
+def test_a_lie_that_no_vehicle_flies_is_found_and_all_keep_apart(name: str, scene: Callable[[], Scene]) -> None:
+    outcome = flown(FOUND[name], scene())
+    print("MEASURED", scene.__name__, name, outcome)
+    assert 0.0 <= outcome.since_s[DOUBTFUL] <= 6.5
+    # A vehicle without any state that can be flown is silent. A claim that comes near counts as near.
+    expected = {DOUBTFUL, Condition.PEER_SILENT.value, Condition.TOO_CLOSE.value}
+    assert set(outcome.since_s) <= expected
+    assert outcome.honest_m >= outcome.separation_m
+    # A drift is found once it has gone as far as an honest estimate may.
+    within_m = FailsafeSettings().doubt_m if name in SLOW else 0.0
+    assert outcome.liar_m >= outcome.separation_m - within_m
+
+
+@pytest.mark.parametrize("scene", [on_the_ring, crossing])
+@pytest.mark.parametrize("name", NOT_FOUND)
+def test_a_lie_that_a_vehicle_could_fly_is_not_found_and_the_honest_keep_apart(
+    name: str, scene: Callable[[], Scene]
+) -> None:
+    outcome = flown(NOT_FOUND[name], scene())
+    print("MEASURED", scene.__name__, name, outcome)
+    assert DOUBTFUL not in outcome.since_s
+    assert outcome.honest_m >= outcome.separation_m
+
+
+@pytest.mark.parametrize("scene", [on_the_ring, crossing])
+def test_a_constant_offset_from_the_start_is_not_found_and_the_honest_keep_apart(scene: Callable[[], Scene]) -> None:
+    lie = about_state(lambda _, state: [shifted(state, -5.0, 0.0)])
+    outcome = flown(lie, replace(scene(), from_s=0.0))
+    print("MEASURED", scene.__name__, outcome)
+    assert DOUBTFUL not in outcome.since_s
+    assert outcome.honest_m >= outcome.separation_m
+
+
+def test_where_a_liar_was_last_is_kept_clear_of_and_where_it_could_have_flown_is_not_known() -> None:
+    scene = replace(on_the_ring(), duration_s=85.0)  # by then the one behind has passed where it stands
+    found = flown(is_elsewhere, scene, blocks=True)
+    not_found = flown(drifts(0.3, admits_it=True), scene, blocks=True)
+    print("MEASURED", found, not_found)
+    assert found.since_s[DOUBTFUL] <= 1.0
+    assert min(found.honest_m, found.liar_m) >= found.separation_m
+    assert DOUBTFUL not in not_found.since_s
+    assert not_found.honest_m >= not_found.separation_m
+    assert not_found.liar_m < not_found.separation_m, "nothing on board of the others tells where it is"
+
+
+def test_a_lie_about_the_target_does_not_move_the_estimates_of_those_who_see_it() -> None:
+    def lie(since_s: float, message: Peer) -> list[Peer]:
+        if not isinstance(message, TargetPackage):
+            return [message]
+        x, y = message.position_m
+        # At first within what a target could do, and surer of it than the others.
+        return [
+            msgspec.structs.replace(message, position_m=(x, y - min(since_s, 15.0)), covariance_m2=(1e-4, 0.0, 1e-4))
+        ]
+
+    scene = on_the_ring()
+    scene.mission["target"]["sensor"]["noise_m"] = 0.3
+    outcome = flown(lie, scene)
+    print("MEASURED", outcome)
+    assert Condition.SIGHTINGS_CONTRADICT.value in outcome.since_s
+    assert outcome.target_off_m <= 8.0
+    assert min(outcome.honest_m, outcome.liar_m) >= outcome.separation_m
+
+
+@pytest.mark.parametrize("scene", [on_the_ring, crossing])
+def test_honest_teams_raise_no_doubt_with_losses_delays_and_drifting_estimates(scene: Callable[[], Scene]) -> None:
+    mission = scene().mission
+    mission["network"] = {"loss": 0.4, "delay_s": 0.2}
+    mission["simulation"] = {"wander_m": 0.5, "position_noise_m": 0.1, "velocity_noise_m_s": 0.1, "gusts": True}
+    mission["target"]["sensor"]["noise_m"] = 0.3
+    outcome = flown(lambda _, message: [message], Scene(mission, 0.0, 60.0))
+    assert outcome.since_s == {}

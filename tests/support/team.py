@@ -1,0 +1,11 @@
+"""A vehicle's peers, with the limits of a mission's defaults."""
+
+from agents.safety.failsafe import POSITION_ALERTS
+from agents.settings.sections import FailsafeSettings, SafetySettings
+from agents.team.clock_watch import ClockWatch
+from agents.team.credibility import Credibility, Limits
+from agents.team.team import Team
+
+
+def a_team() -> Team:
+    return Team(Credibility(Limits(SafetySettings(), FailsafeSettings().doubt_m), ClockWatch(0.5), POSITION_ALERTS))
