@@ -148,7 +148,8 @@ def fault_of(target: Target, data: bytes) -> str:
     except target.errors:
         return ""
     except HangError:
-        return f"took longer than {LIMIT_S:g} s of the processor, or waited for {WALL_LIMIT_S:g} s:\n{traceback.format_exc(limit=-3)}"
+        limits = f"{LIMIT_S:g} s of the processor, or {WALL_LIMIT_S:g} s in all"
+        return f"took longer than {limits}:\n{traceback.format_exc(limit=-3)}"
     except Exception:
         return f"undeclared error:\n{traceback.format_exc(limit=-4)}"
     return ""
