@@ -1,7 +1,11 @@
 """Inputs from outside, mutated: none ends in a traceback, hangs, or takes memory without bound."""
 
+import time
 from pathlib import Path
 
+import pytest
+
+from tests.support import fuzzing
 from tests.support.fuzzing import MEMORY_MAX_BYTES, Target, fault_of, run, targets
 
 COUNT = 10_000
@@ -14,8 +18,15 @@ def test_no_mutated_input_ends_in_a_traceback_or_hangs(tmp_path: Path) -> None:
     assert findings.memory_bytes < MEMORY_MAX_BYTES
 
 
-def test_the_harness_notices_what_it_looks_for(tmp_path: Path) -> None:
+def test_the_harness_notices_what_it_looks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzzing, "LIMIT_S", 0.2)
+    monkeypatch.setattr(fuzzing, "WALL_LIMIT_S", 0.5)
+
     def read(data: bytes) -> object:
+        while data == b"loops":
+            pass
+        if data == b"waits":
+            time.sleep(10.0)
         if data == b"declared":
             raise ValueError
         return {b"": None}[data]
@@ -23,3 +34,5 @@ def test_the_harness_notices_what_it_looks_for(tmp_path: Path) -> None:
     target = Target("broken", [b"x"], read, 1.0, (ValueError,))
     assert "KeyError" in fault_of(target, b"x")
     assert fault_of(target, b"declared") == ""
+    assert "took longer" in fault_of(target, b"loops")
+    assert "took longer" in fault_of(target, b"waits")
