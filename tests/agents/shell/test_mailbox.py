@@ -98,6 +98,7 @@ def test_operators_without_number_do_not_displace_one_that_is_known() -> None:
             assert "command/hold/pat" in keys
             waiting = max(waiting, len(keys))
     assert waiting <= 33
+    assert len(mailbox._operators._boxes) <= 32, "what is remembered of them is bounded as well"
 
 
 def test_presence_is_of_members_and_the_newest_counts() -> None:
