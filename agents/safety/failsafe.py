@@ -335,7 +335,9 @@ TABLE = (
 """Among equally grave conditions the one that stands first is the one that is reported."""
 
 ROWS = {row.condition: row for row in TABLE}
-POSITION_ALERTS = frozenset((Condition.TELEMETRY_STALE.value, Condition.ESTIMATOR_JUMPED.value))
+POSITION_ALERTS = frozenset(
+    each.value for each in (Condition.TELEMETRY_STALE, Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING)
+)
 """The alerts of a vehicle whose position may jump."""
 
 
