@@ -68,11 +68,11 @@ class Claim:
         if moves and not self.may_move(address, now_s):
             self.count_impostor(address)
             return False
-        if self._verdict(frame) is not Verdict.AUTHENTIC or (moves and not is_autopilot_heartbeat(frame)):
+        verdict = self._verdict(frame)
+        if moves and is_autopilot_heartbeat(frame):
+            self._move(address, verdict)
+        if verdict is not Verdict.AUTHENTIC or address != self.address:
             return False
-        if moves:
-            self.address = address
-            self._moves.append(address)
         self._heard_s = now_s
         return True
 
@@ -114,6 +114,14 @@ class Claim:
             tuple(map(shown, self._moves)),
             dict(self._dropped),
         )
+
+    def _move(self, address: Address, verdict: Verdict) -> None:
+        if verdict is Verdict.AUTHENTIC:
+            self.address = address
+            self._moves.append(address)
+            self.rejected.clear()
+        elif len(self.rejected) < ADDRESSES_MAX:
+            self.rejected[address] = verdict
 
     def _consider(self, frame: bytes, address: Address) -> None:
         if not is_autopilot_heartbeat(frame):

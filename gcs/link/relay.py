@@ -138,7 +138,6 @@ class Relay:
     def _call(self, heartbeat: bytes) -> None:
         """Send a heartbeat to those that are not verified: whom this end calls, and who is behind in time."""
         for claim in self._gate.claims.values():
-            if claim.address is None:
-                known = () if self._carrier.known is None else (self._carrier.known,)
-                for address in {*known, *claim.to_set_in_time()}:
-                    self._send_to(heartbeat, address, [claim])
+            called = claim.address is None and self._carrier.known is not None
+            for address in {*([self._carrier.known] if called else ()), *claim.to_set_in_time()}:
+                self._send_to(heartbeat, address, [claim])
