@@ -4,7 +4,9 @@ import asyncio
 import secrets
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -22,7 +24,9 @@ from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.signing import wall_ticks
-from gcs.mission.file import load_mission
+from gcs.link.signing_keys import issue_keys
+from gcs.link.signing_setup import set_up_signing
+from gcs.mission.file import load_mission, mission_path, parse_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.mavlink.protocol import Drop
 from sitl.mavlink.signing import SigningKey
@@ -77,11 +81,13 @@ async def test_forged_messages_have_no_effect_on_a_flight(
     view = LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", lambda team, *_: rows.update({row.vehicle_id: row for row in team}))
     places: list[float] = []
+    verified = set[int]()
     take = MavsdkLink.connect
 
     async def connected(link: MavsdkLink, on_telemetry: Callable[[Telemetry], None]) -> None:
         def note(telemetry: Telemetry) -> None:
             places.append(max(map(abs, telemetry.position_m)))
+            verified.add(link._config.system_id)
             on_telemetry(telemetry)
 
         await take(link, note)
@@ -102,8 +108,8 @@ async def test_forged_messages_have_no_effect_on_a_flight(
     async with served(*stub_configs(mission)):
         plan = FlightPlan(mission, 8.0, mission.vehicles, stubs=False, speed=SPEED)
         flight = asyncio.create_task(fly(plan, view, told.extend))
-        # The vehicles are verified as soon as their telemetry comes; take-off and preflight are still ahead.
-        await until(lambda: flight.done() or len(places) > 30, 10.0, "telemetry")
+        # The vehicles are verified once their telemetry comes; preflight and take-off are still ahead.
+        await until(lambda: flight.done() or verified == set(ports), 10.0, "telemetry")
         forging = asyncio.create_task(forge())
         outcomes = (await flight).outcomes
         forging.cancel()
@@ -237,3 +243,21 @@ async def test_forged_telemetry_on_a_signed_link_has_no_effect_even_first_and_al
     assert [forger.received() for forger in forgers] == [0, 0]
     for forger in forgers:
         forger.close()
+
+
+async def test_a_key_is_set_up_on_a_vehicle_without_one_and_on_no_other(tmp_path: Path) -> None:
+    mission = parse_mission(mission_path("px4-trio").read_text(), tmp_path)
+    configs = [replace(config, client_port=free_port()) for config in stub_configs(mission)[:2]]
+    vehicles = [
+        replace(each, section=each.section.model_copy(update={"url": f"udpin://{LOOPBACK}:{config.client_port}"}))
+        for each, config in zip(mission.vehicles, configs, strict=False)
+    ]
+    configs[1] = replace(configs[1], signing_key=SigningKey(OTHER_KEY, wall_ticks()))
+    keys = issue_keys(tmp_path / "mavlink.keys", [1, 2])
+    async with served(*configs) as (bare, other):
+        first = await set_up_signing(vehicles, keys)
+        assert [each.signs for each in first] == [True, False]
+        assert all(each.next_step for each in first if not each.signs)
+        assert bare._vehicle._signing._state.secret_key == keys[1]
+        assert other._vehicle._signing._state.secret_key == OTHER_KEY
+        assert [each.signs for each in await set_up_signing(vehicles[:1], keys)] == [True]
