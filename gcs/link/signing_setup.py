@@ -67,8 +67,8 @@ async def _set_up(hub: MavsdkHub, vehicle: MissionVehicle, key: bytes) -> SetUp:
         await hub.release(url, system_id)
     except VehicleRefusedError as refusal:
         step = (
-            "disarm it, and check that its firmware supports SETUP_SIGNING (ArduPilot does, PX4 since 1.18); one that has"
-            " another key takes this one over USB, or when that key has been removed"
+            "disarm it, and check that its firmware supports SETUP_SIGNING (ArduPilot does, PX4 since 1.18); one that"
+            " has another key takes this one over USB, or when that key has been removed"
         )
         return SetUp(vehicle.id, False, f"it was sent its key, but {refusal.reason}", step)
     return SetUp(vehicle.id, True, "it has its key, and signs")
