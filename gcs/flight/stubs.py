@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.errors import InputError
-from gcs.link.signing import wall_ticks
+from gcs.link.relay.signing import wall_ticks
 from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.parameters import CORDON_ID

@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 import mavsdk
 
 from agents.ports import VehicleRefusedError
-from gcs.link.gate import Address, LinkReport, shown
-from gcs.link.relay import Relay
-from gcs.link.signing import Signing, Verdict
+from gcs.link.relay.gate import Address, LinkReport, shown
+from gcs.link.relay.relay import Relay
+from gcs.link.relay.signing import Signing, Verdict
 from gcs.link.urls import require_usable
 
 Result = TypeVar("Result")

@@ -23,8 +23,8 @@ from estimation.state import Telemetry
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
 from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
-from gcs.link.gate import LinkReport
 from gcs.link.hub import MavsdkHub
+from gcs.link.relay.gate import LinkReport
 
 MODE_TIMEOUT_S = 5.0
 CLIMB_SLOWEST_M_S = 0.5

@@ -3,18 +3,18 @@
 TOML, with a key of 32 bytes in hexadecimal digits by MAVLink system id: `1 = "00...ff"`. Only its user may read it.
 """
 
-import os
 import secrets
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from gcs.errors import InputError
-from gcs.link.signing import KEY_LENGTH
+from gcs.keys.private_files import read_private, write
+from gcs.link.relay.signing import KEY_LENGTH
 from gcs.mission.mission import Mission
 
-FILE_MODE, OF_OTHERS = 0o600, 0o077
 SIZE_MAX = 65_536
+ISSUE = "`cordon keys issue mavlink` makes keys, and sets them up on the vehicles"
 HEAD = "# MAVLink 2 signing keys by system id: who has one commands that vehicle. Keep this file secret.\n"
 
 
@@ -41,16 +41,13 @@ def signing_key_path(mission: Mission) -> Path | None:
 
 def read_keys(path: Path) -> dict[int, bytes]:
     """Return the keys in a file by system id; raises InputError."""
+    if not path.is_file():
+        raise InputError([_fault(path, f"there is no such file; next: {ISSUE}")])
+    if path.stat().st_size > SIZE_MAX:
+        raise InputError([_fault(path, f"it is larger than {SIZE_MAX} bytes")])
     try:
-        if not path.is_file():
-            raise InputError([_fault(path, f"there is no such file; next: {ISSUE}")])
-        found = path.stat()
-        if found.st_mode & OF_OTHERS:
-            raise InputError([_fault(path, f"other users may read it; next: chmod 600 {path}")])
-        if found.st_size > SIZE_MAX:
-            raise InputError([_fault(path, f"it is larger than {SIZE_MAX} bytes")])
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        content = tomllib.loads(read_private(path).decode())
+    except ValueError as error:
         raise InputError([_fault(path, str(error))]) from error
     return {_system_id(path, name): _key(path, name, value) for name, value in content.items()}
 
@@ -61,22 +58,9 @@ def issue_keys(path: Path, system_ids: Iterable[int]) -> dict[int, bytes]:
     lacking = [system_id for system_id in system_ids if system_id not in keys]
     if lacking:
         keys |= {system_id: secrets.token_bytes(KEY_LENGTH) for system_id in lacking}
-        _write(path, HEAD + "".join(f'{system_id} = "{key.hex()}"\n' for system_id, key in sorted(keys.items())))
+        lines = (f'{system_id} = "{key.hex()}"\n' for system_id, key in sorted(keys.items()))
+        write(path, (HEAD + "".join(lines)).encode())
     return keys
-
-
-ISSUE = "`cordon keys issue mavlink` makes keys, and sets them up on the vehicles"
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file at once, in place of the one that is there; raises InputError."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, FILE_MODE), "w") as file:
-            file.write(text)
-        beside.replace(path)
-    except OSError as error:
-        raise InputError([_fault(path, error.strerror or str(error))]) from error
 
 
 def _system_id(path: Path, name: str) -> int:

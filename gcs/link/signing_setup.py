@@ -14,7 +14,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 from agents.ports import VehicleRefusedError
 from gcs.link.calls import AUTOPILOT_COMPONENT
 from gcs.link.hub import MavsdkHub
-from gcs.link.signing import wall_ticks
+from gcs.link.relay.signing import wall_ticks
 from gcs.mission.mission import MissionVehicle
 
 FIND_TIMEOUT_S = 5.0

@@ -8,7 +8,7 @@ from math import isfinite
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
 from gcs.link.estimator_report import EstimatorReport
-from gcs.link.gate import LinkReport
+from gcs.link.relay.gate import LinkReport
 
 MISSION = "mission"
 """The subject of what concerns the mission or the team as a whole."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from gcs.link.gate import LinkReport
+from gcs.link.relay.gate import LinkReport
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
 
 

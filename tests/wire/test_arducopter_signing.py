@@ -15,8 +15,8 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.relay import Relay
-from gcs.link.signing import wall_ticks
+from gcs.link.relay.relay import Relay
+from gcs.link.relay.signing import wall_ticks
 from gcs.link.signing_setup import set_up_signing
 from gcs.mission.file import load_mission
 from sitl.server.process import unix_clock

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.link.frames import FrameStream, header, is_signed
-from gcs.link.signing import Signing, Verdict
+from gcs.link.relay.frames import FrameStream, header, is_signed
+from gcs.link.relay.signing import Signing, Verdict
 
 KEY, OTHER_KEY = secrets.token_bytes(32), secrets.token_bytes(32)
 NOW = 30_000_000_000_000

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import Protocol
 
-from gcs.link.gate import Address
+from gcs.link.relay.gate import Address
 
 DATAGRAM_MAX = 65_535
 READ_MAX = 4096

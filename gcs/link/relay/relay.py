@@ -12,10 +12,10 @@ from typing import Any
 import mavsdk
 from mavsdk.component_type import ComponentType
 
-from gcs.link.carriers import open_carrier, wait_readable
-from gcs.link.frames import HEARTBEAT, MAGIC_V2, FrameStream, header
-from gcs.link.gate import Address, Claim, Gate, LinkReport
-from gcs.link.signing import Signing, Verdict
+from gcs.link.relay.carriers import open_carrier, wait_readable
+from gcs.link.relay.frames import HEARTBEAT, MAGIC_V2, FrameStream, header
+from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
+from gcs.link.relay.signing import Signing, Verdict
 
 WAKE_PERIOD_S = 0.25
 """Longest time without a look at what waits: bytes of a slow stream, a connection that has ended."""

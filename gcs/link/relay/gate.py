@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 
-from gcs.link.frames import HEAD_V2, FrameStream, header, is_autopilot_heartbeat
-from gcs.link.signing import Signing, Verdict
+from gcs.link.relay.frames import HEAD_V2, FrameStream, header, is_autopilot_heartbeat
+from gcs.link.relay.signing import Signing, Verdict
 
 SILENCE_S = 3.0
 """The link's timeout, as MAVSDK's: a vehicle is followed to another address only after this silence [wall s]."""

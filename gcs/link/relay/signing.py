@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from enum import Enum
 
-from gcs.link.frames import CHECKSUM_LENGTH, HEAD_V2, MAGIC_V2, SIGNED_FLAG, header, is_signed
+from gcs.link.relay.frames import CHECKSUM_LENGTH, HEAD_V2, MAGIC_V2, SIGNED_FLAG, header, is_signed
 
 KEY_LENGTH = 32
 LINK_ID = 0
