@@ -22,6 +22,7 @@ from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
 from gcs.keys.team_keys import flight_keys
 from gcs.link.claims import fed_ports, flight_claims
 from gcs.link.hub import MavsdkHub
+from gcs.link.signing_keys import signing_keys
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
@@ -48,7 +49,7 @@ async def fly(
 ) -> Flight:
     """Fly; raises VehicleRefusedError when the team cannot take off, or should not: `report` receives the findings.
 
-    Raises InputError when the keys of the team are not here or do not count.
+    Raises InputError when the keys of the team, or of signed links, are not here or do not count.
 
     Ctrl-C makes every vehicle hold and land, a second one land at once.
     """
@@ -59,7 +60,8 @@ async def fly(
         if plan.log is not None:
             scene = Scene(plan.log.context, plan.mission)
             recording = stack.enter_context(FlightRecording(plan.log, clock, scene))
-        return await _fly(Team(plan, clock, recording, view, Journal(plan.mission), keys), report, supervisor)
+        team = Team(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
+        return await _fly(team, report, supervisor)
 
 
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -> Flight:
@@ -76,7 +78,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
             team.add(vehicle, hub, supervisor.heartbeat(vehicle.id))
         for agent in team.agents:
             stack.push_async_callback(agent.close)
-        target = TargetVehicle(plan.mission, hub, clock, team.agents)
+        target = TargetVehicle(plan.mission, hub, clock, team.agents, team.signing_keys)
         stack.push_async_callback(target.close)
         team.view.update([], 0.0, "looking for the vehicles")
         await _unless_stopped(_prepare(team, target, report), team.stop)

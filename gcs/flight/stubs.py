@@ -11,12 +11,15 @@ from urllib.parse import urlsplit
 from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.errors import InputError
+from gcs.link.relay.signing import wall_ticks
+from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.parameters import CORDON_ID
 from gcs.signals import relay
 from sitl.autopilot.parameters import Value
 from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import EstimatorNoise
+from sitl.mavlink.signing import SigningKey
 from sitl.server.process import StubProcess, unix_clock
 from sitl.server.server import StubConfig, StubRecord, serve
 
@@ -57,8 +60,15 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
 
 
 def prepared_configs(mission: Mission) -> list[StubConfig]:
-    """Return the same stubs with failsafes set as an operator should: for flights that start their own vehicles."""
-    return [replace(config, parameters=PREPARED[config.autopilot]) for config in stub_configs(mission)]
+    """Return the same stubs with failsafes and signing keys set as an operator should.
+
+    For flights that start their own vehicles. Raises InputError when the keys cannot be read.
+    """
+    keys = {i: SigningKey(key, wall_ticks()) for i, key in signing_keys(mission).items()}
+    return [
+        replace(config, parameters=PREPARED[config.autopilot], signing_key=keys.get(config.vehicle_id))
+        for config in stub_configs(mission)
+    ]
 
 
 def _origin_offset_m(vehicle: MissionVehicle) -> Triple:

@@ -1,6 +1,6 @@
 """Another MAVLink vehicle as the target: its reported positions become sightings for the agents of this process."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from agents.ports import VehicleRefusedError
 from agents.shell.agent import Agent
@@ -19,15 +19,24 @@ _EARLY_SHARE = 0.25
 class TargetVehicle:
     """Receives the telemetry of the vehicle that `[target]` names, without commanding it; inactive for other sources.
 
-    `[target.sensor]` sets the rate and the standard deviation of its sightings.
+    `[target.sensor]` sets the rate and the standard deviation of its sightings. Its messages have to be signed if its
+    system id is among the `signing_keys`.
     """
 
-    def __init__(self, mission: Mission, hub: MavsdkHub, clock: MissionClock, agents: Sequence[Agent]) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        hub: MavsdkHub,
+        clock: MissionClock,
+        agents: Sequence[Agent],
+        signing_keys: Mapping[int, bytes],
+    ) -> None:
         target = mission.target
         self._link: MavsdkLink | None = None
         if target.source == "mavlink" and target.url is not None and target.system_id is not None:
             frame, origin_m = mission.mission_frame(), (*target.start_m, 0.0)
-            config = LinkConfig(target.url, target.system_id, frame, mission.link, origin_m)
+            key = signing_keys.get(target.system_id)
+            config = LinkConfig(target.url, target.system_id, frame, mission.link, origin_m, signing_key=key)
             self._link = MavsdkLink(hub, config, clock.now_s, clock.speed)
         self._agents = agents
         self._take = sightings_of(target, self._see)

@@ -1,7 +1,7 @@
 """The vehicles that one process flies, and what their agents share: clock, event journal, recording."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -41,7 +41,8 @@ class Member:
 class Team:
     """The members of this process and everything that they share in one flight.
 
-    `stop` is the operator's request to end; `view` is what the terminal shows.
+    `stop` is the operator's request to end; `view` is what the terminal shows; `signing_keys` are those of the links,
+    by the vehicle's system id.
     """
 
     plan: FlightPlan
@@ -50,6 +51,7 @@ class Team:
     view: LiveView
     journal: Journal
     keys: TeamKeys
+    signing_keys: Mapping[int, bytes] = field(default_factory=dict, repr=False)
     stop: Stop = field(default_factory=Stop)
     members: list[Member] = field(default_factory=list)
 
@@ -73,7 +75,12 @@ class Team:
     def _link(self, vehicle: MissionVehicle, hub: MavsdkHub) -> CheckedLink:
         mission, clock = self.plan.mission, self.clock
         config = LinkConfig(
-            vehicle.section.url, vehicle.system_id, mission.mission_frame(), mission.link, vehicle.origin_m
+            vehicle.section.url,
+            vehicle.system_id,
+            mission.mission_frame(),
+            mission.link,
+            vehicle.origin_m,
+            signing_key=self.signing_keys.get(vehicle.system_id),
         )
         return CheckedLink(hub, config, clock.now_s, clock.speed)
 

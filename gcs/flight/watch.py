@@ -11,6 +11,7 @@ from gcs.console.live import LiveRow
 from gcs.flight.team import Member, Team
 from gcs.metrics.event_log import event_line
 from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.senders import impostor, moved
 from gcs.preflight.vehicle import clock_lag
 
 FindingsReport = Callable[[Sequence[Finding]], None]
@@ -27,6 +28,7 @@ class Watch:
         self._report = report
         self._hint = hint
         self._log_fault = ""
+        self._links_reported: dict[int, tuple[int, int]] = {}
         self._lags_reported = {member.vehicle.id for member in team.members}  # they share this computer's clock
 
     async def run(self) -> None:
@@ -35,6 +37,7 @@ class Watch:
             if update % _COMPUTER_EVERY == 0:
                 self._check_computer()
             self._report_clocks()
+            self._report_senders()
             self.show_events()
             self._report_log_fault()
             self._update()
@@ -72,6 +75,17 @@ class Watch:
                 if peer not in self._lags_reported and finding.grade is not Grade.PASS:
                     self._lags_reported.add(peer)
                     self._report([finding])
+
+    def _report_senders(self) -> None:
+        """Report each other sender once that uses a vehicle's system id, and each change of a vehicle's address."""
+        for member in self._team.members:
+            link, subject = member.link.report, f"vehicle {member.vehicle.id}"
+            known = self._links_reported.get(member.vehicle.id, (0, 0))
+            self._links_reported[member.vehicle.id] = (len(link.impostors), len(link.moves))
+            if len(link.impostors) > known[0]:
+                self._report([impostor(subject, link)])
+            if len(link.moves) > known[1]:
+                self._report([moved(subject, link)])
 
 
 def _row(member: Member, status: CoreStatus | None) -> LiveRow:

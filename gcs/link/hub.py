@@ -1,20 +1,21 @@
-"""The MAVSDK object of a process: its connections, and the vehicles on each of them."""
+"""The connections of a process: each with its relay and a Mavsdk object, and the vehicles on each of them."""
 
 import asyncio
 import logging
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
 
 import mavsdk
-from mavsdk.component_type import ComponentType
-from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
+from gcs.link.relay.gate import Address, LinkReport, shown
+from gcs.link.relay.relay import Relay
+from gcs.link.relay.signing import Signing, Verdict
 from gcs.link.urls import require_usable
 
 Result = TypeVar("Result")
@@ -23,57 +24,79 @@ LOG = logging.getLogger(__name__)
 POLL_PERIOD_S = 0.05
 OTHERS_GRACE_S = 1.5
 """Wait for the right vehicle after another one was received: heartbeats come once a second."""
+CLAIMS_S = 1.2
+"""Wait for another sender with the same system id, before the first one counts as the vehicle [s of its clock]."""
+CLAIMS_MIN_S = 0.15
 THREADS_MAX = 64
+ISSUE = "set its key up with `cordon keys issue mavlink`, over a link that no stranger reaches (USB)"
 
 
 class MavsdkHub:
-    """Owns the Mavsdk object of the process (a ground station to the vehicles) and its connections.
+    """Owns the connections of the process, a ground station to the vehicles.
 
-    Before a connection is added, a temporary Mavsdk listens on it alone: a shared one silently merges two vehicles with
-    the same system id, and commands go to both.
+    Every connection has a Mavsdk object of its own behind its relay: a shared one silently merges two vehicles with the
+    same system id, and commands go to both.
     """
 
     def __init__(self) -> None:
         _redirect_log()
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
-        self._mavsdk: Any = None
-        self._connections: dict[str, Any] = {}
+        self._relays: dict[str, Relay] = {}
         self._vehicles: dict[int, str] = {}
         self._adding: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
-        self._making = threading.Lock()
         self._closing = threading.Event()
 
-    async def find(self, url: str, system_id: int, timeout_s: float) -> Any:
+    async def find(
+        self, url: str, system_id: int, timeout_s: float, *, signing_key: bytes | None = None, speed: float = 1.0
+    ) -> Any:
         """Return MAVSDK's system `system_id`, received on `url`; times are wall seconds.
 
+        From then on only the address that it was received from is listened and talked to; with a `signing_key` (32
+        bytes), only by signed messages. `speed` is how many times faster than the wall its clock is known to run.
+
         Raises VehicleRefusedError when the url is not usable (`require_usable`), when no vehicle or another one is
-        received there, or when the id is that of a vehicle on another url.
+        received there, when several senders claim the id or none has its key, or when the id is that of a vehicle on
+        another url.
         """
         self._claim(system_id, url)
+        signing = None if signing_key is None else Signing(signing_key)
         try:
             async with self._adding[url]:  # vehicles that share a connection come one by one
-                if url not in self._connections:
+                if url not in self._relays:
                     await self._run(require_usable, url)
-                    received = await self._run(self._listen, url, system_id, timeout_s)
-                    _require_received(url, system_id, received, timeout_s)
-                    await self._run(self._add, url)
-            return await self._run(self._wait_for, url, system_id, timeout_s)
+                    self._relays[url] = await self._run(_open_relay, url)
+                relay = self._relays[url]
+                relay.claim(system_id, signing)
+                claims_s = max(CLAIMS_S / speed, CLAIMS_MIN_S)
+                await self._run(self._verify, relay, url, system_id, timeout_s, claims_s)
+            return await self._run(self._wait_for, relay, url, system_id, timeout_s)
         except BaseException:
             await self.release(url, system_id)
             raise
 
     async def release(self, url: str, system_id: int) -> None:
-        """Release a vehicle; its connection is removed with the last vehicle on it."""
+        """Release a vehicle; its connection is closed with the last vehicle on it."""
         self._vehicles.pop(system_id, None)
-        if url not in self._vehicles.values() and (handle := self._connections.pop(url, None)) is not None:
-            await self._run(self._mavsdk.remove_connection, handle)
+        relay = self._relays.get(url)
+        if relay is None:
+            return
+        relay.release(system_id)
+        if url not in self._vehicles.values():
+            del self._relays[url]
+            await self._run(relay.close)
+
+    def report(self, system_id: int) -> LinkReport:
+        """Return what arrived with the system id of a vehicle."""
+        relay = self._relays.get(self._vehicles.get(system_id, ""))
+        return LinkReport() if relay is None else relay.report(system_id)
 
     async def close(self) -> None:
         """Destroy MAVSDK. Close all links before, or their running calls block their threads for ever."""
         self._closing.set()
         await asyncio.to_thread(self._executor.shutdown)
-        if self._mavsdk is not None:
-            await asyncio.to_thread(self._mavsdk.destroy)
+        for relay in self._relays.values():
+            await asyncio.to_thread(relay.close)
+        self._relays.clear()
 
     def _claim(self, system_id: int, url: str) -> None:
         if system_id in self._vehicles:
@@ -86,33 +109,26 @@ class MavsdkHub:
     async def _run(self, function: Callable[..., Result], *arguments: object) -> Result:
         return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
 
-    def _listen(self, url: str, system_id: int, timeout_s: float) -> list[int]:
-        """Return the ids of the autopilots that a separate Mavsdk receives on a url, until it receives `system_id`."""
-        listener = _ground_station()
-        try:
-            _add_connection(listener, url)
-            received: set[int] = set()
-            end_s = time.monotonic() + timeout_s
-            while time.monotonic() < end_s and system_id not in received and not self._closing.wait(POLL_PERIOD_S):
-                known, received = received, {each.get_system_id() for each in _autopilots(listener)}
-                if received and not known:
-                    end_s = min(end_s, time.monotonic() + OTHERS_GRACE_S)
-            return sorted(received)
-        finally:
-            listener.destroy()
+    def _verify(self, relay: Relay, url: str, system_id: int, timeout_s: float, claims_s: float) -> None:
+        """Wait for the vehicle's heartbeats, and take their sender for the vehicle if it is the only one."""
+        end_s = time.monotonic() + timeout_s
+        others = False
+        while not relay.candidates(system_id):
+            if not others and (relay.others(system_id) or relay.rejected(system_id)):
+                others, end_s = True, min(end_s, time.monotonic() + OTHERS_GRACE_S)
+            if time.monotonic() > end_s or self._closing.wait(POLL_PERIOD_S):
+                raise _not_received(url, system_id, relay, timeout_s)
+        self._closing.wait(claims_s)
+        candidates = relay.candidates(system_id)
+        if len(candidates) > 1:
+            raise _claimed_twice(url, system_id, candidates)
+        relay.verify(system_id, candidates[0])
 
-    def _add(self, url: str) -> None:
-        with self._making:
-            if self._mavsdk is None:
-                self._mavsdk = _ground_station()
-        self._connections[url] = _add_connection(self._mavsdk, url)
-
-    def _wait_for(self, url: str, system_id: int, timeout_s: float) -> Any:
+    def _wait_for(self, relay: Relay, url: str, system_id: int, timeout_s: float) -> Any:
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s and not self._closing.wait(POLL_PERIOD_S):
-            for system in _autopilots(self._mavsdk):
-                if system.get_system_id() == system_id:
-                    return system
+            if (system := relay.system(system_id)) is not None:
+                return system
         raise _no_heartbeat(url, timeout_s)
 
 
@@ -125,37 +141,43 @@ def _redirect_log() -> None:
     mavsdk.log_subscribe(_log)
 
 
-def _ground_station() -> Any:
-    return mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-
-
 def _log(_level: object, message: str, _file: str | None, _line: int) -> bool:
     LOG.debug("%s", message)
     return True
 
 
-def _autopilots(of: Any) -> list[Any]:
-    return [each for each in of.get_systems() if each.has_autopilot() and each.is_connected()]
-
-
-def _add_connection(to: Any, url: str) -> Any:
+def _open_relay(url: str) -> Relay:
     try:
-        return to.add_any_connection_with_handle(url)
-    except MavsdkConnectionError as error:
+        return Relay(url)
+    except (OSError, ValueError) as error:
         raise VehicleRefusedError(
             f"{url} cannot be opened: {error}",
             "write a url like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600, and check the device",
         ) from error
 
 
-def _require_received(url: str, system_id: int, received: list[int], timeout_s: float) -> None:
-    if not received:
-        raise _no_heartbeat(url, timeout_s)
-    if system_id not in received:
-        raise VehicleRefusedError(
+def _not_received(url: str, system_id: int, relay: Relay, timeout_s: float) -> VehicleRefusedError:
+    """Return why no heartbeat of the vehicle counted."""
+    if rejected := relay.rejected(system_id):
+        verdicts = "; ".join(f"{verdict.value} (from {shown(address)})" for address, verdict in rejected.items())
+        unsigned = Verdict.UNSIGNED in rejected.values()
+        return VehicleRefusedError(
+            f"the messages of vehicle {system_id} on {url} are {verdicts}; link.signing_key_file requires its key",
+            ISSUE if unsigned else "compare its key with link.signing_key_file, and the clocks of computer and vehicle",
+        )
+    if received := relay.others(system_id):
+        return VehicleRefusedError(
             f"{url} carries system id {', '.join(map(str, received))}, not {system_id}",
             "correct the vehicle's id or url in the mission, or the autopilot's system id",
         )
+    return _no_heartbeat(url, timeout_s)
+
+
+def _claimed_twice(url: str, system_id: int, addresses: Iterable[Address]) -> VehicleRefusedError:
+    return VehicleRefusedError(
+        f"{url} receives system id {system_id} from several senders: {', '.join(map(shown, addresses))}",
+        "end all but the vehicle, or set up signing (link.signing_key_file), which tells them apart",
+    )
 
 
 def _no_heartbeat(url: str, timeout_s: float) -> VehicleRefusedError:

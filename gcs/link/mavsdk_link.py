@@ -24,6 +24,7 @@ from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clo
 from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
+from gcs.link.relay.gate import LinkReport
 
 MODE_TIMEOUT_S = 5.0
 CLIMB_SLOWEST_M_S = 0.5
@@ -79,6 +80,11 @@ class MavsdkLink:
         """Number of setpoints that MAVSDK did not accept."""
         return self._unsent
 
+    @property
+    def report(self) -> LinkReport:
+        """What arrived with the vehicle's system id, from it and from others."""
+        return self._hub.report(self._config.system_id)
+
     def set_speed(self, speed: float) -> None:
         """Set how many times faster than the wall clock the mission clock runs."""
         self._speed = speed
@@ -90,7 +96,13 @@ class MavsdkLink:
 
         Raises VehicleRefusedError when it is not received, has another id, or has no position in time.
         """
-        system = await self._hub.find(self._config.url, self._config.system_id, self._config.heartbeat_timeout_s)
+        system = await self._hub.find(
+            self._config.url,
+            self._config.system_id,
+            self._config.heartbeat_timeout_s,
+            signing_key=self._config.signing_key,
+            speed=self._speed,
+        )
         feed = VehicleFeed(system, self._config.frame, self._now_s)
         calls = VehicleCalls(self._config.system_id, feed, self._speed)
         self._parts = _Parts(system, feed, calls, Action(system), Offboard(system))

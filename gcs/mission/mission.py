@@ -191,7 +191,8 @@ class LinkSection(Settings):
     often setpoints are handed to MAVSDK: every tick (none), or less often. MAVSDK itself repeats the last setpoint at
     20 Hz: a lower setpoint rate makes setpoints older, but the link no emptier than 20 of them a second.
     Velocities go with the setpoints of vehicles whose profile has `feedforward`; given here as well, true or false,
-    profiles of the other kind are refused.
+    profiles of the other kind are refused. With `signing_key_file`, a file beside the mission, MAVLink 2 messages to
+    and from every vehicle are signed, and a vehicle that does not sign is refused (`cordon keys issue mavlink`).
     """
 
     telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
@@ -199,6 +200,7 @@ class LinkSection(Settings):
     status_rate_hz: float = Field(2.0, ge=0.2, le=10.0)
     setpoint_rate_hz: float | None = Field(None, ge=1.0, le=100.0)
     feedforward: bool | None = None
+    signing_key_file: str | None = Field(None, min_length=1)
 
 
 class SimulationSection(Settings):

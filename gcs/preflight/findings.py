@@ -8,6 +8,7 @@ from math import isfinite
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
 from gcs.link.estimator_report import EstimatorReport
+from gcs.link.relay.gate import LinkReport
 
 MISSION = "mission"
 """The subject of what concerns the mission or the team as a whole."""
@@ -79,7 +80,8 @@ class VehicleFacts:
     `unreachable` and `lost` hold (reason, next step) of a vehicle that is not to be talked to, and of one that does not
     know its place. Positions are in the mission frame [m], rates are in the autopilot's own time, `clock_ratio` is how
     many times faster than the wall that runs. `firmware` is a version, empty where it tells none. A parameter that
-    could not be read is None, so are `estimator` and `fence_areas`. Raises ValueError for numbers that are not finite.
+    could not be read is None, so are `estimator` and `fence_areas`. `link` is what arrived with its system id, from it
+    and from others. Raises ValueError for numbers that are not finite.
     """
 
     vehicle_id: int
@@ -100,6 +102,7 @@ class VehicleFacts:
     telemetry_rate_asked_hz: float = 20.0
     parameters: Mapping[str, float | None] = field(default_factory=dict)
     fence_areas: tuple[FenceArea, ...] | None = ()
+    link: LinkReport = field(default_factory=LinkReport)
 
     def __post_init__(self) -> None:
         numbers = [self.telemetry_rate_hz or 0.0, self.telemetry_rate_asked_hz, self.clock_ratio or 0.0]

@@ -5,6 +5,7 @@ import queue
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from math import cos, sin, tau
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from gcs.link.calls import VehicleCalls, find_origin, measure_clock, request_rat
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import LinkSection, Mission, MissionVehicle
 from gcs.preflight.findings import AutopilotKind, FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.parameters import parameters_wanted
@@ -43,10 +45,17 @@ DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
 async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> tuple[VehicleFacts, ...]:
-    """Query all vehicles of a mission at once; times are wall seconds. An unreachable vehicle is a fact, too."""
+    """Query all vehicles of a mission at once; times are wall seconds. An unreachable vehicle is a fact, too.
+
+    Raises InputError when the signing keys of the links cannot be read.
+    """
+    keys = signing_keys(mission)
     hub = MavsdkHub()
     try:
-        queries = (_facts(hub, mission, vehicle, heartbeat_timeout_s) for vehicle in mission.vehicles)
+        queries = (
+            _facts(hub, mission, vehicle, keys.get(vehicle.system_id), heartbeat_timeout_s)
+            for vehicle in mission.vehicles
+        )
         return tuple(await asyncio.gather(*queries))
     finally:
         await hub.close()
@@ -61,13 +70,16 @@ class CheckedLink(MavsdkLink):
         with suppress(VehicleRefusedError):  # the facts state the failing items
             await calls.until(lambda: _is_healthy(feed), READY_TIMEOUT_S, lambda: "is not ready", "wait")
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.settings)
-        return await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
+        facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
+        return replace(facts, link=self.report)
 
 
-async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, timeout_s: float) -> VehicleFacts:
+async def _facts(
+    hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, signing_key: bytes | None, timeout_s: float
+) -> VehicleFacts:
     url, system_id, frame = vehicle.section.url, vehicle.system_id, mission.mission_frame()
     try:
-        system = await hub.find(url, system_id, timeout_s)
+        system = await hub.find(url, system_id, timeout_s, signing_key=signing_key)
     except VehicleRefusedError as refusal:
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     feed = VehicleFeed(system, frame, time.monotonic)
@@ -78,7 +90,8 @@ async def _facts(hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, time
             await request_rates(calls, feed, mission.link)
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, mission.link)
-        return await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
+        facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
+        return replace(facts, link=hub.report(system_id))
     finally:
         await calls.close()
         await asyncio.to_thread(feed.close)

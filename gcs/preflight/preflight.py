@@ -10,12 +10,14 @@ from gcs.preflight.findings import Finding, Grade, VehicleFacts
 from gcs.preflight.mission import autopilot_limits, feasibility
 from gcs.preflight.parameters import JUDGES, failsafes, fence, station
 from gcs.preflight.profile import profile
+from gcs.preflight.senders import senders
 from gcs.preflight.vehicle import at_rest, battery, clock, gps, health, identity, place, telemetry, together
 
 Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
 
 VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, _vehicle: identity(facts),
+    lambda facts, _mission, _vehicle: senders(facts),
     lambda facts, _mission, _vehicle: at_rest(facts),
     lambda facts, _mission, _vehicle: gps(facts),
     lambda facts, _mission, _vehicle: health(facts),

@@ -50,6 +50,7 @@ class Severity(IntEnum):
     """MAV_SEVERITY, as far as it is used."""
 
     CRITICAL = 2
+    WARNING = 4
     INFO = 6
 
 

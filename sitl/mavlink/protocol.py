@@ -16,13 +16,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink  # all of common, an
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.parameters import Value
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.px4 import Autopilot, Severity
 from sitl.faults import VehicleFaults
 from sitl.mavlink.commands import Commander
 from sitl.mavlink.dialects import PX4, Dialect
 from sitl.mavlink.plans import FENCE_PLAN, Plans
 from sitl.mavlink.reports import MavlinkConfig, Reporter
 from sitl.mavlink.schedule import Schedule
+from sitl.mavlink.signing import REFUSED, Signing
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
 
 AUTOPILOT_COMPONENT = 1
@@ -44,6 +45,7 @@ class Drop(Enum):
     """Why a received message was dropped."""
 
     GARBAGE = "garbage"
+    SIGNATURE = "signature"
     FOREIGN = "foreign"
     NOT_UNDERSTOOD = "not understood"
     NOT_FINITE = "not finite"
@@ -94,8 +96,9 @@ class MavlinkVehicle:
         self._texts_chunked = 0
         self._fence: tuple[Fields, ...] = ()
         self._outbox = _Outbox()
-        self._writer = mavlink.MAVLink(self._outbox, config.system_id, AUTOPILOT_COMPONENT)
-        self._parser = _new_parser()
+        self._signing = Signing(config.signing_key)
+        self._writer = self._signing.writer(self._outbox, config.system_id, AUTOPILOT_COMPONENT)
+        self._parser = self._signing.parser()
         self._handlers = self._message_handlers()
 
     def _message_handlers(self) -> dict[str, Callable[[Any, float], list[Outgoing]]]:
@@ -115,6 +118,7 @@ class MavlinkVehicle:
             "PARAM_SET": self._on_param_set,
             "PING": lambda m, _: [(MessageId.PING, (m.time_usec, m.seq, *_sender(m)))],
             "REQUEST_DATA_STREAM": self._on_request_data_stream,
+            "SETUP_SIGNING": self._on_setup_signing,
             "SET_POSITION_TARGET_LOCAL_NED": self._on_setpoint,
         }
 
@@ -155,13 +159,13 @@ class MavlinkVehicle:
         messages = self._parser.parse_buffer(data) or []
         if self._parser.buf_len() > 0:
             self.dropped[Drop.GARBAGE] += 1
-            self._parser = _new_parser()
+            self._parser = self._signing.parser()
         return messages
 
     def _handle(self, message: Any, time_s: float) -> list[Outgoing]:
         kind = message.get_type()
         if kind == "BAD_DATA":
-            return self._drop(Drop.GARBAGE)
+            return self._drop(Drop.SIGNATURE if message.reason == REFUSED else Drop.GARBAGE)
         target = getattr(message, "target_system", 0)
         if target not in (0, self._config.system_id) or message.get_srcSystem() == self._config.system_id:
             return self._drop(Drop.FOREIGN)
@@ -238,6 +242,13 @@ class MavlinkVehicle:
             self._schedule.set_interval(message, 1.0 / m.req_message_rate if flows else None, now_s=time_s)
         return []
 
+    def _on_setup_signing(self, m: Any, _time_s: float) -> list[Outgoing]:
+        """Take a signing key, unless armed; there is no acknowledgement but that messages are signed from now on."""
+        if self.autopilot.armed:
+            return [(MessageId.STATUSTEXT, (int(Severity.WARNING), b"Signing is not set up while armed", 0, 0))]
+        self._signing.set_up(bytes(m.secret_key), m.initial_timestamp)
+        return []
+
     def _on_param_request_list(self, _message: Any, _time_s: float) -> list[Outgoing]:
         self._listing = list(reversed(range(len(self.autopilot.parameters.names))))
         return []
@@ -273,12 +284,6 @@ class MavlinkVehicle:
         name = parameters.names[index]
         value, kind = _encoded(parameters[name], bytewise=self._dialect.parameters_bytewise)
         return MessageId.PARAM_VALUE, (name.encode(), value, kind, len(parameters.names), index)
-
-
-def _new_parser() -> Any:
-    parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
-    return parser
 
 
 def _sender(message: Any) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from sitl.autopilot.airframe import GRAVITY_M_S2
 from sitl.autopilot.px4 import Autopilot
 from sitl.faults import VehicleFaults, shifted
 from sitl.mavlink.dialects import Dialect
+from sitl.mavlink.signing import SigningKey
 from sitl.mavlink_constants import (
     ACTIVE,
     CELL_EMPTY_V,
@@ -59,7 +60,8 @@ class EstimatorNoise:
 class MavlinkConfig:
     """A stub vehicle's MAVLink system id, the mission frame, and how its estimates differ from the truth.
 
-    `origin_m` is the origin of its local NED in the mission frame [m]. `seed` is that of the `noise`.
+    `origin_m` is the origin of its local NED in the mission frame [m]. `seed` is that of the `noise`. With a
+    `signing_key` it signs its messages, and accepts signed ones only.
     """
 
     system_id: int
@@ -67,6 +69,7 @@ class MavlinkConfig:
     origin_m: Triple
     noise: EstimatorNoise = field(default_factory=EstimatorNoise)
     seed: int | tuple[int, ...] = 0
+    signing_key: SigningKey | None = None
 
 
 @dataclass(frozen=True, slots=True)

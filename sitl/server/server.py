@@ -21,6 +21,7 @@ from sitl.faults import VehicleFaults
 from sitl.mavlink.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
+from sitl.mavlink.signing import SigningKey
 
 WAKE_PERIOD_S = 0.004
 """Wall time between two catch-ups at the least: at high speed several steps are taken at once."""
@@ -47,7 +48,8 @@ class StubConfig:
     Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 flown indoors by
     external position: neither hold nor return can be flown, and it arms in take-off or offboard only. Not `localised`,
     it knows nothing of where it is and cannot be armed. `port` is where clients may call it; 0 is any. `parameters` are
-    those that somebody has set to other values than the firmware's own.
+    those that somebody has set to other values than the firmware's own. With a `signing_key` it accepts signed messages
+    only, and signs its own.
     """
 
     vehicle_id: int
@@ -66,6 +68,7 @@ class StubConfig:
     localised: bool = True
     port: int = 0
     parameters: Mapping[str, Value] = field(default_factory=dict)
+    signing_key: SigningKey | None = None
 
     def __post_init__(self) -> None:
         """Check what can be checked."""
@@ -193,7 +196,7 @@ class Stub:
             if not self.autopilot.parameters.set(name, value):
                 raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
         origin_m, seed = (x + dx, y + dy, dz), (config.seed, config.vehicle_id)
-        mavlink = MavlinkConfig(config.vehicle_id, config.frame, origin_m, config.noise, seed)
+        mavlink = MavlinkConfig(config.vehicle_id, config.frame, origin_m, config.noise, seed, config.signing_key)
         self._vehicle = MavlinkVehicle(self.autopilot, mavlink, dialect, self.faults)
         self.endpoint = _Endpoint(
             lambda data: self._vehicle.receive(data, pace.uptime_s()),

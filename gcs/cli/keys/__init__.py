@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from gcs.cli.keys.issue import issue
+from gcs.cli.keys.mavlink import mavlink
 from gcs.cli.keys.options import Days, KeysOptions, print_roster_step
 from gcs.errors import Exit
 
@@ -15,6 +16,7 @@ keys = App(
     "Example: cordon keys issue vehicle 3",
 )
 keys.command(issue)
+issue.command(mavlink)
 
 
 @Parameter(name="*")

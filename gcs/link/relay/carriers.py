@@ -1,0 +1,295 @@
+"""What carries the bytes of a connection: UDP, TCP or a serial device, by its url.
+
+A vehicle may call (udpin, tcpin), or be called (udpout, tcpout, serial): then its address is known in advance. One
+thread at a time uses a carrier, except for `call_again`.
+"""
+
+import os
+import select
+import socket
+import termios
+import time
+import tty
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from typing import Protocol
+
+from gcs.link.relay.gate import Address
+
+DATAGRAM_MAX = 65_535
+READ_MAX = 4096
+BATCH_MAX = 64
+"""Datagrams received in one go: a flood must not keep what is sent waiting."""
+BACKLOG_MAX = 4096
+"""Bytes that wait for a stream which takes no more; frames beyond are dropped whole."""
+CALLERS_MAX = 4
+CALL_PERIOD_S = 1.0
+BAUD_NAMES = {int(name[1:]): name for name in dir(termios) if name[0] == "B" and name[1:].isdecimal()}
+
+Received = tuple[bytes, Address]
+
+
+class Carrier(Protocol):
+    """A connection's bytes, by address."""
+
+    @property
+    def known(self) -> Address | None:
+        """The address that is called; None where vehicles call."""
+        ...
+
+    def watched(self) -> Sequence[int]:
+        """Return the file descriptors that become readable."""
+        ...
+
+    def receive(self) -> Iterator[Received]:
+        """Yield what has arrived; without bytes the connection to that address has ended. Also sends what waits."""
+        ...
+
+    def send(self, frame: bytes, address: Address) -> bool:
+        """Send one frame; return whether it was taken."""
+        ...
+
+    def call_again(self) -> None:
+        """Call again, where the connection has ended; blocks for a moment, and nothing else waits for it."""
+        ...
+
+    def close(self) -> None:
+        """Close; the port or device is free afterwards."""
+        ...
+
+
+def open_carrier(url: str) -> Carrier:
+    """Open the connection of a url; raises OSError, or ValueError for a url that is not understood."""
+    scheme, _, rest = url.partition("://")
+    place, _, number = rest.rpartition(":")
+    make = _CARRIERS.get(scheme)
+    if make is None or not place or not number.isdecimal():
+        raise ValueError("it is not the url of a connection")
+    return make(place.strip("[]"), int(number))
+
+
+class _Udp:
+    """One UDP socket: bound where vehicles send to, or calling one of them."""
+
+    def __init__(self, bound: socket.socket, known: Address | None = None) -> None:
+        self.known = known
+        self._socket = bound
+        bound.setblocking(False)
+
+    @classmethod
+    def listening(cls, host: str, port: int) -> "_Udp":
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        return cls(_opened(family, kind, lambda opened: opened.bind(address)))
+
+    @classmethod
+    def calling(cls, host: str, port: int) -> "_Udp":
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        local = "::" if family is socket.AF_INET6 else "0.0.0.0"
+        return cls(_opened(family, kind, lambda opened: opened.bind((local, 0))), address)
+
+    def watched(self) -> Sequence[int]:
+        return (self._socket.fileno(),)
+
+    def receive(self) -> Iterator[Received]:
+        with suppress(OSError):  # nothing more has arrived, or the peer refused what was sent
+            for _ in range(BATCH_MAX):
+                yield self._socket.recvfrom(DATAGRAM_MAX)
+
+    def send(self, frame: bytes, address: Address) -> bool:
+        try:
+            self._socket.sendto(frame, address)
+        except OSError:  # no route, or no room: as a frame that is lost on its way
+            return False
+        return True
+
+    def call_again(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Stream:
+    """A file descriptor that carries a stream of bytes; frames are sent whole or not at all."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self._backlog = b""
+        os.set_blocking(descriptor, False)
+
+    def read(self) -> bytes | None:
+        """Return what has arrived; None when nothing has, empty when the stream has ended."""
+        try:
+            return os.read(self.descriptor, READ_MAX)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b""
+
+    def write(self, frame: bytes) -> bool:
+        if len(self._backlog) + len(frame) > BACKLOG_MAX:
+            return False
+        self._backlog += frame
+        self.flush()
+        return True
+
+    def flush(self) -> None:
+        if self._backlog:
+            with suppress(OSError):  # it takes no more now; that it has ended is read
+                self._backlog = self._backlog[os.write(self.descriptor, self._backlog) :]
+
+
+class _TcpServer:
+    """A listening TCP socket, and the connections of those that called."""
+
+    known = None
+
+    def __init__(self, host: str, port: int) -> None:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+
+        def listen(opened: socket.socket) -> None:
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            opened.bind(address)
+            opened.listen(CALLERS_MAX)
+
+        self._listener = _opened(family, kind, listen)
+        self._listener.setblocking(False)
+        self._callers: dict[Address, tuple[socket.socket, _Stream]] = {}
+
+    def watched(self) -> Sequence[int]:
+        return (self._listener.fileno(), *(stream.descriptor for _, stream in self._callers.values()))
+
+    def receive(self) -> Iterator[Received]:
+        with suppress(OSError):
+            caller, address = self._listener.accept()
+            if len(self._callers) < CALLERS_MAX:
+                self._callers[address] = _connected(caller)
+            else:
+                caller.close()
+        for address, (connection, stream) in list(self._callers.items()):
+            stream.flush()
+            data = stream.read()
+            if data is None:
+                continue
+            if not data:
+                del self._callers[address]
+                connection.close()
+            yield data, address
+
+    def send(self, frame: bytes, address: Address) -> bool:
+        caller = self._callers.get(address)
+        return caller is not None and caller[1].write(frame)
+
+    def call_again(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._listener.close()
+        for connection, _ in self._callers.values():
+            connection.close()
+
+
+class _Called:
+    """A TCP server or a serial device that is called, and called again when the connection has ended."""
+
+    def __init__(self, known: Address, call: Callable[[], tuple[Callable[[], object], _Stream]]) -> None:
+        self.known: Address = known
+        self._call = call
+        self._hang_up, self._stream = call()
+        self._ended = False
+        self._call_next_s = 0.0
+
+    def watched(self) -> Sequence[int]:
+        return () if self._ended else (self._stream.descriptor,)
+
+    def receive(self) -> Iterator[Received]:
+        if self._ended:
+            return
+        self._stream.flush()
+        if (data := self._stream.read()) is not None:
+            if not data:
+                self._end()
+            yield data, self.known
+
+    def send(self, frame: bytes, address: Address) -> bool:
+        return not self._ended and address == self.known and self._stream.write(frame)
+
+    def call_again(self) -> None:
+        if self._ended and time.monotonic() >= self._call_next_s:
+            self._call_next_s = time.monotonic() + CALL_PERIOD_S
+            with suppress(OSError):
+                self._hang_up, self._stream = self._call()
+                self._ended = False
+
+    def close(self) -> None:
+        if not self._ended:
+            self._end()
+
+    def _end(self) -> None:
+        self._ended = True
+        self._hang_up()
+
+
+def _tcp_client(host: str, port: int) -> _Called:
+    def call() -> tuple[Callable[[], object], _Stream]:
+        connection, stream = _connected(socket.create_connection((host, port), CALL_PERIOD_S))
+        return connection.close, stream
+
+    return _Called((host, port), call)
+
+
+def _serial(device: str, baud: int) -> _Called:
+    def call() -> tuple[Callable[[], object], _Stream]:
+        descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            _set_up(descriptor, baud)
+        except (OSError, termios.error) as error:
+            os.close(descriptor)
+            raise OSError(f"{error.args[-1]}") from error
+        return lambda: os.close(descriptor), _Stream(descriptor)
+
+    return _Called((device, baud), call)
+
+
+def _set_up(descriptor: int, baud: int) -> None:
+    """Set a serial device to raw bytes, 8 data bits, no parity, one stop bit, no flow control."""
+    if baud not in BAUD_NAMES:
+        raise OSError(f"{baud} is not a rate of a serial device")
+    tty.setraw(descriptor)
+    attributes = termios.tcgetattr(descriptor)
+    attributes[2] = attributes[2] & ~(termios.CSTOPB | termios.CRTSCTS) | termios.CLOCAL | termios.CREAD
+    attributes[4] = attributes[5] = getattr(termios, BAUD_NAMES[baud])
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+
+
+def _connected(connection: socket.socket) -> tuple[socket.socket, _Stream]:
+    """Return a TCP connection with its stream; setpoints are sent at once."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return connection, _Stream(connection.fileno())
+
+
+def _opened(family: int, kind: int, prepare: Callable[[socket.socket], object]) -> socket.socket:
+    opened = socket.socket(family, kind)
+    try:
+        prepare(opened)
+    except OSError:
+        opened.close()
+        raise
+    return opened
+
+
+def wait_readable(descriptors: Sequence[int], timeout_s: float) -> None:
+    """Wait until one of the descriptors can be read, or has been closed."""
+    poll = select.poll()
+    for descriptor in descriptors:
+        poll.register(descriptor, select.POLLIN)
+    poll.poll(timeout_s * 1e3)
+
+
+_CARRIERS: dict[str, Callable[[str, int], Carrier]] = {
+    "udpin": _Udp.listening,
+    "udpout": _Udp.calling,
+    "tcpin": _TcpServer,
+    "tcpout": _tcp_client,
+    "serial": _serial,
+}

@@ -1,0 +1,78 @@
+"""MAVLink frames as bytes: where each begins and ends, who sent it, and what kind of message it holds.
+
+MAVSDK decodes messages and checks their checksum; here only headers are read.
+"""
+
+from typing import NamedTuple
+
+MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
+_MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
+HEAD_V1, HEAD_V2, CHECKSUM_LENGTH, SIGNATURE_LENGTH = 6, 10, 2, 13
+SIGNED_FLAG = 1
+HEARTBEAT = 0
+AUTOPILOT_COMPONENT = 1
+
+
+class Header(NamedTuple):
+    """Who sent a frame, and its message."""
+
+    system_id: int
+    component: int
+    message: int
+
+
+def header(frame: bytes) -> Header:
+    """Return the header of a whole frame."""
+    if frame[0] == MAGIC_V1:
+        return Header(frame[3], frame[4], frame[5])
+    return Header(frame[5], frame[6], frame[7] | frame[8] << 8 | frame[9] << 16)
+
+
+def is_autopilot_heartbeat(frame: bytes) -> bool:
+    """Return whether a whole frame is the heartbeat of an autopilot."""
+    return header(frame)[1:] == (AUTOPILOT_COMPONENT, HEARTBEAT)
+
+
+def is_signed(frame: bytes) -> bool:
+    """Return whether a whole frame ends in a signature."""
+    return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED_FLAG)
+
+
+class FrameStream:
+    """Cuts the bytes of one sender into frames; a frame may span datagrams, and bytes between frames are dropped.
+
+    After lost bytes it is in step again within a few frames.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the frames that are complete with these bytes."""
+        data, self._rest = self._rest + data, b""
+        frames: list[bytes] = []
+        start = _next_magic(data, 0)
+        while start < len(data):
+            end = start + _length(data, start)
+            if end == start or end > len(data):
+                self._rest = data[start:]
+                break
+            frames.append(data[start:end])
+            start = _next_magic(data, end)
+        return frames
+
+
+def _length(data: bytes, start: int) -> int:
+    """Return the length of the frame that begins at `start`; 0 while its length is not known."""
+    if len(data) - start < 3:
+        return 0
+    if data[start] == MAGIC_V1:
+        return HEAD_V1 + data[start + 1] + CHECKSUM_LENGTH
+    signature = SIGNATURE_LENGTH if data[start + 2] & SIGNED_FLAG else 0
+    return HEAD_V2 + data[start + 1] + CHECKSUM_LENGTH + signature
+
+
+def _next_magic(data: bytes, start: int) -> int:
+    """Return where the next frame may begin; the end of the data if nowhere."""
+    places = (data.find(_MAGIC_V1, start), data.find(_MAGIC_V2, start))
+    return min((place for place in places if place >= 0), default=len(data))

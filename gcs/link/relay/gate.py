@@ -1,0 +1,203 @@
+"""Which frames of a connection are passed on: those of the verified vehicles, from the address of each, and no others.
+
+No sockets and no clock: addresses, bytes and times are arguments.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+
+from gcs.link.relay.frames import HEAD_V2, FrameStream, header, is_autopilot_heartbeat
+from gcs.link.relay.signing import Signing, Verdict
+
+SILENCE_S = 3.0
+"""The link's timeout, as MAVSDK's: a vehicle is followed to another address only after this silence [wall s]."""
+ADDRESSES_MAX = 16
+"""Senders that are kept apart; what further ones send is counted without their address."""
+OTHER_ADDRESS = "other address"
+"""Why a frame with a vehicle's system id is dropped, beside the verdicts on its signature."""
+
+Address = tuple[object, ...]
+"""A host and its port, as the socket states them; a serial device and its rate."""
+
+
+def shown(address: Address) -> str:
+    """Return an address as text."""
+    return f"{address[0]}:{address[1]}"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """What arrived with the system id of one vehicle.
+
+    `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
+    `moves` where the vehicle continued after a silence; `dropped` is the number of frames by reason.
+    """
+
+    address: str = ""
+    signed: bool = False
+    impostors: Mapping[str, int] = field(default_factory=dict)
+    moves: tuple[str, ...] = ()
+    dropped: Mapping[str, int] = field(default_factory=dict)
+
+
+class Claim:
+    """A system id on a connection: who claims it, and once verified, the only address that is listened and talked to.
+
+    Before verification `candidates` holds the newest heartbeat of each autopilot that claims it, by address, and
+    `rejected` the verdict on those that are not authentic.
+    """
+
+    def __init__(self, signing: Signing | None = None) -> None:
+        self.signing = signing
+        self.address: Address | None = None
+        self.candidates: dict[Address, bytes] = {}
+        self.rejected: dict[Address, Verdict] = {}
+        self._heard_s = -inf
+        self._impostors: Counter[Address] = Counter()
+        self._moves: list[Address] = []
+        self._dropped: Counter[str] = Counter()
+
+    def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
+        """Return whether a frame with this system id is the vehicle's."""
+        if self.address is None:
+            self._consider(frame, address)
+            return False
+        moves = address != self.address
+        if moves and not self.may_move(address, now_s):
+            self.count_impostor(address)
+            return False
+        verdict = self._verdict(frame)
+        if moves and is_autopilot_heartbeat(frame):
+            self._move(address, verdict)
+        if verdict is not Verdict.AUTHENTIC or address != self.address:
+            return False
+        self._heard_s = now_s
+        return True
+
+    def verify(self, address: Address, now_s: float) -> None:
+        """Listen and talk to this address alone from now on."""
+        self.address, self._heard_s = address, now_s
+
+    def gone(self, address: Address) -> None:
+        """Take that the connection to an address has ended: its vehicle may come back from another one at once."""
+        self.candidates.pop(address, None)
+        if address == self.address:
+            self._heard_s = -inf
+
+    def may_move(self, address: Address, now_s: float) -> bool:
+        """Return whether the vehicle may continue from another address: after silence, and unsigned on its host only.
+
+        A simulator restarts from another port of its host. A radio that reconnects may have another host's address, and
+        then only a signature shows that it is the same vehicle.
+        """
+        same_host = self.address is not None and address[0] == self.address[0]
+        return now_s - self._heard_s > SILENCE_S and (self.signing is not None or same_host)
+
+    def count_impostor(self, address: Address) -> None:
+        """Count a frame that was dropped for its address."""
+        self._dropped[OTHER_ADDRESS] += 1
+        if address in self._impostors or len(self._impostors) < ADDRESSES_MAX:
+            self._impostors[address] += 1
+
+    def to_set_in_time(self) -> list[Address]:
+        """Return candidates that have the key and are behind in time: a signed heartbeat sets a vehicle's time."""
+        return [address for address, verdict in self.rejected.items() if verdict is Verdict.OLD]
+
+    def report(self) -> LinkReport:
+        """Return what arrived so far."""
+        return LinkReport(
+            "" if self.address is None else shown(self.address),
+            self.signing is not None,
+            {shown(address): frames for address, frames in self._impostors.items()},
+            tuple(map(shown, self._moves)),
+            dict(self._dropped),
+        )
+
+    def _move(self, address: Address, verdict: Verdict) -> None:
+        if verdict is Verdict.AUTHENTIC:
+            self.address = address
+            self._moves.append(address)
+            self.rejected.clear()
+        elif len(self.rejected) < ADDRESSES_MAX:
+            self.rejected[address] = verdict
+
+    def _consider(self, frame: bytes, address: Address) -> None:
+        if not is_autopilot_heartbeat(frame):
+            return
+        verdict = self._verdict(frame)
+        kept = address in self.candidates or address in self.rejected
+        if not kept and len(self.candidates) + len(self.rejected) >= ADDRESSES_MAX:
+            return
+        if verdict is Verdict.AUTHENTIC:
+            self.rejected.pop(address, None)
+            self.candidates[address] = frame
+        elif address not in self.candidates:
+            self.rejected[address] = verdict
+
+    def _verdict(self, frame: bytes) -> Verdict:
+        verdict = Verdict.AUTHENTIC if self.signing is None else self.signing.verify(frame)
+        if verdict is not Verdict.AUTHENTIC:
+            self._dropped[verdict.value] += 1
+        return verdict
+
+
+class Gate:
+    """The claims on one connection, and the frames that arrive there. `others` are system ids without a claim."""
+
+    def __init__(self) -> None:
+        self.claims: dict[int, Claim] = {}
+        self.others: set[int] = set()
+        self._streams: dict[Address, FrameStream] = {}
+
+    def admit(self, data: bytes, address: Address, now_s: float) -> bytes:
+        """Return the frames among `data` that are passed on."""
+        if self._is_stranger(address, now_s):
+            self._count_stranger(data, address)
+            return b""
+        frames = self._stream(address).feed(data)
+        return b"".join(frame for frame in frames if self._admits(frame, address, now_s))
+
+    def gone(self, address: Address) -> None:
+        """Take that the connection to an address has ended."""
+        self._streams.pop(address, None)
+        for claim in self.claims.values():
+            claim.gone(address)
+
+    def peers(self) -> dict[Address, list[Claim]]:
+        """Return the addresses that are talked to, and the claims that are verified for each."""
+        peers: dict[Address, list[Claim]] = {}
+        for claim in self.claims.values():
+            if claim.address is not None:
+                peers.setdefault(claim.address, []).append(claim)
+        return peers
+
+    def _is_stranger(self, address: Address, now_s: float) -> bool:
+        """Return whether nothing from this address can count: then its bytes are not cut into frames."""
+        return all(
+            claim.address not in (None, address) and not claim.may_move(address, now_s)
+            for claim in self.claims.values()
+        )
+
+    def _count_stranger(self, data: bytes, address: Address) -> None:
+        claim = self.claims.get(header(data).system_id) if len(data) >= HEAD_V2 else None
+        if claim is not None:
+            claim.count_impostor(address)
+
+    def _stream(self, address: Address) -> FrameStream:
+        stream = self._streams.get(address)
+        if stream is None:
+            stream = FrameStream()
+            if len(self._streams) < ADDRESSES_MAX or any(address == each.address for each in self.claims.values()):
+                self._streams[address] = stream
+        return stream
+
+    def _admits(self, frame: bytes, address: Address, now_s: float) -> bool:
+        system_id = header(frame).system_id
+        claim = self.claims.get(system_id)
+        if claim is not None:
+            return claim.admits(frame, address, now_s)
+        if is_autopilot_heartbeat(frame):
+            self.others.add(system_id)
+        return False

@@ -1,0 +1,63 @@
+"""A stranger that sends MAVLink in a vehicle's name from an address of its own, and notes what it receives."""
+
+import socket
+import time
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+LOOPBACK = "127.0.0.1"
+AUTOPILOT, PX4 = 1, 12
+QUADROTOR, ACTIVE = 2, 4
+ARMED_CUSTOM, POSCTL = 128 | 1, 3 << 16
+DISARM_FORCE = 21196
+
+
+class Forger:
+    """Sends as the autopilot `system_id`; with a key it signs, as a vehicle with that key would."""
+
+    def __init__(self, system_id: int, key: bytes | None = None, host: str = LOOPBACK) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((host, 0))
+        self._socket.setblocking(False)
+        self._mavlink = mavlink.MAVLink(None, system_id, AUTOPILOT)
+        if key is not None:
+            self._mavlink.signing.secret_key = key
+            self._mavlink.signing.sign_outgoing = True
+            self._mavlink.signing.timestamp = int((time.time() - 1_420_070_400) * 1e5)
+
+    @property
+    def address(self) -> str:
+        """Its address as text."""
+        host, port = self._socket.getsockname()
+        return f"{host}:{port}"
+
+    def heartbeat(self, port: int, mode: int = POSCTL) -> None:
+        """State another flight mode, in which a pilot has the vehicle."""
+        self._send(mavlink.MAVLink_heartbeat_message(QUADROTOR, PX4, ARMED_CUSTOM, mode, ACTIVE, 3), port)
+
+    def position(self, port: int, north_m: float) -> None:
+        """State a position in the vehicle's own frame."""
+        self._send(mavlink.MAVLink_local_position_ned_message(1000, north_m, 0.0, -5.0, 0.0, 0.0, 0.0), port)
+
+    def disarm(self, target: int, port: int) -> None:
+        """Command to cut the motors, at a vehicle's own port."""
+        message = mavlink.MAVLink_command_long_message(target, 1, 400, 0, 0.0, DISARM_FORCE, 0, 0, 0, 0, 0)
+        self._send(message, port)
+
+    def received(self) -> int:
+        """Return how many datagrams have arrived."""
+        count = 0
+        try:
+            while True:
+                self._socket.recv(65535)
+                count += 1
+        except BlockingIOError:
+            return count
+
+    def close(self) -> None:
+        """Close its socket."""
+        self._socket.close()
+
+    def _send(self, message: mavlink.MAVLink_message, port: int) -> None:
+        self._socket.sendto(message.pack(self._mavlink), (LOOPBACK, port))
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
