@@ -83,6 +83,20 @@ async def test_every_drill_holds() -> None:
     assert [row for row in rows if row.holds is not True] == []
 
 
+async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen() -> None:
+    text = drill_mission("case2")
+    roles = Roles(parse_mission(text, Path()))
+    async with StubFlight(text, CONTROL_SPEED) as flight:
+        await flight.reach_mission(roles.airborne, roles.tactic)
+        began_s = flight.now_s()
+        await asyncio.sleep(UNDISTURBED_S)
+        for drill in DRILLS:
+            expected = drill.expect(roles, CONTROL_SPEED)
+            found = failures(expected, flight.log, began_s, flight.now_s())
+            assert bool(found) is expected.is_reaction, drill.fault
+            assert (reacted_s(expected, flight.log, began_s) is None) is expected.is_reaction, drill.fault
+
+
 async def test_control_with_the_reactions_switched_off_every_drill_fails() -> None:
     drills = [without_failsafe(drill) for drill in DRILLS if drill.fault in CONTROLLED]
     assert len(drills) == len(CONTROLLED)
@@ -101,17 +115,3 @@ async def test_control_on_a_plain_bus_a_stranger_is_obeyed() -> None:
     (row,) = await run.run()
     assert row.holds is False, row
     assert "to 'hold'" in row.detail, row
-
-
-async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen() -> None:
-    text = drill_mission("case2")
-    roles = Roles(parse_mission(text, Path()))
-    async with StubFlight(text, CONTROL_SPEED) as flight:
-        await flight.reach_mission(roles.airborne, roles.tactic)
-        began_s = flight.now_s()
-        await asyncio.sleep(UNDISTURBED_S)
-        for drill in DRILLS:
-            expected = drill.expect(roles, CONTROL_SPEED)
-            found = failures(expected, flight.log, began_s, flight.now_s())
-            assert bool(found) is expected.is_reaction, drill.fault
-            assert (reacted_s(expected, flight.log, began_s) is None) is expected.is_reaction, drill.fault
