@@ -12,10 +12,11 @@ _LATE_MAX_S = 1.9
 
 
 class Following:
-    """The plant x'' = a0 (u - x) - a1 x', driven by the setpoints sent alone, beside the vehicle.
+    """The plant x'' = a0 (u + w / a0 - x) - a1 x' beside the vehicle, driven by the setpoints sent.
 
-    Telemetry does not correct it. It needs none: the setpoints themselves attract it, so a steady disturbance w
-    displaces the vehicle by w / a0 only. A vehicle that ignores its setpoints is off by up to the setpoint's lead, one
+    Telemetry does not correct its position. It needs no correction: the setpoints themselves attract it. The
+    disturbance w is the own filter's, which is bounded: it holds what the controller compensates, wind and a plant
+    that is off. A vehicle that ignores its setpoints is off by up to the setpoint's lead, less the bound of w / a0, one
     that is carried away by more.
     """
 
@@ -26,6 +27,7 @@ class Following:
             (*step.transition[[p, p, v, v], [p, v, p, v]].tolist(), *step.input_gain[[p, v], [p, p]].tolist())
             for p, v in ((0, 2), (1, 3))
         ]
+        self._stiffness = (plant.x.a0_per_s2, plant.y.a0_per_s2)
         self._own = own
         self._jumps = 0
         self._axes: list[tuple[float, float]] = []
@@ -38,7 +40,7 @@ class Following:
     def error_m(self, situation: Situation) -> float:
         """Return how far the vehicle is from the model [m]; to be called about once a second."""
         now_s = situation.now_s
-        x, y, x_rate, y_rate, *_ = situation.own.mean.tolist()
+        x, y, x_rate, y_rate, x_disturbance, y_disturbance = situation.own.mean.tolist()
         if self._jumps != self._own.jumps:
             self._jumps = self._own.jumps
             self.stop()
@@ -46,13 +48,15 @@ class Following:
             self._axes, self._time_s = [(x, x_rate), (y, y_rate)], now_s
             return 0.0
         while now_s - self._time_s >= STEP_S:
-            self._advance()
+            self._advance((x_disturbance, y_disturbance))
         since_s = now_s - self._time_s
         (model_x, _), (model_y, _) = self._axes
         return hypot(x - model_x - x_rate * since_s, y - model_y - y_rate * since_s)
 
-    def _advance(self) -> None:
-        aims_m = self._own.mean_aim_m(self._time_s, self._time_s + STEP_S)
+    def _advance(self, disturbance_m_s2: tuple[float, float]) -> None:
+        sent_m = self._own.mean_aim_m(self._time_s, self._time_s + STEP_S)
+        acting = zip(sent_m, disturbance_m_s2, self._stiffness, strict=True)
+        aims_m = [aim_m + along_m_s2 / a0_per_s2 for aim_m, along_m_s2, a0_per_s2 in acting]
         self._axes = [
             (pp * p + pv * v + aimed_p * aim_m, vp * p + vv * v + aimed_v * aim_m)
             for (p, v), (pp, pv, vp, vv, aimed_p, aimed_v), aim_m in zip(self._axes, self._steps, aims_m, strict=True)

@@ -173,8 +173,8 @@ class FailsafeTuning(Settings):
     )
     following_m: float = tuned(
         3.0,
-        "Twice what a vehicle that shapes its motion is off its linear plant, on the ring of `shaped-trio`; a steady "
-        "disturbance of `disturbance_max_m_s2` is another 0.4 to 0.9 m.",
+        "Twice what a vehicle that shapes its motion is off its linear plant on the ring of `shaped-trio`, or one whose "
+        "plant is off as far as the controller holds the ring with it.",
         gt=0.0,
         le=100.0,
     )

@@ -35,7 +35,7 @@ class FlightPlan:
 
     def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
         """Return what preflight finds in the mission and in the facts about its vehicles."""
-        return preflight(self.mission, facts, date.today())
+        return preflight(self.mission, facts, date.today(), stubs=self.stubs)
 
     def run(self, speed: float) -> Run:
         """Return the log's record of the run that begins now."""

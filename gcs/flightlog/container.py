@@ -37,6 +37,8 @@ _CHUNK_SIGN = struct.pack("<I", len(_COMPRESSION)) + _COMPRESSION.encode()
 _SIGN_OFFSET = _HEAD.size + _CHUNK.size - 4
 _WINDOW_BYTES = 1 << 16
 _CUT = "it ends within a record"
+_LENGTH_OF_OPEN = 2**64 - 1
+"""What stands for the length of a chunk while it is written."""
 
 
 class Message(NamedTuple):
@@ -118,6 +120,8 @@ class Container:
         if len(head) < _HEAD.size:
             raise DamageError(_CUT)
         opcode, length = _HEAD.unpack(head)
+        if length == _LENGTH_OF_OPEN:
+            raise DamageError(_CUT)
         if opcode == 0 or length > RECORD_MAX_BYTES:
             raise DamageError(f"a record of kind {opcode} claims {length} bytes")
         if begin + _HEAD.size + length > self.size_bytes:

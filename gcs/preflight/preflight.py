@@ -39,12 +39,14 @@ AUTOPILOT_CHECKS: tuple[Check, ...] = (
 _ORDER = list(Grade)
 
 
-def preflight(mission: Mission, team: Sequence[VehicleFacts], today: date | None = None) -> tuple[Finding, ...]:
+def preflight(
+    mission: Mission, team: Sequence[VehicleFacts], today: date | None = None, *, stubs: bool = False
+) -> tuple[Finding, ...]:
     """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not.
 
-    Without `today` no profile is too old.
+    Without `today` no profile is too old. `stubs` are the vehicles that a flight brings along.
     """
-    findings = [*feasibility(mission), *together(mission, team)]
+    findings = [*feasibility(mission, stubs=stubs), *together(mission, team)]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))
