@@ -173,8 +173,8 @@ class FailsafeTuning(Settings):
     )
     following_m: float = tuned(
         3.0,
-        "Twice what a vehicle that shapes its motion is off its linear plant on the ring of `shaped-trio`, or one whose "
-        "plant is off as far as the controller holds the ring with it.",
+        "Twice what a vehicle that shapes its motion is off its linear plant on the ring of `shaped-trio`, or one whose"
+        " plant is off as far as the controller holds the ring with it.",
         gt=0.0,
         le=100.0,
     )
