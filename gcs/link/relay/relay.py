@@ -7,6 +7,7 @@ its `raw://` connection.
 import socket
 import threading
 import time
+from contextlib import suppress
 from typing import Any
 
 import mavsdk
@@ -20,6 +21,8 @@ from gcs.link.relay.signing import Signing, Verdict
 WAKE_PERIOD_S = 0.25
 """Longest time without a look at what waits: bytes of a slow stream, a connection that has ended."""
 
+WAKES_MAX = 64
+
 
 class Relay:
     """One connection, by its url, and the Mavsdk object behind it. Use it from any thread.
@@ -32,7 +35,11 @@ class Relay:
         self._gate = Gate()
         self._lock = threading.Lock()
         self._wake, self._woken = socket.socketpair()
+        self._woken.setblocking(False)
         self._closing = False
+        self._first: list[bytes] = []
+        # Collected by another thread while MAVSDK is being destroyed, a system aborts the process.
+        self._systems: list[Any] = []
         self._mavsdk: Any = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         self._mavsdk.add_any_connection_with_handle("raw://")
         self._sent = self._mavsdk.subscribe_raw_bytes_to_be_sent(self._send)
@@ -72,15 +79,19 @@ class Relay:
         with self._lock:
             claim = self._gate.claims[system_id]
             claim.verify(address, time.monotonic())
-            heartbeat = claim.candidates.pop(address)
-        self._mavsdk.pass_received_raw_bytes(heartbeat)
+            self._first.append(claim.candidates.pop(address))
+        self._wake.send(b"\0")
 
     def system(self, system_id: int) -> Any:
         """Return MAVSDK's system once it is connected, None before."""
+        found = None
         for system in self._mavsdk.get_systems():
             if system.get_system_id() == system_id and system.has_autopilot() and system.is_connected():
-                return system
-        return None
+                found = system
+                self._systems.append(system)
+            else:
+                system.destroy()
+        return found
 
     def report(self, system_id: int) -> LinkReport:
         """Return what arrived with the system id of a vehicle."""
@@ -101,12 +112,14 @@ class Relay:
         self._woken.close()
 
     def _receive(self) -> None:
-        """Pass on what arrives, until closed."""
+        """Pass on what arrives, until closed. MAVSDK takes bytes from one thread only."""
         while not self._closing:
             wait_readable((self._woken.fileno(), *self._carrier.watched()), WAKE_PERIOD_S)
             self._carrier.call_again()
-            with self._lock:
-                passed = [self._admitted(data, address) for data, address in self._carrier.receive()]
+            with self._lock, suppress(BlockingIOError):
+                passed, self._first = self._first, []
+                passed += [self._admitted(data, address) for data, address in self._carrier.receive()]
+                self._woken.recv(WAKES_MAX)
             for frames in passed:
                 if frames:
                     self._mavsdk.pass_received_raw_bytes(frames)
