@@ -20,7 +20,7 @@ class Stranger:
     """Sends states from far away, one bearing for all vehicles, and the command to hold, as long as it runs."""
 
     def __init__(self, mission: Mission, now_s: Callable[[], float]) -> None:
-        """Take the team and its clock: of another date nothing would count, whoever sends it."""
+        """Take the team and its clock: a message of another date would not count from any sender."""
         self._mission = mission
         self._now_s = now_s
         self._number = 0

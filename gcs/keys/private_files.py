@@ -53,7 +53,7 @@ def read(path: Path) -> bytes:
 
 
 def read_private(path: Path) -> bytes:
-    """Return the same, of a file that nobody else may read; raises InputError."""
+    """Return the same, of a file that only its user may read; raises InputError."""
     content = read(path)
     if path.stat().st_mode & _OF_OTHERS:
         raise InputError([f"{path}: other users may read this private key; next: chmod 600 {path}"])

@@ -112,7 +112,7 @@ def targets(folder: Path) -> list[Target]:
 def run(
     fuzzed: Sequence[Target], count: int, seed: int, note: Callable[[str, int], None] = lambda *_: None
 ) -> Findings:
-    """Read `count` inputs in all; `note` is told the target and the number of each input."""
+    """Read `count` inputs in all; `note` takes the target and the number of each input."""
     findings = Findings()
     for target in fuzzed:
         for valid in target.valid:

@@ -29,7 +29,7 @@ class Onlooker:
 
     @classmethod
     async def connected(cls, port: int, *headers: str) -> Self:
-        """Connect, with further headers; raises OSError while nobody listens."""
+        """Connect, with further headers; raises OSError while nothing listens."""
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         key = base64.b64encode(os.urandom(16)).decode()
         writer.write(

@@ -111,7 +111,7 @@ def test_names_that_are_patterns_are_refused(subtests: pytest.Subtests) -> None:
 
 async def test_an_unopened_bus_drops_and_closes() -> None:
     bus: PeerBus = ZenohBus(vehicle(1), "team", MEMBERS)
-    bus.publish("answer", b"nobody hears this")
+    bus.publish("answer", b"not received")
     await bus.close()
 
 

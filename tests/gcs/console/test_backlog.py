@@ -1,4 +1,4 @@
-"""A terminal that takes no output, as after Ctrl-S: a real one, that nobody reads."""
+"""A terminal that takes no output, as after Ctrl-S: a real one that is not read."""
 
 import os
 import pty
