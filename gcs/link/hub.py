@@ -1,4 +1,4 @@
-"""The connections of a process: each with its relay and a Mavsdk object, and the vehicles on each of them."""
+"""The MAVSDK object of a process: its connections, each behind a relay, and the vehicles on each of them."""
 
 import asyncio
 import logging
@@ -11,6 +11,8 @@ from functools import cache
 from typing import Any, TypeVar
 
 import mavsdk
+from mavsdk.component_type import ComponentType
+from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
 from gcs.link.relay.gate import Address, LinkReport, shown
@@ -32,18 +34,20 @@ ISSUE = "set its key up with `cordon keys issue mavlink`, over a link that no st
 
 
 class MavsdkHub:
-    """Owns the connections of the process, a ground station to the vehicles.
+    """Owns the Mavsdk object of the process (a ground station to the vehicles) and its connections.
 
-    Every connection has a Mavsdk object of its own behind its relay: a shared one silently merges two vehicles with the
-    same system id, and commands go to both.
+    Before a vehicle is passed to MAVSDK, its relay has verified it: MAVSDK silently merges two vehicles with the same
+    system id, and commands go to both.
     """
 
     def __init__(self) -> None:
         _redirect_log()
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
-        self._relays: dict[str, Relay] = {}
+        self._mavsdk: Any = None
+        self._relays: dict[str, tuple[Relay, Any]] = {}
         self._vehicles: dict[int, str] = {}
         self._adding: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._making = threading.Lock()
         self._closing = threading.Event()
 
     async def find(
@@ -64,12 +68,12 @@ class MavsdkHub:
             async with self._adding[url]:  # vehicles that share a connection come one by one
                 if url not in self._relays:
                     await self._run(require_usable, url)
-                    self._relays[url] = await self._run(_open_relay, url)
-                relay = self._relays[url]
+                    self._relays[url] = await self._run(self._open, url)
+                relay, _ = self._relays[url]
                 relay.claim(system_id, signing)
                 claims_s = max(CLAIMS_S / speed, CLAIMS_MIN_S)
                 await self._run(self._verify, relay, url, system_id, timeout_s, claims_s)
-            return await self._run(self._wait_for, relay, url, system_id, timeout_s)
+            return await self._run(self._wait_for, url, system_id, timeout_s)
         except BaseException:
             await self.release(url, system_id)
             raise
@@ -77,24 +81,27 @@ class MavsdkHub:
     async def release(self, url: str, system_id: int) -> None:
         """Release a vehicle; its connection is closed with the last vehicle on it."""
         self._vehicles.pop(system_id, None)
-        relay = self._relays.get(url)
-        if relay is None:
+        if url not in self._relays:
             return
+        relay, connection = self._relays[url]
         relay.release(system_id)
         if url not in self._vehicles.values():
             del self._relays[url]
+            await self._run(self._mavsdk.remove_connection, connection)
             await self._run(relay.close)
 
     def report(self, system_id: int) -> LinkReport:
         """Return what arrived with the system id of a vehicle."""
-        relay = self._relays.get(self._vehicles.get(system_id, ""))
-        return LinkReport() if relay is None else relay.report(system_id)
+        url = self._vehicles.get(system_id)
+        return self._relays[url][0].report(system_id) if url in self._relays else LinkReport()
 
     async def close(self) -> None:
         """Destroy MAVSDK. Close all links before, or their running calls block their threads for ever."""
         self._closing.set()
         await asyncio.to_thread(self._executor.shutdown)
-        for relay in self._relays.values():
+        if self._mavsdk is not None:
+            await asyncio.to_thread(self._mavsdk.destroy)
+        for relay, _ in self._relays.values():
             await asyncio.to_thread(relay.close)
         self._relays.clear()
 
@@ -114,7 +121,7 @@ class MavsdkHub:
         end_s = time.monotonic() + timeout_s
         others = False
         while not relay.candidates(system_id):
-            if not others and (relay.others(system_id) or relay.rejected(system_id)):
+            if not others and relay.others(system_id):
                 others, end_s = True, min(end_s, time.monotonic() + OTHERS_GRACE_S)
             if time.monotonic() > end_s or self._closing.wait(POLL_PERIOD_S):
                 raise _not_received(url, system_id, relay, timeout_s)
@@ -124,11 +131,32 @@ class MavsdkHub:
             raise _claimed_twice(url, system_id, candidates)
         relay.verify(system_id, candidates[0])
 
-    def _wait_for(self, relay: Relay, url: str, system_id: int, timeout_s: float) -> Any:
+    def _open(self, url: str) -> tuple[Relay, Any]:
+        """Open a connection, and connect MAVSDK to its relay."""
+        with self._making:
+            if self._mavsdk is None:
+                self._mavsdk = _ground_station()
+        try:
+            relay = Relay(url)
+            try:
+                connection = self._mavsdk.add_any_connection_with_handle(relay.inner_url)
+                relay.start()
+            except BaseException:
+                relay.close()
+                raise
+        except (OSError, ValueError, MavsdkConnectionError) as error:
+            raise VehicleRefusedError(
+                f"{url} cannot be opened: {error}",
+                "write a url like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600, and check the device",
+            ) from error
+        return relay, connection
+
+    def _wait_for(self, url: str, system_id: int, timeout_s: float) -> Any:
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s and not self._closing.wait(POLL_PERIOD_S):
-            if (system := relay.system(system_id)) is not None:
-                return system
+            for system in self._mavsdk.get_systems():
+                if system.get_system_id() == system_id and system.has_autopilot() and system.is_connected():
+                    return system
         raise _no_heartbeat(url, timeout_s)
 
 
@@ -146,14 +174,8 @@ def _log(_level: object, message: str, _file: str | None, _line: int) -> bool:
     return True
 
 
-def _open_relay(url: str) -> Relay:
-    try:
-        return Relay(url)
-    except (OSError, ValueError) as error:
-        raise VehicleRefusedError(
-            f"{url} cannot be opened: {error}",
-            "write a url like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600, and check the device",
-        ) from error
+def _ground_station() -> Any:
+    return mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 
 
 def _not_received(url: str, system_id: int, relay: Relay, timeout_s: float) -> VehicleRefusedError:

@@ -1,7 +1,7 @@
 """What carries the bytes of a connection: UDP, TCP or a serial device, by its url.
 
 A vehicle may call (udpin, tcpin), or be called (udpout, tcpout, serial): then its address is known in advance. One
-thread at a time uses a carrier, except for `call_again`.
+thread uses a carrier.
 """
 
 import os
@@ -50,7 +50,7 @@ class Carrier(Protocol):
         ...
 
     def call_again(self) -> None:
-        """Call again, where the connection has ended; blocks for a moment, and nothing else waits for it."""
+        """Call again, where the connection has ended; blocks for a moment."""
         ...
 
     def close(self) -> None:
@@ -109,11 +109,12 @@ class _Udp:
         self._socket.close()
 
 
-class _Stream:
+class Stream:
     """A file descriptor that carries a stream of bytes; frames are sent whole or not at all."""
 
-    def __init__(self, descriptor: int) -> None:
+    def __init__(self, descriptor: int, close: Callable[[], object]) -> None:
         self.descriptor = descriptor
+        self.close = close
         self._backlog = b""
         os.set_blocking(descriptor, False)
 
@@ -126,17 +127,15 @@ class _Stream:
         except OSError:
             return b""
 
-    def write(self, frame: bytes) -> bool:
+    def write(self, frame: bytes = b"") -> bool:
+        """Send what waits, and then a frame; return whether it was taken."""
         if len(self._backlog) + len(frame) > BACKLOG_MAX:
             return False
         self._backlog += frame
-        self.flush()
-        return True
-
-    def flush(self) -> None:
         if self._backlog:
             with suppress(OSError):  # it takes no more now; that it has ended is read
                 self._backlog = self._backlog[os.write(self.descriptor, self._backlog) :]
+        return True
 
 
 class _TcpServer:
@@ -154,48 +153,48 @@ class _TcpServer:
 
         self._listener = _opened(family, kind, listen)
         self._listener.setblocking(False)
-        self._callers: dict[Address, tuple[socket.socket, _Stream]] = {}
+        self._callers: dict[Address, Stream] = {}
 
     def watched(self) -> Sequence[int]:
-        return (self._listener.fileno(), *(stream.descriptor for _, stream in self._callers.values()))
+        return (self._listener.fileno(), *(stream.descriptor for stream in self._callers.values()))
 
     def receive(self) -> Iterator[Received]:
         with suppress(OSError):
             caller, address = self._listener.accept()
             if len(self._callers) < CALLERS_MAX:
-                self._callers[address] = _connected(caller)
+                self._callers[address] = connected(caller)
             else:
                 caller.close()
-        for address, (connection, stream) in list(self._callers.items()):
-            stream.flush()
+        for address, stream in list(self._callers.items()):
+            stream.write()
             data = stream.read()
             if data is None:
                 continue
             if not data:
                 del self._callers[address]
-                connection.close()
+                stream.close()
             yield data, address
 
     def send(self, frame: bytes, address: Address) -> bool:
         caller = self._callers.get(address)
-        return caller is not None and caller[1].write(frame)
+        return caller is not None and caller.write(frame)
 
     def call_again(self) -> None:
         pass
 
     def close(self) -> None:
         self._listener.close()
-        for connection, _ in self._callers.values():
-            connection.close()
+        for stream in self._callers.values():
+            stream.close()
 
 
 class _Called:
     """A TCP server or a serial device that is called, and called again when the connection has ended."""
 
-    def __init__(self, known: Address, call: Callable[[], tuple[Callable[[], object], _Stream]]) -> None:
+    def __init__(self, known: Address, call: Callable[[], Stream]) -> None:
         self.known: Address = known
         self._call = call
-        self._hang_up, self._stream = call()
+        self._stream = call()
         self._ended = False
         self._call_next_s = 0.0
 
@@ -205,10 +204,11 @@ class _Called:
     def receive(self) -> Iterator[Received]:
         if self._ended:
             return
-        self._stream.flush()
+        self._stream.write()
         if (data := self._stream.read()) is not None:
             if not data:
-                self._end()
+                self._ended = True
+                self._stream.close()
             yield data, self.known
 
     def send(self, frame: bytes, address: Address) -> bool:
@@ -218,35 +218,27 @@ class _Called:
         if self._ended and time.monotonic() >= self._call_next_s:
             self._call_next_s = time.monotonic() + CALL_PERIOD_S
             with suppress(OSError):
-                self._hang_up, self._stream = self._call()
+                self._stream = self._call()
                 self._ended = False
 
     def close(self) -> None:
         if not self._ended:
-            self._end()
-
-    def _end(self) -> None:
-        self._ended = True
-        self._hang_up()
+            self._stream.close()
 
 
 def _tcp_client(host: str, port: int) -> _Called:
-    def call() -> tuple[Callable[[], object], _Stream]:
-        connection, stream = _connected(socket.create_connection((host, port), CALL_PERIOD_S))
-        return connection.close, stream
-
-    return _Called((host, port), call)
+    return _Called((host, port), lambda: connected(socket.create_connection((host, port), CALL_PERIOD_S)))
 
 
 def _serial(device: str, baud: int) -> _Called:
-    def call() -> tuple[Callable[[], object], _Stream]:
+    def call() -> Stream:
         descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             _set_up(descriptor, baud)
         except (OSError, termios.error) as error:
             os.close(descriptor)
             raise OSError(f"{error.args[-1]}") from error
-        return lambda: os.close(descriptor), _Stream(descriptor)
+        return Stream(descriptor, lambda: os.close(descriptor))
 
     return _Called((device, baud), call)
 
@@ -262,10 +254,10 @@ def _set_up(descriptor: int, baud: int) -> None:
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
-def _connected(connection: socket.socket) -> tuple[socket.socket, _Stream]:
-    """Return a TCP connection with its stream; setpoints are sent at once."""
+def connected(connection: socket.socket) -> Stream:
+    """Return the stream of a TCP connection; setpoints are sent at once."""
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return connection, _Stream(connection.fileno())
+    return Stream(connection.fileno(), connection.close)
 
 
 def _opened(family: int, kind: int, prepare: Callable[[socket.socket], object]) -> socket.socket:

@@ -9,8 +9,12 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 _MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
 HEAD_V1, HEAD_V2, CHECKSUM_LENGTH, SIGNATURE_LENGTH = 6, 10, 2, 13
 SIGNED_FLAG = 1
-HEARTBEAT = 0
+HEARTBEAT, SETPOINT = 0, 84
 AUTOPILOT_COMPONENT = 1
+STATION_SYSTEM, STATION_COMPONENT = 245, 190
+"""cordon's own, as MAVSDK's ground station has them."""
+CRC_START, CRC_POLYNOMIAL_REVERSED = 0xFFFF, 0x8408
+HEARTBEAT_CRC_EXTRA = 50
 
 
 class Header(NamedTuple):
@@ -36,6 +40,24 @@ def is_autopilot_heartbeat(frame: bytes) -> bool:
 def is_signed(frame: bytes) -> bool:
     """Return whether a whole frame ends in a signature."""
     return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED_FLAG)
+
+
+def station_heartbeat(sequence: int) -> bytes:
+    """Return the heartbeat of a ground station."""
+    kind, autopilot, version = 6, 8, 3
+    payload = bytes((0, 0, 0, 0, kind, autopilot, 0, 0, version))
+    head = bytes((len(payload), 0, 0, sequence % 256, STATION_SYSTEM, STATION_COMPONENT, HEARTBEAT, 0, 0))
+    crc = CRC_START
+    for byte in (*head, *payload, HEARTBEAT_CRC_EXTRA):
+        crc = crc_step(crc ^ byte)
+    return _MAGIC_V2 + head + payload + crc.to_bytes(CHECKSUM_LENGTH, "little")
+
+
+def crc_step(state: int) -> int:
+    """Return MAVLink's CRC-16/MCRF4XX register after eight bits, which are in its lower half already."""
+    for _ in range(8):
+        state = state >> 1 ^ (CRC_POLYNOMIAL_REVERSED if state & 1 else 0)
+    return state
 
 
 class FrameStream:

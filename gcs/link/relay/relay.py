@@ -1,31 +1,29 @@
-"""The relay of one connection: it hands the frames of verified vehicles to MAVSDK, and MAVSDK's frames to them.
+"""The relay of one connection: it passes the frames of verified vehicles to MAVSDK, and MAVSDK's frames to them.
 
-MAVSDK itself accepts any sender, and sends setpoints to each. So it has no socket of its own here: frames pass through
-its `raw://` connection.
+MAVSDK itself accepts any sender, and sends setpoints to each. So it has no connection to the outside.
 """
 
 import socket
 import threading
 import time
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from typing import Any
-
-import mavsdk
-from mavsdk.component_type import ComponentType
+from math import inf
 
 from gcs.link.relay.carriers import open_carrier, wait_readable
-from gcs.link.relay.frames import HEARTBEAT, MAGIC_V2, FrameStream, header
+from gcs.link.relay.frames import MAGIC_V2, SETPOINT, FrameStream, header, station_heartbeat
 from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
+from gcs.link.relay.inner import InnerConnection, InnerListener
 from gcs.link.relay.signing import Signing, Verdict
 
 WAKE_PERIOD_S = 0.25
 """Longest time without a look at what waits: bytes of a slow stream, a connection that has ended."""
-
+CALL_PERIOD_S = 0.5
 WAKES_MAX = 64
 
 
 class Relay:
-    """One connection, by its url, and the Mavsdk object behind it. Use it from any thread.
+    """One connection to the outside, by its url, and one to MAVSDK. Use it from any thread.
 
     Raises OSError when the connection cannot be opened, ValueError for a url that is not understood.
     """
@@ -38,13 +36,22 @@ class Relay:
         self._woken.setblocking(False)
         self._closing = False
         self._first: list[bytes] = []
-        # Collected by another thread while MAVSDK is being destroyed, a system aborts the process.
-        self._systems: list[Any] = []
-        self._mavsdk: Any = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-        self._mavsdk.add_any_connection_with_handle("raw://")
-        self._sent = self._mavsdk.subscribe_raw_bytes_to_be_sent(self._send)
+        self._called = 0
+        self._call_next_s = -inf
         self._outgoing = FrameStream()
-        self._thread = threading.Thread(target=self._receive, name=f"relay {url}", daemon=True)
+        self._listener = InnerListener()
+        self._thread: threading.Thread | None = None
+        self._name = f"relay {url}"
+
+    @property
+    def inner_url(self) -> str:
+        """The url that MAVSDK has to connect to, before `start`."""
+        return self._listener.url
+
+    def start(self) -> None:
+        """Begin to pass frames on; raises OSError when it is not MAVSDK that connected."""
+        inner = self._listener.accept()
+        self._thread = threading.Thread(target=self._run, args=(inner,), name=self._name, daemon=True)
         self._thread.start()
 
     def claim(self, system_id: int, signing: Signing | None) -> None:
@@ -75,23 +82,12 @@ class Relay:
             return sorted((verified | self._gate.others) - {system_id})
 
     def verify(self, system_id: int, address: Address) -> None:
-        """Listen and talk to this address alone from now on, and hand its last heartbeat to MAVSDK."""
+        """Listen and talk to this address alone from now on, and pass its last heartbeat to MAVSDK."""
         with self._lock:
             claim = self._gate.claims[system_id]
             claim.verify(address, time.monotonic())
             self._first.append(claim.candidates.pop(address))
         self._wake.send(b"\0")
-
-    def system(self, system_id: int) -> Any:
-        """Return MAVSDK's system once it is connected, None before."""
-        found = None
-        for system in self._mavsdk.get_systems():
-            if system.get_system_id() == system_id and system.has_autopilot() and system.is_connected():
-                found = system
-                self._systems.append(system)
-            else:
-                system.destroy()
-        return found
 
     def report(self, system_id: int) -> LinkReport:
         """Return what arrived with the system id of a vehicle."""
@@ -100,57 +96,81 @@ class Relay:
             return LinkReport() if claim is None else claim.report()
 
     def close(self) -> None:
-        """Destroy MAVSDK and free the port. Destroy its plugins before, or their running calls block for ever."""
+        """End both connections; the port is free afterwards."""
         self._closing = True
         self._wake.send(b"\0")
-        self._thread.join()
-        self._mavsdk.unsubscribe_raw_bytes_to_be_sent(self._sent)
-        self._mavsdk.destroy()
-        with self._lock:
-            self._carrier.close()
-        self._wake.close()
-        self._woken.close()
+        if self._thread is not None:
+            self._thread.join()
+        for each in (self._listener, self._carrier, self._wake, self._woken):
+            each.close()
 
-    def _receive(self) -> None:
-        """Pass on what arrives, until closed. MAVSDK takes bytes from one thread only."""
+    def _run(self, inner: InnerConnection) -> None:
+        """Pass on what arrives, until closed."""
         while not self._closing:
-            wait_readable((self._woken.fileno(), *self._carrier.watched()), WAKE_PERIOD_S)
+            wait_readable((self._woken.fileno(), inner.descriptor, *self._carrier.watched()), WAKE_PERIOD_S)
             self._carrier.call_again()
-            with self._lock, suppress(BlockingIOError):
-                passed, self._first = self._first, []
-                passed += [self._admitted(data, address) for data, address in self._carrier.receive()]
+            with suppress(BlockingIOError):
                 self._woken.recv(WAKES_MAX)
-            for frames in passed:
-                if frames:
-                    self._mavsdk.pass_received_raw_bytes(frames)
-
-    def _admitted(self, data: bytes, address: Address) -> bytes:
-        if not data:
-            self._gate.gone(address)
-            return b""
-        return self._gate.admit(data, address, time.monotonic())
-
-    def _send(self, data: bytes) -> None:
-        """Send MAVSDK's frames to the verified vehicles; runs on MAVSDK's thread."""
-        with self._lock:
-            for frame in self._outgoing.feed(data):
-                for address, claims in self._gate.peers().items():
-                    self._send_to(frame, address, claims)
-                if header(frame).message == HEARTBEAT:
-                    self._call(frame)
-
-    def _send_to(self, frame: bytes, address: Address, claims: list[Claim]) -> None:
-        """Send a frame to an address, once for each key of the vehicles there."""
-        signings = {claim.signing for claim in claims}
-        for signing in signings:
-            if signing is None:
+            for frame, address in (*self._outbound(inner.read() or b""), *self._calls()):
                 self._carrier.send(frame, address)
-            elif frame[0] == MAGIC_V2:
-                self._carrier.send(signing.sign(frame), address)
+            for frames in (b"", *self._inbound(list(self._carrier.receive()))):
+                inner.write(frames)
+        inner.close()
 
-    def _call(self, heartbeat: bytes) -> None:
-        """Send a heartbeat to those that are not verified: whom this end calls, and who is behind in time."""
-        for claim in self._gate.claims.values():
-            called = claim.address is None and self._carrier.known is not None
-            for address in {*([self._carrier.known] if called else ()), *claim.to_set_in_time()}:
-                self._send_to(heartbeat, address, [claim])
+    def _inbound(self, received: Iterable[tuple[bytes, Address]]) -> list[bytes]:
+        """Return what MAVSDK is passed of what has arrived."""
+        with self._lock:
+            passed, self._first = self._first, []
+            for data, address in received:
+                if data:
+                    passed.append(self._gate.admit(data, address, time.monotonic()))
+                else:
+                    self._gate.gone(address)
+        return passed
+
+    def _outbound(self, data: bytes) -> list[tuple[bytes, Address]]:
+        """Return what is sent of what MAVSDK sends, and where to.
+
+        After this process was held up, several setpoints wait here: only the newest is sent.
+        """
+        frames = self._outgoing.feed(data)
+        setpoints = [place for place, frame in enumerate(frames) if header(frame).message == SETPOINT]
+        with self._lock:
+            return [
+                each
+                for place, frame in enumerate(frames)
+                if place not in setpoints[:-1]
+                for each in self._addressed(frame)
+            ]
+
+    def _addressed(self, frame: bytes) -> Iterator[tuple[bytes, Address]]:
+        """Yield a frame for each verified vehicle."""
+        for address, claims in self._gate.peers().items():
+            yield from _signed(frame, address, claims)
+
+    def _calls(self) -> list[tuple[bytes, Address]]:
+        """Return the heartbeats that are due to those that are not verified: MAVSDK sends none before.
+
+        They go to whom this end calls, and to who has the key and is behind in time.
+        """
+        if time.monotonic() < self._call_next_s:
+            return []
+        self._call_next_s = time.monotonic() + CALL_PERIOD_S
+        self._called += 1
+        heartbeat, known = station_heartbeat(self._called), self._carrier.known
+        with self._lock:
+            return [
+                each
+                for claim in self._gate.claims.values()
+                for address in {*claim.to_set_in_time(), *([known] if known and claim.address is None else ())}
+                for each in _signed(heartbeat, address, [claim])
+            ]
+
+
+def _signed(frame: bytes, address: Address, claims: Iterable[Claim]) -> Iterator[tuple[bytes, Address]]:
+    """Yield a frame to an address, once for each key of the vehicles there."""
+    for signing in {claim.signing for claim in claims}:
+        if signing is None:
+            yield frame, address
+        elif frame[0] == MAGIC_V2:
+            yield signing.sign(frame), address

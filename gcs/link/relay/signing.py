@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from enum import Enum
 
-from gcs.link.relay.frames import CHECKSUM_LENGTH, HEAD_V2, MAGIC_V2, SIGNED_FLAG, header, is_signed
+from gcs.link.relay.frames import CHECKSUM_LENGTH, HEAD_V2, MAGIC_V2, SIGNED_FLAG, crc_step, header, is_signed
 
 KEY_LENGTH = 32
 LINK_ID = 0
@@ -19,7 +19,6 @@ TICKS_PER_S = 100_000
 NEW_STREAM_AGE_MAX = 60 * TICKS_PER_S
 """A stream that was not received before may begin at most a minute in the past: older frames are replayed ones."""
 DIGEST_LENGTH, TIME_LENGTH = 6, 6
-CRC_POLYNOMIAL_REVERSED = 0x8408
 CRC_EXTRA_LENGTH = 1
 
 
@@ -97,20 +96,13 @@ def _flag_in_checksum() -> tuple[int, ...]:
     The checksum is linear: the change is the CRC, begun at 0, of the changed bits and of a zero for each later byte.
     So the number that the checksum of each message begins with is not needed.
     """
-    change = _crc_step(SIGNED_FLAG)
+    change = crc_step(SIGNED_FLAG)
     for _ in range(HEAD_V2 - 3 + CRC_EXTRA_LENGTH):
-        change = _crc_step(change)
+        change = crc_step(change)
     changes = [change]
     for _ in range(255):
-        changes.append(_crc_step(changes[-1]))
+        changes.append(crc_step(changes[-1]))
     return tuple(changes)
-
-
-def _crc_step(state: int) -> int:
-    """Return the CRC-16/MCRF4XX register after eight more zero bits."""
-    for _ in range(8):
-        state = state >> 1 ^ (CRC_POLYNOMIAL_REVERSED if state & 1 else 0)
-    return state
 
 
 _FLAG_IN_CHECKSUM = _flag_in_checksum()

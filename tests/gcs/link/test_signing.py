@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.link.relay.frames import FrameStream, header, is_signed
+from gcs.link.relay.frames import FrameStream, header, is_signed, station_heartbeat
 from gcs.link.relay.signing import Signing, Verdict
 
 KEY, OTHER_KEY = secrets.token_bytes(32), secrets.token_bytes(32)
@@ -107,6 +107,14 @@ def parts(whole: bytes, cuts: Iterable[int]) -> Iterable[bytes]:
     for cut in (*cuts, len(whole)):
         yield whole[start:cut]
         start = cut
+
+
+@pytest.mark.parametrize("sequence", [0, 1, 255, 256])
+def test_the_station_s_own_heartbeat_is_one_to_pymavlink(sequence: int) -> None:
+    (message,) = mavlink.MAVLink(None).parse_buffer(station_heartbeat(sequence))
+    assert message.get_type() == "HEARTBEAT"
+    assert (message.type, message.autopilot, message.get_srcSystem()) == (6, 8, 245)
+    assert message.get_seq() == sequence % 256
 
 
 @given(st.binary(max_size=2000))

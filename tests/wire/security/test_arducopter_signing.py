@@ -15,7 +15,6 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.relay.relay import Relay
 from gcs.link.relay.signing import wall_ticks
 from gcs.link.signing_setup import set_up_signing
 from gcs.mission.file import load_mission
@@ -50,7 +49,7 @@ def intrude(hub: MavsdkHub, url: str, mode: int, key: bytes | None) -> None:
         sender.signing.secret_key, sender.signing.sign_outgoing = key, True
         sender.signing.timestamp = wall_ticks()
     command = mavlink.MAVLink_command_long_message(1, 1, SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0)
-    relay: Relay = hub._relays[url]
+    relay, _ = hub._relays[url]
     address = relay._gate.claims[1].address
     assert address is not None
     assert relay._carrier.send(command.pack(sender), address)

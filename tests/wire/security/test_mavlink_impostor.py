@@ -57,11 +57,11 @@ async def served(*configs: StubConfig, speed: float = SPEED) -> AsyncIterator[Se
 
 
 @asynccontextmanager
-async def linked(config: StubConfig, *, speed: float = SPEED, key: bytes | None = None) -> AsyncIterator[MavsdkLink]:
+async def linked(config: StubConfig, *, key: bytes | None = None, timeout_s: float = 5.0) -> AsyncIterator[MavsdkLink]:
     hub = MavsdkHub()
     url = f"udpin://{LOOPBACK}:{config.client_port}"
-    link_config = LinkConfig(url, config.vehicle_id, FRAME, heartbeat_timeout_s=5.0, signing_key=key)
-    link = MavsdkLink(hub, link_config, unix_clock(speed), speed)
+    link_config = LinkConfig(url, config.vehicle_id, FRAME, heartbeat_timeout_s=timeout_s, signing_key=key)
+    link = MavsdkLink(hub, link_config, unix_clock(SPEED), SPEED)
     try:
         yield link
     finally:
@@ -212,7 +212,7 @@ async def test_a_signed_vehicle_flies_and_obeys_its_key_only() -> None:
 async def test_a_vehicle_that_does_not_sign_with_its_key_is_refused(has: bytes | None, verdict: str) -> None:
     signing_key = None if has is None else SigningKey(has, wall_ticks())
     config = StubConfig(1, free_port(), PLANT, FRAME, signing_key=signing_key)
-    async with served(config), linked(config, key=KEY) as link:
+    async with served(config), linked(config, key=KEY, timeout_s=1.0) as link:
         with pytest.raises(VehicleRefusedError) as refusal:
             await link.connect(forget)
     assert verdict in refusal.value.reason
