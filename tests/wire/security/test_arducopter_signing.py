@@ -15,7 +15,6 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.relay.signing import wall_ticks
 from gcs.link.signing_setup import set_up_signing
 from gcs.mission.file import load_mission
 from sitl.server.process import unix_clock
@@ -44,15 +43,17 @@ def copter() -> Iterator[tuple[ArduCopterSimulator, str]]:
 
 def intrude(hub: MavsdkHub, url: str, mode: int, key: bytes | None) -> None:
     """Command a mode from the very address that the vehicle talks to, unsigned or signed with `key`."""
+    relay, _ = hub._relays[url]
+    claim = relay._gate.claims[1]
+    assert claim.address is not None
     sender = mavlink.MAVLink(None, 245, 191)
     if key is not None:
+        assert claim.signing is not None
         sender.signing.secret_key, sender.signing.sign_outgoing = key, True
-        sender.signing.timestamp = wall_ticks()
+        # A simulator that is faster than the wall has a clock ahead of it, and rejects new senders a minute behind.
+        sender.signing.timestamp = claim.signing._latest
     command = mavlink.MAVLink_command_long_message(1, 1, SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0)
-    relay, _ = hub._relays[url]
-    address = relay._gate.claims[1].address
-    assert address is not None
-    assert relay._carrier.send(command.pack(sender), address)
+    assert relay._carrier.send(command.pack(sender), claim.address)
 
 
 def custom_mode_of(link: MavsdkLink) -> str:
