@@ -1,12 +1,12 @@
 """What a vehicle sends to its peers, made from its estimates and its plan."""
 
-from agents.control.plan import Plan
+from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
-from agents.situation.situation import Task
+from agents.situation.situation import Situation, Task
 from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage, encode
-from agents.team.ring_scale import RingScale
+from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
 from estimation.state import MOTION, Sighting
 
@@ -39,8 +39,10 @@ def member_state(
     )
 
 
-def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar, needed: RingScale) -> Outgoing:
-    """Publish the place on the ring, and what of the ring this vehicle can fly."""
+def neighbour_angle(vehicle_id: int, situation: Situation, polar: Polar, ring: RingReport) -> Outgoing:
+    """Publish the place on the ring, the reference's as well, and what of the ring this vehicle can fly."""
+    reference, needed, now_s = ring.reference, ring.needed, situation.now_s
+    ahead_s = situation.acting_s - now_s
     return _outgoing(
         NeighbourAngle(
             vehicle_id,
@@ -50,6 +52,8 @@ def neighbour_angle(vehicle_id: int, now_s: float, polar: Polar, needed: RingSca
             polar.radius_m,
             needed.rate,
             needed.radius,
+            None if reference is None else wrap_signed_rad(reference.value - reference.rate * ahead_s),
+            0.0 if reference is None else reference.rate,
         )
     )
 

@@ -244,7 +244,7 @@ class VehicleCore:
         vehicle_id, situation, ring = self._config.vehicle_id, task.situation, sent.ring
         messages = [member_state(vehicle_id, task, sent, self.alert, self._reshaping, self._drops)]
         if ring is not None and ring.joined and situation.polar is not None:
-            messages.append(neighbour_angle(vehicle_id, situation.now_s, situation.polar, ring.needed))
+            messages.append(neighbour_angle(vehicle_id, situation, situation.polar, ring))
         if self._own_sightings:
             recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)
             messages += [target_package(vehicle_id, sighting, recipients) for sighting in self._own_sightings]

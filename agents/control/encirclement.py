@@ -10,10 +10,12 @@ import numpy as np
 from agents.control.detour import Obstacle, bent_ring_m
 from agents.control.linearization import aim_for, aim_for_acceleration
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
-from agents.control.ring import RingPlace, spaced_rate_rad_s
+from agents.control.ring import RingPlace
 from agents.control.ring_feasibility import Orbit
+from agents.control.ring_reference import RingPoint
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
+from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import VELOCITY, Vector
 
@@ -45,6 +47,7 @@ class RingTask(msgspec.Struct, frozen=True):
     place: RingPlace
     orbit: Orbit
     radius_m: float
+    reference: RingPoint
     authority: float = 1.0
     obstacles: Sequence[Obstacle] = ()
 
@@ -65,10 +68,11 @@ class EncirclementPlanner:
         self._plant = config.plant
         self._settings = config.encirclement
         self._clearance_rad = config.clearance_rad
-        spacing_weight = self._settings.lag_weight + self._settings.lead_weight
-        self._alone = ring_lmpc(self._settings, 0.0)
-        self._spaced = ring_lmpc(self._settings, spacing_weight) if spacing_weight > 0.0 else self._alone
+        self._lmpc = ring_lmpc(self._settings, self._settings.lag_weight + self._settings.lead_weight)
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
+        decay_per_s = max(self._settings.spacing_gain_per_s, 1e-3)
+        self._eased_s = -np.expm1(-decay_per_s * self._times_s) / decay_per_s
+        self._eased_s2 = (self._times_s - self._eased_s) / decay_per_s
         self._zeros = np.zeros((self._settings.horizon, 4))
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         # The bounds of a plan, filled anew for each: what does not change stands in them from the beginning.
@@ -87,20 +91,19 @@ class EncirclementPlanner:
         """Solve (23) to (26) for the polar acceleration, and the plant for the aim that gives it - (11), (12)."""
         if task.orbit is not self._orbit:
             self._take(task.orbit)
-        wanted = spaced_rate_rad_s(task.place, task.orbit.angular_rate_rad_s, self._settings.spacing_gain_per_s)
+        wanted = task.reference.bearing.rate
         motion, polar = task.motion, task.polar
         if task.authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
-            motion = damped_motion(task, wanted)
+            motion = damped_motion(task)
             polar = polar_from_motion(motion, task.target)  # of another motion than the task's
         approach = self._approach(polar.radius_m)
         if approach is not Approach.ORBIT:
             self.reset()
             aim = self._radial_aim(motion, polar, task)
             return EncirclementPlan(aim, approach, wanted, QpStatus.INTERIOR)
-        lmpc = self._alone if task.place.members == 1 else self._spaced
         state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
-        reference = self._reference(task, polar, wanted)
-        plan = lmpc.solve(state, reference, self._acceleration, self._bounds(polar, task.place))
+        reference = self._reference(task, polar)
+        plan = self._lmpc.solve(state, reference, self._acceleration, self._bounds(polar, task.place))
         self._acceleration = plan.first_input
         aim = aim_for(motion, polar, plan.first_input, task.compensation_m_s2, self._plant)
         return EncirclementPlan(aim, approach, wanted, plan.status)
@@ -124,22 +127,23 @@ class EncirclementPlanner:
         x, y = (self._plant.a1_per_s * error).tolist()
         return aim_for_acceleration(motion, (x, y), task.compensation_m_s2, self._plant)
 
-    def _reference(self, task: RingTask, polar: Polar, rate_wanted_rad_s: float) -> Vector:
+    def _reference(self, task: RingTask, polar: Polar) -> Vector:
         """Return the reference (horizon, 4) in [r phi r' phi'].
 
-        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser; the neighbours,
-        and the bearing between them, go on at the ring's rate - (25), (26).
+        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser. The acceleration
+        of a transition fades as the law (22) lets it.
         """
-        settings = self._settings
+        radius, bearing = task.reference.radius, task.reference.bearing
+        ahead_rad = wrap_signed_rad(bearing.value - polar.bearing_rad)
         reference = self._zeros.copy()
-        reference[:, 0] = task.radius_m
+        reference[:, 0] = radius.value + radius.rate * self._times_s + radius.acceleration * self._eased_s2
+        reference[:, 2] = radius.rate + radius.acceleration * self._eased_s
         if task.obstacles:
             bearings_rad = polar.bearing_rad + self._drift_rad
-            reference[:, 0] = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, polar.radius_m)
-        between_rad = spacing_bearing_rad(task.place, settings.lag_weight, settings.lead_weight)
-        if between_rad is not None:
-            reference[:, 1] = between_rad + self._drift_rad
-        reference[:, 3] = rate_wanted_rad_s
+            bent_m = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, polar.radius_m)
+            reference[:, 0] += bent_m - task.radius_m
+        reference[:, 1] = ahead_rad + bearing.rate * self._times_s + bearing.acceleration * self._eased_s2
+        reference[:, 3] = bearing.rate + bearing.acceleration * self._eased_s
         return reference
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
@@ -158,35 +162,18 @@ class EncirclementPlanner:
         return Bounds(self._pushes, self._limits)
 
 
-def damped_motion(task: RingTask, rate_rad_s: float) -> Vector:
-    """Return the motion (4,) to plan from with less than full authority, for a vehicle that flies at `rate_rad_s`.
+def damped_motion(task: RingTask) -> Vector:
+    """Return the motion (4,) to plan from with less than full authority.
 
-    Of the vehicle's deviation from where it is to fly, only the share `authority` is fed back.
+    Of the vehicle's deviation from its reference, only the share `authority` is fed back.
     """
-    polar, radius_m = task.polar, task.radius_m
+    polar, (radius, bearing) = task.polar, (task.reference.radius, task.reference.bearing)
+    radius_m = radius.value
     if task.obstacles:
-        radius_m = bent_ring_m(radius_m, np.array([polar.bearing_rad]), task.obstacles, polar.radius_m).item()
-    on_ring = motion_from_polar(Polar(radius_m, polar.bearing_rad, 0.0, rate_rad_s), task.target)
+        bent_m = bent_ring_m(task.radius_m, np.array([polar.bearing_rad]), task.obstacles, polar.radius_m).item()
+        radius_m += bent_m - task.radius_m
+    on_ring = motion_from_polar(Polar(radius_m, bearing.value, radius.rate, bearing.rate), task.target)
     return np.asarray(on_ring + task.authority * (task.motion - on_ring), dtype=np.float64)
-
-
-def spacing_bearing_rad(place: RingPlace, lag_weight: float, lead_weight: float) -> float | None:
-    """Return the bearing, counted from the vehicle's own, that the spacing terms of (24) draw to; None when alone.
-
-    With phi the vehicle's bearing, (24) weighs by rho the distance to a = phi_lag + 2 pi / n, one even spacing ahead of
-    the vehicle behind, and by zeta that to b = phi_lead - 2 pi / n. Completing the square makes one term of both:
-
-        rho (phi - a)^2 + zeta (phi - b)^2 = (rho + zeta) (phi - c)^2 + rho zeta / (rho + zeta) (a - b)^2
-
-    with c = (rho a + zeta b) / (rho + zeta). The last term is the same for every input, as neither neighbour's bearing
-    depends on it: the optimum of (24) is that with the one weight rho + zeta (`ring_lmpc`) on the distance to c.
-    """
-    if place.lead_rad is None or place.lag_rad is None:
-        return None
-    behind = place.desired_rad - place.lag_rad  # a
-    ahead = place.lead_rad - place.desired_rad  # b
-    weights = lag_weight + lead_weight
-    return (lag_weight * behind + lead_weight * ahead) / weights if weights else 0.0
 
 
 def ring_lmpc(settings: EncirclementSettings, spacing_weight: float) -> Lmpc:

@@ -6,7 +6,7 @@ the ring makes room, and the vehicle comes in when the room is there. No vehicle
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import pi, tau
+from math import copysign, tau
 
 import msgspec
 
@@ -25,7 +25,8 @@ _ROOM_SHARE = 0.75
 """In even spacings: a ring that is nearly full gives no more room than this."""
 _WIDE_SHARE = 0.8
 """A gap this much as wide as the widest one will do, if the vehicle is in front of it already."""
-_AHEAD_MAX_RAD = 1.0
+_FURTHER = 1.1
+"""How much more room than it needs a vehicle goes for, so that it arrives where it may come in."""
 
 
 class RingGap(msgspec.Struct, frozen=True):
@@ -38,6 +39,10 @@ class RingGap(msgspec.Struct, frozen=True):
     def edge_rad(self) -> float:
         """How far inside the gap the vehicle is; negative outside."""
         return self.width_rad / 2.0 - abs(self.ahead_rad)
+
+    def way_rad(self, room_rad: float) -> float:
+        """Return how far ahead the nearest place is that has so much room on either side, at most the middle."""
+        return copysign(max(0.0, min(room_rad, self.width_rad / 2.0) - self.edge_rad), self.ahead_rad)
 
 
 class Joining:
@@ -70,8 +75,8 @@ class Joining:
         """Begin anew: the vehicle comes from another tactic, and has not joined."""
         self.joined = self._inside = False
 
-    def look(self, polar: Polar, bearings_rad: Sequence[float]) -> RingGap | None:
-        """Join if it is time; return the gap to go for, None for a vehicle that has joined."""
+    def look(self, polar: Polar, bearings_rad: Sequence[float]) -> float | None:
+        """Join if it is time; return how far ahead there is room for the vehicle [rad], None once it has joined."""
         if self.joined:
             return None
         gap = chosen_gap(polar.bearing_rad, bearings_rad)
@@ -80,7 +85,7 @@ class Joining:
         fits = members == 1 or chord_m(self._mission_ring_m, members) >= self._separation_m
         at_ring = polar.radius_m <= self.ring_m + self._separation_m
         self.joined = at_ring or (fits and gap.edge_rad >= room_rad)
-        return None if self.joined else gap
+        return None if self.joined else gap.way_rad(_FURTHER * room_rad if fits else gap.width_rad / 2.0)
 
     def radius_m(self, polar: Polar, place: RingPlace) -> float:
         """Return the radius to fly at for a vehicle that has joined: the ring's, once its neighbours leave it room."""
@@ -105,9 +110,3 @@ def chosen_gap(bearing_rad: float, bearings_rad: Sequence[float]) -> RingGap:
     if own.width_rad >= _WIDE_SHARE * widest.width_rad:
         return own
     return RingGap(wrap_signed_rad(widest.ahead_rad), widest.width_rad)
-
-
-def place_before(gap: RingGap) -> RingPlace:
-    """Return the place that leads a vehicle to the middle of a gap: as if one more were as far from it on each side."""
-    ahead_rad = max(-_AHEAD_MAX_RAD, min(gap.ahead_rad, _AHEAD_MAX_RAD))
-    return RingPlace(2, pi + ahead_rad, pi - ahead_rad)

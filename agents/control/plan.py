@@ -7,6 +7,7 @@ from agents.control.encirclement import Approach
 from agents.control.formation import Predecessor
 from agents.control.lmpc import QpStatus
 from agents.control.ring import RingPlace
+from agents.control.shaped_coordinate import ShapedCoordinate
 from agents.team.messages import MemberState
 from agents.team.ring_scale import RingScale
 from estimation.state import Vector
@@ -30,6 +31,7 @@ class RingReport(msgspec.Struct, frozen=True):
     place: RingPlace | None = None
     approach: Approach | None = None
     news: str | None = None
+    reference: ShapedCoordinate | None = None
 
 
 class Plan(msgspec.Struct, frozen=True):

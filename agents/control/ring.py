@@ -1,6 +1,6 @@
-"""The ring: the neighbours ahead and behind, and the angular rate that spaces all evenly - (15) to (22)."""
+"""The ring: the neighbours ahead and behind, the spacing errors, and the gain that lets them decay - (15) to (22)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import cos, tau
 
 import msgspec
@@ -37,14 +37,20 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
 
 
-def spaced_rate_rad_s(place: RingPlace, rate_rad_s: float, gain_per_s: float) -> float:
-    """Return the angular rate wanted of a vehicle - (22), corrected: `w_D + gamma/3 (phi_lead - phi_lag)`.
+def spacing_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
+    """Return `(phi_lead - phi_lag) / 2` of every vehicle on the ring from the bearings of all, in their order.
 
-    The gain grows with the number of vehicles, so that the slowest mode of any ring decays at `gain_per_s`.
+    That is how far the middle between its neighbours lies ahead of a vehicle; alone on the ring it is none.
     """
-    if place.lead_rad is None or place.lag_rad is None:
-        return rate_rad_s
-    return rate_rad_s + scaled_gain_per_s(place.members, gain_per_s) / 3.0 * (place.lead_rad - place.lag_rad)
+    members = len(bearings_rad)
+    turned = [wrap_turn_rad(bearing) for bearing in bearings_rad]
+    order = sorted(range(members), key=turned.__getitem__)
+    ahead = [turned[order[rank - members + 1]] - turned[each] for rank, each in enumerate(order)]
+    ahead[-1] += tau
+    errors = [0.0] * members
+    for rank, each in enumerate(order):
+        errors[each] = (ahead[rank] - ahead[rank - 1]) / 2.0
+    return errors
 
 
 def spacing_decay_per_s(members: int, gain_per_s: float) -> float:

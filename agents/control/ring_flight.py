@@ -1,13 +1,15 @@
 """The flight about the target: which ring is flown, the vehicle's place on it, and the task of its encirclement."""
 
-from math import atan2, hypot
+from math import atan2, copysign, hypot, tau
 
 from agents.control.detour import Obstacle
-from agents.control.encirclement import EncirclementPlanner, RingTask
-from agents.control.joining import Joining, place_before
-from agents.control.plan import Plan, RingReport
-from agents.control.ring import ring_place
+from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
+from agents.control.headway import headway_rate_rad_s
+from agents.control.joining import Joining
+from agents.control.plan import Plan, RingReport, extrapolated
+from agents.control.ring import ring_place, spacing_errors_rad
 from agents.control.ring_feasibility import Orbit, RingFeasibility
+from agents.control.ring_reference import RingReference
 from agents.safety.barriers import unsure_m
 from agents.safety.neighbours import Neighbours
 from agents.settings.config import AgentConfig
@@ -29,6 +31,7 @@ class RingFlight:
         self._radius_min_m = config.encirclement.radius_min_m
         self._team = team
         self._encirclement = EncirclementPlanner(config)
+        self._reference = RingReference(config.encirclement)
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
         self._neighbours = Neighbours(config)
@@ -41,6 +44,7 @@ class RingFlight:
     def reset(self) -> None:
         """Begin anew: the vehicle comes from another tactic."""
         self._encirclement.reset()
+        self._reference.reset()
         self._feasibility.reset()
         self._joining.reset()
 
@@ -48,7 +52,7 @@ class RingFlight:
         """Plan about the centre's motion (4,) at the acting moment; `mixing` is the share of this plan in the aim."""
         polar = polar_from_motion(situation.acting_motion, centre)
         orbit, news = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
-        task, waits = self._task(situation, centre, polar, orbit)
+        task, waits = self._task(situation, centre, polar, orbit, mixing)
         plan = self._encirclement.plan(task)
         report = RingReport(
             mixing,
@@ -59,7 +63,10 @@ class RingFlight:
             None if waits else task.place,
             plan.approach,
             news,
+            task.reference.bearing if mixing >= 1.0 else None,
         )
+        if plan.approach is not Approach.ORBIT:
+            self._reference.reset()
         return Plan(plan.aim_m, plan.aim_m, situation.acting_motion[VELOCITY], plan.status, ring=report)
 
     def report(self, mixing: float) -> RingReport:
@@ -84,11 +91,17 @@ class RingFlight:
         self._joining.ring_m = orbit.radius_m
         return orbit, None if changed is None else changed or "ring as in the mission"
 
-    def _task(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> tuple[RingTask, bool]:
+    def _task(
+        self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float
+    ) -> tuple[RingTask, bool]:
         """Return the task, and whether it is to wait outside the ring, in front of a gap."""
         bearings_rad = self._team.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
-        gap = self._joining.look(polar, bearings_rad)
-        place = ring_place(polar.bearing_rad, bearings_rad) if gap is None else place_before(gap)
+        ahead_rad = self._joining.look(polar, bearings_rad)
+        place = ring_place(polar.bearing_rad, bearings_rad if ahead_rad is None else ())
+        radius_m = self._joining.radius_m(polar, place) if ahead_rad is None else self._joining.waiting_m
+        acting_s = situation.acting_s
+        waiting_rad = None if ahead_rad is None else [ahead_rad, -ahead_rad]
+        errors_rad = waiting_rad or self._spacing_errors_rad(polar, mixing, acting_s)
         task = RingTask(
             motion=situation.acting_motion,
             target=centre,
@@ -96,11 +109,41 @@ class RingFlight:
             compensation_m_s2=situation.compensation,
             place=place,
             orbit=orbit,
-            radius_m=self._joining.radius_m(polar, place) if gap is None else self._joining.waiting_m,
+            radius_m=radius_m,
+            reference=self._reference.advance(
+                polar,
+                errors_rad,
+                orbit,
+                radius_m,
+                self._headway_rate_rad_s(situation, centre, polar, orbit),
+                mixing,
+                acting_s,
+            ),
             authority=situation.authority,
             obstacles=self._obstacles(situation, centre),
         )
-        return task, gap is not None
+        return task, ahead_rad is not None
+
+    def _spacing_errors_rad(self, polar: Polar, mixing: float, acting_s: float) -> list[float]:
+        """Return the spacing errors of the references on the ring, the own one first.
+
+        While the vehicle still leaves the formation, it takes no part: the others do not move for a reference that it
+        does not fly yet.
+        """
+        if mixing < 1.0:
+            return [0.0]
+        own_rad = self._reference.bearing_rad(polar, acting_s)
+        return spacing_errors_rad([own_rad, *self._team.reference_bearings_rad(acting_s)])
+
+    def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
+        """Return how fast the vehicle may fly around the target behind others that encircle it."""
+        others = [
+            polar_from_motion(extrapolated(member, situation.acting_s).motion, centre)
+            for member in self._team.members()
+            if member.tactic == Tactic.ENCIRCLE.value
+        ]
+        headway_m = min(1.5 * self._safety.separation_m, 0.75 * tau / (len(others) + 1) * orbit.radius_m)
+        return headway_rate_rad_s(polar, others, copysign(1.0, orbit.angular_rate_rad_s), headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
         """Return what stands in the ring's way: peers that fell silent there, and those that do not fly on."""

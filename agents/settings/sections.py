@@ -59,10 +59,20 @@ class EncirclementSection(Settings):
     climb_max_m_s: float = Field(1.0, ge=0.5, le=5.0)
     speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0)
     acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0)
+    spacing_speed_max_m_s: float | None = Field(None, gt=0.0, le=20.0)
+    spacing_acceleration_max_m_s2: float = Field(0.3, gt=0.0, le=20.0)
+    spacing_jerk_max_m_s3: float = Field(0.5, gt=0.0, le=100.0)
 
 
 class EncirclementSettings(EncirclementSection, EncirclementTuning):
     """All settings of the encirclement: `[encirclement]` and `[tuning.encirclement]`."""
+
+    @property
+    def transition_speed_m_s(self) -> float:
+        """How much faster or slower than the ring a vehicle flies in a transition."""
+        if self.spacing_speed_max_m_s is not None:
+            return self.spacing_speed_max_m_s
+        return max(1.0, abs(self.angular_rate_rad_s) * self.radius_m / 2.0)
 
 
 class DecisionSettings(Settings):

@@ -60,6 +60,7 @@ class EncirclementTuning(Settings):
         ge=0.0,
         le=2.0,
     )
+    reference_lead_max_m: float = tuned(1.0, "TODO", gt=0.0, le=100.0)
     radius_weight: float = tuned(1.0, _SCALE, "α of (24)", gt=0.0, le=1e6)
     rate_weight: float = tuned(
         10.0,

@@ -65,6 +65,8 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
     radius_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
     rate_share: _Fraction = 1.0
     radius_share: Annotated[float, msgspec.Meta(ge=1.0, le=10.0)] = 1.0
+    reference_rad: _Angle | None = None
+    reference_rate_rad_s: _Speed = 0.0
 
 
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):

@@ -108,6 +108,14 @@ class Team:
             if self._engaged(sender)
         ]
 
+    def reference_bearings_rad(self, at_s: float) -> list[float]:
+        """Return the bearings of all engaged peers' references at a moment, going on as they published."""
+        return [
+            angle.reference_rad + angle.reference_rate_rad_s * (at_s - angle.time_s)
+            for sender, angle in self._angles.items()
+            if angle.reference_rad is not None and self._engaged(sender)
+        ]
+
     def shares(self) -> RingScale:
         """Return the ring that all engaged peers can fly."""
         shares = FULL_RING

@@ -1,0 +1,23 @@
+"""Headway: a vehicle about the target does not close up on the one in front of it, on the ring or on its way there."""
+
+from collections.abc import Iterable
+from math import inf
+
+from estimation.frames import wrap_turn_rad
+from estimation.polar import Polar
+
+_GAIN_PER_S = 0.5
+_ABREAST = 2.0
+"""In headways: vehicles whose radii differ by more pass each other."""
+_QUARTER_RAD = 1.5708
+
+
+def headway_rate_rad_s(polar: Polar, others: Iterable[Polar], direction: float, headway_m: float) -> float:
+    """Return the angular rate in a direction (+1, -1) at which a vehicle keeps `headway_m` to the next one ahead."""
+    bound_rad_s = inf
+    for other in others:
+        ahead_rad = wrap_turn_rad(direction * (other.bearing_rad - polar.bearing_rad))
+        if ahead_rad < _QUARTER_RAD and abs(other.radius_m - polar.radius_m) < _ABREAST * headway_m:
+            spare_rad = ahead_rad - headway_m / polar.radius_m
+            bound_rad_s = min(bound_rad_s, direction * other.angular_rate_rad_s + _GAIN_PER_S * spare_rad)
+    return max(bound_rad_s, 0.0)

@@ -1,0 +1,107 @@
+"""The reference that a vehicle follows on the ring: a place that moves as (22) asks, gently.
+
+The law (22) gives an angular rate. Flown at once, it would ask for all the acceleration there is whenever a vehicle
+joins or leaves. So it moves a reference, within the bounds of a transition, and the LMPC keeps the vehicle on that. The
+spacing errors are those of the references, which vehicles publish: neither noise nor the vehicles' dynamics are in the
+loop of the spacing, which decays as (20) says while no bound is active.
+"""
+
+from collections.abc import Sequence
+from math import copysign
+
+import msgspec
+
+from agents.control.ring_feasibility import Orbit
+from agents.control.shaped_coordinate import ShapedCoordinate
+from agents.control.transition import braked_rate, transition_rate_rad_s
+from agents.settings.sections import EncirclementSettings
+from estimation.frames import wrap_signed_rad
+from estimation.polar import Polar
+
+_RADIAL_GAIN_PER_S = 0.5
+
+
+class RingPoint(msgspec.Struct, frozen=True):
+    """The reference about the target at `time_s`: radius [m] and bearing [rad]."""
+
+    radius: ShapedCoordinate
+    bearing: ShapedCoordinate
+    time_s: float
+
+    def bearing_rad(self, at_s: float) -> float:
+        """Return the bearing at a moment, going on at its rate."""
+        return self.bearing.value + self.bearing.rate * (at_s - self.time_s)
+
+
+class RingReference:
+    """Moves the reference of one vehicle. It begins where the vehicle is, with the vehicle's motion."""
+
+    def __init__(self, settings: EncirclementSettings) -> None:
+        self._settings = settings
+        self._point: RingPoint | None = None
+
+    def reset(self) -> None:
+        """Begin anew: the vehicle comes from another tactic, or from far off the ring."""
+        self._point = None
+
+    def bearing_rad(self, polar: Polar, at_s: float) -> float:
+        """Return the bearing of the reference at a moment, before `advance`."""
+        return polar.bearing_rad if self._point is None else self._point.bearing_rad(at_s)
+
+    def advance(
+        self,
+        polar: Polar,
+        errors_rad: Sequence[float],
+        orbit: Orbit,
+        radius_m: float,
+        fastest_rad_s: float,
+        share: float,
+        at_s: float,
+    ) -> RingPoint:
+        """Return the reference at a moment for a vehicle at `polar`, on its way to `radius_m`.
+
+        `errors_rad` (n,) are the spacing errors of the references on the orbit, the own one first. The reference is
+        never farther from the vehicle than `reference_lead_max_m`: what the vehicle cannot follow is not asked of it
+        later. With a `share` of the encirclement in the aim below 1, the vehicle's own motion counts for the rest.
+        """
+        lead_max_m = self._settings.reference_lead_max_m
+        before = self._point
+        if before is None:
+            radius = ShapedCoordinate(polar.radius_m, polar.radial_speed_m_s)
+            bearing = ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s)
+        else:
+            radius, bearing = self._moved(before, errors_rad, orbit, radius_m, fastest_rad_s, at_s - before.time_s)
+        near_rad = bearing.value - wrap_signed_rad(bearing.value - polar.bearing_rad)
+        self._point = RingPoint(
+            radius.near(polar.radius_m, polar.radial_speed_m_s, lead_max_m, share),
+            bearing.near(near_rad, polar.angular_rate_rad_s, lead_max_m / polar.radius_m, share),
+            at_s,
+        )
+        return self._point
+
+    def _moved(
+        self,
+        before: RingPoint,
+        errors_rad: Sequence[float],
+        orbit: Orbit,
+        radius_m: float,
+        fastest_rad_s: float,
+        step_s: float,
+    ) -> tuple[ShapedCoordinate, ShapedCoordinate]:
+        settings = self._settings
+        radius, bearing = before.radius, before.bearing
+        if step_s <= 0.0:
+            return radius, bearing
+        acceleration, jerk = settings.spacing_acceleration_max_m_s2, settings.spacing_jerk_max_m_s3
+        missing_m = radius_m - radius.value
+        speed = min(
+            _RADIAL_GAIN_PER_S * abs(missing_m), settings.transition_speed_m_s, braked_rate(missing_m, acceleration)
+        )
+        rate_rad_s = transition_rate_rad_s(errors_rad, orbit, settings)
+        if abs(rate_rad_s) > fastest_rad_s:
+            rate_rad_s = copysign(fastest_rad_s, rate_rad_s)
+        size_m = max(radius.value, settings.radius_min_m)
+        return (
+            radius.follow(copysign(speed, missing_m), acceleration, jerk, step_s),
+            bearing.follow(rate_rad_s, acceleration / size_m, jerk / size_m, step_s),
+        )

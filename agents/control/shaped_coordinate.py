@@ -1,0 +1,28 @@
+"""A coordinate of a reference that moves within bounds on acceleration and jerk."""
+
+from math import copysign, sqrt
+
+import msgspec
+
+
+class ShapedCoordinate(msgspec.Struct, frozen=True):
+    """A value, its rate and its acceleration; the units are the value's, per second."""
+
+    value: float
+    rate: float
+    acceleration: float = 0.0
+
+    def follow(self, rate_wanted: float, acceleration_max: float, jerk_max: float, step_s: float) -> "ShapedCoordinate":
+        """Return it a step later: the rate moves to the one wanted."""
+        missing, change_max = rate_wanted - self.rate, jerk_max * step_s
+        # The largest acceleration that the jerk can end by the time that the rate is reached, in whole steps.
+        endable = sqrt(2.0 * jerk_max * abs(missing) + (change_max / 2.0) ** 2) - change_max / 2.0
+        wanted = copysign(min(acceleration_max, endable, abs(missing) / step_s), missing)
+        acceleration = self.acceleration + max(-change_max, min(wanted - self.acceleration, change_max))
+        rate = self.rate + acceleration * step_s
+        return ShapedCoordinate(self.value + (self.rate + rate) / 2.0 * step_s, rate, acceleration)
+
+    def near(self, value: float, rate: float, off_max: float, share: float) -> "ShapedCoordinate":
+        """Return it at most `off_max` from a value, and of what is left off that and off its rate only a share."""
+        off = max(-off_max, min(self.value - value, off_max))
+        return ShapedCoordinate(value + share * off, rate + share * (self.rate - rate), self.acceleration)

@@ -1,0 +1,51 @@
+"""How vehicles change places on the ring: as (22) asks, within the bounds of a transition."""
+
+from collections.abc import Sequence
+from math import copysign, sqrt
+
+import numpy as np
+
+from agents.control.ring import scaled_gain_per_s
+from agents.control.ring_feasibility import Orbit
+from agents.settings.sections import EncirclementSettings
+
+SLOWEST_SHARE = 0.2
+"""A vehicle that waits for others still flies forwards, at this share of the ring's rate."""
+_BRAKING_SHARE = 0.5
+"""A speed is at most what this share of the acceleration can brake: the rest is a margin for what comes meanwhile."""
+
+
+def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: EncirclementSettings) -> float:
+    """Return the angular rate of the first of the vehicles on a ring whose spacing errors are `errors_rad` (n,).
+
+    It is (22), `w_i = w_D + 2 gamma / 3 e_i`, as long as no bound is active. A bound on one vehicle scales the
+    corrections of all by the same share, so that the errors shrink in proportion and no spacing overshoots. Where the
+    ring is too slow for one to wait, all fly faster by the same amount. Every vehicle computes the share from the same
+    bearings, so they agree on it without a message.
+    """
+    ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, correction_gain_per_s(len(errors_rad), settings)
+    furthest_rad = max(map(abs, errors_rad))
+    if furthest_rad * gain_per_s == 0.0:
+        return ring_rad_s
+    fastest_rad_s = settings.transition_speed_m_s / orbit.radius_m
+    slowest_rad_s = fastest_rad_s if ring_rad_s == 0.0 else (1.0 - SLOWEST_SHARE) * abs(ring_rad_s)
+    forwards = copysign(gain_per_s, ring_rad_s) * np.array(errors_rad)
+    least, most = float(forwards.min()), float(forwards.max())
+    share = min(
+        1.0,
+        (fastest_rad_s + min(slowest_rad_s, fastest_rad_s)) / (most - least),
+        braked_rate(furthest_rad, settings.spacing_acceleration_max_m_s2 / orbit.radius_m)
+        / (gain_per_s * furthest_rad),
+    )
+    common = max(0.0, -slowest_rad_s - share * least) - max(0.0, share * most - fastest_rad_s)
+    return ring_rad_s + copysign(1.0, ring_rad_s) * (share * float(forwards[0]) + common)
+
+
+def correction_gain_per_s(members: int, settings: EncirclementSettings) -> float:
+    """Return `2 gamma / 3` of (22): the correction of the rate for each radian of the spacing error."""
+    return 2.0 / 3.0 * scaled_gain_per_s(members, settings.spacing_gain_per_s) if members > 1 else 0.0
+
+
+def braked_rate(missing: float, acceleration_max: float) -> float:
+    """Return the largest rate from which a coordinate can be braked over what is `missing`."""
+    return sqrt(2.0 * _BRAKING_SHARE * acceleration_max * abs(missing))
