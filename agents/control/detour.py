@@ -4,12 +4,13 @@ The guard would keep the distance by itself, but in a jump at the last moment, a
 across the ring. Here the ring bends outwards in good time, and the vehicles keep their order and spacing on it.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import asin, pi
 
 import msgspec
 import numpy as np
 
+from estimation.polar import Polar
 from estimation.state import Vector
 
 MARGIN_M = 0.5
@@ -28,6 +29,13 @@ class Obstacle(msgspec.Struct, frozen=True):
     bearing_rad: float
     radius_m: float
     distance_m: float
+
+
+def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:
+    """Return how far the ring bends outwards at a vehicle's bearing."""
+    if not obstacles:
+        return 0.0
+    return float(bent_ring_m(ring_m, np.array([polar.bearing_rad]), obstacles, polar.radius_m).item()) - ring_m
 
 
 def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle], own_m: float = 0.0) -> Vector:

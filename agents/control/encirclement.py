@@ -7,7 +7,7 @@ from math import tau
 import msgspec
 import numpy as np
 
-from agents.control.detour import Obstacle, bent_ring_m
+from agents.control.detour import Obstacle, bend_m, bent_ring_m
 from agents.control.linearization import aim_for, aim_for_acceleration
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
 from agents.control.ring import RingPlace
@@ -168,10 +168,7 @@ def damped_motion(task: RingTask) -> Vector:
     Of the vehicle's deviation from its reference, only the share `authority` is fed back.
     """
     polar, (radius, bearing) = task.polar, (task.reference.radius, task.reference.bearing)
-    radius_m = radius.value
-    if task.obstacles:
-        bent_m = bent_ring_m(task.radius_m, np.array([polar.bearing_rad]), task.obstacles, polar.radius_m).item()
-        radius_m += bent_m - task.radius_m
+    radius_m = radius.value + bend_m(task.radius_m, polar, task.obstacles)
     on_ring = motion_from_polar(Polar(radius_m, bearing.value, radius.rate, bearing.rate), task.target)
     return np.asarray(on_ring + task.authority * (task.motion - on_ring), dtype=np.float64)
 

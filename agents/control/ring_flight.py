@@ -1,15 +1,16 @@
 """The flight about the target: which ring is flown, the vehicle's place on it, and the task of its encirclement."""
 
+from collections.abc import Sequence
 from math import atan2, copysign, hypot, tau
 
-from agents.control.detour import Obstacle
+from agents.control.detour import Obstacle, bend_m
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.headway import headway_rate_rad_s
 from agents.control.joining import Joining
 from agents.control.plan import Plan, RingReport, extrapolated
 from agents.control.ring import ring_place, spacing_errors_rad
 from agents.control.ring_feasibility import Orbit, RingFeasibility
-from agents.control.ring_reference import RingReference
+from agents.control.ring_reference import RingReference, RingWay
 from agents.safety.barriers import unsure_m
 from agents.safety.neighbours import Neighbours
 from agents.settings.config import AgentConfig
@@ -99,9 +100,15 @@ class RingFlight:
         ahead_rad = self._joining.look(polar, bearings_rad)
         place = ring_place(polar.bearing_rad, bearings_rad if ahead_rad is None else ())
         radius_m = self._joining.radius_m(polar, place) if ahead_rad is None else self._joining.waiting_m
-        acting_s = situation.acting_s
-        waiting_rad = None if ahead_rad is None else [ahead_rad, -ahead_rad]
-        errors_rad = waiting_rad or self._spacing_errors_rad(polar, mixing, acting_s)
+        obstacles = self._obstacles(situation, centre)
+        way = RingWay(
+            orbit,
+            radius_m,
+            self._spacing_errors_rad(situation, polar, mixing) if ahead_rad is None else (ahead_rad, -ahead_rad),
+            self._headway_rate_rad_s(situation, centre, polar, orbit),
+            mixing,
+            bend_m(radius_m, polar, obstacles),
+        )
         task = RingTask(
             motion=situation.acting_motion,
             target=centre,
@@ -110,30 +117,22 @@ class RingFlight:
             place=place,
             orbit=orbit,
             radius_m=radius_m,
-            reference=self._reference.advance(
-                polar,
-                errors_rad,
-                orbit,
-                radius_m,
-                self._headway_rate_rad_s(situation, centre, polar, orbit),
-                mixing,
-                acting_s,
-            ),
+            reference=self._reference.advance(polar, way, situation.acting_s),
             authority=situation.authority,
-            obstacles=self._obstacles(situation, centre),
+            obstacles=obstacles,
         )
         return task, ahead_rad is not None
 
-    def _spacing_errors_rad(self, polar: Polar, mixing: float, acting_s: float) -> list[float]:
+    def _spacing_errors_rad(self, situation: Situation, polar: Polar, mixing: float) -> Sequence[float]:
         """Return the spacing errors of the references on the ring, the own one first.
 
         While the vehicle still leaves the formation, it takes no part: the others do not move for a reference that it
         does not fly yet.
         """
         if mixing < 1.0:
-            return [0.0]
-        own_rad = self._reference.bearing_rad(polar, acting_s)
-        return spacing_errors_rad([own_rad, *self._team.reference_bearings_rad(acting_s)])
+            return (0.0,)
+        own_rad = self._reference.bearing_rad(polar, situation.acting_s)
+        return spacing_errors_rad([own_rad, *self._team.reference_bearings_rad(situation.acting_s)])
 
     def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
         """Return how fast the vehicle may fly around the target behind others that encircle it."""

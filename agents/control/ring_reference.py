@@ -7,7 +7,7 @@ loop of the spacing, which decays as (20) says while no bound is active.
 """
 
 from collections.abc import Sequence
-from math import copysign
+from math import copysign, inf
 
 import msgspec
 
@@ -33,6 +33,22 @@ class RingPoint(msgspec.Struct, frozen=True):
         return self.bearing.value + self.bearing.rate * (at_s - self.time_s)
 
 
+class RingWay(msgspec.Struct, frozen=True):
+    """What a reference follows: the orbit at `radius_m`, and the spacing errors of the references there (n,), the own
+    one first.
+
+    It turns at `fastest_rad_s` at most. `share` is that of the encirclement in the vehicle's aim. At the vehicle's
+    bearing the ring is `bend_m` farther out than the reference.
+    """
+
+    orbit: Orbit
+    radius_m: float
+    errors_rad: Sequence[float]
+    fastest_rad_s: float = inf
+    share: float = 1.0
+    bend_m: float = 0.0
+
+
 class RingReference:
     """Moves the reference of one vehicle. It begins where the vehicle is, with the vehicle's motion."""
 
@@ -48,21 +64,11 @@ class RingReference:
         """Return the bearing of the reference at a moment, before `advance`."""
         return polar.bearing_rad if self._point is None else self._point.bearing_rad(at_s)
 
-    def advance(
-        self,
-        polar: Polar,
-        errors_rad: Sequence[float],
-        orbit: Orbit,
-        radius_m: float,
-        fastest_rad_s: float,
-        share: float,
-        at_s: float,
-    ) -> RingPoint:
-        """Return the reference at a moment for a vehicle at `polar`, on its way to `radius_m`.
+    def advance(self, polar: Polar, way: RingWay, at_s: float) -> RingPoint:
+        """Return the reference at a moment for a vehicle at `polar`.
 
-        `errors_rad` (n,) are the spacing errors of the references on the orbit, the own one first. The reference is
-        never farther from the vehicle than `reference_lead_max_m`: what the vehicle cannot follow is not asked of it
-        later. With a `share` of the encirclement in the aim below 1, the vehicle's own motion counts for the rest.
+        It is never farther from the vehicle than `reference_lead_max_m`: what the vehicle cannot follow is not asked of
+        it later. While the share of the encirclement is below 1, the vehicle's own motion counts for the rest.
         """
         lead_max_m = self._settings.reference_lead_max_m
         before = self._point
@@ -70,36 +76,28 @@ class RingReference:
             radius = ShapedCoordinate(polar.radius_m, polar.radial_speed_m_s)
             bearing = ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s)
         else:
-            radius, bearing = self._moved(before, errors_rad, orbit, radius_m, fastest_rad_s, at_s - before.time_s)
+            radius, bearing = self._moved(before, way, at_s - before.time_s)
         near_rad = bearing.value - wrap_signed_rad(bearing.value - polar.bearing_rad)
         self._point = RingPoint(
-            radius.near(polar.radius_m, polar.radial_speed_m_s, lead_max_m, share),
-            bearing.near(near_rad, polar.angular_rate_rad_s, lead_max_m / polar.radius_m, share),
+            radius.near(polar.radius_m - way.bend_m, polar.radial_speed_m_s, lead_max_m, way.share),
+            bearing.near(near_rad, polar.angular_rate_rad_s, lead_max_m / polar.radius_m, way.share),
             at_s,
         )
         return self._point
 
-    def _moved(
-        self,
-        before: RingPoint,
-        errors_rad: Sequence[float],
-        orbit: Orbit,
-        radius_m: float,
-        fastest_rad_s: float,
-        step_s: float,
-    ) -> tuple[ShapedCoordinate, ShapedCoordinate]:
+    def _moved(self, before: RingPoint, way: RingWay, step_s: float) -> tuple[ShapedCoordinate, ShapedCoordinate]:
         settings = self._settings
         radius, bearing = before.radius, before.bearing
         if step_s <= 0.0:
             return radius, bearing
         acceleration, jerk = settings.spacing_acceleration_max_m_s2, settings.spacing_jerk_max_m_s3
-        missing_m = radius_m - radius.value
+        missing_m = way.radius_m - radius.value
         speed = min(
             _RADIAL_GAIN_PER_S * abs(missing_m), settings.transition_speed_m_s, braked_rate(missing_m, acceleration)
         )
-        rate_rad_s = transition_rate_rad_s(errors_rad, orbit, settings)
-        if abs(rate_rad_s) > fastest_rad_s:
-            rate_rad_s = copysign(fastest_rad_s, rate_rad_s)
+        rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, settings)
+        if abs(rate_rad_s) > way.fastest_rad_s:
+            rate_rad_s = copysign(way.fastest_rad_s, rate_rad_s)
         size_m = max(radius.value, settings.radius_min_m)
         return (
             radius.follow(copysign(speed, missing_m), acceleration, jerk, step_s),
