@@ -68,7 +68,7 @@ class EncirclementPlanner:
         self._plant = config.plant
         self._settings = config.encirclement
         self._clearance_rad = config.clearance_rad
-        self._lmpc = ring_lmpc(self._settings, self._settings.lag_weight + self._settings.lead_weight)
+        self._lmpc = ring_lmpc(self._settings)
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
         decay_per_s = max(self._settings.spacing_gain_per_s, 1e-3)
         self._eased_s = -np.expm1(-decay_per_s * self._times_s) / decay_per_s
@@ -173,8 +173,14 @@ def damped_motion(task: RingTask) -> Vector:
     return np.asarray(on_ring + task.authority * (task.motion - on_ring), dtype=np.float64)
 
 
-def ring_lmpc(settings: EncirclementSettings, spacing_weight: float) -> Lmpc:
-    """Build the LMPC of two double integrators in [r phi r' phi'] with inputs [r'' phi''] - (12)."""
+def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
+    """Build the LMPC of two double integrators in [r phi r' phi'] with inputs [r'' phi''] - (12).
+
+    (24b) and (24c) weigh by rho and zeta how far the angles to the vehicles behind and in front are from those between
+    the references. The neighbours are predicted on their references, as (25) and (26) do with the ring's rate. So both
+    terms weigh the distance of the vehicle from its own reference, with rho + zeta.
+    """
+    spacing_weight = settings.lag_weight + settings.lead_weight
     step_s = settings.prediction_step_s
     transition = np.eye(4)
     transition[:2, 2:] = np.eye(2) * step_s

@@ -90,15 +90,15 @@ class RingReference:
         radius, bearing = before.radius, before.bearing
         if step_s <= 0.0:
             return radius, bearing
-        acceleration, jerk = settings.spacing_acceleration_max_m_s2, settings.spacing_jerk_max_m_s3
+        acceleration, jerk = settings.transition_acceleration_m_s2, settings.spacing_jerk_max_m_s3
         missing_m = way.radius_m - radius.value
         speed = min(
             _RADIAL_GAIN_PER_S * abs(missing_m), settings.transition_speed_m_s, braked_rate(missing_m, acceleration)
         )
         rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, settings)
-        if abs(rate_rad_s) > way.fastest_rad_s:
-            rate_rad_s = copysign(way.fastest_rad_s, rate_rad_s)
         size_m = max(radius.value, settings.radius_min_m)
+        fastest_rad_s = min(way.fastest_rad_s, settings.speed_max_m_s / size_m)
+        rate_rad_s = max(-fastest_rad_s, min(rate_rad_s, fastest_rad_s))
         return (
             radius.follow(copysign(speed, missing_m), acceleration, jerk, step_s),
             bearing.follow(rate_rad_s, acceleration / size_m, jerk / size_m, step_s),

@@ -1,6 +1,6 @@
 """A coordinate of a reference that moves within bounds on acceleration and jerk."""
 
-from math import copysign, sqrt
+from math import ceil, copysign, sqrt
 
 import msgspec
 
@@ -15,9 +15,11 @@ class ShapedCoordinate(msgspec.Struct, frozen=True):
     def follow(self, rate_wanted: float, acceleration_max: float, jerk_max: float, step_s: float) -> "ShapedCoordinate":
         """Return it a step later: the rate moves to the one wanted."""
         missing, change_max = rate_wanted - self.rate, jerk_max * step_s
-        # The largest acceleration that the jerk can end by the time that the rate is reached, in whole steps.
-        endable = sqrt(2.0 * jerk_max * abs(missing) + (change_max / 2.0) ** 2) - change_max / 2.0
-        wanted = copysign(min(acceleration_max, endable, abs(missing) / step_s), missing)
+        # The largest acceleration that the jerk can end in whole steps as the rate is reached: a + (a - c) + ... = due.
+        due = abs(missing) / step_s
+        steps = max(1, ceil((sqrt(1.0 + 8.0 * due / change_max) - 1.0) / 2.0))
+        endable = due / steps + change_max * (steps - 1) / 2.0
+        wanted = copysign(min(acceleration_max, endable), missing)
         acceleration = self.acceleration + max(-change_max, min(wanted - self.acceleration, change_max))
         rate = self.rate + acceleration * step_s
         return ShapedCoordinate(self.value + (self.rate + rate) / 2.0 * step_s, rate, acceleration)

@@ -34,8 +34,7 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: E
     share = min(
         1.0,
         (fastest_rad_s + min(slowest_rad_s, fastest_rad_s)) / (most - least),
-        braked_rate(furthest_rad, settings.spacing_acceleration_max_m_s2 / orbit.radius_m)
-        / (gain_per_s * furthest_rad),
+        braked_rate(furthest_rad, settings.transition_acceleration_m_s2 / orbit.radius_m) / (gain_per_s * furthest_rad),
     )
     common = max(0.0, -slowest_rad_s - share * least) - max(0.0, share * most - fastest_rad_s)
     return ring_rad_s + copysign(1.0, ring_rad_s) * (share * float(forwards[0]) + common)

@@ -68,11 +68,16 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
     """All settings of the encirclement: `[encirclement]` and `[tuning.encirclement]`."""
 
     @property
+    def transition_acceleration_m_s2(self) -> float:
+        """The acceleration of a transition."""
+        return min(self.spacing_acceleration_max_m_s2, self.acceleration_max_m_s2)
+
+    @property
     def transition_speed_m_s(self) -> float:
-        """How much faster or slower than the ring a vehicle flies in a transition."""
-        if self.spacing_speed_max_m_s is not None:
-            return self.spacing_speed_max_m_s
-        return max(1.0, abs(self.angular_rate_rad_s) * self.radius_m / 2.0)
+        """How much faster or slower than the ring a vehicle flies in a transition, and how fast towards it."""
+        given_m_s = self.spacing_speed_max_m_s
+        half_m_s = abs(self.angular_rate_rad_s) * self.radius_m / 2.0
+        return min(max(1.0, half_m_s) if given_m_s is None else given_m_s, self.speed_max_m_s)
 
 
 class DecisionSettings(Settings):

@@ -1,11 +1,12 @@
 """Whether a mission's control loops can work: their eigenvalues, and rates that keep up with each other."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from math import floor
 
 from estimation.plant.model import Plant
 from estimation.settings import Settings
 from gcs.mission.mission import LinkSection, Mission, MissionSection
-from gcs.mission.stability import loops
+from gcs.mission.stability import BEARING, Loop, loops
 
 _NEUTRAL = 1e-6
 """A loop that neither settles nor grows is intended, as of a ring whose members are not to be spaced."""
@@ -17,20 +18,38 @@ _ADVICE = {
 
 
 def unstable_loops(mission: Mission) -> Iterator[str]:
-    """Return the worst unstable loop of each section on every plant of the mission, with its margin."""
+    """Return the worst unstable loop of each section on every plant of the mission, with its margin.
+
+    So is a spacing gain with which the references of stable loops would move faster than the vehicles follow them.
+    """
     checked: set[Plant] = set()
     for index, vehicle in enumerate(mission.vehicles):
         if vehicle.plant in checked:
             continue
         checked.add(vehicle.plant)
         every = list(loops(mission.agent_config(vehicle)))
-        for section, advice in _ADVICE.items():
-            worst = min((loop for loop in every if loop.section == section), key=lambda loop: loop.margin)
-            if worst.margin < -_NEUTRAL:
-                yield (
-                    f"{section}: {worst.name} is unstable with the plant of vehicles[{index}]: its largest eigenvalue "
-                    f"has modulus {worst.modulus:.3f}, a margin of {worst.margin:+.3f} to 1; {advice}"
-                )
+        unstable = list(_unstable(every, index))
+        yield from unstable or _not_followed(every, index, mission)
+
+
+def _unstable(every: Sequence[Loop], index: int) -> Iterator[str]:
+    for section, advice in _ADVICE.items():
+        worst = min((loop for loop in every if loop.section == section), key=lambda loop: loop.margin)
+        if worst.margin < -_NEUTRAL:
+            yield (
+                f"{section}: {worst.name} is unstable with the plant of vehicles[{index}]: its largest eigenvalue "
+                f"has modulus {worst.modulus:.3f}, a margin of {worst.margin:+.3f} to 1; {advice}"
+            )
+
+
+def _not_followed(every: Sequence[Loop], index: int, mission: Mission) -> Iterator[str]:
+    gain_per_s = mission.encirclement.spacing_gain_per_s
+    followed_per_s = min(loop.decay_per_s(mission.mission.rate_hz) for loop in every if loop.name.startswith(BEARING))
+    if len(mission.vehicles) > 1 and gain_per_s > followed_per_s > _NEUTRAL:
+        yield (
+            f"tuning.encirclement.spacing_gain_per_s: {gain_per_s} 1/s is faster than vehicles[{index}] follows its "
+            f"reference with its plant; at most {floor(followed_per_s * 100.0) / 100.0} 1/s"
+        )
 
 
 def kept_up(mission: Settings | None, link: Settings | None) -> Iterator[str]:

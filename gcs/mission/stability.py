@@ -1,25 +1,29 @@
 """Whether the loops of a configuration are stable on its own plant: eigenvalues, before anything flies.
 
 Near the reference no bound binds and the LMPC is a linear feedback; the delay is predicted exactly. What is left is one
-sampled linear loop for each axis of the formation, for the radius, and for each mode of an evenly spaced ring. In the
-k-th of n modes the vehicle in front deviates as the one behind it does, turned by 2 pi k / n.
+sampled linear loop for each axis of the formation, for the radius and for the bearing, and one for each mode of the
+references on an evenly spaced ring. In the k-th of n modes the reference in front deviates as the one behind it does,
+turned by 2 pi k / n.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import cos, tau
+from math import cos, inf, log, tau
 
 import numpy as np
 
 from agents.control.encirclement import ring_lmpc
 from agents.control.formation import formation_lmpc
-from agents.control.lmpc import Gains
 from agents.control.ring import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import PlantAxis, exact_step
 from estimation.state import Vector
 
 _BEFORE = np.array([0.0, 0.0, 1.0])
+
+
+BEARING = "keeping the bearing"
+"""The loops by which a vehicle follows its reference around the ring."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,10 @@ class Loop:
     section: str
     name: str
     modulus: float
+
+    def decay_per_s(self, rate_hz: float) -> float:
+        """Return how fast what is left of a deviation decays at least."""
+        return -rate_hz * log(self.modulus) if self.modulus > 0.0 else inf
 
     @property
     def margin(self) -> float:
@@ -40,8 +48,7 @@ def loops(config: AgentConfig) -> Iterator[Loop]:
     """Yield every loop of a vehicle whose whole team, with it, is in formation or on the ring."""
     settings, members = config.encirclement, len(config.slots)
     relative = formation_lmpc(config).gains
-    spacing_weight = settings.lag_weight + settings.lead_weight if members > 1 else 0.0
-    polar = ring_lmpc(settings, spacing_weight).gains
+    polar = ring_lmpc(settings).gains
     for index, axis in enumerate((config.plant.x, config.plant.y)):
         motion = _Sampled(config, axis, index)
         own = [index, index + 2]
@@ -49,31 +56,21 @@ def loops(config: AgentConfig) -> Iterator[Loop]:
         yield Loop("formation", f"keeping its place along {'xy'[index]}", _modulus(place))
         radius = motion.linearised(polar.state[0, [0, 2]], polar.previous[0, 0])
         yield Loop("encirclement", f"keeping the radius along {'xy'[index]}", _modulus(radius))
-        for mode in range(members // 2 + 1):  # the others are mirror images of these, as stable
-            by_motion = _spacing_feedback(config, polar, members, mode)
-            turning = motion.linearised(by_motion, polar.previous[1, 1])
-            yield Loop("encirclement", f"mode {mode} of the spacing along {'xy'[index]}", _modulus(turning, mode == 0))
+        bearing = motion.linearised(polar.state[1, [1, 3]], polar.previous[1, 1])
+        yield Loop("encirclement", f"{BEARING} along {'xy'[index]}", _modulus(bearing))
+    for mode in range(1, members // 2 + 1):  # the others are mirror images of these, as stable
+        yield Loop("encirclement", f"mode {mode} of the spacing", _modulus(_spacing(config, members, mode)))
 
 
-def _spacing_feedback(config: AgentConfig, polar: Gains, members: int, mode: int) -> Vector:
-    """Return the feedback of bearing and angular rate (2,) when all members deviate as a mode of the ring does."""
-    settings = config.encirclement
-    by_bearing, by_rate = complex(polar.state[1, 1]), complex(polar.state[1, 3])
-    weights = settings.lag_weight + settings.lead_weight
-    if members > 1 and weights > 0.0:
-        turn = np.exp(1j * tau * mode / members)
-        middle = (settings.lag_weight / turn + settings.lead_weight * turn) / weights
-        by_bearing += polar.reference[1, 1] * middle
-    if members > 1:
-        gain_per_s = scaled_gain_per_s(members, settings.spacing_gain_per_s)
-        by_bearing += polar.reference[1, 3] * 2.0 / 3.0 * gain_per_s * (cos(tau * mode / members) - 1.0)
-    return np.array([by_bearing, by_rate])
+def _spacing(config: AgentConfig, members: int, mode: int) -> Vector:
+    """Return the transition (2, 2) of a mode of the references; each knows the others' of the tick before."""
+    gain = 2.0 / 3.0 * scaled_gain_per_s(members, config.encirclement.spacing_gain_per_s) / config.rate_hz
+    return np.array([[1.0 - gain, gain * cos(tau * mode / members)], [1.0, 0.0]])
 
 
-def _modulus(transition: Vector, drifts: bool = False) -> float:
-    """Return the largest modulus; a ring that turns as a whole may be anywhere: its first eigenvalue is 1 and none."""
-    moduli = np.sort(np.abs(np.linalg.eigvals(transition)))
-    return float(moduli[-2] if drifts and abs(moduli[-1] - 1.0) < 1e-6 else moduli[-1])
+def _modulus(transition: Vector) -> float:
+    """Return the largest modulus of the eigenvalues."""
+    return float(np.abs(np.linalg.eigvals(transition)).max())
 
 
 class _Sampled:
@@ -91,12 +88,12 @@ class _Sampled:
         self._middle = np.hstack([half.transition[np.ix_(own, own)], push[:, None]])
         self._middle = self._middle + np.outer(push * period_s, self._middle[1])
 
-    def loop(self, by_motion: Vector, by_previous: complex) -> Vector:
+    def loop(self, by_motion: Vector, by_previous: float) -> Vector:
         """Return the transition (3, 3) when feedback chooses the setpoint itself."""
         setpoint = by_motion @ self._middle + by_previous * _BEFORE
         return np.vstack([self._next + np.outer(self._push, setpoint), setpoint])
 
-    def linearised(self, by_motion: Vector, by_previous: complex) -> Vector:
+    def linearised(self, by_motion: Vector, by_previous: float) -> Vector:
         """Return the transition (4, 4) when feedback chooses the acceleration that the plant is solved for."""
         position, velocity = self._middle
         wanted = np.append(by_motion @ self._middle, by_previous)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.optimize import minimize
 
 from agents.control.detour import MARGIN_M, Obstacle
@@ -18,11 +19,12 @@ from agents.control.encirclement import (
     EncirclementPlanner,
     RingTask,
     chord_m,
-    spacing_bearing_rad,
 )
 from agents.control.lmpc import QpStatus
-from agents.control.ring import RingPlace, ring_place, spaced_rate_rad_s
+from agents.control.ring import RingPlace, ring_place, spacing_errors_rad
 from agents.control.ring_feasibility import Orbit
+from agents.control.ring_reference import RingPoint, RingReference, RingWay
+from agents.control.shaped_coordinate import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step
@@ -41,11 +43,18 @@ PERIOD_S = 0.1
 def ring_task(
     config: AgentConfig, motion: Vector, target: Vector, wind: Vector, place: RingPlace, **changes: Any
 ) -> RingTask:
-    """The task to fly the mission's ring, but for the changes."""
+    """The task to fly the mission's ring with a reference abeam, but for the changes."""
     ring, polar = config.encirclement, polar_from_motion(motion, target)
     orbit = changes.pop("orbit", Orbit(ring.radius_m, ring.angular_rate_rad_s))
     radius_m = changes.pop("radius_m", None) or orbit.radius_m
-    return RingTask(motion, target, polar, wind, place, orbit, radius_m, **changes)
+    reference = changes.pop("reference", None) or abeam(polar, radius_m, orbit.angular_rate_rad_s)
+    return RingTask(motion, target, polar, wind, place, orbit, radius_m, reference, **changes)
+
+
+def abeam(polar: Polar, radius_m: float, rate_rad_s: float, ahead_rad: float = 0.0) -> RingPoint:
+    """A reference on the ring at the vehicle's bearing, or ahead of it."""
+    bearing = ShapedCoordinate(polar.bearing_rad + ahead_rad, rate_rad_s)
+    return RingPoint(ShapedCoordinate(radius_m, 0.0), bearing, 0.0)
 
 
 def polar_acceleration(config: AgentConfig, motion: Vector, plan: EncirclementPlan, wind: Vector) -> Vector:
@@ -63,11 +72,15 @@ def polar_acceleration(config: AgentConfig, motion: Vector, plan: EncirclementPl
 
 @dataclass(frozen=True)
 class PaperProblem:
-    """(23)-(26) in the paper's four terms, each neighbour a vehicle of its own that goes on at the ring's rate."""
+    """(23)-(26) in the paper's four terms, the separations to be kept those of the references.
+
+    Each neighbour flies on its own reference, which has any motion. The own one's acceleration fades at the gain.
+    """
 
     config: AgentConfig
     polar: Polar
     place: RingPlace
+    reference: RingPoint
     previous: Vector
 
     def rollout(self, decision: Vector) -> Vector:
@@ -87,25 +100,35 @@ class PaperProblem:
         return np.array(states)
 
     def neighbours(self) -> tuple[Vector, Vector]:
-        """The angles of lead and lag over the horizon (horizon,)."""
+        """The angles of lead and lag over the horizon (horizon,), as the clearance is kept to them."""
         assert self.place.lead_rad is not None
         assert self.place.lag_rad is not None
         ring = self.config.encirclement
         turned = ring.angular_rate_rad_s * ring.prediction_step_s * np.arange(1, ring.horizon + 1)
         return np.asarray(self.place.lead_rad + turned), np.asarray(turned - self.place.lag_rad)
 
+    def faded(self, coordinate: ShapedCoordinate) -> tuple[Vector, Vector]:
+        """Value and rate of a coordinate over the horizon, integrated in small steps."""
+        ring, fine = self.config.encirclement, 1000
+        step_s = ring.prediction_step_s / fine
+        at_s = step_s * (np.arange(ring.horizon * fine) + 0.5)
+        pushes = coordinate.acceleration * np.exp(-ring.spacing_gain_per_s * at_s)
+        rates = coordinate.rate + np.cumsum(pushes) * step_s
+        values = coordinate.value + np.cumsum(rates) * step_s
+        return values[fine - 1 :: fine], rates[fine - 1 :: fine]
+
     def cost(self, decision: Vector) -> float:
         ring = self.config.encirclement
         radius, angle, _, rate = self.rollout(decision).T
-        wanted = spaced_rate_rad_s(self.place, ring.angular_rate_rad_s, ring.spacing_gain_per_s)
-        total = ring.radius_weight * np.sum((radius - ring.radius_m) ** 2) + ring.rate_weight * np.sum(
-            (rate - wanted) ** 2
-        )
-        if self.place.members > 1:
-            lead, lag = self.neighbours()
-            desired = tau / self.place.members
-            total += ring.lag_weight * np.sum((angle - lag - desired) ** 2)
-            total += ring.lead_weight * np.sum((lead - angle - desired) ** 2)
+        wanted_m, _ = self.faded(self.reference.radius)
+        bearing_rad, wanted_rad_s = self.faded(self.reference.bearing)
+        total = ring.radius_weight * np.sum((radius - wanted_m) ** 2)
+        total += ring.rate_weight * np.sum((rate - wanted_rad_s) ** 2)
+        own = angle + self.polar.bearing_rad
+        times_s = ring.prediction_step_s * np.arange(1, ring.horizon + 1)
+        lead, lag = bearing_rad + 2.1 - 0.3 * times_s, bearing_rad - 1.7 + 0.02 * times_s**2
+        total += ring.lag_weight * np.sum(((own - lag) - (bearing_rad - lag)) ** 2)
+        total += ring.lead_weight * np.sum(((lead - own) - (lead - bearing_rad)) ** 2)
         increments = np.diff(np.vstack([self.previous, decision.reshape(-1, 2)]), axis=0)
         return float(total + np.sum(increments**2 @ [ring.radial_increment_weight, ring.angular_increment_weight]))
 
@@ -167,31 +190,20 @@ def test_the_plan_minimises_the_papers_cost(
     weights = {"lag_weight": lag_weight, "lead_weight": lead_weight}
     config = make_config(encirclement=weights, safety={"separation_m": 3.0})
     planner, motion, previous = EncirclementPlanner(config), motion_from_polar(polar, TARGET), np.zeros(2)
+    reference = RingPoint(
+        ShapedCoordinate(10.1, -0.05, 0.1),
+        ShapedCoordinate(polar.bearing_rad + 0.02, polar.angular_rate_rad_s + 0.01, -0.005),
+        0.0,
+    )
+    turned = replace(reference, bearing=replace(reference.bearing, value=reference.bearing.value + tau))
     for _ in range(2):  # the second plan continues the first: it pays for the change of acceleration
-        plan = planner.plan(ring_task(config, motion, TARGET, WIND, place))
+        plan = planner.plan(ring_task(config, motion, TARGET, WIND, place, reference=turned))
         acceleration = polar_acceleration(config, motion, plan, WIND)
-        assert acceleration == pytest.approx(PaperProblem(config, polar, place, previous).optimum(), abs=3e-3)
+        problem = PaperProblem(config, polar, place, reference, previous)
+        assert acceleration == pytest.approx(problem.optimum(), abs=3e-3)
         previous = acceleration
-    assert plan.status is (status if min(place.lead_rad or pi, place.lag_rad or pi) > 1.0 else QpStatus.BOUNDED)
-
-
-@given(
-    place=st.builds(RingPlace, st.integers(2, 9), st.floats(0.1, tau), st.floats(0.1, tau)),
-    rho=st.floats(0.1, 20.0),
-    zeta=st.floats(0.1, 20.0),
-    angles=st.lists(st.floats(-pi, pi), min_size=2, max_size=5),
-)
-def test_both_spacing_terms_are_one_but_for_what_no_input_changes(
-    place: RingPlace, rho: float, zeta: float, angles: list[float]
-) -> None:
-    assert place.lead_rad is not None
-    assert place.lag_rad is not None
-    merged_rad, phi = spacing_bearing_rad(place, rho, zeta), np.array(angles)
-    assert merged_rad is not None
-    desired = tau / place.members
-    terms = rho * (phi + place.lag_rad - desired) ** 2 + zeta * (place.lead_rad - phi - desired) ** 2
-    rest = terms - (rho + zeta) * (phi - merged_rad) ** 2
-    assert rest == pytest.approx(np.full(len(phi), rest[0]), abs=1e-9 * (1.0 + terms.max()))
+    if min(place.lead_rad or pi, place.lag_rad or pi) > 1.0:  # nearer, the clearance may bind as well
+        assert plan.status is status
 
 
 @given(
@@ -232,18 +244,28 @@ class Flyer:
         self.motion = motion_from_polar(polar, TARGET)
         self.own = OwnFilter(config.plant, config.own_filter)
         self.planner = EncirclementPlanner(config)
+        self.reference = RingReference(config.encirclement)
+        self.point: RingPoint | None = None
         self.plans: list[EncirclementPlan] = []
 
-    def tick(self, now_s: float, others: Sequence[Vector]) -> None:
+    def tick(self, now_s: float, others: Sequence["Flyer"]) -> None:
         x, y, x_rate, y_rate = self.motion.tolist()
         self.own.measure(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
         mean = self.own.predicted(now_s + PERIOD_S / 2.0, PERIOD_S / 2.0)
         acting = mean[MOTION]
         target = target_at(now_s + PERIOD_S / 2.0)
         drift = self.config.encirclement.angular_rate_rad_s * PERIOD_S / 2.0
-        bearings = [polar_from_motion(other, target_at(now_s)).bearing_rad + drift for other in others]
-        place = ring_place(polar_from_motion(acting, target).bearing_rad, bearings)
-        self.plans.append(self.planner.plan(ring_task(self.config, acting, target, mean[DISTURBANCE], place)))
+        bearings = [polar_from_motion(other.motion, target_at(now_s)).bearing_rad + drift for other in others]
+        polar, at_s = polar_from_motion(acting, target), now_s + PERIOD_S / 2.0
+        place, ring = ring_place(polar.bearing_rad, bearings), self.config.encirclement
+        references = [other.point.bearing_rad(at_s) for other in others if other.point is not None]
+        errors = spacing_errors_rad([self.reference.bearing_rad(polar, at_s), *references])
+        way = RingWay(Orbit(ring.radius_m, ring.angular_rate_rad_s), ring.radius_m, errors)
+        self.point = self.reference.advance(polar, way, at_s)
+        task = ring_task(self.config, acting, target, mean[DISTURBANCE], place, reference=self.point)
+        self.plans.append(self.planner.plan(task))
+        if self.plans[-1].approach is not Approach.ORBIT:
+            self.reference.reset()
         self.own.command(now_s, self.plans[-1].aim_m)
 
     def advance(self) -> None:
@@ -262,7 +284,7 @@ def fly(flyers: Sequence[Flyer], duration_s: float) -> Vector:
         polars = [polar_from_motion(motion, target_at(tick * PERIOD_S)) for motion in motions]
         track.append([[p.radius_m, p.bearing_rad, p.radial_speed_m_s, p.angular_rate_rad_s] for p in polars])
         for index, flyer in enumerate(flyers):
-            flyer.tick(tick * PERIOD_S, motions[:index] + motions[index + 1 :])
+            flyer.tick(tick * PERIOD_S, [*flyers[:index], *flyers[index + 1 :]])
         for flyer in flyers:
             flyer.advance()
     flown = np.array(track)
@@ -300,12 +322,10 @@ def test_the_speed_limit_is_kept_on_the_way_and_on_the_ring(make_config: Maker) 
 
 
 @pytest.mark.parametrize(("lead", "lag"), [(0.6, 0.8), (0.8, 0.6)])
-def test_the_clearance_to_a_neighbour_is_kept_against_spacing_terms_that_pull_into_it(
+def test_the_clearance_to_a_neighbour_is_kept_against_a_reference_inside_it(
     lead: float, lag: float, make_config: Maker
 ) -> None:
-    # Only the farther neighbour's spacing term is there to pull: nothing but the bound keeps off the nearer one.
-    weights = {"lag_weight": 50.0 if lag > lead else 1e-6, "lead_weight": 50.0 if lead > lag else 1e-6}
-    config = make_config(encirclement={"spacing_gain_per_s": 0.0, **weights}, safety={"separation_m": 3.0})
+    config = make_config(safety={"separation_m": 3.0})
     planner, motion = EncirclementPlanner(config), motion_from_polar(Polar(10.0, 3.0, 0.0, 0.05), target_at(0.0))
     gaps = []
     for tick in range(300):
@@ -315,7 +335,9 @@ def test_the_clearance_to_a_neighbour_is_kept_against_spacing_terms_that_pull_in
         assert place.lead_rad is not None
         assert place.lag_rad is not None
         gaps.append(min(place.lead_rad, place.lag_rad))
-        plan = planner.plan(ring_task(config, motion, target_at(now_s), STILL, place))
+        beside_rad = (lead if lead < lag else -lag) + 3.0 + 0.05 * now_s - polar.bearing_rad
+        reference = abeam(polar, 10.0, 0.05, beside_rad)
+        plan = planner.plan(ring_task(config, motion, target_at(now_s), STILL, place, reference=reference))
         motion = exact_step(config.plant, PERIOD_S).advance(motion, plan.aim_m, STILL)
     assert min(gaps) == pytest.approx(config.clearance_rad, rel=0.05)
 

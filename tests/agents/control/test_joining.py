@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.control.detour import Obstacle, bent_ring_m
-from agents.control.joining import ASIDE, Joining, chosen_gap, place_before
+from agents.control.joining import ASIDE, Joining, chosen_gap
 from agents.control.ring import RingPlace
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
@@ -114,13 +114,15 @@ def test_who_is_not_heard_stays_clear_of_the_bend_around_where_it_was(
     assert joining.unheard_m(unsure_m) >= outermost_m + 3.0 + unsure_m
 
 
-@given(own=st.floats(-pi, pi), others=bearings)
-def test_the_place_before_a_gap_draws_towards_its_middle(own: float, others: list[float]) -> None:
+@given(own=st.floats(-pi, pi), others=bearings, room=st.floats(0.01, 1.0))
+def test_the_way_leads_to_the_nearest_place_with_room(own: float, others: list[float], room: float) -> None:
     gap = chosen_gap(own, others)
-    place = place_before(gap)
-    assert place.lead_rad is not None
-    assert place.lag_rad is not None
-    assert np.sign(place.lead_rad - place.lag_rad) == pytest.approx(np.sign(gap.ahead_rad), abs=1e-6) or (
-        abs(gap.ahead_rad) < 1e-6
-    )
-    assert abs(place.lead_rad - place.lag_rad) <= 2.0 + 1e-9
+    way = gap.way_rad(room)
+
+    def edge(bearing: float) -> float:
+        return float(np.abs((bearing - np.array(others) + pi) % tau - pi).min())
+
+    assert edge(own + way) >= min(room, gap.width_rad / 2.0) - 1e-6
+    if abs(way) > 1e-6:  # nothing nearer would do
+        assert edge(own + way * 0.99) < min(room, gap.width_rad / 2.0) or gap.edge_rad < 0.0
+    assert abs(way) <= abs(gap.ahead_rad) + 1e-9

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.control.ring import RingPlace, ring_place, spaced_rate_rad_s, spacing_decay_per_s
+from agents.control.ring import RingPlace, ring_place, scaled_gain_per_s, spacing_decay_per_s, spacing_errors_rad
 from estimation.state import Vector
 
 RATE_RAD_S = 0.05
@@ -23,10 +23,11 @@ def bearings_of(gaps: list[float]) -> Vector:
 
 
 def rates(bearings: Vector, gain_per_s: float) -> Vector:
-    """The angular rate wanted of each vehicle, as the law tells each of them."""
-    everybody = bearings.tolist()
-    places = [ring_place(own, everybody[:i] + everybody[i + 1 :]) for i, own in enumerate(everybody)]
-    return np.array([spaced_rate_rad_s(place, RATE_RAD_S, gain_per_s) for place in places])
+    """The angular rate that (22) asks of each vehicle."""
+    if len(bearings) == 1:
+        return np.array([RATE_RAD_S])
+    gain = 2.0 / 3.0 * scaled_gain_per_s(len(bearings), gain_per_s)
+    return RATE_RAD_S + gain * np.array(spacing_errors_rad(bearings.tolist()))
 
 
 def modes_per_s(members: int, gain_per_s: float) -> list[float]:
@@ -42,8 +43,8 @@ def modes_per_s(members: int, gain_per_s: float) -> list[float]:
 def test_with_three_vehicles_both_modes_decay_exactly_at_gamma() -> None:
     # (20): the paper's law with gamma itself, two modes (2 gamma / 3)(1 + 1/2), and the common rotation.
     assert modes_per_s(3, 0.3) == pytest.approx([0.0, 0.3, 0.3], abs=1e-8)
-    place = RingPlace(3, lead_rad=2.5, lag_rad=1.9)
-    assert spaced_rate_rad_s(place, 0.05, 0.3) == pytest.approx(0.05 + 0.3 / 3.0 * (2.5 - 1.9))
+    # By hand, 2.5 rad ahead of one vehicle and 1.9 rad behind it: 0.05 + 0.3 / 3 (2.5 - 1.9).
+    assert rates(np.array([1.0, 3.5, -0.9]), 0.3)[0] == pytest.approx(0.05 + 0.3 / 3.0 * (2.5 - 1.9))
 
 
 @pytest.mark.parametrize("members", range(2, 8))
@@ -96,6 +97,8 @@ def test_neighbours_are_the_adjacent_gaps_wherever_the_ring_is_turned_to(gaps: l
         if len(gaps) > 1:
             assert place.lag_rad == pytest.approx(scaled[own], abs=1e-9)
             assert place.lead_rad == pytest.approx(scaled[(own + 1) % len(gaps)], abs=1e-9)
+            error_rad = spacing_errors_rad(bearings.tolist())[own]
+            assert error_rad == pytest.approx((place.lead_rad - place.lag_rad) / 2.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -118,4 +121,4 @@ def test_neighbours_by_hand(own: float, others: list[float], lead: float, lag: f
 def test_alone_on_the_ring_there_is_nothing_to_keep() -> None:
     place = ring_place(1.0, [])
     assert place == RingPlace(1, None, None)
-    assert spaced_rate_rad_s(place, -0.2, 0.3) == -0.2
+    assert spacing_errors_rad([1.0]) == [0.0]

@@ -9,6 +9,8 @@ import pytest
 from agents.control.encirclement import EncirclementPlanner, RingTask
 from agents.control.ring import ring_place
 from agents.control.ring_feasibility import Orbit
+from agents.control.ring_reference import RingPoint
+from agents.control.shaped_coordinate import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
@@ -36,7 +38,8 @@ def radius_errors(config: AgentConfig, ticks: int) -> Vector:
         middle = middle + half.input_gain @ (middle[2:] * period_s)
         polar = polar_from_motion(middle, STILL)
         place = ring_place(polar.bearing_rad, ())
-        task = RingTask(middle, STILL, polar, np.zeros(2), place, orbit, orbit.radius_m)
+        reference = RingPoint(ShapedCoordinate(orbit.radius_m, 0.0), ShapedCoordinate(0.0, 0.0), 0.0)
+        task = RingTask(middle, STILL, polar, np.zeros(2), place, orbit, orbit.radius_m, reference)
         setpoint = planner.plan(task).aim_m
         motion = whole.advance(motion, setpoint, np.zeros(2))
         errors.append(polar_from_motion(motion, STILL).radius_m - settings.radius_m)
@@ -67,29 +70,37 @@ def test_a_radius_that_is_said_to_be_unstable_grows(make_config: Callable[..., A
     assert np.abs(radius_errors(calm, 40)[20:]).max() < 1e-4
 
 
-def test_without_the_lmpcs_own_spacing_the_ring_decays_as_the_spacing_law_says(
-    make_config: Callable[..., AgentConfig],
+@pytest.mark.parametrize("members", [2, 3, 6, 12])
+def test_the_references_are_spaced_as_the_spacing_law_says(
+    make_config: Callable[..., AgentConfig], members: int
 ) -> None:
-    # A rate that is followed at once: then (22) alone rules, and the slowest mode of three decays at the gain itself.
-    config = make_config(
-        rate_hz=50.0,
-        encirclement={"lag_weight": 0.0, "lead_weight": 0.0, "rate_weight": 1e6, "spacing_gain_per_s": 0.2},
-    )
-    mode = named(config, "mode 1 of the spacing along x")
-    assert -np.log(mode.modulus) * 50.0 == pytest.approx(0.2, rel=0.1)
+    config = make_config(rate_hz=50.0, encirclement={"spacing_gain_per_s": 0.2})
+    config = replace(config, slots=tuple(range(1, members + 1)))
+    slowest = max(loop.modulus for loop in loops(config) if "mode" in loop.name)
+    # On a large ring the bound on the fastest mode lowers gamma to 0.75 1/s.
+    gain = min(0.2 * 1.5 / (1.0 - np.cos(2.0 * np.pi / members)), 0.75)
+    decay_per_s = 2.0 / 3.0 * gain * (1.0 - np.cos(2.0 * np.pi / members))
+    assert -np.log(slowest) * 50.0 == pytest.approx(decay_per_s, rel=0.02)
 
 
-def test_a_ring_that_is_spaced_by_nobody_is_neutral_and_one_vehicle_has_no_spacing(
+def test_a_ring_that_is_not_spaced_is_neutral_and_one_vehicle_has_no_spacing(
     make_config: Callable[..., AgentConfig],
 ) -> None:
     config = make_config(encirclement={"lag_weight": 0.0, "lead_weight": 0.0, "spacing_gain_per_s": 0.0})
-    assert named(config, "mode 1 of the spacing along y").margin == pytest.approx(0.0, abs=1e-9)
-    alone = replace(config, slots=(2,))
-    assert [loop.name for loop in loops(alone) if "mode" in loop.name] == [
-        "mode 0 of the spacing along x",
-        "mode 0 of the spacing along y",
-    ]
+    assert named(config, "mode 1 of the spacing").margin == pytest.approx(0.0, abs=1e-9)
+    assert named(config, "keeping the bearing along y").margin == pytest.approx(0.0, abs=1e-9)
+    alone = replace(make_config(), slots=(2,))
+    assert not [loop.name for loop in loops(alone) if "mode" in loop.name]
     assert all(loop.margin > 0.01 for loop in loops(alone))
+
+
+def test_a_spacing_gain_that_vehicles_cannot_follow_is_refused_with_the_largest_that_they_can() -> None:
+    fast = put(content(CASE2), ("tuning", "encirclement"), {"spacing_gain_per_s": 1.9})
+    (fault,) = faults(fast)
+    assert fault.startswith("tuning.encirclement.spacing_gain_per_s: 1.9 1/s is faster than vehicles[0] follows")
+    largest = float(fault.split("at most ")[1].split()[0])
+    assert 1.0 < largest < 1.9
+    assert not faults(put(content(CASE2), ("tuning", "encirclement"), {"spacing_gain_per_s": largest}))
 
 
 def test_gains_that_make_a_loop_unstable_are_refused_with_the_margin() -> None:
@@ -101,6 +112,6 @@ def test_gains_that_make_a_loop_unstable_are_refused_with_the_margin() -> None:
     hard = put(slow, ("tuning", "formation"), {"position_weight": 1e6, "increment_weight": 1e-6})
     (fault,) = faults(hard)
     assert fault.startswith("formation: keeping its place along x is unstable")
-    lopsided = put(slow, ("tuning", "encirclement"), {"lag_weight": 1e4, "lead_weight": 0.0})
-    (fault,) = faults(lopsided)
-    assert fault.startswith("encirclement: mode 1 of the spacing along x is unstable")
+    hard = put(slow, ("tuning", "encirclement"), {"lag_weight": 1e6, "angular_increment_weight": 1e-6})
+    (fault,) = faults(hard)
+    assert fault.startswith("encirclement: keeping the bearing along x is unstable")

@@ -1,0 +1,40 @@
+"""Headway: who counts as ahead, and what a column of vehicles does that would all rather be faster."""
+
+from math import inf, pi
+
+import pytest
+
+from agents.control.headway import headway_rate_rad_s
+from estimation.polar import Polar
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_only_those_ahead_and_about_as_far_out_count(direction: float) -> None:
+    own = Polar(10.0, pi - 0.1, 0.0, 0.05)
+    assert headway_rate_rad_s(own, [], direction, 3.0) == inf
+    behind, across, outside = (
+        Polar(10.0, own.bearing_rad - direction * 0.2, 0.0, 0.0),
+        Polar(10.0, own.bearing_rad + pi, 0.0, 0.0),
+        Polar(16.5, own.bearing_rad + direction * 0.2, 0.0, 0.0),
+    )
+    assert headway_rate_rad_s(own, [behind, across, outside], direction, 3.0) == inf
+    ahead = Polar(11.0, own.bearing_rad + direction * 0.5, 0.0, direction * 0.04)
+    # At its headway it flies as fast as the one ahead; nearer slower, farther away faster.
+    assert headway_rate_rad_s(own, [ahead], direction, 5.0) == pytest.approx(0.04)
+    assert headway_rate_rad_s(own, [ahead], direction, 3.0) > 0.04
+    assert 0.0 <= headway_rate_rad_s(own, [ahead], direction, 5.5) < 0.04
+    assert headway_rate_rad_s(own, [ahead], direction, 9.0) == 0.0
+
+
+def test_a_column_closes_up_to_the_headway_and_not_further() -> None:
+    bearings = [0.0, 1.0, 1.35]
+    for _ in range(600):
+        rates = []
+        for own, bearing in enumerate(bearings):
+            others = [Polar(10.0, each, 0.0, 0.05) for k, each in enumerate(bearings) if k != own]
+            rates.append(
+                min(0.15 if own < 2 else 0.05, headway_rate_rad_s(Polar(10.0, bearing, 0.0, 0.05), others, 1.0, 3.0))
+            )
+        bearings = [bearing + rate * 0.1 for bearing, rate in zip(bearings, rates, strict=True)]
+    assert bearings[2] - bearings[1] == pytest.approx(0.3, abs=0.01)
+    assert bearings[1] - bearings[0] == pytest.approx(0.3, abs=0.01)
