@@ -11,6 +11,8 @@ from agents.settings.sections import EncirclementSettings
 
 SLOWEST_SHARE = 0.2
 """A vehicle that waits for others still flies forwards, at this share of the ring's rate."""
+TRACKED_SHARE = 0.98
+"""Of the speed of a transition: a vehicle is for moments a little faster than its reference."""
 _BRAKING_SHARE = 0.5
 """A speed is at most what this share of the acceleration can brake: the rest is a margin for what comes meanwhile."""
 
@@ -27,7 +29,7 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: E
     furthest_rad = max(map(abs, errors_rad))
     if furthest_rad * gain_per_s == 0.0:
         return ring_rad_s
-    fastest_rad_s = settings.transition_speed_m_s / orbit.radius_m
+    fastest_rad_s = TRACKED_SHARE * settings.transition_speed_m_s / orbit.radius_m
     slowest_rad_s = fastest_rad_s if ring_rad_s == 0.0 else (1.0 - SLOWEST_SHARE) * abs(ring_rad_s)
     forwards = copysign(gain_per_s, ring_rad_s) * np.array(errors_rad)
     least, most = float(forwards.min()), float(forwards.max())

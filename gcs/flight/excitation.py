@@ -12,8 +12,8 @@ from rich.text import Text
 from agents.control.excitation import Part, Preview, programme
 from agents.tactics import Tactic
 from estimation.state import Vector
-from gcs.metrics.metrics import measured
 from gcs.metrics.record import FlightRecord
+from gcs.metrics.ring_motion import measured
 from gcs.mission.excitation import box_m
 from gcs.mission.mission import Mission
 

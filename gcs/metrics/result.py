@@ -99,6 +99,25 @@ class RingResult:
 
 
 @dataclass(frozen=True, slots=True)
+class TransitionResult:
+    """What followed an engagement, until the ring had settled or the next engagement came.
+
+    All is relative to the target: the highest speed on the ring, the lowest speed along it in its direction (negative:
+    backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing went beyond the even one,
+    `spacing_monotonic` whether V (18) never grew from 5 s on.
+    """
+
+    begins_at_s: float
+    members: int
+    settling_time_s: float | None = None
+    speed_max_m_s: float | None = None
+    forwards_min_m_s: float | None = None
+    acceleration_max_m_s2: float | None = None
+    spacing_overshoot_deg: float | None = None
+    spacing_monotonic: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class FlockingResult:
     """Reynolds' rules over a phase of the flight, None where fewer than two vehicles were measured.
 
@@ -177,6 +196,7 @@ class FlightResult:
     window_s: tuple[float, float] | None
     vehicles: tuple[VehicleResult, ...]
     ring: RingResult
+    transitions: tuple[TransitionResult, ...]
     reynolds: ReynoldsResult
     closest_approach_m: float | None
     guard_interventions: int | None
@@ -200,7 +220,8 @@ class FlightResult:
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
         plain = asdict(self)
-        plain["vehicles"], plain["events"] = list(plain["vehicles"]), list(plain["events"])
+        for key in ("vehicles", "transitions", "events"):
+            plain[key] = list(plain[key])
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
         return plain

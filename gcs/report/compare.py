@@ -12,10 +12,10 @@ from rich.text import Text
 
 from estimation.state import Vector
 from gcs.console.live import VERDICT_SIGNS, number
-from gcs.metrics.metrics import RingMotion, ring_motion
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.result import FlightResult, ReynoldsResult, RingReference, VehicleResult
 from gcs.metrics.reynolds_view import FLOCKING_FORMS, FLOCKING_LABELS
+from gcs.metrics.ring_motion import RingMotion, ring_motion
 from gcs.report.charts.chart import Chart, chart, logarithmic, over_time
 from gcs.report.charts.panels import mark_empty, title
 from gcs.report.charts.thinning import thinned

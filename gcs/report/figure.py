@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.metrics.metrics import ring_motion
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.result import FlightResult, FormationReference, RingReference
+from gcs.metrics.ring_motion import ring_motion
 from gcs.report.charts.panels import Sheet, draw_paths, draw_radii, draw_rates, draw_spacings, draw_speeds, landmarks_m
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, STYLE
 

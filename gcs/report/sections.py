@@ -6,9 +6,9 @@ from math import isclose
 
 import numpy as np
 
-from gcs.metrics.metrics import ring_motion
 from gcs.metrics.result import FlightResult
 from gcs.metrics.reynolds import Flocking, flocking
+from gcs.metrics.ring_motion import ring_motion
 from gcs.report import tables
 from gcs.report.charts import metrics as panels_metrics
 from gcs.report.charts import onboard as panels_onboard

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.state import Vector
-from gcs.metrics.metrics import RingMotion
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.metrics.result import FlightResult, FormationReference, RingReference
+from gcs.metrics.ring_motion import RingMotion
 from gcs.report.charts.thinning import thinned, thinned_path
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
 

@@ -98,7 +98,7 @@ def test_neighbours_are_the_adjacent_gaps_wherever_the_ring_is_turned_to(gaps: l
             assert place.lag_rad == pytest.approx(scaled[own], abs=1e-9)
             assert place.lead_rad == pytest.approx(scaled[(own + 1) % len(gaps)], abs=1e-9)
             error_rad = spacing_errors_rad(bearings.tolist())[own]
-            assert error_rad == pytest.approx((place.lead_rad - place.lag_rad) / 2.0, abs=1e-9)
+            assert error_rad == pytest.approx((scaled[(own + 1) % len(gaps)] - scaled[own]) / 2.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(

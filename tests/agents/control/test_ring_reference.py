@@ -58,7 +58,7 @@ def test_the_slowest_mode_decays_as_the_laplacian_of_the_ring_says(
     even = np.arange(members) * tau / members
     config = make_config(encirclement={"spacing_gain_per_s": gain_per_s})
     decay_per_s = 2.0 / 3.0 * scaled_gain_per_s(members, gain_per_s) * (1.0 - cos(tau / members))
-    errors = spacing_errors(turned(config, even + mode, 3.0 / decay_per_s)[..., 0])
+    errors = spacing_errors(turned(config, (even + mode).tolist(), 3.0 / decay_per_s)[..., 0])
     size = np.linalg.norm(errors, axis=1)
     skipped = round(2.0 / STEP_S)  # the jerk's bound lets the motion begin
     fitted_per_s = -np.polyfit(np.arange(len(size) - skipped) * STEP_S, np.log(size[skipped:]), 1)[0]

@@ -159,22 +159,21 @@ def test_a_ring_keeps_radius_and_rate_on_plants_30_percent_off_even_without_an_e
         turned_rad = np.diff(np.unwrap(np.arctan2(y, x))[:, [0, -1]])
         slow[plant] = float(1.0 - np.mean(turned_rad) / np.ptp(record.time_s[late]) / 0.05)
     assert errors_m["stub"] > 0.03, "the plants are off by enough to matter"
-    assert slow["stub"] > 0.2
     assert errors_m["stub-feedforward"] < 0.001
-    assert abs(slow["stub-feedforward"]) < 0.01
+    assert max(map(abs, slow.values())) < 0.01, "the reference turns at the ring's rate whatever the plant"
 
 
 def test_the_log_holds_the_velocities_and_is_replayed_bit_by_bit(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("log") / "flight.mcap"
     noisy = ("own_filter",), {"position_noise_m": 0.1, "velocity_noise_m_s": 0.05}
-    record_simulation(feeding("case2-field", "stub-feedforward", 1.2, 0.8, noisy), path, duration_s=20.0)
+    record_simulation(feeding("case2-field", "stub-feedforward", 1.2, 0.8, noisy), path, duration_s=50.0)
     log = read_log(path)
     sent = [each.setpoint.velocity_m_s for each in log.of_kind(1, Decision) if each.setpoint is not None]
     assert {len(each) for each in sent} == {3}
     late = np.array(sent[-20:])[:, :2]  # on the ring: 10 m at 0.05 rad/s, and the target's 0.1 m/s
     assert np.hypot(*late.T).mean() == pytest.approx(0.5, abs=0.15)
     found = replay(log)
-    assert [each.compared == each.identical == 201 for each in found.vehicles] == [True] * 3
+    assert [each.compared == each.identical == 501 for each in found.vehicles] == [True] * 3
 
 
 def flown(core: VehicleCore, ticks: int, begin: int = 0) -> TickOutput:

@@ -28,7 +28,7 @@ HEAVY = ("numpy", "scipy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", 
 
 RESULT_KEYS = {
     "": (
-        "mission seed source reference duration_s window_s vehicles ring reynolds closest_approach_m "
+        "mission seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
         "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events"
     ),
     "vehicles": (
@@ -36,6 +36,10 @@ RESULT_KEYS = {
         "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"
     ),
     "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg",
+    "transitions": (
+        "begins_at_s members settling_time_s speed_max_m_s forwards_min_m_s acceleration_max_m_s2 "
+        "spacing_overshoot_deg spacing_monotonic"
+    ),
     "reynolds": "formation ring flight",
     "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
     "verdicts": "C1 C2 C3 formation separation",

@@ -36,6 +36,7 @@ RESULT = FlightResult(
         VehicleResult(2, None, "formation", formation_speed_error_rms_m_s=0.014, formation_spacing_error_rms_m=0.02),
     ),
     ring=RingResult(6.1, 0.58, 4.96),
+    transitions=(),
     reynolds=ReynoldsResult(flight=FlockingResult(1.37, 17.321, 0.50149, 0.1, 10.0, 12.345)),
     closest_approach_m=1.37,
     guard_interventions=14,

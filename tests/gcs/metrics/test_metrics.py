@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.state import Vector
-from gcs.metrics.metrics import engagement_times_s, evaluate, ring_motion
+from gcs.metrics.metrics import engagement_times_s, evaluate
 from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
 from gcs.metrics.result import (
     FlightResult,
@@ -22,6 +22,7 @@ from gcs.metrics.result import (
     RingReference,
     VerdictTolerances,
 )
+from gcs.metrics.ring_motion import ring_motion
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
-from gcs.metrics.metrics import ring_motion
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
+from gcs.metrics.ring_motion import ring_motion
 from gcs.report.evidence.lyapunov import decays, lyapunov_rad2
 
 TIME_S = np.arange(1201) / 10.0

@@ -1,0 +1,105 @@
+"""Transitions of the ring: how gently its members change places after a vehicle has engaged."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from estimation.state import Vector
+from gcs.metrics.record import FlightRecord, Mask
+from gcs.metrics.result import RingReference, TransitionResult
+from gcs.metrics.ring_motion import RingMotion, off_ring
+
+_TOGETHER_S = 3.0
+"""Vehicles that engage within this time begin one transition."""
+_ACCELERATION_SPAN_S = 0.4
+"""The time over which a change of velocity is taken as acceleration."""
+_MONOTONIC_AFTER_S = 5.0
+_STILL_RAD = np.radians(0.25)
+"""V counts as at rest while each spacing is within this on average."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """Speeds relative to the target: all of it, along the ring in its direction, and the acceleration, (V, T) each."""
+
+    speed_m_s: Vector
+    forwards_m_s: Vector
+    acceleration_m_s2: Vector
+
+
+def transitions(
+    record: FlightRecord, motion: RingMotion, ring: RingReference, engaged_s: list[float]
+) -> tuple[TransitionResult, ...]:
+    """Return a result for each engagement, from it until the ring has settled or the next one."""
+    begins_s = [at for at, after in pairwise([*sorted(engaged_s), np.inf]) if after - at > _TOGETHER_S]
+    relative = _relative(record, motion, ring)
+    return tuple(
+        _transition(record.time_s, motion, ring, relative, begin_s, end_s)
+        for begin_s, end_s in pairwise([*begins_s, np.inf])
+    )
+
+
+def _relative(record: FlightRecord, motion: RingMotion, ring: RingReference) -> _Motion:
+    velocity_m_s = np.array([track.velocity_m_s for track in record.vehicles]) - record.target_velocity_m_s
+    step_s = float(record.time_s[1] - record.time_s[0]) if record.time_s.size > 1 else 1.0
+    half = max(1, round(_ACCELERATION_SPAN_S / 2.0 / step_s))
+    change_m_s = np.full(velocity_m_s.shape, np.nan)
+    change_m_s[:, half:-half] = velocity_m_s[:, 2 * half :] - velocity_m_s[:, : -2 * half]
+    direction = -1.0 if ring.angular_rate_rad_s < 0.0 else 1.0
+    return _Motion(
+        np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1]),
+        direction * motion.rate_rad_s * motion.radius_m,
+        np.hypot(change_m_s[..., 0], change_m_s[..., 1]) / (2.0 * half * step_s),
+    )
+
+
+def _transition(
+    time_s: Vector, motion: RingMotion, ring: RingReference, relative: _Motion, begin_s: float, end_s: float
+) -> TransitionResult:
+    inside = (time_s >= begin_s) & (time_s < end_s)
+    outside = np.flatnonzero(inside & off_ring(motion, ring))
+    last = int(outside[-1]) + 1 if outside.size else int(np.argmax(inside))
+    settled = bool(last < time_s.size and inside[last])
+    moving = inside & (np.arange(time_s.size) <= (last if settled else time_s.size))
+    on_ring = motion.member & moving
+    error_rad = motion.lead_rad - motion.desired_spacing_rad
+    return TransitionResult(
+        begins_at_s=round(begin_s, 6),
+        members=int(motion.member[:, inside].sum(axis=0).max()),
+        settling_time_s=round(float(time_s[last]) - begin_s, 6) if settled else None,
+        speed_max_m_s=_most(relative.speed_m_s, on_ring),
+        forwards_min_m_s=_least(relative.forwards_m_s, on_ring),
+        acceleration_max_m_s2=_most(relative.acceleration_m_s2, on_ring),
+        spacing_overshoot_deg=_overshoot_deg(error_rad[:, inside]),
+        spacing_monotonic=_monotonic(time_s[inside] - begin_s, error_rad[:, inside]),
+    )
+
+
+def _overshoot_deg(error_rad: Vector) -> float | None:
+    """Return how far a spacing went beyond the even one, seen from where it began."""
+    known = np.isfinite(error_rad)
+    beyond = [-np.sign(row[has][0]) * row[has] for row, has in zip(error_rad, known, strict=True) if has.any()]
+    return float(np.degrees(max(0.0, *(each.max() for each in beyond)))) if beyond else None
+
+
+def _monotonic(since_s: Vector, error_rad: Vector) -> bool | None:
+    """Return whether V (18) never grows from 5 s after the engagement on, as long as it is no residue."""
+    value = 0.5 * np.nansum(error_rad**2, axis=0)
+    members = np.isfinite(error_rad).sum(axis=0)
+    counted = (since_s >= _MONOTONIC_AFTER_S) & (members > 1)
+    if not counted.any():
+        return None
+    at_rest = 0.5 * members[counted] * _STILL_RAD**2
+    value = value[counted]
+    return bool((np.diff(value) <= 1e-9).all() or (np.diff(value)[value[1:] > at_rest[1:]] <= 1e-9).all())
+
+
+def _most(values: Vector, where: Mask) -> float | None:
+    known = values[where & np.isfinite(values)]
+    return float(known.max()) if known.size else None
+
+
+def _least(values: Vector, where: Mask) -> float | None:
+    most = _most(-values, where)
+    return None if most is None else -most
