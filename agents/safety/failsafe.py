@@ -176,14 +176,14 @@ TABLE = (
     ),
     Row(
         Condition.FENCE_LEFT,
-        "the vehicle is outside the mission's fence",
+        "the vehicle is outside its fence, the mission's or its own",
         "failsafe.fence_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
     ),
     Row(
         Condition.ALTITUDE_LEFT,
-        "the vehicle is more than a metre above `safety.altitude_max_m` or below `safety.altitude_min_m`",
+        "the vehicle is more than a metre above its `altitude_max_m` or below its `altitude_min_m`",
         "failsafe.fence_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
