@@ -24,6 +24,7 @@ class Condition(Enum):
     ESTIMATOR_FAILING = "estimator failing"
     NOT_FOLLOWING = "not following"
     TILTED = "tilt too large"
+    WINDY = "wind too strong"
     FENCE_LEFT = "fence left"
     ALTITUDE_LEFT = "altitude limit left"
     TOO_CLOSE = "too close"
@@ -170,6 +171,14 @@ TABLE = (
         "the autopilot's attitude is tilted by `tuning.failsafe.tilt_max_deg` or more: a wind that it hardly holds "
         "against, or a failing motor",
         "failsafe.tilt_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        descending=Reaction.LAND,
+    ),
+    Row(
+        Condition.WINDY,
+        "the autopilot's estimator reports a wind of more than `tuning.failsafe.wind_max_m_s`",
+        "failsafe.wind_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
         descending=Reaction.LAND,

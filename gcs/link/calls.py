@@ -131,7 +131,9 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSecti
     slow = [(name, rates.status_rate_hz) for name in STATUS]
     for name, rate_hz in (*slow, *((name, rates.status_rate_hz / 2.0) for name in SLOW_STATUS)):
         await _request_rate(calls, telemetry, name, rate_hz)
-    await calls.request_message(feed.reports.direct, feed.reports.estimator.number, rates.status_rate_hz / 2.0)
+    estimator = feed.reports.estimator
+    for number in (estimator.number, estimator.wind_number):
+        await calls.request_message(feed.reports.direct, number, rates.status_rate_hz / 2.0)
 
 
 async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:
