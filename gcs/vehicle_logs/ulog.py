@@ -26,7 +26,7 @@ SETPOINT, LOCAL, TRUTH = "trajectory_setpoint", "vehicle_local_position", "vehic
 ATTITUDE, BATTERY, STATUS = "vehicle_attitude", "battery_status", "vehicle_status"
 TOPICS = (SETPOINT, LOCAL, TRUTH, ATTITUDE, BATTERY, STATUS)
 ARMED = 2
-HEADER_BYTES, SUBSCRIPTION, DATA = 3, b"A", b"D"
+HEADER_BYTES, SUBSCRIPTION = 3, b"A"
 READ_AGAIN_MAX, READ_BYTES_MIN = 16, 1 << 24
 """Bound of the bytes read: this multiple of the log's size, and this many for a small log."""
 BYTES_A_READ_MIN, READS_MIN = 16, 200_000
@@ -75,8 +75,8 @@ class _BoundedReader(BufferedReader):
     file; and a few bytes of formats can claim billions of fields. Beyond `READ_AGAIN_MAX` and the like, `read` returns
     nothing, as at the end of the file. A subscription with too many fields raises LogError.
 
-    ULog has no checksums. pyulog takes records of unknown kinds for those of a newer version, and data without a
-    subscription for lost ones: both are damage, and so are data records of one topic that differ in length.
+    ULog has no checksums. pyulog takes a record of an unknown kind for one of a newer version; all kinds are letters,
+    and any other is damage.
     """
 
     def __init__(self, log: LogFile, formats: Mapping[str, Any]) -> None:
@@ -88,7 +88,6 @@ class _BoundedReader(BufferedReader):
         self._reached = 0
         self._cut_at: int | None = None
         self._cut_bytes, self._longest_bytes = 0, 0
-        self._data_bytes: dict[bytes, int] = {}
         self._is_damaged = False
         self._left_bytes = READ_AGAIN_MAX * log.size_bytes + READ_BYTES_MIN
         self._left_reads = log.size_bytes // BYTES_A_READ_MIN + READS_MIN
@@ -114,11 +113,6 @@ class _BoundedReader(BufferedReader):
             self._is_damaged |= len(data) == HEADER_BYTES and not self._kind.isalpha()
         elif self._kind == SUBSCRIPTION:
             self._count_fields(data[3:].decode(errors="ignore"))
-            self._data_bytes.setdefault(data[1:HEADER_BYTES], 0)
-        elif self._kind == DATA and self._cut_at is None:
-            length = self._data_bytes.get(data[:2])
-            self._is_damaged |= length is None or length not in (0, len(data))
-            self._data_bytes[data[:2]] = len(data)
         return data
 
     def _count_fields(self, topic: str) -> None:

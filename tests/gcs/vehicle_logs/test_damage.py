@@ -39,7 +39,9 @@ def middle(places: list[int]) -> int:
     return places[len(places) // 2]
 
 
-LOCAL_POSITION_NED = 32
+ATTITUDE, LOCAL_POSITION_NED = 30, 32
+LAST_ATTITUDE = [at for at, kind in packets(TLOG) if kind == ATTITUDE][-1]
+"""A position comes after it."""
 PLACES = [at for at, kind in packets(TLOG) if kind == LOCAL_POSITION_NED]
 ESTIMATES = [at for at, name in bin_records(BIN) if name == "XKF1"]
 LAST_ULOG = [at for at, _, body in ulog_records(ULOG) if at + 3 + len(body) < len(ULOG) - 400][-1]
@@ -54,7 +56,7 @@ DAMAGED = {
     "bin: nonsense at the end": BIN + bytes(1000),
     "tlog: a value": flipped(TLOG, middle(PLACES) + STAMP_BYTES + 14, 2),
     "tlog: the checksum": flipped(TLOG, middle(PLACES) + STAMP_BYTES + V2_OVERHEAD_BYTES + 27, 0),
-    "tlog: a length beyond the end": flipped(TLOG, PLACES[-2] + STAMP_BYTES + 1, 7),
+    "tlog: a length beyond the end": flipped(TLOG, LAST_ATTITUDE + STAMP_BYTES + 1, 7),
     "tlog: nonsense at the end": TLOG + bytes(1000),
 }
 
