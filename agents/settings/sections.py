@@ -23,7 +23,6 @@ def pairs(value: object) -> object:
 
 
 Fence = Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX), BeforeValidator(pairs)]
-AltitudeLimit = Annotated[float, Field(ge=-500.0, le=9000.0)]
 
 
 class FormationSection(Settings):
@@ -93,8 +92,8 @@ class SafetySection(Settings):
     vertical_separation_m: float = Field(2.0, gt=0.0, le=100.0)
     keep_out_m: float = Field(0.0, ge=0.0, le=1000.0)
     fence_m: Fence = ()
-    altitude_min_m: AltitudeLimit | None = None
-    altitude_max_m: AltitudeLimit | None = None
+    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)
     acceleration_max_m_s2: float = Field(4.0, gt=0.0, le=20.0)
     yaw_rate_max_deg_s: float = Field(45.0, gt=0.0, le=360.0)

@@ -10,7 +10,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from agents.settings.config import AgentConfig
 from agents.settings.sections import (
-    AltitudeLimit,
     ChoreographySettings,
     DecisionSettings,
     EncirclementSettings,
@@ -259,8 +258,8 @@ class VehicleSection(Settings):
     slot_m: Metres2 | None = None
     altitude_m: float = Field(8.0, ge=1.0, le=500.0)
     fence_m: Fence | None = None
-    altitude_min_m: AltitudeLimit | None = None
-    altitude_max_m: AltitudeLimit | None = None
+    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     profile: str = "stub"
     autopilot: Autopilot | None = None
     true_scale: TrueScale = TrueScale()
