@@ -92,11 +92,17 @@ class VehicleCalls:
         self, condition: Callable[[], bool], timeout_s: float, failure: Callable[[], str], next_step: str
     ) -> None:
         """Wait for a condition; raises VehicleRefusedError with `failure()` after `timeout_s` of the mission clock."""
-        end_s = time.monotonic() + self.wall_s(timeout_s)
+        if not await self.reached(condition, self.wall_s(timeout_s)):
+            raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step)
+
+    async def reached(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Wait for a condition, `within_s` of the wall clock at most, and return whether it is there."""
+        end_s = time.monotonic() + within_s
         while not condition():
             if time.monotonic() > end_s:
-                raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step)
+                return False
             await asyncio.sleep(POLL_PERIOD_S)
+        return True
 
     def wall_s(self, mission_s: float) -> float:
         """Return the wall seconds to wait for an action that takes `mission_s`."""
