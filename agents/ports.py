@@ -51,7 +51,8 @@ class VehicleStatus:
     is empty; `tilt_deg` is that of its attitude; `estimator_ratio` is the highest innovation test ratio of its
     estimator (above 1 the sensor is rejected), that of `estimator_sensor`, and `estimator_fault` names what it lacks;
     `gps_dimensions` is that of the fix (0 without one, 2 or 3) from so many `satellites`, and `gps_threat` names
-    jamming or spoofing; `lost` names the connection whose loss it has reported.
+    jamming or spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the horizontal wind that
+    its estimator takes to blow.
     """
 
     connected: bool = False
@@ -71,6 +72,7 @@ class VehicleStatus:
     satellites: int | None = None
     gps_threat: GpsThreat = GpsThreat.NONE
     lost: Connection = Connection.NONE
+    wind_m_s: float | None = None
 
 
 class Setpoint(msgspec.Struct, frozen=True):

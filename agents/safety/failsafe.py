@@ -24,6 +24,7 @@ class Condition(Enum):
     ESTIMATOR_FAILING = "estimator failing"
     NOT_FOLLOWING = "not following"
     TILTED = "tilt too large"
+    WINDY = "wind too strong"
     FENCE_LEFT = "fence left"
     ALTITUDE_LEFT = "altitude limit left"
     TOO_CLOSE = "too close"
@@ -175,15 +176,23 @@ TABLE = (
         descending=Reaction.LAND,
     ),
     Row(
+        Condition.WINDY,
+        "the autopilot's estimator reports a wind of more than `tuning.failsafe.wind_max_m_s`",
+        "failsafe.wind_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        descending=Reaction.LAND,
+    ),
+    Row(
         Condition.FENCE_LEFT,
-        "the vehicle is outside the mission's fence",
+        "the vehicle is outside its fence, the mission's or its own",
         "failsafe.fence_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
     ),
     Row(
         Condition.ALTITUDE_LEFT,
-        "the vehicle is more than a metre above `safety.altitude_max_m` or below `safety.altitude_min_m`",
+        "the vehicle is more than a metre above its `altitude_max_m` or below its `altitude_min_m`",
         "failsafe.fence_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,

@@ -18,11 +18,13 @@ LOST = {
 }
 
 
-def reported_faults(status: VehicleStatus, tilt_max_deg: float) -> dict[Condition, str]:
+def reported_faults(status: VehicleStatus, tilt_max_deg: float, wind_max_m_s: float) -> dict[Condition, str]:
     """Return the conditions in an autopilot's report, with the detail shown to people."""
     faults: dict[Condition, str] = {}
     if status.tilt_deg >= tilt_max_deg:
         faults[Condition.TILTED] = f"by {status.tilt_deg} degrees"
+    if status.wind_m_s is not None and status.wind_m_s > wind_max_m_s:
+        faults[Condition.WINDY] = f"{status.wind_m_s:.1f} m/s"
     if failing := ", ".join(_failing(status)):
         faults[Condition.ESTIMATOR_FAILING] = failing
     if degraded := ", ".join(_degraded(status)):

@@ -50,7 +50,8 @@ class VehicleWatch:
         if self.status is not self._seen:
             self._seen = self.status
             self._endurance.see(situation.now_s, self.status.battery, self.status.endurance_s)
-            self._reported = reported_faults(self.status, self._config.failsafe.tilt_max_deg)
+            limits = self._config.failsafe
+            self._reported = reported_faults(self.status, limits.tilt_max_deg, limits.wind_max_m_s)
             self._present = {**self._reported, **self._measured}
         if situation.now_s >= self._next_s or tactic is not self._tactic:
             self._tactic, self._next_s = tactic, situation.now_s + PERIOD_S

@@ -1,7 +1,7 @@
 """The altitude of a vehicle's setpoints: its layer, or on the ring that of the target and an offset above it.
 
 All vehicles are raised by as much, so that they keep the heights that their `altitude_m` have among each other, also
-where the band of altitudes stops them.
+where the altitude limits of one of them stop them.
 """
 
 from typing import TYPE_CHECKING
@@ -21,15 +21,13 @@ class Altitude:
     """Chooses one vehicle's altitude, and changes it at a bounded rate where the mission follows the target's."""
 
     def __init__(self, config: AgentConfig) -> None:
-        ring, safety = config.encirclement, config.safety
+        ring = config.encirclement
         self._flying_m = config.altitude_m
         self._target = _target_altitude(config.target_filter) if ring.altitude == "target" else None
         lowest_m = config.altitude_m if config.altitude_lowest_m is None else config.altitude_lowest_m
-        highest_m = config.altitude_m if config.layers_from_m is None else config.layers_from_m
         self._above_lowest_m = config.altitude_m - lowest_m
         self._offset_m = ring.altitude_offset_m or 0.0
-        self._low_m = safety.altitude_min_m
-        self._high_m = None if safety.altitude_max_m is None else safety.altitude_max_m - (highest_m - lowest_m)
+        self._low_m, self._high_m = config.lowest_between_m
         self._step_m = ring.climb_max_m_s / config.rate_hz
         self._altitude_m = config.take_off_altitude_m
 

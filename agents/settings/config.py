@@ -27,8 +27,10 @@ class AgentConfig:
     `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
     mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
     messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
-    layer's height and `altitude_lowest_m` the lowest flying height (None: the own), `slots_m` the vehicles' places in a
-    free formation, empty without one. With `excitation` there is no mission: it flies for identification.
+    layer's height and `altitude_lowest_m` the lowest flying height (None: the own). Where a ring follows the target's
+    altitude, its lowest vehicle stays between the two of `lowest_between_m`: every vehicle is then inside its limits.
+    `slots_m` are the vehicles' places in a free formation, empty without one. With `excitation` there is no mission: it
+    flies for identification.
     """
 
     vehicle_id: int
@@ -49,6 +51,7 @@ class AgentConfig:
     home_m: tuple[float, float] | None = None
     layers_from_m: float | None = None
     altitude_lowest_m: float | None = None
+    lowest_between_m: tuple[float | None, float | None] = (None, None)
     slots_m: tuple[tuple[float, float], ...] = ()
     excitation: ExcitationSettings | None = None
 
@@ -107,8 +110,7 @@ class AgentConfig:
     @property
     def landing_order(self) -> tuple[int, ...]:
         """All vehicles in the order in which they land."""
-        first = tuple(i for i in self.choreography.landing_order if i in self.slots)
-        return (*first, *(i for i in self.slots if i not in first))
+        return self.choreography.in_landing_order(self.slots)
 
     def _layer_m(self, number: int) -> float:
         if self.choreography.layer_m == 0.0:

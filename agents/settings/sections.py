@@ -22,6 +22,9 @@ def pairs(value: object) -> object:
     return tuple(map(pair, value)) if isinstance(value, list) else value
 
 
+Fence = Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX), BeforeValidator(pairs)]
+
+
 class FormationSection(Settings):
     """`[formation]`: spacing between neighbours, the leader and its speed along x. The `shape` is a "line" abreast, a
     "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, and the default where they have one;
@@ -91,8 +94,9 @@ class DecisionSettings(Settings):
 class SafetySection(Settings):
     """`[safety]`: limits that hold for every tactic. The guard changes setpoints so that vehicles keep `separation_m`
     from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the target (0:
-    none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes;
-    and below the speed. `lost_avoided_s` is how long the last place of a silent vehicle is avoided.
+    none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes
+    (a vehicle may have its own); and below the speed. `lost_avoided_s` is how long the last place of a silent vehicle
+    is avoided.
     `yaw_rate_max_deg_s` is how fast noses turn. Without telemetry for `telemetry_timeout_s` a vehicle holds.
     `abort_hover_s` is how long it hovers after an abort before it lands. `guard = false` switches the guard off: for
     simulations.
@@ -102,7 +106,7 @@ class SafetySection(Settings):
     separation_m: float = Field(1.0, gt=0.0, le=100.0)
     vertical_separation_m: float = Field(2.0, gt=0.0, le=100.0)
     keep_out_m: float = Field(0.0, ge=0.0, le=1000.0)
-    fence_m: Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX), BeforeValidator(pairs)] = ()
+    fence_m: Fence = ()
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)
@@ -161,6 +165,11 @@ class ChoreographySettings(Settings):
     landing_order: Annotated[
         tuple[Annotated[int, Field(ge=1, le=254)], ...], Field(max_length=254), BeforeValidator(_ids)
     ] = ()
+
+    def in_landing_order(self, ids: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the vehicles, given in line order, in the order in which they land."""
+        first = tuple(i for i in self.landing_order if i in ids)
+        return (*first, *(i for i in ids if i not in first))
 
 
 class ExcitationSettings(Settings):

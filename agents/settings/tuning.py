@@ -187,6 +187,10 @@ class FailsafeTuning(Settings):
         le=180.0,
     )
     tilt_s: float = tuned(2.0, "Several attitudes: a gust may tilt the vehicle for a moment.", ge=0.0, le=60.0)
+    wind_max_m_s: float = tuned(
+        12.0, "The strongest wind that common quadrotors of 1 to 2 kg are specified for.", gt=0.0, le=50.0
+    )
+    wind_s: float = tuned(5.0, "Longer than a gust.", ge=0.0, le=60.0)
     fence_s: float = tuned(0.5, "Ten samples at 20 Hz: a single outlier is not enough.", ge=0.0, le=60.0)
     separation_share: float = tuned(
         0.8, "Noise lets the guard miss the separation by a little. A fifth of it is a failure.", ge=0.0, le=1.0

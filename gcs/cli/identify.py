@@ -69,20 +69,19 @@ def identify(
     _write_files(identified, vehicle_logs, options)
     if options.json:
         print_result(dumps(identified_dict(identified, vehicle_logs), allow_nan=False))
-    return Exit.VERDICT_FAILED if identified.verdict is PlantGrade.DO_NOT_FLY else Exit.HOLDS
+    whole = not any(log.is_damaged for log in vehicle_logs)
+    return Exit.HOLDS if whole and identified.verdict is not PlantGrade.DO_NOT_FLY else Exit.VERDICT_FAILED
 
 
 def _read(paths: Sequence[Path], vehicle: int | None) -> "list[VehicleLog]":
     """Return the logs of one vehicle; raises InputError, and LogError with file, topic and time."""
-    from gcs.console.terminal import print_line
+    from gcs.cli.output import print_notes
     from gcs.identify.reading import chosen
     from gcs.vehicle_logs.foreign import read_vehicle_logs
 
     logs = chosen([log for path in paths for log in read_vehicle_logs(path)], vehicle)
     _check_same(logs)
-    for log in logs:
-        for note in log.notes:
-            print_line(f"{log.path}: {note}", "yellow")
+    print_notes(logs)
     return logs
 
 

@@ -18,6 +18,7 @@ from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import formation_reference, ring_reference
 from gcs.mission.mission import Mission
 from gcs.report.figure import METADATA, save_figure
+from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 _PROGRESS_STEP_S = 1.0
 _PROGRESS_STEP_SHARE = 0.01
@@ -131,6 +132,20 @@ def print_log_faults(log: FlightLog) -> None:
         print_line(f"{log.path}: {fault}", "yellow")
     if log.is_damaged:
         print_line(f"{log.path}: damaged: {log.recovered}; `cordon log recover` writes them to a new log", "red")
+
+
+def print_notes(logs: Sequence[VehicleLog]) -> None:
+    """Print what is not as it should be in vehicles' logs."""
+    for log in logs:
+        for note in log.notes:
+            print_line(f"{log.path}: {note}", "yellow")
+    print_damage(logs)
+
+
+def print_damage(logs: Sequence[VehicleLog]) -> None:
+    """Print which logs are damaged."""
+    for path in dict.fromkeys(log.path for log in logs if log.is_damaged):
+        print_line(f"{path}: damaged: the result is of what could be read; copy the log from the vehicle again", "red")
 
 
 def print_result(text: str) -> None:

@@ -97,7 +97,7 @@ def _compare_flights(first: Sequence[Path], second: Path, options: ReportOptions
 
 def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
     """Show logs of autopilots or ground stations: they hold no mission, and so there is no verdict."""
-    from gcs.cli.output import print_result
+    from gcs.cli.output import print_damage, print_result
     from gcs.console.terminal import print_line
     from gcs.report.vehicle_page import summarised, write_vehicle_report
     from gcs.vehicle_logs.foreign import read_vehicle_logs
@@ -109,12 +109,13 @@ def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
     for log in logs:
         for line in describe(log):
             print_line(line)
+    print_damage(logs)
     html = options.html
     if html is not None:
         _write(html, lambda: write_vehicle_report(logs, html))
     if options.json:
         print_result(dumps({"logs": [summarised(log) for log in logs]}, allow_nan=False))
-    return Exit.HOLDS
+    return Exit.VERDICT_FAILED if any(log.is_damaged for log in logs) else Exit.HOLDS
 
 
 def _check_outputs(options: ReportOptions, logs: Sequence[Path]) -> None:

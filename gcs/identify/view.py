@@ -105,7 +105,9 @@ def identified_dict(identified: Identified, logs: Sequence[VehicleLog]) -> dict[
         "vehicle": logs[0].system_id,
         "autopilot": logs[0].autopilot,
         "firmware": logs[0].firmware,
-        "logs": [{"path": log.path, "format": log.format, "sha256": log.sha256} for log in logs],
+        "logs": [
+            {"path": log.path, "format": log.format, "sha256": log.sha256, "damaged": log.is_damaged} for log in logs
+        ],
         "duration_s": identified.duration_s,
         "parts": identified.excerpts,
         "plant": None if found is None else _found_dict(found),

@@ -92,11 +92,17 @@ class VehicleCalls:
         self, condition: Callable[[], bool], timeout_s: float, failure: Callable[[], str], next_step: str
     ) -> None:
         """Wait for a condition; raises VehicleRefusedError with `failure()` after `timeout_s` of the mission clock."""
-        end_s = time.monotonic() + self.wall_s(timeout_s)
+        if not await self.reached(condition, self.wall_s(timeout_s)):
+            raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step)
+
+    async def reached(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Wait for a condition, `within_s` of the wall clock at most, and return whether it is there."""
+        end_s = time.monotonic() + within_s
         while not condition():
             if time.monotonic() > end_s:
-                raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step)
+                return False
             await asyncio.sleep(POLL_PERIOD_S)
+        return True
 
     def wall_s(self, mission_s: float) -> float:
         """Return the wall seconds to wait for an action that takes `mission_s`."""
@@ -131,7 +137,9 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSecti
     slow = [(name, rates.status_rate_hz) for name in STATUS]
     for name, rate_hz in (*slow, *((name, rates.status_rate_hz / 2.0) for name in SLOW_STATUS)):
         await _request_rate(calls, telemetry, name, rate_hz)
-    await calls.request_message(feed.reports.direct, feed.reports.estimator.number, rates.status_rate_hz / 2.0)
+    estimator = feed.reports.estimator
+    for number in (estimator.number, estimator.wind_number):
+        await calls.request_message(feed.reports.direct, number, rates.status_rate_hz / 2.0)
 
 
 async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:

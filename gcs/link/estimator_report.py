@@ -1,8 +1,8 @@
-"""What an autopilot's estimator reports: its innovation test ratios, and the states that it provides."""
+"""What an autopilot's estimator reports: its innovation test ratios, the states that it provides, and the wind."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import hypot, isfinite
 
 ATTITUDE, POS_HORIZ_REL, POS_HORIZ_ABS, POS_VERT_ABS, PRED_POS_HORIZ_REL, PRED_POS_HORIZ_ABS = 1, 8, 16, 32, 256, 512
 
@@ -30,7 +30,8 @@ class EstimatorReport:
 class EstimatorDialect:
     """One autopilot's estimator report: message, field of each test ratio, and meaning of its flags.
 
-    Any bit of `relative` or `absolute` stands for a horizontal position; `errors` maps a bit to its fault.
+    Any bit of `relative` or `absolute` stands for a horizontal position; `errors` maps a bit to its fault. Its `wind`
+    has a message of its own, with that number; the speed is that of the components named.
     """
 
     message: str
@@ -40,6 +41,9 @@ class EstimatorDialect:
     absolute: int
     errors: Mapping[int, str]
     glitch: int
+    wind: str
+    wind_number: int
+    wind_components: tuple[str, ...]
 
 
 PX4_ESTIMATOR = EstimatorDialect(
@@ -55,6 +59,9 @@ PX4_ESTIMATOR = EstimatorDialect(
     POS_HORIZ_ABS,
     {2048: "accelerometer error"},
     1024,
+    "WIND_COV",
+    231,
+    ("wind_x", "wind_y"),
 )
 ARDUPILOT_ESTIMATOR = EstimatorDialect(
     "EKF_STATUS_REPORT",
@@ -70,8 +77,18 @@ ARDUPILOT_ESTIMATOR = EstimatorDialect(
     POS_HORIZ_ABS | PRED_POS_HORIZ_ABS,
     {1024: "not initialized"},
     1 << 15,
+    "WIND",
+    168,
+    ("speed",),
 )
 """The bits above POS_HORIZ_ABS differ: 1024 is a GPS glitch on PX4, and not initialized on ArduPilot."""
+
+
+def wind_m_s(dialect: EstimatorDialect, fields: Mapping[str, object]) -> float | None:
+    """Return the horizontal wind's speed in a message's fields; None where a component is no number."""
+    parts = [fields.get(name) for name in dialect.wind_components]
+    known = [float(part) for part in parts if isinstance(part, int | float) and isfinite(part)]
+    return hypot(*known) if len(known) == len(parts) else None
 
 
 def estimator_report(dialect: EstimatorDialect, fields: Mapping[str, object]) -> EstimatorReport | None:

@@ -27,6 +27,8 @@ from gcs.link.hub import MavsdkHub
 from gcs.link.relay.gate import LinkReport
 
 MODE_TIMEOUT_S = 5.0
+REQUEST_PERIOD_S = 1.0
+"""After this a mode that was not entered is requested again [wall s]."""
 CLIMB_SLOWEST_M_S = 0.5
 SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
@@ -296,6 +298,17 @@ class MavsdkLink:
         )
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
+        """Request a mode, again and again: autopilots accept the command also where they cannot enter the mode yet."""
+        _, feed, calls, _, _ = self._connected()
+        end_s, entered = time.monotonic() + calls.wall_s(MODE_TIMEOUT_S), False
+        while not entered:
+            if time.monotonic() > end_s:
+                failure = f"is in {feed.status.mode.value} and did not enter {mode.value} within {MODE_TIMEOUT_S:g} s"
+                raise calls.refusal(failure, "resolve the cause that the autopilot reports")
+            await self._request(mode, function)
+            entered = await calls.reached(lambda: feed.status.mode is mode, REQUEST_PERIOD_S)
+
+    async def _request(self, mode: FlightMode, function: Callable[[], object]) -> None:
         _, feed, calls, _, _ = self._connected()
         self._asking += 1
         try:
@@ -304,12 +317,6 @@ class MavsdkLink:
             self._asking -= 1
             if self._silent or feed.origin_m is None:
                 self._mute()
-        await calls.until(
-            lambda: feed.status.mode is mode,
-            MODE_TIMEOUT_S,
-            lambda: f"is in {feed.status.mode.value} and did not enter {mode.value}",
-            "resolve the cause that the autopilot reports",
-        )
 
     def _due(self) -> bool:
         """Return whether a setpoint is due at the setpoint rate, and if so, set the time of the next one."""

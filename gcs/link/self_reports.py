@@ -14,12 +14,14 @@ from mavsdk.plugins.telemetry import FixType
 
 from agents.ports import Connection, GpsThreat
 from agents.safety.reported_faults import COMPASS, RATIO_MAX
-from gcs.link.estimator_report import ARDUPILOT_ESTIMATOR, PX4_ESTIMATOR, EstimatorReport, estimator_report
+from gcs.link.estimator_report import ARDUPILOT_ESTIMATOR, PX4_ESTIMATOR, EstimatorReport, estimator_report, wind_m_s
 
 LOST_S = 15.0
 """A lost connection explains a change of the flight mode within this time: PX4 holds for 5 s before it reacts."""
 THREAT_S = 30.0
 """A status text about the signals of the GPS counts for so long: autopilots send it once."""
+WIND_S = 10.0
+"""A wind counts for so long: an estimator that loses it reports no more."""
 DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 _LOST = re.compile(r"\b(lost|failsafe)\b", re.IGNORECASE)
 _OVER = re.compile(r"\b(regained|cleared|restored)\b", re.IGNORECASE)
@@ -51,6 +53,7 @@ class SelfReports:
         `posting` makes of a function one that MAVSDK's thread may call, and that runs it on the event loop.
         """
         self.direct.subscribe_message(self.estimator.message, posting(self._take_estimator))
+        self.direct.subscribe_message(self.estimator.wind, posting(self._take_wind))
         telemetry.subscribe_rc_status(posting(self._take_remote_control))
         if gps:
             telemetry.subscribe_gps_info(posting(self._take_gps))
@@ -73,6 +76,12 @@ class SelfReports:
             report = estimator_report(self.estimator, json.loads(message.fields_json))
             if report is not None and message.system_id == self._system_id:
                 self._update(**estimator_facts(report))
+
+    def _take_wind(self, message: Any) -> None:
+        with suppress(ValueError):
+            speed_m_s = wind_m_s(self.estimator, json.loads(message.fields_json))
+            if speed_m_s is not None and message.system_id == self._system_id:
+                self._keep("wind_m_s", round(speed_m_s, 1), None, WIND_S)
 
     def _take_gps(self, gps: Any) -> None:
         self._update(gps_dimensions=DIMENSIONS.get(gps.fix_type, 3), satellites=int(gps.num_satellites))

@@ -67,8 +67,8 @@ def _inside_limits(
     yield from slots_fit(vehicles, safety, formation, sections.get("network"))
     yield from limits_agree(safety, ring, formation)
     layers = sections.get("choreography")
-    layer_m = layers.layer_m if isinstance(layers, ChoreographySettings) else 0.0
-    yield from altitudes_fit(vehicles, safety, layer_m)
+    layers = layers if isinstance(layers, ChoreographySettings) else None
+    yield from altitudes_fit(vehicles, safety, layers)
     yield from follows_fit(vehicles, safety, ring, target)
     yield from fence_fits(safety, vehicles, ring, target, mission)
 

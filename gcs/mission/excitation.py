@@ -41,7 +41,7 @@ def limits_rise(excitation: Settings | None) -> Iterator[str]:
 
 def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str]:
     """Return why a vehicle cannot be excited in the box and at the speed that the mission says."""
-    settings, safety = mission.excitation, mission.safety
+    settings, safety = mission.excitation, vehicle.section.limits(mission.safety)
     if settings.speed_max_m_s > safety.speed_max_m_s:
         yield (
             f"excitation.speed_max_m_s: {settings.speed_max_m_s:g} m/s is more than safety.speed_max_m_s = "
@@ -56,10 +56,11 @@ def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str
     space = hull((start_m, *box_m(settings, start_m)))
     if safety.fence_m:
         fence = Fence(safety.fence_m)
+        whose = "safety" if vehicle.section.fence_m is None else f"vehicles[{mission.vehicles.index(vehicle)}]"
         room_m, (x, y) = min((fence.clearance_m(place), place) for place in _along(space))
         if room_m < 0.0:
             yield (
-                f"excitation.half_width_m: the box and the way there are {-room_m:.2f} m outside of safety.fence_m at "
+                f"excitation.half_width_m: the box and the way there are {-room_m:.2f} m outside of {whose}.fence_m at "
                 + (f"({x:.1f}, {y:.1f}): move it by excitation.offset_m, or make it smaller")
             )
     for other in mission.vehicles:
@@ -76,13 +77,15 @@ def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str
 def excited(mission: Mission, vehicle: MissionVehicle) -> Mission:
     """Return the flight for identification of one vehicle, alone: its fence is the box and the way there."""
     settings, start_m = mission.excitation, vehicle.section.start_m
-    room_m = Fence(mission.safety.fence_m).clearance_m(start_m) if mission.safety.fence_m else PLACE_TOLERANCE_M
+    safety = vehicle.section.limits(mission.safety)
+    room_m = Fence(safety.fence_m).clearance_m(start_m) if safety.fence_m else PLACE_TOLERANCE_M
     beside = min(PLACE_TOLERANCE_M, room_m)
     about_start = [(start_m[0] + x, start_m[1] + y) for x in (-beside, beside) for y in (-beside, beside)]
     formation = mission.formation
     slowly = {"speed_max_m_s": min(formation.speed_max_m_s, APPROACH_SHARE * settings.speed_max_m_s)}
     noise = {"acceleration_noise_m_s2": max(vehicle.own_filter.acceleration_noise_m_s2, ACCELERATION_NOISE_M_S2)}
-    vehicle = replace(vehicle, own_filter=vehicle.own_filter.model_copy(update=noise))
+    section = vehicle.section.model_copy(update={"fence_m": None})
+    vehicle = replace(vehicle, section=section, own_filter=vehicle.own_filter.model_copy(update=noise))
     limits = {
         "fence_m": hull((*about_start, *box_m(settings, start_m))),
         "speed_max_m_s": settings.speed_max_m_s,

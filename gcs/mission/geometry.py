@@ -5,7 +5,7 @@ from itertools import combinations, pairwise
 from math import degrees, dist
 
 from agents.safety.fence import Fence
-from agents.settings.sections import EncirclementSettings, FormationSettings, SafetySettings
+from agents.settings.sections import ChoreographySettings, EncirclementSettings, FormationSettings, SafetySettings
 from estimation.settings import Settings
 from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, VehicleSection
 
@@ -90,21 +90,42 @@ def limits_agree(
         )
 
 
-def altitudes_fit(vehicles: IndexedVehicles, safety: SafetySettings, layer_m: float) -> Iterator[str]:
-    """Check that the vehicles fly inside the altitude band, and their layers too."""
-    low, high = safety.altitude_min_m, safety.altitude_max_m
-    if vehicles and high is not None and layer_m > 0.0:
-        highest_m = max(vehicle.altitude_m for _, vehicle in vehicles) + len(vehicles) * layer_m
-        if highest_m > high:
-            yield (
-                f"safety.altitude_max_m: {high} m is below the highest layer, {highest_m:g} m, of choreography.layer_m "
-                f"= {layer_m} m"
-            )
+def altitudes_fit(
+    vehicles: IndexedVehicles, safety: SafetySettings, layers: ChoreographySettings | None
+) -> Iterator[str]:
+    """Check that every vehicle flies inside its altitude limits, and its layers too."""
+    if vehicles and layers is not None and layers.layer_m > 0.0:
+        yield from _layers_fit(vehicles, safety, layers)
     for i, vehicle in vehicles:
-        if low is not None and vehicle.altitude_m < low:
-            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is below safety.altitude_min_m = {low} m"
-        if high is not None and vehicle.altitude_m > high:
-            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is above safety.altitude_max_m = {high} m"
+        limits = vehicle.limits(safety)
+        low, high = limits.altitude_min_m, limits.altitude_max_m
+        low_key, high_key = (_limit(i, vehicle, key) for key in ("altitude_min_m", "altitude_max_m"))
+        if low is not None and high is not None and low >= high:
+            if not (low_key.startswith("safety") and high_key.startswith("safety")):
+                yield f"{low_key}: {low} m is not below {high_key} = {high} m"
+        elif low is not None and vehicle.altitude_m < low:
+            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is below {low_key} = {low} m"
+        elif high is not None and vehicle.altitude_m > high:
+            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is above {high_key} = {high} m"
+
+
+def _layers_fit(vehicles: IndexedVehicles, safety: SafetySettings, layers: ChoreographySettings) -> Iterator[str]:
+    """Check each vehicle's higher layer, of take-off and of landing, and say it once of those with the team's limit."""
+    ids = tuple(vehicle.id for _, vehicle in vehicles)
+    order = layers.in_landing_order(ids)
+    from_m = max(vehicle.altitude_m for _, vehicle in vehicles)
+    above: dict[str, tuple[float, float]] = {}
+    for i, vehicle in vehicles:
+        layer_m = from_m + max(ids.index(vehicle.id), order.index(vehicle.id) + 1) * layers.layer_m
+        high, key = vehicle.limits(safety).altitude_max_m, _limit(i, vehicle, "altitude_max_m")
+        if high is not None and layer_m > high:
+            above[key] = (high, max(layer_m, above.get(key, (high, layer_m))[1]))
+    for key, (high, layer_m) in above.items():
+        whose = "the" if key.startswith("safety") else "its"
+        yield (
+            f"{key}: {high} m is below {whose} highest layer, {layer_m:g} m, of choreography.layer_m = "
+            f"{layers.layer_m} m"
+        )
 
 
 def follows_fit(
@@ -116,7 +137,7 @@ def follows_fit(
     """Check that a ring that follows the target's altitude is told how, and where to stop."""
     if ring is None:
         return
-    low, high, offset_m = safety.altitude_min_m, safety.altitude_max_m, ring.altitude_offset_m
+    offset_m = ring.altitude_offset_m
     if ring.altitude == "layers":
         if offset_m is not None:
             yield (
@@ -124,21 +145,49 @@ def follows_fit(
                 'only, and not with "layers"'
             )
         return
-    wanted = (("encirclement.altitude_offset_m", offset_m), ("safety.altitude_min_m", low))
-    for key, value in (*wanted, ("safety.altitude_max_m", high)):
-        if value is None:
-            yield f'{key}: this key is missing; encirclement.altitude = "target" needs it'
-    if low is None or high is None or offset_m is None or target is None or target.altitude_m is None or not vehicles:
+    limits = [vehicle.limits(safety) for _, vehicle in vehicles] or [safety]
+    missing = [
+        *(["encirclement.altitude_offset_m"] if offset_m is None else []),
+        *(["safety.altitude_min_m"] if any(each.altitude_min_m is None for each in limits) else []),
+        *(["safety.altitude_max_m"] if any(each.altitude_max_m is None for each in limits) else []),
+    ]
+    yield from (f'{key}: this key is missing; encirclement.altitude = "target" needs it' for key in missing)
+    if missing or offset_m is None or target is None or target.altitude_m is None or not vehicles:
         return
-    altitudes_m = [vehicle.altitude_m for _, vehicle in vehicles]
     lowest_m = target.altitude_m + offset_m
-    highest_m = lowest_m + max(altitudes_m) - min(altitudes_m)
-    if lowest_m < low or highest_m > high:
+    yield from _follows_inside(
+        vehicles, safety, lowest_m, f"{offset_m} m above target.altitude_m = {target.altitude_m} m"
+    )
+
+
+def _follows_inside(vehicles: IndexedVehicles, safety: SafetySettings, lowest_m: float, above: str) -> Iterator[str]:
+    """Check that all vehicles are inside their limits when the lowest follows the target at `lowest_m`."""
+    altitudes_m = [vehicle.altitude_m for _, vehicle in vehicles]
+    outside: list[tuple[int, VehicleSection, float]] = []
+    for i, vehicle in vehicles:
+        own, flies_m = vehicle.limits(safety), lowest_m + vehicle.altitude_m - min(altitudes_m)
+        low, high = own.altitude_min_m, own.altitude_max_m
+        if (low is not None and flies_m < low) or (high is not None and flies_m > high):
+            outside.append((i, vehicle, flies_m))
+    if any(vehicle.limits(safety) is safety for _, vehicle, _ in outside):
+        highest_m = lowest_m + max(altitudes_m) - min(altitudes_m)
         yield (
-            f"encirclement.altitude_offset_m: {offset_m} m above target.altitude_m = {target.altitude_m} m vehicles "
-            f"fly at {lowest_m:g} to {highest_m:g} m, not between safety.altitude_min_m = {low} m and altitude_max_m = "
-            f"{high} m"
+            f"encirclement.altitude_offset_m: {above} vehicles fly at {lowest_m:g} to {highest_m:g} m, not between "
+            f"safety.altitude_min_m = {safety.altitude_min_m} m and altitude_max_m = {safety.altitude_max_m} m"
         )
+    for i, vehicle, flies_m in outside:
+        own = vehicle.limits(safety)
+        if own is not safety:
+            yield (
+                f"encirclement.altitude_offset_m: {above} vehicles[{i}] flies at {flies_m:g} m, not between "
+                f"{_limit(i, vehicle, 'altitude_min_m')} = {own.altitude_min_m} m and "
+                f"{_limit(i, vehicle, 'altitude_max_m')} = {own.altitude_max_m} m"
+            )
+
+
+def _limit(i: int, vehicle: VehicleSection, key: str) -> str:
+    """Return where a vehicle's limit is set: in its own table, or for the team."""
+    return f"safety.{key}" if getattr(vehicle, key) is None else f"vehicles[{i}].{key}"
 
 
 def fence_fits(
@@ -148,44 +197,46 @@ def fence_fits(
     target: TargetSection | None,
     mission: MissionSection | None,
 ) -> Iterator[str]:
-    """Check the polygon, and that starts, target path and ring lie inside."""
-    corners = safety.fence_m
-    if not corners:
-        return
-    faults = list(_sound(corners))
-    yield from faults
-    if faults:
-        return
-    fence = Fence(corners)
-    for i, vehicle in vehicles:
-        clearance_m = fence.clearance_m(vehicle.start_m)
-        if clearance_m < 0.0:
-            yield f"vehicles[{i}].start_m: {_at(vehicle.start_m)} is {-clearance_m:.2f} m outside of safety.fence_m"
-    if target is not None and mission is not None:
-        yield from _around_target(fence, 0.0 if ring is None else ring.radius_m, target, mission.duration_s)
+    """Check every fence, the team's and the vehicles': the polygon, and that start, target path and ring lie inside."""
+    fences = [(f"vehicles[{i}].fence_m", each.fence_m, [(i, each)]) for i, each in vehicles if each.fence_m is not None]
+    if safety.fence_m:
+        others = [(i, vehicle) for i, vehicle in vehicles if vehicle.fence_m is None]
+        fences.insert(0, ("safety.fence_m", safety.fence_m, others))
+    for key, corners, inside in fences:
+        faults = list(_sound(key, corners))
+        yield from faults
+        if faults:
+            continue
+        fence = Fence(corners)
+        for i, vehicle in inside:
+            clearance_m = fence.clearance_m(vehicle.start_m)
+            if clearance_m < 0.0:
+                yield f"vehicles[{i}].start_m: {_at(vehicle.start_m)} is {-clearance_m:.2f} m outside of {key}"
+        if target is not None and mission is not None:
+            yield from _around_target(key, fence, 0.0 if ring is None else ring.radius_m, target, mission.duration_s)
 
 
-def _sound(corners: Sequence[tuple[float, float]]) -> Iterator[str]:
+def _sound(key: str, corners: Sequence[tuple[float, float]]) -> Iterator[str]:
     if len(corners) < 3:
-        yield f"safety.fence_m: a fence needs at least 3 corners (given: {len(corners)})"
+        yield f"{key}: a fence needs at least 3 corners (given: {len(corners)})"
         return
     for i, (one, other) in enumerate(zip(corners, (*corners[1:], corners[0]), strict=True)):
         if dist(one, other) < 1e-6:
-            yield f"safety.fence_m: corners {i} and {(i + 1) % len(corners)} are the same, {_at(one)}"
+            yield f"{key}: corners {i} and {(i + 1) % len(corners)} are the same, {_at(one)}"
             return
     crossed = Fence(corners).crossed_edges()
     if crossed is not None:
-        yield f"safety.fence_m: the edges from corner {crossed[0]} and from corner {crossed[1]} meet: order the corners"
+        yield f"{key}: the edges from corner {crossed[0]} and from corner {crossed[1]} meet: order the corners"
 
 
-def _around_target(fence: Fence, radius_m: float, target: TargetSection, duration_s: float) -> Iterator[str]:
+def _around_target(key: str, fence: Fence, radius_m: float, target: TargetSection, duration_s: float) -> Iterator[str]:
     """Check target path and ring, and say when the first of them leaves the fence, and where."""
     for time_s, (x, y) in target.motion.path_m(duration_s, _PATH_POINTS):
         room_m = fence.clearance_m((x, y))
         if room_m < radius_m:
             what = "the target's path" if room_m < 0.0 else f"the ring of {radius_m} m around it"
             yield (
-                f"safety.fence_m: {what} is {radius_m - room_m if room_m >= 0.0 else -room_m:.2f} m outside, "
+                f"{key}: {what} is {radius_m - room_m if room_m >= 0.0 else -room_m:.2f} m outside, "
                 f"with the target at {_at((x, y))} after {time_s:.0f} s"
             )
             return

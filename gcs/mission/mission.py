@@ -1,6 +1,6 @@
 """The mission file: its sections, as a user writes them in TOML. Unknown keys are errors, numbers are finite."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import radians
 from pathlib import Path
@@ -15,6 +15,7 @@ from agents.settings.sections import (
     EncirclementSettings,
     ExcitationSettings,
     FailsafeSettings,
+    Fence,
     FormationSettings,
     SafetySettings,
     pair,
@@ -245,6 +246,7 @@ class VehicleSection(Settings):
     file beside the mission. `autopilot` is what a stub in its place flies as, the profile's unless given.
     `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
     `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
+    `fence_m`, `altitude_min_m` and `altitude_max_m` hold for this vehicle instead of those of `[safety]`.
     """
 
     id: int = Field(ge=1, le=254)
@@ -255,11 +257,32 @@ class VehicleSection(Settings):
     origin_m: Metres3 | None = None
     slot_m: Metres2 | None = None
     altitude_m: float = Field(8.0, ge=1.0, le=500.0)
+    fence_m: Fence | None = None
+    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
+    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     profile: str = "stub"
     autopilot: Autopilot | None = None
     true_scale: TrueScale = TrueScale()
     decision: DecisionSettings | None = None
     sensor: SensorChange | None = None
+
+    def limits(self, safety: SafetySettings) -> SafetySettings:
+        """Return the safety settings of this vehicle: the team's, with its own fence and altitude limits."""
+        keys = ("fence_m", "altitude_min_m", "altitude_max_m")
+        own = {key: value for key in keys if (value := getattr(self, key)) is not None}
+        return safety.model_copy(update=own) if own else safety
+
+
+def lowest_between_m(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> tuple[float | None, float | None]:
+    """Return between which altitudes the lowest vehicle has to fly so that all are inside their limits.
+
+    The others fly as much higher as their `altitude_m` are. None where no vehicle has such a limit.
+    """
+    lowest_m = min(vehicle.altitude_m for vehicle in vehicles)
+    limits = [(vehicle.limits(safety), vehicle.altitude_m - lowest_m) for vehicle in vehicles]
+    low = [own.altitude_min_m - above_m for own, above_m in limits if own.altitude_min_m is not None]
+    high = [own.altitude_max_m - above_m for own, above_m in limits if own.altitude_max_m is not None]
+    return max(low, default=None), min(high, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,7 +384,7 @@ class Mission:
             formation=self.formation,
             encirclement=self.encirclement,
             decision=vehicle.decision,
-            safety=self.safety,
+            safety=vehicle.section.limits(self.safety),
             failsafe=self.failsafe,
             own_filter=vehicle.own_filter,
             target_filter=self.target_filter,
@@ -369,6 +392,7 @@ class Mission:
             home_m=vehicle.section.start_m,
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
             altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
+            lowest_between_m=lowest_between_m([each.section for each in self.vehicles], self.safety),
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
             excitation=self.excitation if self.excites else None,
         )

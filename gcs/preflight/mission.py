@@ -76,7 +76,7 @@ def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
     """Return a vehicle's greatest height: that of its mission, or of a layer at take-off or landing."""
     config = mission.agent_config(vehicle)
     home_m = config.return_altitude_m if mission.choreography.landing == "return" else 0.0
-    above_target_m = mission.safety.altitude_max_m if mission.encirclement.altitude == "target" else None
+    above_target_m = config.safety.altitude_max_m if mission.encirclement.altitude == "target" else None
     return max(config.altitude_m, config.take_off_altitude_m, home_m, above_target_m or 0.0)
 
 
@@ -112,12 +112,14 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, step: str) -> Fi
 
 
 def _mission_fence(mission: Mission) -> Finding:
+    bare = [str(each.id) for each in mission.vehicles if not each.section.limits(mission.safety).fence_m]
     corners = len(mission.safety.fence_m)
+    own = f"safety.fence_m is empty; vehicles without one of their own: {', '.join(bare)}"
     return Finding.graded(
-        Grade.PASS if corners else Grade.WARNING,
+        Grade.WARNING if bare else Grade.PASS,
         MISSION,
         "mission fence",
-        f"safety.fence_m has {corners} corners" if corners else "safety.fence_m is empty",
+        own if bare else f"safety.fence_m has {corners} corners" if corners else "every vehicle has a fence of its own",
         "vehicles follow the target wherever sightings lead them, also those from outside the team (docs/target.md)",
         "set safety.fence_m to the area that the flight may take",
     )

@@ -64,6 +64,7 @@ def summarised(log: VehicleLog) -> dict[str, Any]:
         "setpoint_distance_rms_m": float(np.sqrt(np.mean(known**2))) if known.size else None,
         "missing": list(log.missing),
         "notes": list(log.notes),
+        "damaged": log.is_damaged,
     }
 
 

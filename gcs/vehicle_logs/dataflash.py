@@ -55,6 +55,7 @@ class _Records:
         self._offsets: defaultdict[str, list[int]] = defaultdict(list)
         self._formats: dict[str, Any] = {}
         self.notes: list[str] = []
+        self.is_damaged = False
         self._cut()
         self._learn_units()
 
@@ -100,6 +101,7 @@ class _Records:
                 kept[kind].append(at)
             at += length
         if bad:
+            self.is_damaged = True
             self.notes.append(f"damaged: {bad} bytes were passed over")
 
     def _define(self, body: bytes, lengths: dict[int, int], kept: dict[int, list[int]]) -> None:
@@ -119,6 +121,7 @@ class _Records:
             self._formats[name] = form
             kept[kind] = self._offsets[name]
         elif name in WANTED:
+            self.is_damaged = True
             self.notes.append(f"the format of {name} makes no sense: its records were passed over")
 
     def _learn_units(self) -> None:
@@ -162,7 +165,14 @@ def _dtype(form: Any) -> np.dtype[Any]:
 def read_dataflash(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return the one vehicle's log; raises LogError when it cannot be read as one."""
     records = _Records(log)
-    raw = RawLog(path=log.name, format=FORMAT, sha256=log.sha256, autopilot="ardupilot", notes=records.notes)
+    raw = RawLog(
+        path=log.name,
+        format=FORMAT,
+        sha256=log.sha256,
+        autopilot="ardupilot",
+        notes=records.notes,
+        is_damaged=records.is_damaged,
+    )
     raw.parameters.update(_parameters(records))
     raw.system_id = int(raw.parameters.get("MAV_SYSID", raw.parameters.get("SYSID_THISMAV", 0)))
     raw.firmware = next((_text(row, "FWS") for row in records.rows("VER", "FWS")), "")

@@ -41,6 +41,7 @@ def _vehicle(log: LogFile, flight: FlightLog, mission: Mission, vehicle: Mission
         system_id=vehicle.system_id,
         mode_topic=DECISION,
         notes=list(flight.faults),
+        is_damaged=flight.is_damaged,
     )
     if facts is not None:
         raw.parameters.update({parameter.name: parameter.value for parameter in facts.parameters})

@@ -83,6 +83,7 @@ class RawLog:
     parameters: dict[str, Number] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    is_damaged: bool = False
 
     def add_setpoints(self, topic: str, stamps: Stamps, setpoint_m: Vector, velocity_m_s: Vector) -> None:
         """Add setpoints (T, 3), and the velocities sent with them (T, 3), which are NaN where there were none."""
@@ -162,6 +163,7 @@ def _assembled(raw: RawLog, series: Mapping[str, Series], origin_us: int) -> Veh
         parameters=MappingProxyType(dict(raw.parameters)),
         missing=tuple(raw.missing),
         notes=tuple(raw.notes),
+        is_damaged=raw.is_damaged,
     )
 
 

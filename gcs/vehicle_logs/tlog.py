@@ -65,17 +65,21 @@ class _Packets:
         self._data = log.path.read_bytes()
         self._parser = mavlink.MAVLink(None)
         self.notes: list[str] = []
+        self.is_damaged = False
 
     def __iter__(self) -> Iterator[Packet]:
         data, end, at, bad = self._data, len(self._data), 0, 0
         while at < end:
             length = self._length(at)
             if length and at + length > end:
-                break
+                if not self._continues(at):
+                    break
+                length = 0
             message = self._message(at, length) if length else None
             if message is None:
                 found = self._next(at + 1)
                 bad += found - at
+                self.is_damaged = True
                 if bad > BAD_BYTES_MAX:
                     self.notes.append(f"too damaged to be read beyond byte {at}")
                     return
@@ -111,6 +115,14 @@ class _Packets:
         except mavlink.MAVError:
             return None
 
+    def _continues(self, at: int) -> bool:
+        """Return whether packets up to the end of the file follow one that claims more: then its length is wrong."""
+        while (at := self._next(at + 1)) < len(self._data):
+            length = self._length(at)
+            if length and at + length <= len(self._data) and self._message(at, length) not in (None, True):
+                return True
+        return False
+
     def _next(self, start: int) -> int:
         """Return where the next packet may begin, or the end of the file."""
         found = _MAGIC.search(self._data, start + STAMP_BYTES)
@@ -144,17 +156,18 @@ def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
         raise LogError(["; ".join((f"{log.name}: no autopilot's HEARTBEAT in it", *packets.notes))])
     for system, one in flown.items():
         one.packets[SET] = sorted(setpoints_sent[system] + setpoints_sent[0], key=lambda packet: packet[0])
-    return tuple(_read(log, system, one, packets.notes) for system, one in flown.items())
+    return tuple(_read(log, system, one, packets) for system, one in flown.items())
 
 
-def _read(log: LogFile, system_id: int, vehicle: _Vehicle, notes: Sequence[str]) -> VehicleLog:
+def _read(log: LogFile, system_id: int, vehicle: _Vehicle, packets: _Packets) -> VehicleLog:
     raw = RawLog(
         path=log.name,
         format=FORMAT,
         sha256=log.sha256,
         autopilot=AUTOPILOTS.get(vehicle.autopilot, f"autopilot {vehicle.autopilot}"),
         system_id=system_id,
-        notes=list(notes),
+        notes=list(packets.notes),
+        is_damaged=packets.is_damaged,
     )
     clock = _clock(raw, vehicle)
     _add_motion(raw, vehicle)

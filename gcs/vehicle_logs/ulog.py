@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from io import BufferedReader, FileIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pyulog import ULog
@@ -43,7 +43,7 @@ Columns = dict[str, Any]
 
 def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return the one vehicle's log; raises LogError when it cannot be read as one."""
-    ulog, notes = _parsed(log)
+    ulog, state = _parsed(log)
     topics: dict[str, Columns] = {}
     for data in ulog.data_list:  # sorted by instance: of several, the first is what the vehicle flies by
         topics.setdefault(data.name, data.data)
@@ -54,7 +54,8 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
         autopilot="px4",
         firmware=_firmware(ulog),
         begin_us=min(int(ulog.start_timestamp), 2**62),
-        notes=notes,
+        notes=list(state.notes),
+        is_damaged=state.is_damaged,
     )
     _add_motion(raw, topics)
     _add_battery(raw, topics)
@@ -73,6 +74,9 @@ class _BoundedReader(BufferedReader):
     While pyulog searches damaged bytes for the next record it can read them again and again, also beyond the end of the
     file; and a few bytes of formats can claim billions of fields. Beyond `READ_AGAIN_MAX` and the like, `read` returns
     nothing, as at the end of the file. A subscription with too many fields raises LogError.
+
+    ULog has no checksums. pyulog takes a record of an unknown kind for one of a newer version; all kinds are letters,
+    and any other is damage.
     """
 
     def __init__(self, log: LogFile, formats: Mapping[str, Any]) -> None:
@@ -83,6 +87,8 @@ class _BoundedReader(BufferedReader):
         self._kind = b""
         self._reached = 0
         self._cut_at: int | None = None
+        self._cut_bytes, self._longest_bytes = 0, 0
+        self._is_damaged = False
         self._left_bytes = READ_AGAIN_MAX * log.size_bytes + READ_BYTES_MIN
         self._left_reads = log.size_bytes // BYTES_A_READ_MIN + READS_MIN
         self._left_fields = FIELDS_MAX
@@ -98,10 +104,13 @@ class _BoundedReader(BufferedReader):
         # A record is read in two steps: a header of three bytes, then the body. No bytes at all are a clean end.
         if size and len(data) < size and (data or size != HEADER_BYTES):
             self._cut_at = begin if size == HEADER_BYTES else begin - HEADER_BYTES
+            self._cut_bytes = size
         elif data:
             self._cut_at = None
+            self._longest_bytes = max(self._longest_bytes, len(data))
         if size == HEADER_BYTES:
             self._kind = data[2:]
+            self._is_damaged |= len(data) == HEADER_BYTES and not self._kind.isalpha()
         elif self._kind == SUBSCRIPTION:
             self._count_fields(data[3:].decode(errors="ignore"))
         return data
@@ -123,18 +132,31 @@ class _BoundedReader(BufferedReader):
             self._reached = self.tell()
         super().close()
 
-    def notes(self, corrupt: bool) -> list[str]:
-        """Return notes about the file's state."""
-        notes, size_bytes = [], self._log.size_bytes
+    def state(self, corrupt: bool) -> "_FileState":
+        """Return the file's state. A last record that claims to be the longest of all is damaged, and not cut."""
+        notes, size_bytes, is_damaged = [], self._log.size_bytes, corrupt or self._is_damaged
         if self._exhausted():
+            is_damaged = True
             notes.append(f"too damaged to be read beyond byte {self._reached} of {size_bytes}")
         elif self._cut_at is not None and self._reached >= size_bytes:
-            notes.append(f"ends in the middle of a record at byte {self._cut_at}")
+            if self._cut_bytes > self._longest_bytes:
+                is_damaged = True
+                notes.append(f"damaged: cannot be read beyond byte {self._cut_at} of {size_bytes}")
+            else:
+                notes.append(f"ends in the middle of a record at byte {self._cut_at}")
         elif self._reached < size_bytes:
+            is_damaged = True
             notes.append(f"cannot be read beyond byte {self._reached} of {size_bytes}")
-        if corrupt:
+        if corrupt or self._is_damaged:
             notes.append("damaged: what could not be understood was passed over")
-        return notes
+        return _FileState(tuple(notes), is_damaged)
+
+
+class _FileState(NamedTuple):
+    """What is not as it should be in a file, and whether it is more than an early end."""
+
+    notes: tuple[str, ...]
+    is_damaged: bool
 
 
 def _field_count(formats: Mapping[str, Any], name: str) -> int:
@@ -152,8 +174,8 @@ def _field_count(formats: Mapping[str, Any], name: str) -> int:
     return count(name, 0)
 
 
-def _parsed(log: LogFile) -> tuple[Any, list[str]]:
-    """Return pyulog's log, and notes about the file's state; raises LogError.
+def _parsed(log: LogFile) -> tuple[Any, _FileState]:
+    """Return pyulog's log, and the file's state; raises LogError.
 
     The formats all precede the first subscription. They are read first, to bound what the subscriptions expand to.
     """
@@ -167,7 +189,7 @@ def _parsed(log: LogFile) -> tuple[Any, list[str]]:
     except Exception as error:  # pyulog raises exceptions of many types for damaged bytes
         reason = str(error) or type(error).__name__
         raise LogError([f"{log.name}: cannot be read as a {FORMAT}, its beginning is damaged ({reason})"]) from error
-    return ulog, file.notes(ulog.file_corruption)
+    return ulog, file.state(ulog.file_corruption)
 
 
 def _columns(log: str, topic: str, data: Columns, names: Sequence[str]) -> Vector:

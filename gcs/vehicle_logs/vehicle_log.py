@@ -88,7 +88,7 @@ class VehicleLog:
     was given for, and `setpoint_velocity` the velocities that went with them, where any did; `battery` holds volts,
     amperes and the share remaining (0 to 1), NaN where not told. At `position_resets_s` the estimator moved its
     position by itself. A series is None where the log has none. `sha256` is that of the whole file, `format` the
-    reader's name for what it is.
+    reader's name for what it is. It `is_damaged` where more is wrong than that it ends early, as without power.
     """
 
     path: str
@@ -113,6 +113,7 @@ class VehicleLog:
     parameters: Mapping[str, Number] = field(default_factory=lambda: MappingProxyType({}))
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    is_damaged: bool = False
 
     def series(self) -> dict[str, Series]:
         """Return the series that the log has, by the name of their field."""

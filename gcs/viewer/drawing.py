@@ -42,12 +42,13 @@ def position_covariance(target: TargetState) -> tuple[float, float, float]:
 class Drawing:
     """Draws a team; constant geometry is built once."""
 
-    def __init__(self, safety: SafetySettings, ring_radius_m: float, ring_altitude_m: float) -> None:
-        self._safety = safety
+    def __init__(self, limits: Sequence[SafetySettings], ring_radius_m: float, ring_altitude_m: float) -> None:
+        """Take the vehicles' safety settings, which differ in fence and altitudes only."""
+        self._safety = limits[0]
         self._ring_altitude_m = ring_altitude_m
         self._ring = _points(circle(ring_radius_m))
         self._slot = _points(circle(SLOT_M, 4))
-        self._fence = [line(points, _DESIRED, closed=True) for points in _fence(safety)]
+        self._fence = [line(points, _DESIRED, closed=True) for each in limits for points in _fence(each)]
 
     def entities(self, team: Sequence[DrawnVehicle], at: Timestamp) -> list[SceneEntity]:
         """Return all entities of the vehicles with a known position."""

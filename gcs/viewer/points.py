@@ -22,7 +22,8 @@ _Points = NDArray[np.float64]
 class Cloud:
     """Draws a team as points; constant geometry is built once."""
 
-    def __init__(self, safety: SafetySettings, ring_radius_m: float, ring_altitude_m: float) -> None:
+    def __init__(self, limits: Sequence[SafetySettings], ring_radius_m: float, ring_altitude_m: float) -> None:
+        """Take the vehicles' safety settings, which differ in fence and altitudes only."""
         numbers = PackedElementFieldNumericType
         places = [PackedElementField(name=name, offset=4 * k, type=numbers.Float32) for k, name in enumerate("xyz")]
         shades = [
@@ -31,9 +32,9 @@ class Cloud:
         ]
         self._fields = places + shades
         self._ring = np.array(circle(ring_radius_m)) + np.array((0.0, 0.0, ring_altitude_m))
-        self._bubble = np.array(circle(safety.separation_m / 2.0, BUBBLE_POINTS))
+        self._bubble = np.array(circle(limits[0].separation_m / 2.0, BUBBLE_POINTS))
         self._ellipse = np.array(circle(1.0, ELLIPSE_POINTS))
-        self._fence = _packed(_outline(safety), FAINT)
+        self._fence = b"".join(_packed(_outline(each), FAINT) for each in limits)
 
     def message(self, team: Sequence[DrawnVehicle], at: Timestamp) -> PointCloud:
         """Return the points of the vehicles with a known position."""

@@ -63,8 +63,10 @@ class Scene:
         }
         altitude_m = min(vehicle.config.altitude_m for vehicle in self._team.values())
         ring_m = mission.encirclement.radius_m
-        self._drawing = Drawing(mission.safety, ring_m, altitude_m)
-        self._cloud = Cloud(mission.safety, ring_m, altitude_m)
+        # Vehicles may have fences of their own.
+        limits = tuple(dict.fromkeys(vehicle.config.safety for vehicle in self._team.values()))
+        self._drawing = Drawing(limits, ring_m, altitude_m)
+        self._cloud = Cloud(limits, ring_m, altitude_m)
         self._scene = SceneUpdateChannel("/scene", context=context)
         self._points = PointCloudChannel("/points", context=context)
         self._transforms = FrameTransformsChannel("/tf", context=context)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from statistics import median, quantiles
 
-from gcs.link.relay.frames import MAGIC_V2, SETPOINT, FrameStream, header
+from gcs.link.relay.frames import MAGIC_V2, FrameStream, header
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.signing import Signing
 from tests.experiments.arguments import parser
@@ -23,7 +23,7 @@ from tests.support.wire import LOOPBACK, free_ports
 UP_HZ, SETPOINTS_PER_S = 100, 20
 """Frames of each vehicle, as its telemetry at the rates asked for, and setpoints to each."""
 MEASURED_S = 10.0
-HEARTBEAT, OWN_MESSAGE = 0, 30
+HEARTBEAT, OWN_MESSAGE, SETPOINT = 0, 30, 84
 HEARTBEAT_PAYLOAD = bytes((0, 0, 0, 0, 2, 12, 0, 4, 3))
 REPEATED_S = 0.2
 

@@ -66,6 +66,9 @@ async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_no
         for each in (viewer, hanging, dying):
             await each.know(*TOPICS)
             each.subscribe(*TOPICS)
+        for page in ("Origin: https://evil.example", "Origin: null"):
+            with pytest.raises(AssertionError, match="403 Forbidden"):
+                await Onlooker.connected(port, page)
         seen: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
         for number in range(MESSAGES):
             topic, time_ns, message = await viewer.message()

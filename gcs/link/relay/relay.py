@@ -11,7 +11,7 @@ from contextlib import suppress
 from math import inf
 
 from gcs.link.relay.carriers import open_carrier, wait_readable
-from gcs.link.relay.frames import MAGIC_V2, SETPOINT, FrameStream, header, station_heartbeat
+from gcs.link.relay.frames import MAGIC_V2, FrameStream, station_heartbeat
 from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
 from gcs.link.relay.inner import InnerConnection, InnerListener
 from gcs.link.relay.signing import Signing, Verdict
@@ -129,24 +129,11 @@ class Relay:
         return passed
 
     def _outbound(self, data: bytes) -> list[tuple[bytes, Address]]:
-        """Return what is sent of what MAVSDK sends, and where to.
-
-        After this process was held up, several setpoints wait here: only the newest is sent.
-        """
+        """Return what MAVSDK sends, each frame for each verified vehicle."""
         frames = self._outgoing.feed(data)
-        setpoints = [place for place, frame in enumerate(frames) if header(frame).message == SETPOINT]
         with self._lock:
-            return [
-                each
-                for place, frame in enumerate(frames)
-                if place not in setpoints[:-1]
-                for each in self._addressed(frame)
-            ]
-
-    def _addressed(self, frame: bytes) -> Iterator[tuple[bytes, Address]]:
-        """Yield a frame for each verified vehicle."""
-        for address, claims in self._gate.peers().items():
-            yield from _signed(frame, address, claims)
+            peers = self._gate.peers().items()
+            return [each for frame in frames for address, claims in peers for each in _signed(frame, address, claims)]
 
     def _calls(self) -> list[tuple[bytes, Address]]:
         """Return the heartbeats that are due to those that are not verified: MAVSDK sends none before.

@@ -55,6 +55,7 @@ SETTINGS = FailsafeSettings(
     estimator_s=2.8,
     following_s=1.1,
     tilt_s=0.9,
+    wind_s=1.5,
     clock_s=1.5,
 )
 
@@ -245,6 +246,7 @@ CASES = {
         set_to(wind=np.array([0.0, 6.0 * 0.8])), set_to(wind=np.zeros(2)), LOOKS_S + 2.0 + 1.1, HOLDS, grave=Tactic.LAND
     ),
     Condition.TILTED: Case(reporting(tilt_deg=36), reporting(tilt_deg=34), 0.9, HOLDS, grave=Tactic.LAND),
+    Condition.WINDY: Case(reporting(wind_m_s=12.1), reporting(wind_m_s=12.0), 1.5, HOLDS, grave=Tactic.LAND),
     # The line leads it out at the onset; the wind blows it back in.
     Condition.FENCE_LEFT: Case(nothing, set_to(wind=np.array([-0.6, 0.0])), 0.6, HOLDS),
     Condition.ALTITUDE_LEFT: Case(set_to(height_m=CEILING_M + 1.2), set_to(height_m=CEILING_M), LOOKS_S + 0.6, HOLDS),

@@ -116,7 +116,8 @@ def test_peers_hear_of_it(altitude_m: float | None) -> None:
 
 def following(make_config: Maker, **changes: object) -> Altitude:
     team = {"altitude_m": FLIES_M, "altitude_lowest_m": LOWEST_M, "layers_from_m": HIGHEST_M}
-    return Altitude(make_config(**team, encirclement=ABOVE, safety=BAND, **changes))
+    between_m = BAND["altitude_min_m"], BAND["altitude_max_m"] - (HIGHEST_M - LOWEST_M)
+    return Altitude(make_config(**team, encirclement=ABOVE, lowest_between_m=between_m, **changes))
 
 
 def settled(altitude: Altitude, tactic: Tactic, layer_m: float = FLIES_M) -> float:

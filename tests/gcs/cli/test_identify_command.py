@@ -124,6 +124,16 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
     assert "nothing speaks against it" in page
 
 
+def test_a_damaged_log_gives_its_plant_and_exit_code_one(ran: Runner) -> None:
+    ran.hold(log := log_of(is_damaged=True, notes=("damaged: 100 bytes were passed over",)))
+    code, out, err = ran(log.path, "-o", "own.toml", "--json")
+    assert code == 1
+    result = json.loads(out)
+    assert (result["verdict"], result["logs"][0]["damaged"]) == ("good", True)
+    assert (ran.folder / "own.toml").exists()
+    assert f"{log.path}: damaged: 100 bytes" in err
+
+
 def test_other_plants_are_held_against_the_same_flight(ran: Runner) -> None:
     ran.hold(log := log_of())
     text = "delay_s = 0.2\n[x]\na0_per_s2 = 1.5\na1_per_s = 1.9\n[y]\na0_per_s2 = 1.1\na1_per_s = 1.6\n"

@@ -116,6 +116,20 @@ async def test_the_estimator_counts_with_its_own_system_id_and_dialect(monkeypat
     }
 
 
+async def test_the_wind_is_that_of_each_autopilots_own_message_and_expires(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(self_reports, "WIND_S", 0.05)
+    px4, copter = Reports(monkeypatch), Reports(monkeypatch, Autopilot.ARDUPILOT)
+    px4.receive("WIND_COV", SYSTEM + 1, wind_x=9.0, wind_y=0.0)
+    px4.receive("WIND_COV", SYSTEM, wind_x=9.0, wind_y=None)
+    px4.receive("WIND_COV", SYSTEM, wind_x=9.0)
+    assert px4.status == {}
+    px4.receive("WIND_COV", SYSTEM, wind_x=-9.0, wind_y=12.04, wind_z=100.0)
+    copter.receive("WIND", SYSTEM, direction=200.0, speed=7.26, speed_z=-3.0)
+    assert (px4.status, copter.status) == ({"wind_m_s": 15.0}, {"wind_m_s": 7.3})
+    await asyncio.sleep(0.1)
+    assert (px4.status, copter.status) == ({"wind_m_s": None}, {"wind_m_s": None})
+
+
 def test_a_rejected_sensor_is_not_hidden_by_a_worse_compass() -> None:
     def worst(**ratios: float) -> object:
         return estimator_facts(EstimatorReport(ratios, relative=True, absolute=True))["estimator_sensor"]

@@ -39,6 +39,7 @@ from tests.support.paths import MISSIONS
 
 VEHICLES = (1, 2, 3)
 FENCE_M = [[-20.0, -40.0], [120.0, -40.0], [120.0, 40.0], [-20.0, 40.0]]
+OWN_FENCE_M = [[-20.0, -40.0], [100.0, -40.0], [120.0, 40.0], [-20.0, 40.0]]
 TICK_NS = 100_000_000
 RED = bytes.fromhex("B3200A")
 
@@ -63,7 +64,8 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     """A flight in which all engage, within a fence, read as anybody would."""
     text = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
     near = put(content(text), ("target", "start_m"), [13.0, -5.0])
-    mission = parsed(put(near, ("safety", "fence_m"), FENCE_M))
+    fenced = put(near, ("safety", "fence_m"), FENCE_M)
+    mission = parsed(put(fenced, ("vehicles", 1, "fence_m"), OWN_FENCE_M))
     path = tmp_path_factory.mktemp("scene") / "flight.mcap"
     run = run_of(mission, mission.ids, seed=3, source="simulation", speed=1.0, began_s=0.0, duration_s=40.0)
     context = Context()
@@ -250,9 +252,10 @@ def test_slots_stand_abreast_and_move_on_with_the_line_while_they_are_flown(flig
     assert not last.lines, "it has left the formation, and its slot is still shown"
 
 
-def test_the_fence_is_the_missions(flight: Seen) -> None:
+def test_the_fences_are_the_missions_and_a_vehicles_own(flight: Seen) -> None:
     for _, entity in flight.entities("fence"):
-        assert [[point.x, point.y] for point in entity.lines[0].points] == FENCE_M
+        drawn = [[[point.x, point.y] for point in each.points] for each in entity.lines]
+        assert drawn == [FENCE_M, OWN_FENCE_M]
 
 
 def test_setpoints_and_trails_are_what_was_sent_and_flown(flight: Seen) -> None:

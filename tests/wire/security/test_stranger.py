@@ -19,6 +19,8 @@ import pytest
 from rich.console import Console
 
 from agents.outputs import CoreStatus
+from agents.safety.failsafe import Condition
+from agents.tactics import Tactic
 from agents.team.messages import (
     BusMessage,
     CommandAnswer,
@@ -28,6 +30,7 @@ from agents.team.messages import (
     decode,
     encode,
 )
+from agents.team.perception import ExternalSighting, encode_sighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
 from gcs.console.watch import WatchView, watch
@@ -37,6 +40,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.metrics.journal import Journal
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from gcs.preflight.findings import Finding, Grade
 from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT
 from tests.support.stranger import FAR_M, Stranger, state
@@ -57,6 +61,11 @@ class Scene:
         self.latest: dict[int, CoreStatus] = {}
         self.alerts: set[str] = set()
         self.strange_peers = 0
+        self.outside_s: dict[int, float] = {}
+        """When each vehicle reported that it knows its target from outside only."""
+        self.followed_s: dict[int, float] = {}
+        """When each left the formation for a target."""
+        self.findings: list[Finding] = []
         self.text = StringIO()
         self.watched = StringIO()
         self.flight: asyncio.Task[Flight]
@@ -66,6 +75,10 @@ class Scene:
             self.latest[status.vehicle_id] = status
             self.alerts.add(status.alert)
             self.strange_peers += sum(peer.position_m == FAR_M for peer in status.peers)
+            if status.alert == Condition.TARGET_FROM_OUTSIDE.value:
+                self.outside_s.setdefault(status.vehicle_id, status.time_s)
+            if status.tactic is Tactic.ENCIRCLE:
+                self.followed_s.setdefault(status.vehicle_id, status.time_s)
             note(journal, status, tick_us)
 
         monkeypatch.setattr(Journal, "note", noted)
@@ -97,7 +110,7 @@ async def flying(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path | 
     async with served(stub_configs(mission), SPEED):
         plan = FlightPlan(mission, 300.0, mission.vehicles, stubs=False, speed=SPEED)
         view = LiveView(Console(file=scene.text, width=300))
-        scene.flight = asyncio.create_task(fly(plan, view))
+        scene.flight = asyncio.create_task(fly(plan, view, scene.findings.extend))
         watching = asyncio.create_task(watch(mission, WatchView(Console(file=scene.watched, width=300)), stop))
         try:
             yield scene
@@ -125,6 +138,22 @@ async def spoken(stranger: Stranger, message: Callable[[], list[tuple[str, bytes
         for key, payload in message():
             stranger.put(key, payload)
         await asyncio.sleep(0.1)
+
+
+def calls_while_busy(lasting_s: float) -> int:
+    """Return how many calls other threads ask of the event loop while it is busy: they all wait for it."""
+    loop, calls = asyncio.get_running_loop(), 0
+    ask = loop.call_soon_threadsafe
+
+    def counted(*arguments: Any, **named: Any) -> asyncio.Handle:
+        nonlocal calls
+        calls += 1
+        return ask(*arguments, **named)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "call_soon_threadsafe", counted)
+        time.sleep(lasting_s)
+    return calls
 
 
 def resident_mb() -> float:
@@ -226,6 +255,8 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
             with subtests.test(kind), flood(kind, scene, 20.0, 4000.0):
                 scene.alerts.clear()
                 await until(lambda: "bus flooded" in scene.alerts, 10.0, "the alert")
+                calls = calls_while_busy(0.1)
+                assert calls < 50, "what waits for a busy computer grows with what a stranger sends"
                 answers = await scene.command("hold")
                 assert {did for did, _ in answers.values()} <= {"holds", "was holding already"}, answers
                 assert max(after_s for _, after_s in answers.values()) < 0.5, answers
@@ -239,3 +270,32 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
         await until(lambda: "dropped: unknown key" in scene.watched.getvalue(), 8.0, "the reasons in the watch")
         assert set(scene.tactics) == {"hold"}
         assert not scene.flight.done()
+
+        with subtests.test("sightings before the own sensors see the target"):
+            await scene.command("resume")
+            await until(lambda: scene.tactics == ["formation"] * 3, 10.0, "the formation")
+            await lured(scene)
+
+
+async def lured(scene: Scene) -> None:
+    """Lead vehicles away by sightings: they say so, before the flight and before they follow."""
+    assert all(status.target is None for status in scene.latest.values()), "the own sensors see it"
+    assert [each.grade for each in scene.findings if each.check == "mission fence"] == [Grade.WARNING]
+    stranger = Stranger(scene.mission.network.team, scene.endpoints)
+    began_s, motion = scene.now_s, scene.latest[2].motion
+    assert motion is not None
+
+    def lure() -> list[tuple[str, bytes]]:
+        place = (float(motion[0]), float(motion[1]) - 5.0 - 0.4 * (scene.now_s - began_s))
+        return [("perception/eve", encode_sighting(ExternalSighting("mission", place, (0.01, 0.0, 0.01), 0.9, 0.1)))]
+
+    luring = asyncio.create_task(spoken(stranger, lure, 20.0))
+    try:
+        await until(lambda: bool(scene.followed_s) and len(scene.outside_s) == 3, 10.0, "a vehicle that follows")
+        text = Condition.TARGET_FROM_OUTSIDE.value
+        await until(lambda: text in scene.text.getvalue() and text in scene.watched.getvalue(), 6.0, "its alert")
+    finally:
+        luring.cancel()
+        stranger.close()
+    for vehicle_id, since_s in scene.followed_s.items():
+        assert scene.outside_s[vehicle_id] <= since_s, "it follows a stranger and did not say so"

@@ -1,0 +1,131 @@
+"""Which logs of others are damaged, and which only end early: exit codes rest on it."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.cli import main
+from gcs.errors import Exit
+from gcs.vehicle_logs.foreign import read_vehicle_logs
+from gcs.vehicle_logs.vehicle_log import VehicleLog
+from tests.gcs.vehicle_logs.test_bad_logs import BIN, LOCAL, ULOG, bin_records, topic_records, ulog_records
+from tests.support.flight_logs import record_simulation
+from tests.support.mission_text import content, parsed, put
+from tests.support.telemetry_log import flight
+
+TLOG = bytes(flight((3,), seconds=5.0).log)
+LOGS = {"ulg": ULOG, "bin": BIN, "tlog": TLOG}
+STAMP_BYTES, V2_OVERHEAD_BYTES = 8, 12
+
+
+def flipped(log: bytes, at: int, bit: int) -> bytes:
+    return log[:at] + bytes([log[at] ^ 1 << bit]) + log[at + 1 :]
+
+
+def packets(log: bytes) -> Iterator[tuple[int, int]]:
+    """Where each packet of a telemetry log begins, with its stamp, and its message id."""
+    at = 0
+    while at < len(log):
+        head = log[at + STAMP_BYTES :]
+        yield at, int.from_bytes(head[7:10], "little")
+        at += STAMP_BYTES + V2_OVERHEAD_BYTES + head[1]
+
+
+def middle(places: list[int]) -> int:
+    return places[len(places) // 2]
+
+
+ATTITUDE, LOCAL_POSITION_NED = 30, 32
+LAST_ATTITUDE = [at for at, kind in packets(TLOG) if kind == ATTITUDE][-1]
+"""A position comes after it."""
+PLACES = [at for at, kind in packets(TLOG) if kind == LOCAL_POSITION_NED]
+ESTIMATES = [at for at, name in bin_records(BIN) if name == "XKF1"]
+LAST_ULOG = [at for at, _, body in ulog_records(ULOG) if at + 3 + len(body) < len(ULOG) - 400][-1]
+DAMAGED = {
+    "ulg: the kind of a record": flipped(ULOG, middle(topic_records(LOCAL)) + 2, 7),
+    "ulg: the length of a record": flipped(ULOG, middle(topic_records(LOCAL)), 3),
+    "ulg: the topic of a record": flipped(ULOG, middle(topic_records(LOCAL)) + 4, 6),
+    "ulg: a length beyond the end": flipped(ULOG, LAST_ULOG + 1, 7),
+    "ulg: nonsense at the end": ULOG + bytes(1000),
+    "bin: the head of a record": flipped(BIN, middle(ESTIMATES), 0),
+    "bin: the kind of a record": flipped(BIN, middle(ESTIMATES) + 2, 7),
+    "bin: nonsense at the end": BIN + bytes(1000),
+    "tlog: a value": flipped(TLOG, middle(PLACES) + STAMP_BYTES + 14, 2),
+    "tlog: the checksum": flipped(TLOG, middle(PLACES) + STAMP_BYTES + V2_OVERHEAD_BYTES + 27, 0),
+    "tlog: a length beyond the end": flipped(TLOG, LAST_ATTITUDE + STAMP_BYTES + 1, 7),
+    "tlog: nonsense at the end": TLOG + bytes(1000),
+}
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[[bytes], VehicleLog]:
+    def write_and_read(log: bytes) -> VehicleLog:
+        file = tmp_path / "flight.log"
+        file.write_bytes(log)
+        return read_vehicle_logs(file)[0]
+
+    return write_and_read
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Callable[[bytes], VehicleLog]) -> None:
+    found, whole = read(DAMAGED[name]), read(LOGS[name.partition(":")[0]])
+    assert (found.is_damaged, whole.is_damaged) == (True, False)
+    assert any("damaged" in note for note in found.notes)
+    assert found.position is not None
+    assert whole.position is not None
+    assert found.position.time_s.size >= 0.9 * whole.position.time_s.size
+    kept = np.isin(found.position.time_s, whole.position.time_s)
+    assert kept.mean() > 0.9
+
+
+@pytest.mark.parametrize("kind", LOGS)
+def test_a_log_that_ends_early_is_not_damaged(kind: str, read: Callable[[bytes], VehicleLog]) -> None:
+    """As without power: after any byte, within a record or between two."""
+    log = LOGS[kind]
+    for at in np.random.default_rng(5).integers(len(log) // 2, len(log), 25):
+        assert not read(log[:at]).is_damaged, at
+
+
+def run(patch: pytest.MonkeyPatch, *arguments: str) -> int:
+    patch.setattr(sys, "argv", ["cordon", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+@pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
+def test_report_gives_its_result_and_says_by_its_exit_code_that_a_log_is_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], subtests: pytest.Subtests
+) -> None:
+    rows = [(name, log, Exit.VERDICT_FAILED) for name, log in DAMAGED.items() if "nonsense" in name]
+    rows += [(f"{kind}: cut", log[:-7], Exit.HOLDS) for kind, log in LOGS.items()]
+    for name, log, code in rows:
+        with subtests.test(name=name):
+            file = tmp_path / "flight.log"
+            file.write_bytes(log)
+            assert run(monkeypatch, "report", str(file), "--json") == code
+            out, err = capsys.readouterr()
+            (result,) = json.loads(out)["logs"]
+            assert result["damaged"] is (code is Exit.VERDICT_FAILED)
+            assert result["series"]["position"]["samples"] > 100
+            assert result["notes"]
+            assert all(note in err for note in result["notes"])
+
+
+def test_a_damaged_log_of_cordon_is_damaged_to_identification_too(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    record_simulation(parsed(put(content(), ("mission", "duration_s"), 30.0)), path)
+    assert not any(log.is_damaged for log in read_vehicle_logs(path))
+    log = path.read_bytes()
+    path.write_bytes(flipped(log, len(log) // 2, 3))
+    logs = read_vehicle_logs(path)
+    assert logs
+    assert all(each.is_damaged for each in logs)
+    path.write_bytes(log[: len(log) * 2 // 3])
+    assert not any(each.is_damaged for each in read_vehicle_logs(path))
