@@ -7,7 +7,9 @@ import msgspec
 
 from estimation.frames import wrap_turn_rad
 
-_FASTEST_MODE_PER_S = 1.0
+_FASTEST_MODE_PER_S = 3.0
+"""References that are known late, and extrapolated, agree only while half of this times their age is less than 1: that
+leaves 0.6 s for messages that come late or are lost."""
 
 
 class RingPlace(msgspec.Struct, frozen=True):
@@ -64,6 +66,6 @@ def spacing_decay_per_s(members: int, gain_per_s: float) -> float:
 def scaled_gain_per_s(members: int, gain_per_s: float) -> float:
     """Return gamma for which the slowest of the ring modes `(2 gamma / 3) (1 - cos(2 pi k / n))` decays at the gain.
 
-    It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would be more than a vehicle can follow.
+    It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would be faster than its messages.
     """
     return min(gain_per_s * 1.5 / (1.0 - cos(tau / members)), max(gain_per_s, 0.75 * _FASTEST_MODE_PER_S))

@@ -311,6 +311,27 @@ def test_three_vehicles_spread_evenly_whatever_their_bearings(make_config: Maker
     assert np.mean(flown[:, :, 3]) == pytest.approx(0.05, abs=5e-4)
 
 
+@pytest.mark.parametrize(
+    ("members", "gain_per_s"), [(2, 0.1), (2, 0.4), (3, 0.1), (3, 0.2), (3, 0.4), (6, 0.1), (6, 0.4), (12, 0.2)]
+)
+def test_the_spacing_of_flown_vehicles_decays_as_the_slowest_mode_of_the_ring(
+    members: int, gain_per_s: float, make_config: Maker
+) -> None:
+    config = make_config(encirclement={"spacing_gain_per_s": gain_per_s}, safety={"separation_m": 1.0})
+    even = tau * np.arange(members) / members
+    mode = 0.05 * np.cos(even)  # half a metre: no bound is active
+    flyers = [Flyer(config, Polar(10.0, bearing, 0.0, 0.05), config.plant) for bearing in even + mode]
+    # (22) on an even ring, in closed form; on a large one gamma is bounded by 2.25 1/s.
+    gain = min(gain_per_s * 1.5 / (1.0 - np.cos(tau / members)), 2.25)
+    decay_per_s = 2.0 / 3.0 * gain * (1.0 - np.cos(tau / members))
+    flown = fly(flyers, 8.0 + 2.5 / decay_per_s)[80:, :, 1]  # the filters learn the wind first
+    gaps = np.diff(np.column_stack([flown, flown[:, 0] + tau]), axis=1) % tau
+    off = gaps - tau / members
+    value = 0.5 * (off**2).sum(axis=1)  # (18), which decays twice as fast
+    fitted_per_s = -np.polyfit(np.arange(len(value)) * PERIOD_S, np.log(value), 1)[0] / 2.0
+    assert fitted_per_s == pytest.approx(decay_per_s, rel=0.1)
+
+
 def test_the_speed_limit_is_kept_on_the_way_and_on_the_ring(make_config: Maker) -> None:
     config = make_config(encirclement={"speed_max_m_s": 1.0, "angular_rate_rad_s": 0.3})
     flown = fly([Flyer(config, Polar(40.0, 1.0, 0.0, 0.0), config.plant)], 120.0)[:, 0]
