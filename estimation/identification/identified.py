@@ -11,7 +11,7 @@ from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 
-METHOD = "output error 1"
+METHOD = "output error 2"
 """What identifies, and its version."""
 
 
@@ -79,8 +79,8 @@ class Found:
 
     `feedforward` is the gain of the velocities beside the setpoints; None where none were sent that tell of it.
     `whitened` says whether errors were whitened; they are not where that foretells markedly worse. `consistent` says
-    whether it makes no difference beyond the uncertainty. `baseline` is the plant by plain least squares, None where
-    that is unstable; fits of other plants go by their names.
+    whether it makes no difference beyond the uncertainty, `axes_alike` whether both axes were fitted as one. `baseline`
+    is the plant by plain least squares, None where that is unstable; fits of other plants go by their names.
     """
 
     axes: tuple[AxisResult, AxisResult]
@@ -89,6 +89,7 @@ class Found:
     between: Between
     whitened: bool
     consistent: bool
+    axes_alike: bool
     order: Order
     shaping: Shaping
     baseline: Plant | None

@@ -5,11 +5,13 @@ alone. Two weightings are tried. Whitening of the errors is efficient if the pla
 is noise; equal weights give the plant that simulates best even where it is not, but take the slow wander of an
 estimator for motion. They are used where they foretell markedly better what was not fitted. That the two disagree by
 more than their uncertainty allows (Hausman 1978) is reported: slow and quick motions then ask for different numbers.
+
+Autopilots have the same gains along both axes. Unless the axes differ by more than their uncertainty allows (Wald's
+test), they are fitted as one: that halves the scatter of a0 and a1.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
 from types import MappingProxyType
 
 import numpy as np
@@ -28,10 +30,11 @@ from estimation.plant.model import Plant
 
 TRAINED_SHARE = 0.7
 _HAUSMAN_SURE = 0.999
+_AXES_DIFFER_SURE = 0.95
 _PLAIN_ERRORS_MAX = 0.85
 """Of what the whitened fit leaves unexplained; less than that and the fit with equal weights is taken."""
 _MISFIT_PERCENT = 80.0
-_STAGES = 8
+_STAGES = 9
 
 
 @dataclass(slots=True)
@@ -62,7 +65,7 @@ def identify(
     white = _likeliest(recordings, excerpts, counter)
     chosen = _weighted(excerpts, white, counter)
     baseline = baseline_of(excerpts, TRAINED_SHARE)
-    order = _order(excerpts, chosen.plain_trained)
+    order = _order(excerpts, chosen)
     counter.step()
     shaping = shaping_of(excerpts, chosen.best) if _is_misfit(excerpts, chosen) else UNSHAPED
     counter.step()
@@ -71,7 +74,7 @@ def identify(
 
 @dataclass(frozen=True, slots=True)
 class _Chosen:
-    """The fit to everything, that to the first part, and the latter without whitening.
+    """The fit to everything, and that to the first part.
 
     `whitened` says whether errors were whitened, `consistent` whether it makes no difference beyond the uncertainty.
     """
@@ -80,7 +83,6 @@ class _Chosen:
     trained: Fit
     whitened: bool
     consistent: bool
-    plain_trained: Fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,13 +119,27 @@ def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Ch
     apart = white.parameters - plain.parameters
     statistic = float(apart @ np.linalg.pinv(plain.covariance, hermitian=True) @ apart)
     left_plain, left_white = (
-        100.0 - np.mean(_prediction_fits(excerpts, each, inf)) for each in (plain_trained, white_trained)
+        100.0 - np.mean(_prediction_fits(excerpts, each)) for each in (plain_trained, white_trained)
     )
     whitened = bool(left_plain > _PLAIN_ERRORS_MAX * left_white)
     best, trained = (white, white_trained) if whitened else (plain, plain_trained)
+    if _axes_agree(best):
+        model = replace(best.model, alike=True)
+        best = fit(excerpts, model, best.parameters, 1.0, whitened)
+        trained = fit(excerpts, model, trained.parameters, TRAINED_SHARE, whitened)
     best, trained = _causal(excerpts, best, 1.0, whitened), _causal(excerpts, trained, TRAINED_SHARE, whitened)
+    counter.step()
     consistent = bool(statistic <= chi2.ppf(_HAUSMAN_SURE, apart.size))
-    return _Chosen(best, trained, whitened, consistent, plain_trained)
+    return _Chosen(best, trained, whitened, consistent)
+
+
+def _axes_agree(apiece: Fit) -> bool:
+    """Return whether a0 and a1 of the two axes, each fitted by itself, differ by no more than their uncertainty."""
+    difference = np.zeros((2, apiece.parameters.size))
+    difference[:, :4] = (1.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, -1.0)
+    apart = difference @ apiece.parameters
+    spread = np.linalg.pinv(difference @ apiece.covariance @ difference.T, hermitian=True)
+    return bool(apart @ spread @ apart <= chi2.ppf(_AXES_DIFFER_SURE, apart.size))
 
 
 def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
@@ -134,29 +150,30 @@ def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool
     return replace(at_zero, covariance=best.covariance, unbounded_delay_s=float(best.parameters[4]))
 
 
-def _order(excerpts: Sequence[Excerpt], plain: Fit) -> Order:
+def _order(excerpts: Sequence[Excerpt], chosen: _Chosen) -> Order:
     """Return what a third order - a lag of the actuators - would give beyond the second."""
-    model = replace(plain.model, lag=True)
-    third = fit(excerpts, model, np.append(plain.parameters, np.log(0.1)), TRAINED_SHARE, whiten=False)
-    second_percent, third_percent = (float(np.mean(_prediction_fits(excerpts, each))) for each in (plain, third))
+    second = chosen.trained
+    start = np.append(second.parameters, np.log(0.1))
+    third = fit(excerpts, replace(second.model, lag=True, delayed=True), start, TRAINED_SHARE, chosen.whitened)
+    second_percent, third_percent = (float(np.mean(_prediction_fits(excerpts, each))) for each in (second, third))
     return Order(
         lag_s=float(np.exp(third.parameters[-1])),
         fit_second_percent=second_percent,
         fit_third_percent=third_percent,
-        error_ratio=float(np.exp((third.score - plain.score) / 2.0 / max(third.count, 1))),
+        error_ratio=float(np.exp((third.score - second.score) / 2.0 / max(third.count, 1))),
     )
 
 
 def _is_misfit(excerpts: Sequence[Excerpt], chosen: _Chosen) -> bool:
     """Return whether the plant explains so little that it is worth looking for bounds of speed and acceleration."""
-    return not chosen.whitened or min(_prediction_fits(excerpts, chosen.trained)) < _MISFIT_PERCENT
+    if not (chosen.whitened and chosen.consistent):
+        return True
+    return min(_prediction_fits(excerpts, chosen.trained)) < _MISFIT_PERCENT
 
 
-def _prediction_fits(
-    excerpts: Sequence[Excerpt], trained: Fit, window_s: float = PREDICTION_HORIZON_S
-) -> tuple[float, float]:
-    """Return the validation fits along x and y, predicted over windows of `window_s`."""
-    x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE, window_s)) for axis in range(2))
+def _prediction_fits(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, float]:
+    """Return the validation fits along x and y."""
+    x, y = (fit_percent(simulated(excerpts, trained, axis, TRAINED_SHARE, PREDICTION_HORIZON_S)) for axis in range(2))
     return x, y
 
 
@@ -189,6 +206,7 @@ def _result(parts: _Parts) -> Identified:
         between=best.model.between,
         whitened=parts.chosen.whitened,
         consistent=parts.chosen.consistent,
+        axes_alike=best.model.alike,
         order=parts.order,
         shaping=parts.shaping,
         baseline=parts.baseline,

@@ -33,17 +33,27 @@ _TRAINING_MIN = 40
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What is fitted beside a0, a1 and the delay, and what is taken to happen between setpoints."""
+    """What is fitted beside a0, a1 and the delay, and what is taken to happen between setpoints.
+
+    With `alike`, both axes have the same a0 and a1.
+    """
 
     between: Between
     lag: bool = False
     feedforward: bool = False
     delayed: bool = True
+    alike: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
         """What the fitted parameters are called, in order."""
         return PLANT_NAMES + ("feedforward",) * self.feedforward + ("lag_s",) * self.lag
+
+    @property
+    def directions(self) -> Vector:
+        """Return the directions (k, d) in which the fitted parameters are free to move."""
+        every = np.eye(len(self.names))
+        return np.column_stack((every[0] + every[2], every[1] + every[3], every[:, 4:])) if self.alike else every
 
     def responses(self, parameters: Vector) -> tuple[Response, Response]:
         """Return each axis' response; parameters are as fitted: a0 and a1 by their logarithms."""
@@ -206,32 +216,29 @@ class _Problem:
 
     def solved(self, start: Vector, filters: tuple[Vector, Vector]) -> Vector:
         """Return the parameters of the least sum of squares."""
-        low, high = self._model.bounds()
+        directions = self._model.directions
+        onto = directions.T / directions.sum(axis=0)[:, None]  # parameters that move together: their mean
+        low, high = (onto @ bound for bound in self._model.bounds())
         solution = least_squares(
-            self.residuals,
-            np.clip(start, low + 1e-6, high - 1e-6),
-            jac=self.jacobian,
+            lambda free: self.residuals(directions @ free, filters),
+            np.clip(onto @ start, low + 1e-6, high - 1e-6),
+            jac=lambda free: self.jacobian(directions @ free, filters),
             bounds=(low, high),
-            args=(filters,),
             x_scale=0.1,
             xtol=1e-4,
             ftol=1e-6,
             max_nfev=25,
         )
-        parameters = np.asarray(solution.x, dtype=np.float64)
+        parameters = np.asarray(directions @ solution.x, dtype=np.float64)
         if not self._model.delayed:
             parameters[4] = 0.0
         return parameters
 
     def jacobian(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
-        """Return how the errors change with the parameters, (N, k)."""
-        columns = []
+        """Return how the errors change with the parameters along the free directions, (N, d)."""
         here = self.residuals(parameters, filters)
-        for at in range(parameters.size):
-            nudge = np.zeros(parameters.size)
-            nudge[at] = _NUDGE
-            columns.append((self.residuals(parameters + nudge, filters) - here) / _NUDGE)
-        return np.column_stack(columns)
+        nudges = _NUDGE * self._model.directions.T
+        return np.column_stack([(self.residuals(parameters + nudge, filters) - here) / _NUDGE for nudge in nudges])
 
     def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> tuple[Vector, int]:
         """Return the parameters' covariance, whatever of the errors' colour is left, and from how many blocks."""
@@ -244,7 +251,8 @@ class _Problem:
             cut = [np.array_split(each, count) for each in (x, y, x_errors, y_errors)]
             blocks += [(np.vstack(each[:2]), np.concatenate(each[2:])) for each in zip(*cut, strict=True)]
         covariance, count = jackknifed([each for each, _ in blocks], [each for _, each in blocks])
-        return _at_least(covariance, jacobian), count
+        directions = self._model.directions
+        return directions @ _at_least(covariance, jacobian) @ directions.T, count
 
 
 def _at_least(covariance: Vector, jacobian: Vector) -> Vector:

@@ -12,7 +12,10 @@ from estimation.identification.output_error import Fit
 from estimation.state import Vector
 
 PREDICTION_HORIZON_S = 10.0
-"""Prediction horizon of the validation: over longer times the estimator's drift dominates the error."""
+"""Windows of the validation: over longer times the estimator's drift dominates the error."""
+_WANDER_DEGREE = 2
+"""An estimator's wander within a window: its place, rate and curvature. They are free, and the same for every plant. Free
+motions of the plant itself in their place would let slow plants pass off the wander as motion of their own."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,8 +46,8 @@ def simulated(
 ) -> list[Simulated]:
     """Simulate each excerpt from its setpoints alone.
 
-    The state it began in and a constant disturbance are taken from the first `share` of it, and nothing from the rest;
-    or the rest is cut to windows of about `window_s`, each with a beginning and a disturbance of its own.
+    The state it began in and a constant disturbance are taken from the first `share` of it, and nothing from the rest.
+    The rest is cut to windows of about `window_s`, in each of which the estimator's wander is taken out of the errors.
     """
     response = plant.model.responses(plant.parameters)[axis]
     found = []
@@ -54,17 +57,19 @@ def simulated(
         inputs, lead_s = excerpt.inputs(plant.model.between)[axis], plant.model.leads_s(plant.parameters)[axis]
         simulated_m = response.answer(inputs, lead_s, float(plant.parameters[4]), excerpt.begin_s, GRID_S, count)
         free = np.column_stack((np.ones(count), response.free(grid_s(count))))
-        apart_m = measured_m - simulated_m
-        known = slice(0, trained)
+        weights, *_ = np.linalg.lstsq(free[:trained], (measured_m - simulated_m)[:trained], rcond=None)
+        simulated_m += free @ weights
         edges = _edges(trained, count, window_s)
-        for begin, end in pairwise((0, *edges)):
-            if begin >= trained and window_s < inf:
-                known = slice(begin, end)
-            basis = free[: known.stop - known.start]
-            weights, *_ = np.linalg.lstsq(basis, apart_m[known], rcond=None)
-            simulated_m[begin:end] += free[begin - known.start : end - known.start] @ weights
+        for begin, end in pairwise(edges) if window_s < inf else ():
+            simulated_m[begin:end] += _wander((measured_m - simulated_m)[begin:end])
         found.append(Simulated(excerpt.time_s, measured_m, simulated_m, edges))
     return found
+
+
+def _wander(error_m: Vector) -> Vector:
+    """Return the part of a window's errors (T,) that the estimator's wander explains."""
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, error_m.size), _WANDER_DEGREE + 1))
+    return np.asarray(basis @ (basis.T @ error_m), dtype=np.float64)
 
 
 def _edges(trained: int, count: int, window_s: float) -> tuple[int, ...]:

@@ -80,6 +80,8 @@ def remarks(found: Found) -> list[str]:
     order, enough = found.order, "enough" if found.order.second_is_enough else "not enough"
     lines = [
         f"setpoints: {found.between.value}",
+        "axes: "
+        + ("fitted as one, as they do not differ" if found.axes_alike else "each fitted by itself: they differ"),
         f"errors: {x.error_rms_m:.2f} m along x, {y.error_rms_m:.2f} m along y (rms); "
         + (
             f"whitened, {100 * min(x.white_share, y.white_share):.0f} % of their correlations are within white noise's"
@@ -126,6 +128,7 @@ def _found_dict(found: Found) -> dict[str, Any]:
         "setpoints": found.between.value,
         "whitened": found.whitened,
         "consistent": found.consistent,
+        "axes_alike": found.axes_alike,
         "third_order": {**asdict(found.order), "second_is_enough": found.order.second_is_enough},
         "bounds": shaping,
         "least_squares": None

@@ -13,7 +13,7 @@ from estimation.identification.simulated import fit_percent, simulated
 from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 from tests.experiments.identification_draws import drawn, intervals_of
-from tests.support.synthetic_flights import SENT_S, Truth, excitation_m, recorded, saturated
+from tests.support.synthetic_flights import SENT_S, Cascade, Truth, cascaded, excitation_m, recorded, saturated
 
 TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
 
@@ -208,3 +208,23 @@ def test_plain_least_squares_is_told_beside_and_is_worse() -> None:
     assert found.baseline is not None
     errors = [abs(found.axes[0].a0_per_s2.value - 1.5), abs(found.baseline.a0_per_s2[0] - 1.5)]
     assert errors[0] < errors[1]
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_soft_cascade_with_an_integral_part_validates_better_than_plain_least_squares(seed: int) -> None:
+    """Least squares gives a slow plant, whose free motion would pass for what the estimator wanders."""
+    random = np.random.default_rng(seed)
+    flight = cascaded(Cascade(0.5, 1.0, 0.17), seed, 0.5 * excitation_m(random))
+    found = found_in(identify([flight]))
+    assert found.baseline_fit_percent is not None
+    fits = [axis.fit_percent for axis in found.axes]
+    assert np.greater(fits, found.baseline_fit_percent).all(), (fits, found.baseline_fit_percent)
+    assert [axis.a0_per_s2.value for axis in found.axes] == pytest.approx([0.5 * 1.0] * 2, rel=0.25)
+
+
+def test_axes_are_fitted_as_one_unless_they_differ() -> None:
+    same = found_in(identify([recorded(Truth((1.5, 1.5), (1.9, 1.9), 0.2), 15, noise_m=0.1)]))
+    differing = found_in(identify([recorded(TRUTH, 15, noise_m=0.1)]))
+    assert (same.axes_alike, differing.axes_alike) == (True, False)
+    assert same.plant.x == same.plant.y
+    assert same.plant.x.a0_per_s2 == pytest.approx(1.5, rel=0.05)

@@ -128,3 +128,49 @@ def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
     time_s = np.arange(position_m.shape[0], dtype=np.float64) * 0.02
     sent_s = np.arange(sent_m.shape[0], dtype=np.float64) * SENT_S
     return Recording(time_s, position_m + noise, sent_s, sent_m, [(0.0, float(time_s[-1]))])
+
+
+@dataclass(frozen=True)
+class Cascade:
+    """An autopilot's position loop: proportional on position, PI on velocity, behind a lag, on a vehicle with drag.
+
+    No plant of second order is one: the integral part makes it a third, and a zero.
+    """
+
+    position_gain_per_s: float
+    velocity_gain_per_s: float
+    integral_gain_per_s2: float
+    lag_s: float = 0.15
+    delay_s: float = 0.1
+    drag_per_s: float = 1.0
+
+
+def cascaded(
+    vehicle: Cascade, seed: int, setpoint_m: Vector, *, wander_m: float = 0.2, velocity_error_m_s: float = 0.15
+) -> Recording:
+    """Return what a log holds of a cascade that flies on the estimates of a wandering estimator.
+
+    Position and velocity are off by errors of their own, and the vehicle follows them: to the plant they are an input.
+    """
+    random, step_s = np.random.default_rng(seed), 0.01
+    count, late = round(setpoint_m.shape[0] * SENT_S / step_s), round(vehicle.delay_s / step_s)
+    keep = np.exp(-step_s / 2.0)  # estimators move smoothly
+    off_m, off_m_s = (
+        lfilter([1.0 - keep], [1.0, -keep], [coloured(random, count, step_s, size, 8.0) for _ in range(2)]).T
+        for size in (wander_m, velocity_error_m_s)
+    )
+    place, speed, push, integral = np.zeros((4, 2))
+    path = np.empty((count, 2))
+    for at in range(count):
+        asked = setpoint_m[max(0, at - late) * setpoint_m.shape[0] // count]
+        lacking = vehicle.position_gain_per_s * (asked - place - off_m[at]) - speed - off_m_s[at]
+        integral = integral + vehicle.integral_gain_per_s2 * lacking * step_s
+        push = push + (vehicle.velocity_gain_per_s * lacking + integral - push) * step_s / vehicle.lag_s
+        speed = speed + (push - vehicle.drag_per_s * speed) * step_s
+        place = place + speed * step_s
+        path[at] = place + off_m[at]
+    time_s = np.arange(count) * step_s
+    sampled_s = np.arange(float(random.uniform(0.0, 0.2)), time_s[-1], 0.2)
+    held = np.floor(sampled_s / SENT_S + 1e-9).astype(int)
+    spans_s = [(0.0, float(time_s[-1]))]
+    return Recording(time_s[::2], path[::2], sampled_s, setpoint_m[held], spans_s, sampled=True)
