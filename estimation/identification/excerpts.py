@@ -36,7 +36,8 @@ class Recording:
 
     `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` when its estimator moved its position
     by itself. With `sampled`, the log holds what setpoint was in force at its times, and not when each was sent.
-    `velocity_m_s` (n, 2) are the velocities that went with the setpoints, None where none did.
+    `velocity_m_s` (n, 2) are the velocities that went with the setpoints, None where none did; `reported_m_s` (T, 2) are
+    the vehicle's own at the times of its positions, None where the log has none.
     """
 
     position_time_s: Vector
@@ -47,15 +48,20 @@ class Recording:
     resets_s: Sequence[float] = ()
     sampled: bool = False
     velocity_m_s: Vector | None = None
+    reported_m_s: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excerpt:
-    """A part of a flight without a break: positions (T, 2) every GRID_S from begin_s on, and all setpoints."""
+    """A part of a flight without a break: positions (T, 2) every GRID_S from begin_s on, and all setpoints.
+
+    `reported_m_s` are the vehicle's velocities (T, 2), None where it told none.
+    """
 
     begin_s: float
     position_m: Vector
     recording: Recording
+    reported_m_s: Vector | None = None
 
     @property
     def duration_s(self) -> float:
@@ -126,5 +132,11 @@ def _in_gap(time_s: Vector, gaps: NDArray[np.intp], from_s: float, to_s: float) 
 
 def _excerpt(recording: Recording, from_s: float, to_s: float) -> Excerpt:
     at_s = np.arange(from_s, to_s, GRID_S)
-    columns = [np.interp(at_s, recording.position_time_s, column) for column in recording.position_m.T]
-    return Excerpt(from_s, np.column_stack(columns), recording)
+    position_m = _at(at_s, recording.position_time_s, recording.position_m)
+    velocity_m_s = recording.reported_m_s
+    reported_m_s = None if velocity_m_s is None else _at(at_s, recording.position_time_s, velocity_m_s)
+    return Excerpt(from_s, position_m, recording, reported_m_s)
+
+
+def _at(at_s: Vector, time_s: Vector, values: Vector) -> Vector:
+    return np.column_stack([np.interp(at_s, time_s, column) for column in values.T])

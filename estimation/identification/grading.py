@@ -16,6 +16,7 @@ SETPOINT_MOTION_MIN_M = 0.3
 MOTION_SHARE_MIN = 0.15
 WIDE_GOOD, WIDE_USABLE = 0.15, 0.5
 DELAY_WIDE_GOOD_S, DELAY_WIDE_USABLE_S = 0.08, 0.2
+DELAY_SPREAD_GOOD_S = 0.15
 FIT_GOOD_PERCENT, FIT_USABLE_PERCENT = 70.0, 40.0
 SPEED_SHARE_MAX, SATURATED_RATIO = 0.1, 0.6
 _AXES = ("x", "y")
@@ -121,6 +122,9 @@ def _of_delay(found: Found, unbounded_s: float, deviation_s: float) -> Reasons:
                 "or it is shaped; the delay was taken as 0",
             )
         ]
+    if found.delay_spread_s > DELAY_SPREAD_GOOD_S:
+        words = f"the delay differs by {found.delay_spread_s:.2f} s (rms) from time to time"
+        return [(PlantGrade.USABLE, f"{words}: a busy link, or a vehicle that is not quite of this kind")]
     half_s = max(delay.high - delay.value, delay.value - delay.low)
     if half_s > DELAY_WIDE_GOOD_S:
         verdict = PlantGrade.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else PlantGrade.USABLE

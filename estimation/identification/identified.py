@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from estimation.identification.excerpts import Excerpt
+from estimation.identification.filter_noise import FilterNoise
 from estimation.identification.output_error import Fit
 from estimation.identification.response import Between
 from estimation.identification.shaping import Shaping
@@ -81,6 +82,8 @@ class Found:
     `whitened` says whether errors were whitened; they are not where that foretells markedly worse. `consistent` says
     whether it makes no difference beyond the uncertainty, `axes_alike` whether both axes were fitted as one. `baseline`
     is the plant by plain least squares, None where that is unstable; fits of other plants go by their names.
+    `delay_spread_s` is how far the delay differs from time to time (rms). `noise` is what the own-state filter needs to
+    know, None where the flights tell no velocities.
     """
 
     axes: tuple[AxisResult, AxisResult]
@@ -96,7 +99,9 @@ class Found:
     baseline_fit_percent: tuple[float, float] | None
     others_fit_percent: Mapping[str, tuple[float, float]]
     validation: Validation
+    delay_spread_s: float
     feedforward: Interval | None = None
+    noise: FilterNoise | None = None
 
     @property
     def plant(self) -> Plant:

@@ -19,10 +19,11 @@ from scipy.stats import chi2
 
 from estimation.identification.coloured_noise import whiteness
 from estimation.identification.excerpts import Excerpt, Recording, excerpts_of
+from estimation.identification.filter_noise import filter_noise_of
 from estimation.identification.grading import graded, refused
 from estimation.identification.identified import AxisResult, Found, Identified, Interval, Order, Validation
 from estimation.identification.least_squares_start import baseline_of
-from estimation.identification.output_error import Fit, Model, fit, parameters_of, start_of
+from estimation.identification.output_error import Fit, Model, delay_spread_s, fit, parameters_of, start_of
 from estimation.identification.response import Between
 from estimation.identification.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.identification.simulated import PREDICTION_HORIZON_S, fit_percent, simulated
@@ -213,8 +214,10 @@ def _result(parts: _Parts) -> Identified:
         baseline_fit_percent=baseline_fit,
         others_fit_percent=others_fit,
         validation=Validation(tuple(parts.excerpts), best, trained),
+        delay_spread_s=delay_spread_s(parts.excerpts, best),
         feedforward=_gain(best) if best.model.feedforward else None,
     )
+    found = replace(found, noise=filter_noise_of(parts.excerpts, best, found.plant))
     verdict, reasons = graded(found, unbounded_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
     return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)

@@ -157,6 +157,24 @@ def fit(
     return Fit(model, parameters, covariance, filters, (tuple(errors[0]), tuple(errors[1])), blocks)
 
 
+def delay_spread_s(excerpts: Sequence[Excerpt], fitted: Fit) -> float:
+    """Return how far the delay differs from block to block of the flights (rms), beyond what the errors explain."""
+    problem, late = _Problem(excerpts, fitted.model, 1.0), fitted.parameters.copy()
+    late[4] += _NUDGE
+    information = wanted = 0.0
+    blocks = 0
+    pairs = zip(*(problem.errors(each, fitted.whitening) for each in (fitted.parameters, late)), strict=True)
+    for error, later in (pair for axis in pairs for pair in zip(*axis, strict=True)):
+        count = max(1, round(error.size * GRID_S / BLOCK_S))
+        for part, slope in zip(
+            np.array_split(error, count), np.array_split((later - error) / _NUDGE, count), strict=True
+        ):
+            information += float(slope @ slope)
+            wanted += float(slope @ part) ** 2 / max(float(slope @ slope), 1e-12)
+            blocks += 1
+    return float(np.sqrt(max(wanted - blocks, 0.0) / max(information, 1e-12)))
+
+
 def _levelled(errors: Sequence[Vector]) -> Vector:
     """Return the filter that makes errors of variance 1, and leaves their colour."""
     return _PLAIN / max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 1e-9)

@@ -126,10 +126,10 @@ def _flown(
     count = position_m.shape[0]
     a0, a1 = np.exp(rows[:, [0, 2]]), np.exp(rows[:, [1, 3]])
     speed_max, force_max = np.exp(rows[:, 5:6]), np.exp(rows[:, 6:7])
-    inputs = _inputs(rows[:, 4], begin_s, count, [part.position for part in parts])
+    inputs = mean_inputs(rows[:, 4], begin_s, count, [part.position for part in parts])
     velocities = [part.velocity for part in parts if part.velocity is not None]
     if velocities and leads_s != (0.0, 0.0):
-        inputs += leads_s * _inputs(rows[:, 4], begin_s, count, velocities)
+        inputs += leads_s * mean_inputs(rows[:, 4], begin_s, count, velocities)
     ratio, keep = a0 / a1, np.exp(-a1 * _STEP_S)
     change_max = force_max * _STEP_S
     position = np.repeat(position_m[None, 0], rows.shape[0], axis=0)
@@ -150,7 +150,7 @@ def _flown(
     return paths, held
 
 
-def _inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps]) -> Vector:
+def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps]) -> Vector:
     """Return the mean of each axis' setpoint over each fine step, for K delays: (F, K, 2)."""
     edges_s = begin_s + np.arange(count * _FINE + 1) * _STEP_S
     inputs = np.empty((count * _FINE, delays_s.size, 2))

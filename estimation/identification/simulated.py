@@ -14,8 +14,8 @@ from estimation.state import Vector
 PREDICTION_HORIZON_S = 10.0
 """Windows of the validation: over longer times the estimator's drift dominates the error."""
 _WANDER_DEGREE = 2
-"""An estimator's wander within a window: its place, rate and curvature. They are free, and the same for every plant. Free
-motions of the plant itself in their place would let slow plants pass off the wander as motion of their own."""
+"""An estimator's wander within a window: its place, rate and curvature, free for every plant alike. With the plant's
+own free motions in their place, a slow plant would take up the wander, and be judged too well."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

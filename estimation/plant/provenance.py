@@ -51,8 +51,9 @@ class Identification(Settings):
 
     `method` names the method and its version, `date` is the ISO date; `setpoints` says what was taken to happen between
     two logged setpoints; `vehicle` is the system id. `fit_x_percent` and `fit_y_percent` are the fit on a part of the
-    flight that nothing was fitted to: 100 (1 - rms error / rms motion). `covariance` is (5, 5) or, with feed-forward,
-    (6, 6) in the order of `covariance_of`.
+    flight that nothing was fitted to: 100 (1 - rms error / rms motion). `delay_spread_s` is how far the delay differs
+    from time to time (rms), None in files of earlier versions. `covariance` is (5, 5) or, with feed-forward, (6, 6) in
+    the order of `covariance_of`.
     """
 
     method: str
@@ -65,6 +66,7 @@ class Identification(Settings):
     duration_s: float = Field(gt=0.0)
     fit_x_percent: float = Field(le=100.0)
     fit_y_percent: float = Field(le=100.0)
+    delay_spread_s: float | None = Field(None, ge=0.0, le=10.0)
     verdict: Annotated[PlantGrade, BeforeValidator(_verdict)]
     reasons: Annotated[tuple[str, ...], BeforeValidator(_tuples)] = ()
     covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]

@@ -105,7 +105,7 @@ def _write_files(identified: "Identified", logs: "Sequence[VehicleLog]", options
         print_line(f"{options.output}: not written: no plant was found")
     elif options.output is not None and found is not None:
         identification = identification_of(identified, found, logs, date.today())
-        _write("--output", options.output, profile_text(found, identification))
+        _write("--output", options.output, profile_text(found, identification, logs))
     if options.html is not None:
         from gcs.identify.page import identified_html
 

@@ -89,7 +89,8 @@ def _held_out(found: Found) -> Section:
     share = f"{100 * TRAINED_SHARE:.0f} %"
     lead = (
         f"A plant fitted to the first {share} of each part of the flight alone foretells the rest from setpoints only, "
-        f"without what an estimator wanders within {PREDICTION_HORIZON_S:g} s: place, rate and curvature; seconds of the log."
+        f"without what an estimator wanders within {PREDICTION_HORIZON_S:g} s (place, rate and curvature); seconds of "
+        "the log."
     )
     return Section("held-out", "On what was not fitted", lead, tuple(charts))
 

@@ -33,7 +33,15 @@ def recording_of(log: VehicleLog) -> Recording:
         log.position_resets_s,
         sampled=log.setpoint.topic in SAMPLED_TOPICS,
         velocity_m_s=_velocity_m_s(log, log.setpoint.time_s[given]),
+        reported_m_s=_reported_m_s(log, log.position.time_s),
     )
+
+
+def _reported_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:
+    """Return the vehicle's velocities (T, 2) at these times; None where the log has none."""
+    if log.velocity is None:
+        return None
+    return np.column_stack([np.interp(time_s, log.velocity.time_s, column) for column in log.velocity.values.T[:2]])
 
 
 def _velocity_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:

@@ -12,10 +12,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from estimation.identification.filter_noise import AHEAD_S
 from estimation.identification.identified import METHOD, Found, Identified, Interval
 from estimation.plant.provenance import Identification, IdentifiedLog, PlantGrade, covariance_of
-from estimation.profile.profile import Autopilot
+from estimation.profile.profile import Autopilot, LimitsSection
 from estimation.profile.shelf import ProfileShelf
+from gcs.identify.limits import limits_in
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 _STYLES = {PlantGrade.GOOD: "bold green", PlantGrade.USABLE: "bold yellow", PlantGrade.DO_NOT_FLY: "bold red"}
@@ -91,6 +93,16 @@ def remarks(found: Found) -> list[str]:
         f"order: with a lag of {order.lag_s:.2f} s as a third, the fit would be {order.fit_third_percent:.1f} % "
         f"instead of {order.fit_second_percent:.1f} %: a second order is {enough}",
     ]
+    lines.append(
+        f"delay: differs by {found.delay_spread_s:.2f} s (rms) from time to time, beyond what the errors explain"
+    )
+    if (noise := found.noise) is not None:
+        lines.append(
+            f"filter: noise of positions {noise.position_noise_m:.3f} m, of velocities "
+            f"{noise.velocity_noise_m_s:.3f} m/s; disturbance: changes by {noise.disturbance_noise_m_s2:.3f} m/s2 in a "
+            f"second (rms), bounded to {noise.disturbance_max_m_s2:.2f} m/s2; predicted {AHEAD_S:g} s ahead to "
+            f"{noise.predicted_rms_m:.3f} m rms"
+        )
     if found.baseline is not None:
         (x0, y0), (x1, y1), delay_s = found.baseline.a0_per_s2, found.baseline.a1_per_s, found.baseline.delay_s
         lines.append(f"plain least squares: a0 {x0:.2f}, {y0:.2f}; a1 {x1:.2f}, {y1:.2f}; delay {delay_s:.1f} s")
@@ -123,6 +135,8 @@ def _found_dict(found: Found) -> dict[str, Any]:
         "y": asdict(found.axes[1]),
         "delay_s": asdict(found.delay_s),
         "feedforward": None if found.feedforward is None else asdict(found.feedforward),
+        "delay_spread_s": found.delay_spread_s,
+        "own_filter": None if found.noise is None else asdict(found.noise),
         "covariance_of": list(covariance_of(feedforward=found.feedforward is not None)),
         "covariance": found.covariance.tolist(),
         "setpoints": found.between.value,
@@ -156,21 +170,27 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
         duration_s=round(identified.duration_s, 1),
         fit_x_percent=round(found.axes[0].fit_percent, 1),
         fit_y_percent=round(found.axes[1].fit_percent, 1),
+        delay_spread_s=round(found.delay_spread_s, 3),
         verdict=identified.verdict,
         reasons=identified.reasons,
         covariance=tuple(tuple(float(f"{value:.6g}") for value in row) for row in found.covariance.tolist()),
     )
 
 
-def profile_text(found: Found, identified: Identification) -> str:
-    """Return a profile: the plant as it was identified, and what else the bundled profile of the autopilot holds."""
+def profile_text(found: Found, identified: Identification, logs: Sequence[VehicleLog]) -> str:
+    """Return a profile: plant and filter as identified, limits as logged, and the rest of the bundled profile."""
     autopilot = next((name for name in get_args(Autopilot) if name == identified.autopilot.lower()), None)
     lines = ["# Written by `cordon identify`; x points north, y west."]
     if autopilot is not None:
         lines.append(f"autopilot = {_toml(autopilot)}")
     lines += _plant_lines(found)
-    if autopilot is not None:
-        lines += _bundled_lines(autopilot)
+    lines += _filter_lines(found) if found.noise is not None else _bundled_lines("own_filter", autopilot)
+    limits, parameters = limits_in(logs, autopilot) if autopilot is not None else (LimitsSection(), ())
+    if parameters:
+        lines += [f"\n# The autopilot's {' and '.join(parameters)}.", "[limits]"]
+        lines += [f"{name} = {_toml(round(value, 4))}" for name, value in limits.model_dump(exclude_none=True).items()]
+    else:
+        lines += _bundled_lines("limits", autopilot)
     return "\n".join([*lines, *_identified_lines(identified)]) + "\n"
 
 
@@ -192,16 +212,30 @@ def _plant_lines(found: Found) -> list[str]:
     return lines
 
 
-def _bundled_lines(autopilot: Autopilot) -> list[str]:
-    """Return what is not identified, as far as the bundled profile differs from the defaults."""
-    bundled = ProfileShelf(None).load(autopilot)
-    lines = []
-    for section, settings in (("own_filter", bundled.own_filter), ("limits", bundled.limits)):
-        values = settings.model_dump(exclude_unset=True)
-        if values:
-            lines += [f"\n# Not identified: from the bundled profile '{autopilot}'.", f"[{section}]"]
-            lines += [f"{name} = {_toml(value)}" for name, value in values.items()]
-    return lines
+def _filter_lines(found: Found) -> list[str]:
+    """Return what the own-state filter needs to know, as the flight has it."""
+    noise = found.noise
+    assert noise is not None
+    return [
+        f"\n# Identified from the same flight: with it, the error of a prediction {AHEAD_S:g} s ahead is "
+        f"{noise.predicted_rms_m:.3f} m rms.",
+        "[own_filter]",
+        f"position_noise_m = {noise.position_noise_m:.3g}",
+        f"velocity_noise_m_s = {noise.velocity_noise_m_s:.3g}",
+        f"disturbance_noise_m_s2 = {noise.disturbance_noise_m_s2:.3g}",
+        f"disturbance_max_m_s2 = {noise.disturbance_max_m_s2:.3g}",
+    ]
+
+
+def _bundled_lines(section: str, autopilot: Autopilot | None) -> list[str]:
+    """Return a section of the autopilot's bundled profile, as far as it differs from the defaults."""
+    if autopilot is None:
+        return []
+    values = getattr(ProfileShelf(None).load(autopilot), section).model_dump(exclude_unset=True)
+    if not values:
+        return []
+    lines = [f"\n# Not in the logs: from the bundled profile '{autopilot}'.", f"[{section}]"]
+    return lines + [f"{name} = {_toml(value)}" for name, value in values.items()]
 
 
 def _identified_lines(identified: Identification) -> list[str]:
@@ -210,7 +244,7 @@ def _identified_lines(identified: Identification) -> list[str]:
         if name == "covariance":
             lines += [f"# of {', '.join(covariance_of(feedforward=identified.feeds))}", "covariance = ["]
             lines += [f"  [{', '.join(f'{number:.6g}' for number in row)}]," for row in value] + ["]"]
-        elif name != "logs":
+        elif name != "logs" and value is not None:
             lines.append(f"{name} = {_toml(value)}")
     for log in identified.logs:
         lines += ["\n[[identified.logs]]", f"name = {_toml(log.name)}", f"sha256 = {_toml(log.sha256)}"]

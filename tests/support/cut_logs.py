@@ -35,12 +35,18 @@ EXCITATION_BIN_KEPT = {"FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "MODE", "VE
 BIN_KEPT = EXCITATION_BIN_KEPT | {"SIM"}
 BIN_PARAMETERS = (b"SYSID_THISMAV", b"LOG_DISARMED", b"EK3_PRIMARY", b"FRAME_CLASS", b"GUID_OPTIONS")
 
+ULOG_LIMITS = (*ULOG_PARAMETERS, b"MPC_ACC_HOR")
+BIN_LIMITS = (*BIN_PARAMETERS, b"WPNAV_SPEED", b"WPNAV_ACCEL")
+"""Profiles hold limits: whole flights keep the parameters that set them."""
+
 MCAP_KEPT = {"run", "vehicle", "start", "telemetry", "decision", "end"}
 
 CSV_ROWS = 450
 
 
-def cut_ulog(log: bytes, span_us: tuple[int, int], every: dict[str, int]) -> bytes:
+def cut_ulog(
+    log: bytes, span_us: tuple[int, int], every: dict[str, int], parameters: tuple[bytes, ...] = ULOG_PARAMETERS
+) -> bytes:
     out, at = bytearray(log[:ULOG_HEADER_BYTES]), ULOG_HEADER_BYTES
     topics: dict[int, str] = {}
     seen: Counter[str] = Counter()
@@ -60,14 +66,14 @@ def cut_ulog(log: bytes, span_us: tuple[int, int], every: dict[str, int]) -> byt
         elif kind == ord("F"):
             keep = body.partition(b":")[0].decode() in every
         elif kind in b"PQ":
-            keep = any(name in body for name in ULOG_PARAMETERS)
+            keep = any(name in body for name in parameters)
         else:
             keep = kind in b"BIL"
         out += record if keep else b""
     return bytes(out)
 
 
-def cut_bin(log: bytes, until_us: int, kept: Set[str]) -> bytes:
+def cut_bin(log: bytes, until_us: int, kept: Set[str], parameters: tuple[bytes, ...] = BIN_PARAMETERS) -> bytes:
     out, at = bytearray(), 0
     formats: dict[int, tuple[str, int]] = {0x80: ("FMT", 89)}
     while at + 3 <= len(log):
@@ -81,7 +87,7 @@ def cut_bin(log: bytes, until_us: int, kept: Set[str]) -> bytes:
             keep = formats[record[11]][0] in kept
         else:
             keep = name in kept and struct.unpack_from("<Q", record, 3)[0] < until_us
-            keep = keep and (name != "PARM" or record[11:27].rstrip(b"\0") in BIN_PARAMETERS)
+            keep = keep and (name != "PARM" or record[11:27].rstrip(b"\0") in parameters)
         out += record if keep else b""
     return bytes(out)
 
@@ -106,10 +112,11 @@ def cut_mcap(source: Path, target: Path) -> None:
 def main(source: Path) -> None:
     px4 = (source / "px4-quad-excitation.ulg").read_bytes()
     (DATA / "px4-quad.ulg").write_bytes(cut_ulog(px4, ULOG_SPAN_US, ULOG_EVERY))
-    (DATA / "px4-quad-excitation.ulg").write_bytes(cut_ulog(px4, WHOLE_US, EXCITATION_ULOG_EVERY))
+    (DATA / "px4-quad-excitation.ulg").write_bytes(cut_ulog(px4, WHOLE_US, EXCITATION_ULOG_EVERY, ULOG_LIMITS))
     arducopter = (source / "arducopter-excitation.bin").read_bytes()
     (DATA / "arducopter.bin").write_bytes(cut_bin(arducopter, BIN_UNTIL_US, BIN_KEPT))
-    (DATA / "arducopter-excitation.bin").write_bytes(cut_bin(arducopter, WHOLE_US[1], EXCITATION_BIN_KEPT))
+    whole = cut_bin(arducopter, WHOLE_US[1], EXCITATION_BIN_KEPT, BIN_LIMITS)
+    (DATA / "arducopter-excitation.bin").write_bytes(whole)
     cut_mcap(source / "stub-excitation.mcap", DATA / "stub-excitation.mcap")
     for name in ("px4-quad", "arducopter"):
         lines = (source / f"{name}-excitation.csv").read_text(encoding="utf-8").splitlines(keepends=True)
