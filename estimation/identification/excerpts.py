@@ -36,8 +36,8 @@ class Recording:
 
     `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` when its estimator moved its position
     by itself. With `sampled`, the log holds what setpoint was in force at its times, and not when each was sent.
-    `velocity_m_s` (n, 2) are the velocities that went with the setpoints, None where none did; `reported_m_s` (T, 2) are
-    the vehicle's own at the times of its positions, None where the log has none.
+    `velocity_m_s` (n, 2) are the velocities that went with the setpoints, None where none did; `reported_m_s` (T, 2)
+    are the vehicle's own at the times of its positions, None where the log has none.
     """
 
     position_time_s: Vector

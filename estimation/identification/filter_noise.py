@@ -24,13 +24,14 @@ TELEMETRY_S = 0.05
 """A flight's filter gets samples that often; errors of an estimator are as large in each, however often it reports."""
 POSITION_LEAST_M = OwnFilterSettings().position_noise_m
 VELOCITY_LEAST_M_S = OwnFilterSettings().velocity_noise_m_s
-_WALKS_M_S2 = np.geomspace(0.01, 0.4, 14)
+_WALKS_M_S2 = np.geomspace(OwnFilterSettings().disturbance_noise_m_s2, 0.4, 14)
+"""The least follows a wind that the flight may not have had."""
 _NEAR_BEST = 1.05
 """The least wander of the disturbance whose predictions are as good as the best but for this: a quieter setpoint."""
 _SETTLED_S = 5.0
 _MAX_QUANTILE, _MAX_RESERVE = 0.99, 1.25
 _MAX_RANGE_M_S2 = (OwnFilterSettings().disturbance_max_m_s2, 2.0)
-"""The least leaves room for a wind that the flight may not have had."""
+"""The least leaves room for such a wind."""
 _WHITE_THIRD_DIFFERENCE = 20.0
 """Variance of the third difference of white noise, in that of the noise: 1 + 9 + 9 + 1."""
 
