@@ -56,7 +56,7 @@ def filter_noise_of(excerpts: Sequence[Excerpt], best: Fit, plant: Plant) -> Fil
     flights = [_flight(excerpt, best, plant) for excerpt in excerpts if excerpt.reported_m_s is not None]
     if not flights:
         return None
-    position_m = max(POSITION_LEAST_M, _rms([_roughness_m(flight.position_m) for flight in flights]))
+    position_m = max(POSITION_LEAST_M, _rms([_roughness_m(excerpt) for excerpt in excerpts]))
     velocity_m_s = max(VELOCITY_LEAST_M_S, _rms([_rate_error_m_s(flight) for flight in flights]))
     tried = [_Tried.of(flights, plant, (position_m, velocity_m_s), float(walk)) for walk in _WALKS_M_S2]
     least_m = min(each.predicted_rms_m for each in tried)
@@ -92,8 +92,11 @@ def _flight(excerpt: Excerpt, best: Fit, plant: Plant) -> _Flight:
     return _Flight(excerpt.position_m, excerpt.reported_m_s, aim_m)
 
 
-def _roughness_m(position_m: Vector) -> Vector:
-    return np.asarray(np.diff(position_m, 3, axis=0) / np.sqrt(_WHITE_THIRD_DIFFERENCE))
+def _roughness_m(excerpt: Excerpt) -> Vector:
+    """Return the third differences of the positions as they were logged: between them, interpolation would smooth."""
+    time_s = excerpt.recording.position_time_s
+    logged = (time_s >= excerpt.time_s[0]) & (time_s <= excerpt.time_s[-1])
+    return np.asarray(np.diff(excerpt.recording.position_m[logged], 3, axis=0) / np.sqrt(_WHITE_THIRD_DIFFERENCE))
 
 
 def _rate_error_m_s(flight: _Flight) -> Vector:

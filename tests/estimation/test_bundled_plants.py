@@ -1,4 +1,4 @@
-"""The plants that come with cordon are what `cordon identify` finds in logs that lie beside these tests."""
+"""The profiles that come with cordon are what `cordon identify` finds in logs that lie beside these tests."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,10 +7,12 @@ import pytest
 
 from estimation.identification.identified import Found
 from estimation.identification.identify import identify
-from estimation.plant.model import Plant
+from estimation.profile.profile import Autopilot, Profile
 from estimation.profile.shelf import ProfileShelf
+from gcs.identify.limits import limits_in
 from gcs.identify.reading import recording_of
 from gcs.vehicle_logs.foreign import read_vehicle_logs
+from gcs.vehicle_logs.vehicle_log import VehicleLog
 from tests.experiments.identification_draws import intervals_of
 from tests.support.paths import DATA, PROFILES
 
@@ -19,15 +21,16 @@ LOGS = {"px4": "px4-quad-excitation.ulg", "ardupilot": "arducopter-excitation.bi
 
 @dataclass(frozen=True)
 class Bundled:
-    """A bundled plant, and what its log says today."""
+    """A bundled profile, and what its log says today."""
 
-    plant: Plant
+    profile: Profile
     found: Found
+    log: VehicleLog
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        x, y = self.plant.x, self.plant.y
-        return x.a0_per_s2, x.a1_per_s, y.a0_per_s2, y.a1_per_s, self.plant.delay_s
+        plant = self.profile.plant
+        return plant.x.a0_per_s2, plant.x.a1_per_s, plant.y.a0_per_s2, plant.y.a1_per_s, plant.delay_s
 
 
 def bundled(name: str) -> Bundled:
@@ -36,13 +39,20 @@ def bundled(name: str) -> Bundled:
     found = identify([recording_of(log)]).found
     assert found is not None
     assert log.sha256 in (PROFILES / f"{name}.toml").read_text(encoding="utf-8"), "the profile names another log"
-    return Bundled(file.plant, found)
+    return Bundled(file, found, log)
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
-def test_a_plant_is_what_its_log_says(name: str) -> None:
+def test_a_profile_is_what_its_log_says(name: Autopilot) -> None:
     here = bundled(name)
     assert here.numbers == pytest.approx([each.value for each in intervals_of(here.found)], rel=2e-3)
+    noise, filtered = here.found.noise, here.profile.own_filter
+    assert noise is not None
+    values = [getattr(noise, key) for key in filtered.model_fields_set]
+    assert [getattr(filtered, key) for key in filtered.model_fields_set] == pytest.approx(values, rel=1e-2)
+    assert len(values) == 4
+    limits, parameters = limits_in([here.log], name)
+    assert (here.profile.limits, len(parameters)) == (limits, 2)
 
 
 def test_the_stub_is_identified_as_what_it_is() -> None:

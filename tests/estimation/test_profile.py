@@ -43,11 +43,8 @@ def test_the_bundled_profiles_load(tmp_path: Path) -> None:
 def test_the_bundled_profiles_hold_the_numbers_of_their_autopilots(tmp_path: Path) -> None:
     px4, ardupilot, noisy, stub = (ProfileShelf(tmp_path).load(n) for n in ("px4", "ardupilot", "stub-noisy", "stub"))
     assert [each.autopilot for each in (px4, ardupilot, noisy, stub)] == ["px4", "ardupilot", None, None]
-    assert px4.own_filter == OwnFilterSettings(
-        position_noise_m=0.05, velocity_noise_m_s=0.3, disturbance_noise_m_s2=0.05, disturbance_max_m_s2=1.5
-    )
     assert noisy.own_filter == OwnFilterSettings(position_noise_m=0.1, velocity_noise_m_s=0.05)
-    assert (ardupilot.own_filter, stub.own_filter) == (OwnFilterSettings(), OwnFilterSettings())
+    assert stub.own_filter == OwnFilterSettings()
     assert noisy.plant == ProfileShelf(tmp_path).load("stub-delayed").plant
     assert px4.limits == LimitsSection(speed_max_m_s=12.0, acceleration_max_m_s2=3.0)
 

@@ -196,6 +196,16 @@ def test_a_flight_that_teaches_nothing_ends_in_1_with_the_reason_and_no_file(ran
     assert "wrong mode: at no time" in (ran.folder / "own.html").read_text(encoding="utf-8")
 
 
+def test_the_bundled_profile_is_what_the_command_writes(ran: Runner) -> None:
+    assert ran(str(DATA / "px4-quad-excitation.ulg"), "-o", "own.toml")[0] == 0
+    own, bundled = (ProfileShelf(ran.folder).load(name) for name in ("own.toml", "px4"))
+    assert (own.autopilot, own.limits) == (bundled.autopilot, bundled.limits)
+    assert own.plant.a0_per_s2 == pytest.approx(bundled.plant.a0_per_s2, rel=2e-3)
+    assert own.own_filter.model_dump() == pytest.approx(bundled.own_filter.model_dump(), rel=1e-2)
+    assert own.identified is not None
+    assert own.identified.delay_spread_s == pytest.approx(0.024, abs=0.005)
+
+
 def test_a_short_log_of_real_firmware_is_told_to_be_too_short(ran: Runner) -> None:
     code, _, err = ran(str(DATA / "px4-quad.ulg"))
     assert code == 1
