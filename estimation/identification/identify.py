@@ -186,15 +186,7 @@ def _result(parts: _Parts) -> Identified:
     delay_s, unbounded_s = float(best.parameters[4]), best.unbounded_delay()
     delay = Interval(delay_s, max(0.0, unbounded_s - float(half[4])), max(delay_s, unbounded_s + float(half[4])))
     fits = _prediction_fits(parts.excerpts, trained)
-    axes = []
-    for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y))):
-        own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
-        damping_spread = best.quantile95 * float(np.sqrt(max(own[1, 1] + own[0, 0] / 4.0 - own[0, 1], 0.0)))
-        frequency = _positive(np.log(a0.value) / 2.0, half[2 * axis] / 2.0)
-        damping = _positive(np.log(a1.value) - np.log(4.0 * a0.value) / 2.0, damping_spread)
-        apart = simulated(parts.excerpts, best, axis, 1.0)
-        rms_m = float(np.sqrt(np.mean(np.concatenate([each.error_m for each in apart]) ** 2)))
-        axes.append(AxisResult(a0, a1, frequency, damping, fits[axis], rms_m, whiteness(best.errors[axis])[0]))
+    axes = [_axis(parts, axis, a0, a1, fits[axis]) for axis, (a0, a1) in enumerate(((a0_x, a1_x), (a0_y, a1_y)))]
     baseline_fit = None
     if parts.baseline is not None:
         baseline_fit = _of_another(parts, parts.baseline)
@@ -221,6 +213,17 @@ def _result(parts: _Parts) -> Identified:
     verdict, reasons = graded(found, unbounded_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
     return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)
+
+
+def _axis(parts: _Parts, axis: int, a0: Interval, a1: Interval, percent: float) -> AxisResult:
+    best = parts.chosen.best
+    own = best.covariance[2 * axis : 2 * axis + 2, 2 * axis : 2 * axis + 2]
+    damping_spread = best.quantile95 * float(np.sqrt(max(own[1, 1] + own[0, 0] / 4.0 - own[0, 1], 0.0)))
+    frequency = _positive(np.log(a0.value) / 2.0, best.deviations95[2 * axis] / 2.0)
+    damping = _positive(np.log(a1.value) - np.log(4.0 * a0.value) / 2.0, damping_spread)
+    apart = simulated(parts.excerpts, best, axis, 1.0)
+    rms_m = float(np.sqrt(np.mean(np.concatenate([each.error_m for each in apart]) ** 2)))
+    return AxisResult(a0, a1, frequency, damping, percent, rms_m, whiteness(best.errors[axis])[0])
 
 
 def _of_another(parts: _Parts, plant: Plant) -> tuple[float, float]:

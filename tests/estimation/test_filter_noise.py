@@ -9,6 +9,7 @@ from estimation.identification.excerpts import Recording
 from estimation.identification.filter_noise import FilterNoise
 from estimation.identification.identified import Found
 from estimation.identification.identify import identify
+from estimation.state import Vector
 from tests.support.synthetic_flights import FINE_S, SENT_S, Truth, excitation_m, flown, recorded
 
 TRUTH = Truth((1.5, 1.5), (1.9, 1.9), 0.2)
@@ -31,8 +32,8 @@ def told(*, position_m: float, velocity_m_s: float, push_m_s2: float = 0.0) -> F
     path_m = aimed_m + pushed_m
     rate_m_s = np.gradient(path_m, FINE_S, axis=0) + velocity_m_s
     every = round(0.1 / FINE_S)
-    noisy_m = path_m[::every] + random.normal(0.0, position_m, path_m[::every].shape)
-    sent_s = np.arange(len(sent_m)) * SENT_S
+    noisy_m: Vector = path_m[::every] + random.normal(0.0, position_m, path_m[::every].shape)
+    sent_s = np.arange(len(sent_m), dtype=np.float64) * SENT_S
     spans_s = [(0.0, float(time_s[-1]))]
     noise = found_in(Recording(time_s[::every], noisy_m, sent_s, sent_m, spans_s, reported_m_s=rate_m_s[::every])).noise
     assert noise is not None
