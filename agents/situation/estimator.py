@@ -90,10 +90,9 @@ class Estimator:
 
     def _take(self, now_s: float, sightings: Sequence[Sighting]) -> None:
         """Take in sightings; where they show that the own frame is off, move the own estimate by as much."""
-        x, y = self._frame.shown_m
         sightings = self._frame.sightings(now_s, sightings, self._seen)
         if sightings:
             self.target.sight(*sightings)
-        shown_x, shown_y = self._frame.shown_m
-        if (shown_x, shown_y) != (x, y):
-            self.own.shift(x - shown_x, y - shown_y)
+        off_x, off_y = self._frame.follow()
+        if off_x or off_y:
+            self.own.shift(-off_x, -off_y)
