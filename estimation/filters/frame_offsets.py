@@ -7,8 +7,6 @@ b_j are observable. A shift of all of them is not: sightings must not move that 
 which stays at its prior mean, zero. Both axes have the same covariance; sightings count with their mean variance.
 """
 
-
-
 import numpy as np
 
 from estimation.state import Sighting, Vector
@@ -64,10 +62,13 @@ class FrameOffsets:
         return self._covariance_m2.item(row, row)
 
     def predict(self, to_s: float, reference_m2: float) -> None:
-        """Go on to a time at which the predicted target has this variance per axis."""
+        """Go on to a time at which the predicted target has this variance per axis; some sensor must be known.
+
+        A common shift of all frames is in the reference as well: its variance is never small beside theirs.
+        """
         step_s = max(to_s - self._time_s, 0.0)
         self._time_s = to_s
-        self._prior_m2[0] = reference_m2
+        self._prior_m2[0] = reference_m2 + float(self._prior_m2[1:].max())
         kept: Vector = np.exp(-self._rate_per_s * step_s)
         self._mean_m *= kept[:, None]
         self._covariance_m2 *= np.multiply.outer(kept, kept)
