@@ -40,9 +40,9 @@ class Sighting(msgspec.Struct, frozen=True):
 
     `covariance_m2` holds (xx, xy, yy); `altitude_m` is above the mission's origin, None if the sensor tells none.
     The frame of a sensor that travels with a vehicle has that vehicle's position error, a first-order Gauss-Markov
-    process: `frame_sigma_m` per axis (0: none) and `frame_correlation_s`. Raises ValueError when a number is not finite,
-    the covariance is not positive definite, the altitude's standard deviation is not positive, importance or threat
-    leave [0, 1], or the frame's error has no positive correlation time.
+    process: `frame_sigma_m` per axis (0: none) and `frame_correlation_s`. Raises ValueError when a number is not
+    finite, the covariance is not positive definite, the altitude's standard deviation is not positive, importance or
+    threat leave [0, 1], or the frame's error has no positive correlation time.
     """
 
     time_s: float

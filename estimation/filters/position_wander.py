@@ -31,6 +31,7 @@ class PositionWander:
         self._last: Telemetry | None = None
         self._position_m = self.error_m = (0.0, 0.0)
         """The estimated error (x, y)."""
+        self._pp = self._pb = self._bb = 0.0
         self._forget()
 
     @property
