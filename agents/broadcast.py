@@ -71,6 +71,8 @@ def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, .
             recipients,
             sighting.altitude_m,
             sighting.altitude_sigma_m,
+            sighting.frame_sigma_m,
+            sighting.frame_correlation_s,
         )
     )
 
@@ -86,6 +88,8 @@ def received_sighting(package: TargetPackage) -> Sighting:
         package.threat,
         package.altitude_m,
         package.altitude_sigma_m,
+        package.frame_sigma_m,
+        package.frame_correlation_s,
     )
 
 

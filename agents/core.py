@@ -235,9 +235,10 @@ class VehicleCore:
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
         (x, y), velocity = self._feedforward.split(task.situation, plan, guarded)
+        off_x, off_y = self._estimator.offset_m
         yaw_rad = self._yaw.turn(task.tactic, task.situation)
         altitude_m = self._altitude.next_m(task.tactic, task.layer_m)
-        return Setpoint((x, y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
+        return Setpoint((x + off_x, y + off_y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
 
     def _messages(self, task: Task, sent: Plan) -> tuple[Outgoing, ...]:
         """Return what peers receive: the state, on the ring the place on it, and what the own sensor has seen."""
@@ -312,6 +313,8 @@ class VehicleCore:
 
     def on_sighting(self, sighting: Sighting) -> None:
         """Take a sighting. The next tick sends those of the vehicle's own sensor to the peers."""
+        if sighting.sensor_id == self._config.vehicle_id:
+            sighting = self._estimator.shared(sighting)
         if self._own_sensor.accepts(sighting):
             self._sightings.append(sighting)
         if sighting.sensor_id == self._config.vehicle_id:

@@ -47,6 +47,22 @@ class OwnFilterSettings(Settings):
         ge=0.0,
         le=10.0,
     )
+    wander_m: float = tuned(
+        0.0,
+        "Standard deviation per axis of the slow error of the reported position; 0 estimates none. A GPS receiver's is "
+        "0.2 to 1 m, with RTK 0.02 m.",
+        ge=0.0,
+        le=5.0,
+    )
+    wander_s: float = tuned(20.0, "Correlation time of that error.", gt=0.0, le=3600.0)
+    velocity_walk_m: float = tuned(
+        0.1,
+        "How far the integral of the reported velocity departs from the way flown, per root second: noise of s at f Hz "
+        "gives s / sqrt(f), an error of s that lasts for t gives s sqrt(2 t). Where it is large the velocity does not "
+        "show the wander.",
+        gt=0.0,
+        le=10.0,
+    )
     disturbance_turns: bool = tuned(True, "Without it a wrong plant costs radius and rate on the ring (control.md).")
     gate_sigma: float = tuned(
         5.0,

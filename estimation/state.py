@@ -39,8 +39,10 @@ class Sighting(msgspec.Struct, frozen=True):
     """One observation of the target by one vehicle's sensor, with the target's importance and threat in [0, 1].
 
     `covariance_m2` holds (xx, xy, yy); `altitude_m` is above the mission's origin, None if the sensor tells none.
-    Raises ValueError when a number is not finite, the covariance is not positive definite, the altitude's standard
-    deviation is not positive, or importance or threat leave [0, 1].
+    The frame of a sensor that travels with a vehicle has that vehicle's position error, a first-order Gauss-Markov
+    process: `frame_sigma_m` per axis (0: none) and `frame_correlation_s`. Raises ValueError when a number is not
+    finite, the covariance is not positive definite, the altitude's standard deviation is not positive, importance or
+    threat leave [0, 1], or the frame's error has no positive correlation time.
     """
 
     time_s: float
@@ -51,6 +53,8 @@ class Sighting(msgspec.Struct, frozen=True):
     threat: float
     altitude_m: float | None = None
     altitude_sigma_m: float = 1.0
+    frame_sigma_m: float = 0.0
+    frame_correlation_s: float = 0.0
 
     def __post_init__(self) -> None:
         xx, xy, yy = self.covariance_m2
@@ -63,6 +67,10 @@ class Sighting(msgspec.Struct, frozen=True):
             _require_finite("sighting", self.altitude_m, self.altitude_sigma_m)
             if self.altitude_sigma_m <= 0.0:
                 raise ValueError(f"altitude_sigma_m {self.altitude_sigma_m} of a sighting must be positive")
+        if self.frame_sigma_m != 0.0:
+            _require_finite("sighting", self.frame_sigma_m, self.frame_correlation_s)
+            if self.frame_sigma_m < 0.0 or self.frame_correlation_s <= 0.0:
+                raise ValueError(f"frame error {self.frame_sigma_m} m, {self.frame_correlation_s} s of a sighting")
 
 
 class OwnEstimate(msgspec.Struct, frozen=True):

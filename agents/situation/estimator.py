@@ -6,10 +6,12 @@ from agents.settings.config import AgentConfig
 from agents.situation.ring_frequency import RingFrequency
 from agents.situation.situation import Situation, moved
 from agents.situation.target_blend import TargetBlend
+from agents.situation.team_frame import TeamFrame
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.polar import Polar, polar_from_motion
-from estimation.state import DISTURBANCE, MOTION, Sighting, Telemetry, Vector
+from estimation.state import DISTURBANCE, MOTION, Sighting, TargetEstimate, Telemetry, Vector
+from estimation.vectors import Pair
 
 
 class Estimator:
@@ -21,7 +23,9 @@ class Estimator:
     def __init__(self, config: AgentConfig) -> None:
         self.own = OwnFilter(config.plant, config.own_filter)
         self.target = TargetFilter(config.target_filter)
+        self._frame = TeamFrame(config)
         self._target_blend = TargetBlend(config)
+        self._seen: TargetEstimate | None = None
         self._ring_frequency = RingFrequency(config.rate_hz)
         self._swings = config.own_filter.disturbance_turns
         self._height_m = config.take_off_altitude_m
@@ -37,7 +41,16 @@ class Estimator:
     def measure(self, telemetry: Telemetry) -> None:
         """Take in a sample of the vehicle's own motion."""
         self._height_m = telemetry.position_m[2]
-        self.own.measure(telemetry)
+        self.own.measure(self._frame.telemetry(telemetry))
+
+    def shared(self, sighting: Sighting) -> Sighting:
+        """Return a sighting of the own sensor as the own estimator and the peers take it."""
+        return self._frame.shared(sighting)
+
+    @property
+    def offset_m(self) -> Pair:
+        """By how much the autopilot's positions are off those in a situation: what setpoints have to make up for."""
+        return self._frame.offset_m
 
     def sent(self, now_s: float, aim_m: Vector) -> None:
         """Take in the aim (2,) of the setpoint that is sent: the input of the own filter's process model."""
@@ -50,12 +63,11 @@ class Estimator:
 
     def estimate(self, now_s: float, sightings: Sequence[Sighting]) -> Situation | None:
         """Return the situation at `now_s` with the sightings since the last tick; None before any telemetry."""
-        if sightings:
-            self.target.sight(*sightings)
+        self._take(now_s, sightings)
         own = self.own.estimate(now_s)
         if own is None:
             return None
-        target = self.target.estimate(now_s)
+        target = self._seen = self.target.estimate(now_s)
         acting_s = now_s + self._acts_after_s
         acting = self.own.predicted(acting_s, self._held_s)
         acting_target = None if target is None else moved(target.mean, acting_s - target.time_s)
@@ -73,4 +85,14 @@ class Estimator:
             acting_centre=moved(centre, acting_s - now_s) if centre is not None and blended else acting_target,
             authority=self.own.authority,
             height_m=self._height_m,
+            offset_variance_m2=self._frame.variance_m2,
         )
+
+    def _take(self, now_s: float, sightings: Sequence[Sighting]) -> None:
+        """Take in sightings; where they show that the own frame is off, move the own estimate by as much."""
+        sightings = self._frame.sightings(now_s, sightings, self._seen)
+        if sightings:
+            self.target.sight(*sightings)
+        off_x, off_y = self._frame.follow()
+        if off_x or off_y:
+            self.own.shift(-off_x, -off_y)

@@ -1,5 +1,7 @@
 """What the stages of a tick hand on: the situation that is estimated, and the task that is decided on it."""
 
+from math import sqrt
+
 import msgspec
 import numpy as np
 
@@ -14,7 +16,8 @@ class Situation(msgspec.Struct, frozen=True):
     The centre is that of the ring: the target's estimate, or what catches up with it (`TargetBlend`). `polar` is the
     polar state of the vehicle about the centre now: what is reported. The planner's own is at the acting moment.
     `authority`, in (0, 1], is the share of feedback and compensation that the consistency of the own filter allows;
-    `height_m` is the vehicle's altitude as its telemetry gave it last.
+    `height_m` is the vehicle's altitude as its telemetry gave it last; `offset_variance_m2` is the variance per axis of
+    the autopilot's offset against the team's frame, in which all positions are (`TeamFrame`).
     """
 
     now_s: float
@@ -28,6 +31,7 @@ class Situation(msgspec.Struct, frozen=True):
     acting_centre: Vector | None = None
     authority: float = 1.0
     height_m: float = 0.0
+    offset_variance_m2: float = 0.0
 
     @property
     def compensation(self) -> Vector:
@@ -37,7 +41,7 @@ class Situation(msgspec.Struct, frozen=True):
     @property
     def position_sigma_m(self) -> float:
         """The standard deviation of the own position, in the worse direction of the axes."""
-        return position_sigma_m(self.own.covariance)
+        return sqrt(position_sigma_m(self.own.covariance) ** 2 + self.offset_variance_m2)
 
 
 class Task(msgspec.Struct, frozen=True):

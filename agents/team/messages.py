@@ -72,7 +72,8 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     """One raw sighting of the target and whom it is for: the members within the sender's communication radius.
 
-    The covariance holds (xx, xy, yy); the altitude is above the mission's origin, None if the sensor tells none.
+    The covariance holds (xx, xy, yy); the altitude is above the mission's origin, None if the sensor tells none. The
+    position has the error of the sender's own position: standard deviation per axis (0: none) and correlation time.
     """
 
     sender: _Id
@@ -84,6 +85,8 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     recipients: tuple[_Id, ...]
     altitude_m: _Metres | None = None
     altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
+    frame_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
+    frame_correlation_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):

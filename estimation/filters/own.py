@@ -103,6 +103,17 @@ class OwnFilter:
             self.jumps += self._jumped
             self._reset(telemetry)
 
+    def shift(self, x_m: float, y_m: float) -> None:
+        """Move the origin of the frame: the estimate, the setpoints sent and the telemetry so far shift by (x, y)."""
+        self._inputs.shift(x_m, y_m)
+        if self._axes is not None:
+            x, y = self._axes
+            self._axes = msgspec.structs.replace(x, p=x.p + x_m), msgspec.structs.replace(y, p=y.p + y_m)
+        if self._before is not None:
+            x_before, y_before, z_before = self._before.position_m
+            place = x_before + x_m, y_before + y_m, z_before
+            self._before = msgspec.structs.replace(self._before, position_m=place)
+
     def estimate(self, now_s: float) -> OwnEstimate | None:
         """Return the estimate at `now_s`, or None before any telemetry."""
         if self._axes is None:
@@ -270,6 +281,9 @@ class _InputHistory:
         oldest = bisect_right(self._from_s, time_s - _HISTORY_S) - 1
         if oldest > 0:
             del self._from_s[:oldest], self._setpoint_m[:oldest]
+
+    def shift(self, x_m: float, y_m: float) -> None:
+        self._setpoint_m = [(x + x_m, y + y_m) for x, y in self._setpoint_m]
 
     def ramp(self, from_s: float, to_s: float) -> tuple[_Pair, _Pair]:
         """Return the mean and the slope, along both axes, of the line nearest to the setpoints over an interval."""

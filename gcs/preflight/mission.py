@@ -127,7 +127,8 @@ def _mission_fence(mission: Mission) -> Finding:
 
 def _distance_error_m(mission: Mission) -> float:
     """Return the error of a distance between the two vehicles whose positions are the noisiest."""
-    return SIGMAS * hypot(*sorted(each.own_filter.position_noise_m for each in mission.vehicles)[-2:])
+    errors_m = sorted(hypot(each.own_filter.position_noise_m, each.own_filter.wander_m) for each in mission.vehicles)
+    return SIGMAS * hypot(*errors_m[-2:])
 
 
 def _target_speed(mission: Mission) -> Finding:

@@ -165,17 +165,21 @@ class SimulatedVehicle(Generic[OutputT]):
     def sense(self, now_s: float) -> tuple[list[Telemetry], Sighting | None]:
         """Return what its instruments have said since they were asked last, and its sensor if it sees the target now.
 
-        The sensor sees the target from the vehicle: what the vehicle takes for its own place is in the sighting too.
+        The sensor sees the target from where the vehicle is, and says where it is from where the vehicle took itself to
+        be at that time: the error of the vehicle's position is in the sighting too.
         """
         samples, self._samples = self._samples, []
         if self._telemetry_schedule is None or now_s == 0.0:
             samples.append(self._sample(now_s))
         true_x, true_y = self.motion[POSITION].tolist()
         sighting = self._sensor.sight(now_s, (true_x, true_y))
-        if sighting is not None and self._estimator_drift is not None:
-            (x, y), (off_x, off_y) = sighting.position_m, self._off_m(now_s)
-            sighting = msgspec.structs.replace(sighting, position_m=(x + off_x, y + off_y))
-        return samples, sighting
+        return samples, None if sighting is None else self._as_reported(sighting)
+
+    def _as_reported(self, sighting: Sighting) -> Sighting:
+        if self._estimator_drift is None:
+            return sighting
+        (x, y), (off_x, off_y) = sighting.position_m, self._estimator_drift.earlier_error_m(sighting.time_s)
+        return msgspec.structs.replace(sighting, position_m=(x + off_x, y + off_y))
 
     def think(self, now_s: float, samples: Sequence[Telemetry], sighting: Sighting | None) -> OutputT:
         """Let the core take in what was sensed, and decide."""

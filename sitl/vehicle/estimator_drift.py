@@ -1,9 +1,13 @@
 """Drift of a vehicle's position estimate: a slow random error with occasional jumps."""
 
+from collections import deque
 from dataclasses import dataclass
 from math import cos, exp, inf, pi, sin, sqrt
 
 import numpy as np
+
+_REMEMBERED = 512
+"""Errors that are kept: of five seconds, as late as a sensor may be, at 100 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +34,12 @@ class EstimatorDrift:
         self._error_m: tuple[float, float] = (x, y)
         self._time_s = 0.0
         self._jumps_s = self._next_jump_s(0.0)
+        self._past: deque[tuple[float, tuple[float, float]]] = deque(maxlen=_REMEMBERED)
 
     def error_m(self, time_s: float) -> tuple[float, float]:
         """Return the error (x, y) of the estimate [m]; times must not decrease from call to call."""
         if time_s > self._time_s:
+            self._past.append((self._time_s, self._error_m))
             kept = exp((self._time_s - time_s) / self._model.correlation_s)
             push_x, push_y = (self._model.sigma_m * sqrt(1.0 - kept**2) * self._random.standard_normal(2)).tolist()
             x, y = self._error_m
@@ -42,6 +48,12 @@ class EstimatorDrift:
         while self._jumps_s <= time_s:
             self._jump()
         return self._error_m
+
+    def earlier_error_m(self, time_s: float) -> tuple[float, float]:
+        """Return the error as it was at a time up to the last one asked for: that of the nearest time before."""
+        if time_s >= self._time_s:
+            return self._error_m
+        return next((error_m for at_s, error_m in reversed(self._past) if at_s <= time_s), self._error_m)
 
     def _jump(self) -> None:
         direction_rad = self._random.uniform(0.0, 2.0 * pi)

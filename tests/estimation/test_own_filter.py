@@ -318,3 +318,25 @@ def test_a_plant_that_is_another_lowers_the_authority_and_one_that_is_right_does
         time_s = tick * PERIOD_S
         own.measure(telemetry(5.0 + time_s, np.array([1.5 * time_s**2, 0.0, 3.0 * time_s, 0.0])))
     assert own.authority < 0.5
+
+
+def test_a_frame_that_moves_takes_estimate_and_setpoints_along() -> None:
+    """As if all telemetry and setpoints had been in the other frame from the start."""
+    moved_m = np.array([3.0, -2.0])
+    found = []
+    for before_m, after_m in ((moved_m, np.zeros(2)), (np.zeros(2), moved_m)):
+        own = OwnFilter(DELAYED, SETTINGS)
+        for tick in range(40):
+            at_s, offset_m = tick * PERIOD_S, before_m + after_m if tick >= 25 else before_m
+            if tick == 25 and after_m.any():
+                own.shift(*after_m.tolist())
+            own.measure(telemetry(at_s, np.array([0.3 * at_s + offset_m[0], offset_m[1], 0.3, 0.0])))
+            own.command(at_s, np.array([0.3 * at_s + 1.0, 0.5]) + offset_m)
+        estimate = own.estimate(4.0)
+        assert estimate is not None
+        found.append((estimate.mean, own.predicted(4.2, PERIOD_S / 2.0), own.mean_aim_m(2.2, 3.0), own.resets))
+    (first, first_predicted, first_aim, _), (second, second_predicted, second_aim, resets) = found
+    np.testing.assert_allclose(second, first, atol=1e-9)
+    np.testing.assert_allclose(second_predicted, first_predicted, atol=1e-9)
+    assert second_aim == pytest.approx(first_aim)
+    assert resets == 0

@@ -34,7 +34,8 @@ sha256 = "{"0a" * 32}"
 
 def test_the_bundled_profiles_load(tmp_path: Path) -> None:
     axis = PlantAxis(0.80, 0.87)
-    assert bundled_profiles() == ["ardupilot", "px4", "stub", "stub-delayed", "stub-feedforward", "stub-noisy"]
+    stubs = ["stub", "stub-delayed", "stub-feedforward", "stub-noisy", "stub-wandering"]
+    assert bundled_profiles() == ["ardupilot", "px4", *stubs]
     assert ProfileShelf(tmp_path).load("stub").plant == Plant(axis, axis)
     assert ProfileShelf(tmp_path).load("stub-delayed").plant == Plant(axis, axis, 0.15)
     assert ProfileShelf(tmp_path).load("stub-feedforward").plant == Plant(axis, axis, 0.0, 1.0)

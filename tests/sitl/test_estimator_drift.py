@@ -48,3 +48,10 @@ def test_the_same_time_is_the_same_error_and_a_seed_one_wander() -> None:
     np.testing.assert_array_equal(
         drifted(EstimatorDriftModel(0.5), 1.0, 20), drifted(EstimatorDriftModel(0.5), 1.0, 20)
     )
+
+
+def test_an_earlier_error_is_the_one_that_there_was() -> None:
+    drift = EstimatorDrift(EstimatorDriftModel(0.5), np.random.default_rng(0))
+    errors = [drift.error_m(0.1 * step) for step in range(60)]
+    assert [drift.earlier_error_m(0.1 * step) for step in range(60)] == errors
+    assert drift.earlier_error_m(3.05) == errors[30]

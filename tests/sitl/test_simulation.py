@@ -12,6 +12,9 @@ from estimation.state import Sighting, Telemetry, Vector
 from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
 from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
+from sitl.vehicle.estimator_drift import EstimatorDriftModel
+from sitl.vehicle.imperfections import Imperfections
+from sitl.world import SensorModel, SimulatedSensor, TargetMotion
 
 PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))
 WIND = (0.1, -0.2)
@@ -294,3 +297,32 @@ def test_times_that_end_before_they_begin_are_refused() -> None:
     with pytest.raises(ValueError, match="vehicle 2"):
         Absence(2, -1.0)
     assert absence_at([Absence(2, 1.0, 2.0), Absence(2, 5.0)], 2.0) is None
+
+
+def test_a_sighting_is_made_from_the_true_place_and_given_from_the_reported_one() -> None:
+    """Less the reported position of its own time it is the true way to the target, however late it comes."""
+    model = VehicleModel(
+        PLANT,
+        (0.0, 0.0),
+        8.0,
+        seed=(1, 2, 1),
+        noise=TelemetryNoise(),
+        imperfections=Imperfections(estimator_drift=EstimatorDriftModel(0.5, 2.0)),
+    )
+    target_m, core = np.array([6.0, 3.0]), Recorder(weave)
+    sensor = SimulatedSensor(1, SensorModel(100.0, 5.0, 0.0, 0.8, 0.2, delay_s=0.3), TargetMotion((6.0, 3.0)), 0.0, 1)
+    flight = simulate(
+        [SimulatedVehicle(model, core, sensor)],
+        NetworkModel(100.0),
+        rate_hz=RATE_HZ,
+        duration_s=10.0,
+        seed=1,
+        observe=lambda *_: None,
+        progress=lambda _: None,
+    )
+    reported_m = {telemetry.time_s: np.array(telemetry.position_m[:2]) for telemetry in core.telemetry}
+    assert len(core.sightings) > 40
+    for sighting in core.sightings:
+        true_m = flight.motion[round(sighting.time_s * RATE_HZ), 0, :2]
+        seen_m = np.array(sighting.position_m) - reported_m[sighting.time_s]
+        np.testing.assert_allclose(seen_m, target_m - true_m, atol=1e-9)

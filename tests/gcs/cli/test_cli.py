@@ -270,7 +270,10 @@ def test_a_misspelt_option_is_an_exit_code_of_the_process_and_a_hint_on_standard
 
 
 def test_an_unknown_mission_names_the_bundled_ones(refused: Refused) -> None:
-    known = "ardupilot-trio, case1, case2, case2-field, case3-turns, crossing, mixed-team, px4-trio, shaped-trio"
+    known = (
+        "ardupilot-trio, case1, case2, case2-field, case2-wander, case3-turns, crossing, mixed-team, px4-trio, "
+        "shaped-trio"
+    )
     assert refused("sim", "case9") == [f"case9: No such file or directory; bundled missions: {known}"]
 
 

@@ -31,6 +31,7 @@ BUNDLED = [
     "case1",
     "case2",
     "case2-field",
+    "case2-wander",
     "case3-turns",
     "crossing",
     "mixed-team",

@@ -1,0 +1,113 @@
+"""The team's frame: positions free of each vehicle's own slow error, as far as telemetry and sightings show it.
+
+Autopilots report positions that wander, each its own way. Between the autopilot and everything that estimates, plans
+and guards, positions are converted: team position = reported position - offset, and setpoints the other way. The offset
+has two parts: what the vehicle's own telemetry shows (`PositionWander`), and what sightings of the common target show
+(`FrameOffsets`). Sightings go to the peers without the second part, so that no information is counted twice.
+"""
+
+from collections.abc import Sequence
+from math import exp
+
+from msgspec.structs import replace
+
+from agents.settings.config import AgentConfig
+from estimation.filters.frame_offsets import FrameOffsets
+from estimation.filters.position_wander import PositionWander
+from estimation.state import Sighting, TargetEstimate, Telemetry
+from estimation.vectors import Pair
+
+_PREDICTED_S = 1.0
+"""Without sightings offsets are predicted this often."""
+_SMOOTHED_S = 0.3
+"""Time constant with which the own offset follows its estimate: a noisy sighting moves a setpoint over some ticks."""
+_REPEATED = 2.5
+"""Sightings of one sensor at 5 Hz within the memory of the target filter's manoeuvre test."""
+
+
+class TeamFrame:
+    """Converts what one vehicle measures and sends between its autopilot's frame and the team's."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._vehicle_id = config.vehicle_id
+        self._wander = PositionWander(config.own_filter) if config.own_filter.wander_m > 0.0 else None
+        self._offsets = FrameOffsets()
+        self._followed = 1.0 - exp(-1.0 / (config.rate_hz * _SMOOTHED_S))
+        self._sighted_m: Pair = (0.0, 0.0)
+        self._predicted_s = 0.0
+
+    @property
+    def offset_m(self) -> Pair:
+        """By how much the autopilot's positions are off the team's frame."""
+        if self._wander is None:
+            return (0.0, 0.0)
+        (x, y), (error_x, error_y) = self._sighted_m, self._wander.error_m
+        return x + error_x, y + error_y
+
+    @property
+    def variance_m2(self) -> float:
+        """The variance per axis of the offset, 0 for a vehicle whose position does not wander."""
+        if self._wander is None:
+            return 0.0
+        if self._vehicle_id in self._offsets:
+            return self._offsets.variance_m2(self._vehicle_id)
+        return self._wander.sigma_m**2
+
+    def telemetry(self, reported: Telemetry) -> Telemetry:
+        """Take in what the autopilot reports; return it in the team's frame."""
+        if self._wander is None:
+            return reported
+        self._wander.measure(reported)
+        (x, y, z), (off_x, off_y) = reported.position_m, self.offset_m
+        return Telemetry(reported.time_s, (x - off_x, y - off_y, z), reported.velocity_m_s)
+
+    def shared(self, sighting: Sighting) -> Sighting:
+        """Return a sighting of the own sensor as peers receive it: less what the own telemetry shows of the offset."""
+        if self._wander is None:
+            return sighting
+        (x, y), (off_x, off_y) = sighting.position_m, self._wander.error_m
+        return replace(
+            sighting,
+            position_m=(x - off_x, y - off_y),
+            frame_sigma_m=self._wander.sigma_m,
+            frame_correlation_s=self._wander.correlation_s,
+        )
+
+    def sightings(
+        self, now_s: float, sightings: Sequence[Sighting], target: TargetEstimate | None
+    ) -> Sequence[Sighting]:
+        """Take in a tick's sightings, and the target's estimate before them; return them in the team's frame."""
+        offsets = self._offsets
+        for each in sightings:
+            if each.frame_sigma_m > 0.0:
+                offsets.know(each.sensor_id, each.frame_sigma_m, each.frame_correlation_s)
+        if not offsets or (not sightings and now_s - self._predicted_s < _PREDICTED_S):
+            return sightings
+        self._predicted_s = now_s
+        if target is None:
+            offsets.predict(now_s, 0.0)
+            return sightings
+        offsets.predict(now_s, (target.covariance.item(0, 0) + target.covariance.item(1, 1)) / 2.0)
+        x, y, x_rate, y_rate = target.mean.tolist()
+        for each in sightings:
+            ahead_s = each.time_s - target.time_s
+            offsets.see(each, (x + x_rate * ahead_s, y + y_rate * ahead_s))
+        return [self._in_team_frame(each) for each in sightings]
+
+    def follow(self) -> Pair:
+        """Let the own offset follow what sightings show of it, once a tick; return by how much it has moved."""
+        if self._wander is None:
+            return (0.0, 0.0)
+        (x, y), (goal_x, goal_y) = self._sighted_m, self._offsets.offset_m(self._vehicle_id)
+        step_x, step_y = self._followed * (goal_x - x), self._followed * (goal_y - y)
+        self._sighted_m = x + step_x, y + step_y
+        return step_x, step_y
+
+    def _in_team_frame(self, sighting: Sighting) -> Sighting:
+        if sighting.sensor_id not in self._offsets:
+            return sighting
+        (x, y), (off_x, off_y) = sighting.position_m, self._offsets.offset_m(sighting.sensor_id)
+        # What is left of the offset is the same in several sightings: in their sum it counts as often.
+        (xx, xy, yy), left_m2 = sighting.covariance_m2, _REPEATED * self._offsets.variance_m2(sighting.sensor_id)
+        covariance_m2 = xx + left_m2, xy, yy + left_m2
+        return replace(sighting, position_m=(x - off_x, y - off_y), covariance_m2=covariance_m2)
