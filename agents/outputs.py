@@ -5,10 +5,10 @@ import msgspec
 from agents.control.encirclement import Approach
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan
-from agents.control.ring import RingPlace
 from agents.drops import NO_DROPS, Drops
 from agents.notes import Note
 from agents.ports import Setpoint
+from agents.ring.place import RingPlace
 from agents.safety.guard import Guarded
 from agents.situation.situation import Situation
 from agents.tactics import Tactic

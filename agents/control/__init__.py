@@ -1,4 +1,4 @@
 """The planners: formation, encirclement, return and excitation, and the LMPC and feedback linearisation they use.
 
-It may import safety, situation, team and settings.
+It may import ring, safety, situation, team and settings.
 """

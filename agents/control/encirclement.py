@@ -2,17 +2,16 @@
 
 from collections.abc import Sequence
 from enum import Enum
-from math import tau
 
 import msgspec
 import numpy as np
 
-from agents.control.detour import Obstacle, bend_m, bent_ring_m
 from agents.control.linearization import aim_for, aim_for_acceleration
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
-from agents.control.ring import RingPlace
-from agents.control.ring_feasibility import Orbit
-from agents.control.ring_reference import RingPoint
+from agents.ring.detour import Obstacle, bend_m, bent_ring_m
+from agents.ring.feasibility import Orbit
+from agents.ring.place import RingPlace
+from agents.ring.reference import RingPoint
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
 from estimation.frames import wrap_signed_rad
@@ -194,8 +193,3 @@ def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
         increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight]),
         constrained_states=_CONSTRAINED,
     )
-
-
-def chord_m(radius_m: float, members: int) -> float:
-    """Return the distance between neighbours evenly spaced on the ring, `2 R sin(pi / n)`."""
-    return float(2.0 * radius_m * np.sin(tau / 2.0 / members))

@@ -6,8 +6,8 @@ import numpy as np
 from agents.control.encirclement import Approach
 from agents.control.formation import Predecessor
 from agents.control.lmpc import QpStatus
-from agents.control.ring import RingPlace
-from agents.control.shaped_coordinate import ShapedCoordinate
+from agents.ring.place import RingPlace
+from agents.ring.shaped_coordinate import ShapedCoordinate
 from agents.team.messages import MemberState
 from agents.team.ring_scale import RingScale
 from estimation.state import Vector

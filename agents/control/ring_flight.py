@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from math import atan2, copysign, hypot, tau
 
-from agents.control.detour import Obstacle, bend_m
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
-from agents.control.headway import headway_rate_rad_s
-from agents.control.joining import Joining
 from agents.control.plan import Plan, RingReport, extrapolated
-from agents.control.ring import ring_place, spacing_errors_rad
-from agents.control.ring_feasibility import Orbit, RingFeasibility
-from agents.control.ring_reference import RingReference, RingWay
+from agents.ring.detour import Obstacle, bend_m
+from agents.ring.feasibility import Orbit, RingFeasibility
+from agents.ring.headway import headway_rate_rad_s
+from agents.ring.joining import Joining
+from agents.ring.place import ring_place, spacing_errors_rad
+from agents.ring.reference import RingReference, RingWay
 from agents.safety.barriers import unsure_m
 from agents.safety.neighbours import Neighbours
 from agents.settings.config import AgentConfig

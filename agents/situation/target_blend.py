@@ -26,7 +26,7 @@ class TargetBlend:
 
     def __init__(self, config: AgentConfig) -> None:
         ring = config.encirclement
-        # The ring is slowed down meanwhile (agents/control/ring_feasibility.py): catching up goes before turning.
+        # The ring is slowed down meanwhile (agents/ring/feasibility.py): catching up goes before turning.
         self._speed_max_m_s = _SPEED_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
         self._before: TargetEstimate | None = None
         self._centre: Vector | None = None

@@ -55,7 +55,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
-    It can fly these shares of the ring's angular rate and radius (`agents/control/ring_feasibility.py`).
+    It can fly these shares of the ring's angular rate and radius (`agents/ring/feasibility.py`).
     """
 
     sender: _Id

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from itertools import combinations
 from math import hypot
 
-from agents.control.encirclement import chord_m
+from agents.ring.place import chord_m
 from agents.settings.sections import (
     ChoreographySettings,
     EncirclementSettings,

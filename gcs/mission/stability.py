@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.control.encirclement import ring_lmpc
 from agents.control.formation import formation_lmpc
-from agents.control.ring import scaled_gain_per_s
+from agents.ring.place import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import PlantAxis, exact_step
 from estimation.state import Vector

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from math import hypot, sqrt
 
-from agents.control.encirclement import chord_m
 from agents.control.excitation import preview
+from agents.ring.place import chord_m
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, limited
 

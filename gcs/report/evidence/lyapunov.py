@@ -10,7 +10,7 @@ from math import log
 
 import numpy as np
 
-from agents.control.ring import spacing_decay_per_s
+from agents.ring.place import spacing_decay_per_s
 from estimation.state import Vector
 from gcs.metrics.ring_motion import RingMotion
 

@@ -12,19 +12,18 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from scipy.optimize import minimize
 
-from agents.control.detour import MARGIN_M, Obstacle
 from agents.control.encirclement import (
     Approach,
     EncirclementPlan,
     EncirclementPlanner,
     RingTask,
-    chord_m,
 )
 from agents.control.lmpc import QpStatus
-from agents.control.ring import RingPlace, ring_place, spacing_errors_rad
-from agents.control.ring_feasibility import Orbit
-from agents.control.ring_reference import RingPoint, RingReference, RingWay
-from agents.control.shaped_coordinate import ShapedCoordinate
+from agents.ring.detour import MARGIN_M, Obstacle
+from agents.ring.feasibility import Orbit
+from agents.ring.place import RingPlace, chord_m, ring_place, spacing_errors_rad
+from agents.ring.reference import RingPoint, RingReference, RingWay
+from agents.ring.shaped_coordinate import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agents.control.encirclement import EncirclementPlanner, RingTask
-from agents.control.ring import ring_place
-from agents.control.ring_feasibility import Orbit
-from agents.control.ring_reference import RingPoint
-from agents.control.shaped_coordinate import ShapedCoordinate
+from agents.ring.feasibility import Orbit
+from agents.ring.place import ring_place
+from agents.ring.reference import RingPoint
+from agents.ring.shaped_coordinate import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion

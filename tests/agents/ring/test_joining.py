@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.control.detour import Obstacle, bent_ring_m
-from agents.control.joining import ASIDE, Joining, chosen_gap
-from agents.control.ring import RingPlace
+from agents.ring.detour import Obstacle, bent_ring_m
+from agents.ring.joining import ASIDE, Joining, chosen_gap
+from agents.ring.place import RingPlace
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
 from tests.conftest import CONFIG

@@ -11,9 +11,9 @@ from math import copysign, inf
 
 import msgspec
 
-from agents.control.ring_feasibility import Orbit
-from agents.control.shaped_coordinate import ShapedCoordinate
-from agents.control.transition import braked_rate, transition_rate_rad_s
+from agents.ring.feasibility import Orbit
+from agents.ring.shaped_coordinate import ShapedCoordinate
+from agents.ring.transition import braked_rate, transition_rate_rad_s
 from agents.settings.sections import EncirclementSettings
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar

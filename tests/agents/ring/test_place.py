@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.control.ring import RingPlace, ring_place, scaled_gain_per_s, spacing_decay_per_s, spacing_errors_rad
+from agents.ring.place import RingPlace, ring_place, scaled_gain_per_s, spacing_decay_per_s, spacing_errors_rad
 from estimation.state import Vector
 
 RATE_RAD_S = 0.05

@@ -4,7 +4,7 @@ from math import inf, pi
 
 import pytest
 
-from agents.control.headway import headway_rate_rad_s
+from agents.ring.headway import headway_rate_rad_s
 from estimation.polar import Polar
 
 

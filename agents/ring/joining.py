@@ -10,9 +10,8 @@ from math import copysign, tau
 
 import msgspec
 
-from agents.control.detour import MARGIN_M
-from agents.control.encirclement import chord_m
-from agents.control.ring import RingPlace
+from agents.ring.detour import MARGIN_M
+from agents.ring.place import RingPlace, chord_m
 from agents.settings.config import AgentConfig
 from estimation.frames import wrap_signed_rad, wrap_turn_rad
 from estimation.polar import Polar

@@ -6,7 +6,7 @@ from math import sqrt
 
 import pytest
 
-from agents.control.ring_feasibility import BROKEN_MAX, RESERVE, RingFeasibility
+from agents.ring.feasibility import BROKEN_MAX, RESERVE, RingFeasibility
 from agents.settings.config import AgentConfig
 from agents.team.messages import MemberState, NeighbourAngle
 from agents.team.ring_scale import FULL_RING, RingScale

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.control.detour import MARGIN_M, Obstacle, bent_ring_m
+from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m
 
 RING_M = 10.0
 BEARINGS = np.linspace(-pi, pi, 2000)

@@ -1,7 +1,7 @@
 """The ring: the neighbours ahead and behind, the spacing errors, and the gain that lets them decay - (15) to (22)."""
 
 from collections.abc import Iterable, Sequence
-from math import cos, tau
+from math import cos, sin, tau
 
 import msgspec
 
@@ -69,3 +69,8 @@ def scaled_gain_per_s(members: int, gain_per_s: float) -> float:
     It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would be faster than its messages.
     """
     return min(gain_per_s * 1.5 / (1.0 - cos(tau / members)), max(gain_per_s, 0.75 * _FASTEST_MODE_PER_S))
+
+
+def chord_m(radius_m: float, members: int) -> float:
+    """Return the distance between neighbours evenly spaced on the ring, `2 R sin(pi / n)`."""
+    return float(2.0 * radius_m * sin(tau / 2.0 / members))

@@ -5,8 +5,8 @@ from math import copysign, sqrt
 
 import numpy as np
 
-from agents.control.ring import scaled_gain_per_s
-from agents.control.ring_feasibility import Orbit
+from agents.ring.feasibility import Orbit
+from agents.ring.place import scaled_gain_per_s
 from agents.settings.sections import EncirclementSettings
 
 SLOWEST_SHARE = 0.2

@@ -6,10 +6,10 @@ from math import cos, inf, pi, tau
 import numpy as np
 import pytest
 
-from agents.control.ring import scaled_gain_per_s, spacing_errors_rad
-from agents.control.ring_feasibility import Orbit
-from agents.control.ring_reference import RingReference, RingWay
-from agents.control.transition import transition_rate_rad_s
+from agents.ring.feasibility import Orbit
+from agents.ring.place import scaled_gain_per_s, spacing_errors_rad
+from agents.ring.reference import RingReference, RingWay
+from agents.ring.transition import transition_rate_rad_s
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
 from estimation.state import Vector
