@@ -34,12 +34,15 @@ from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
 from gcs.drill.stubs import StubFlight
 from gcs.errors import InputError
+from gcs.flight.stubs import station_timeout_s
 from gcs.mission.mission import Mission
 
 OUT_OF_OFFBOARD_S = 2.0
-"""A vehicle without an agent is out of offboard within this time [wall s]."""
+"""A PX4 without an agent is out of offboard within this time, an ArduPilot once FS_GCS_TIMEOUT is over [wall s]."""
 MARGIN_S = 0.5
 """How much later than the table says a reaction may be observed [wall s]: it takes ticks and messages."""
+STATION_GRACE_S = 1.0
+"""How much later than FS_GCS_TIMEOUT ArduPilot may react: it looks for it three times a second [wall s]."""
 HEARTBEAT_S, BATTERY_S = 1.0, 2.0
 """How often an autopilot reports its mode, and its battery [s]."""
 CUT_S = 5.0
@@ -76,8 +79,7 @@ class Drill(Generic[Flight]):
     It takes `vehicles_min` airborne vehicles. One that `ends_flight` is the flight's last; one that `lands_subject`
     leaves the others. Its times are in wall seconds with `by_wall`, otherwise in mission seconds. It is cleared after
     `undo_after_s` [wall s], or once the reaction was observed; where none is expected, the team is watched for
-    `watched_s` [mission s]. With `waits_for_estimate` the subject resumes once its estimate has settled. With
-    `by_autopilot` the autopilot alone reacts, to a silent ground station.
+    `watched_s` [mission s]. With `waits_for_estimate` the subject resumes once its estimate has settled.
     """
 
     fault: str
@@ -91,15 +93,10 @@ class Drill(Generic[Flight]):
     watched_s: float = 0.0
     vehicles_min: int = 1
     waits_for_estimate: bool = False
-    by_autopilot: bool = False
 
     def unsuitable(self, mission: Mission) -> str:
         """Return why a mission cannot have this drill, empty if it can."""
-        if len(mission.ids) < self.vehicles_min:
-            return f"takes {self.vehicles_min} vehicles"
-        if self.by_autopilot and any(each.autopilot != "px4" for each in mission.vehicles):
-            return "ArduPilot's stub does not play the failsafe for a silent ground station (FS_GCS_ENABLE)"
-        return ""
+        return f"takes {self.vehicles_min} vehicles" if len(mission.ids) < self.vehicles_min else ""
 
 
 def by_table(
@@ -135,10 +132,22 @@ def _jump(roles: Roles, speed: float) -> Expectation:
     return by_table(Condition.ESTIMATOR_JUMPED, the_subject, found_within_s=within_s)(roles, speed)
 
 
+def _out_of_offboard_s(roles: Roles, vehicles: tuple[int, ...], speed: float) -> dict[int, float]:
+    """Return within what time each vehicle's autopilot leaves offboard by itself [wall s]."""
+    by_autopilot = {"px4": OUT_OF_OFFBOARD_S / speed, "ardupilot": station_timeout_s(speed) / speed + STATION_GRACE_S}
+    return {i: by_autopilot[roles.mission.vehicle(i).autopilot] for i in vehicles}
+
+
 def dead(roles: Roles, _speed: float) -> Expectation:
     """Expect that all vehicles leave offboard, because their agents are gone."""
+    limits_s = _out_of_offboard_s(roles, roles.airborne, 1.0)
     return Expectation(
-        roles.airborne, (), OUT_OF_OFFBOARD_S, leaves_offboard=True, separation_m=roles.mission.safety.separation_m
+        roles.airborne,
+        (),
+        max(limits_s.values()),
+        limits_s=limits_s,
+        leaves_offboard=True,
+        separation_m=roles.mission.safety.separation_m,
     )
 
 
@@ -147,7 +156,7 @@ def cut(roles: Roles, speed: float) -> Expectation:
     return Expectation(
         (roles.subject,),
         roles.others,
-        OUT_OF_OFFBOARD_S / speed + MARGIN_S,
+        _out_of_offboard_s(roles, (roles.subject,), speed)[roles.subject] + MARGIN_S,
         leaves_offboard=True,
         at_last=Tactic.PILOT_OVERRIDE.value,
         respacing=tuple(i for i in roles.others if i in roles.on_ring),
@@ -279,7 +288,6 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         cut,
         undo_after_s=CUT_S,
         lands_subject=True,
-        by_autopilot=True,
     ),
     Drill(
         "battery low",
@@ -302,9 +310,9 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends_flight=True, by_autopilot=True),
-    Drill("frozen agent", "all out of offboard", stop, dead, by_wall=True, ends_flight=True, by_autopilot=True),
-    Drill("frozen interpreter", "all out of offboard", hang, dead, by_wall=True, ends_flight=True, by_autopilot=True),
+    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends_flight=True),
+    Drill("frozen agent", "all out of offboard", stop, dead, by_wall=True, ends_flight=True),
+    Drill("frozen interpreter", "all out of offboard", hang, dead, by_wall=True, ends_flight=True),
 )
 """In the order in which one flight can have them: first those that a vehicle resumes from, then those that it lands
 for, at last those that end the flight."""

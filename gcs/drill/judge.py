@@ -5,6 +5,7 @@ themselves; tactics, alerts, radii and bearings are those that they report on th
 """
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import degrees, hypot, tau
@@ -110,13 +111,15 @@ class Expectation:
     """The expected reaction to a fault: which vehicles react, how, within what time [wall s], and which fly on.
 
     A reaction is a tactic, an alert, or leaving offboard; without any of them all vehicles fly on for as long as the
-    drill lasts. With `stands_back` they are sent no more setpoints; `at_last` is their final tactic. The gaps on the
-    ring between those that are `respacing` become even again.
+    drill lasts. `limits_s` are tighter limits of single vehicles [wall s]. With `stands_back` they are sent no more
+    setpoints; `at_last` is their final tactic. The gaps on the ring between those that are `respacing` become even
+    again.
     """
 
     reacting: tuple[int, ...]
     flying_on: tuple[int, ...]
     limit_s: float | None
+    limits_s: Mapping[int, float] = field(default_factory=dict)
     tactic: str | None = None
     alert: str | None = None
     leaves_offboard: bool = False
@@ -146,6 +149,7 @@ def failures(expected: Expectation, log: TeamLog, began_s: float, until_s: float
     if expected.is_reaction and done_s is None:
         late = [i for i in expected.reacting if _one_reacted_s(expected, log, i, began_s) is None]
         found += [f"vehicle {i} did not react: {log.state(i)}" for i in late]
+    found += _late(expected, log, began_s)
     if done_s is not None:
         found += _relapses(expected, log, done_s)
     found += _others(expected, log, began_s)
@@ -158,6 +162,16 @@ def failures(expected: Expectation, log: TeamLog, began_s: float, until_s: float
         if log.mode(i) == OFFBOARD and until_s - log.received_s.get(i, 0.0) > ABANDONED_AFTER_S
     ]
     return found
+
+
+def _late(expected: Expectation, log: TeamLog, began_s: float) -> list[str]:
+    """Return which vehicles reacted, but later than their own limits."""
+    took_s = {i: (_one_reacted_s(expected, log, i, began_s) or began_s) - began_s for i in expected.limits_s}
+    return [
+        f"vehicle {i} reacted after {took_s[i]:.1f} s, not within {limit_s:g} s"
+        for i, limit_s in expected.limits_s.items()
+        if took_s[i] > limit_s
+    ]
 
 
 def _one_reacted_s(expected: Expectation, log: TeamLog, vehicle: int, began_s: float) -> float | None:

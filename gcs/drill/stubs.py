@@ -8,8 +8,9 @@ from pathlib import Path
 
 from agents.ports import VehicleRefusedError
 from gcs.drill.flight import DrillFlight
-from gcs.flight.stubs import prepared_configs
+from gcs.flight.stubs import prepared_configs, station_timeout_s
 from sitl.faults import VehicleFaults
+from sitl.mavlink.dialects import AutopilotKind
 from sitl.server.server import Stub, serve
 
 _AIRBORNE_M = 0.5
@@ -53,7 +54,7 @@ class StubFlight(DrillFlight):
             self.stubs = {by_system[stub.config.vehicle_id]: stub for stub in stubs}
             ready.set()
 
-        configs = prepared_configs(self.mission)
+        configs = prepared_configs(self.mission, self.speed)
         serving = asyncio.create_task(
             serve(configs, speed=self.speed, now_s=self._clock.now_s, stop=stop, on_ready=take)
         )
@@ -79,8 +80,11 @@ class StubFlight(DrillFlight):
         return self._clock.now_s()
 
     def abandon(self) -> None:
-        """Run at the wall clock's speed: what follows is measured in it."""
+        """Run at the wall clock's speed, with the time-outs that belong to it: what follows is measured in it."""
         self._clock.run_at_wall_speed()
+        for stub in self.stubs.values():
+            if stub.config.autopilot is AutopilotKind.ARDUPILOT:
+                stub.autopilot.parameters.set("FS_GCS_TIMEOUT", station_timeout_s(self._clock.speed))
 
     def clear_faults(self) -> None:
         """Clear the faults of flying process, links and vehicles."""

@@ -28,6 +28,16 @@ PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
     AutopilotKind.ARDUPILOT: {"FS_GCS_ENABLE": 5, "SYSID_MYGCS": CORDON_ID},
 }
 """The failsafe parameters that docs/hardware.md requires where the firmware's defaults differ: to land."""
+STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S = 5.0, 3.0
+"""FS_GCS_TIMEOUT: the firmware's default, but no fewer wall seconds than this.
+
+MAVSDK's heartbeats come once a second of the wall, the autopilot counts in its own time, which may pass faster.
+"""
+
+
+def station_timeout_s(speed: float) -> float:
+    """Return the FS_GCS_TIMEOUT of a prepared ArduPilot stub whose time passes `speed` times as fast as the wall's."""
+    return max(STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S * speed)
 
 
 def stub_configs(mission: Mission) -> list[StubConfig]:
@@ -59,16 +69,22 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
     ]
 
 
-def prepared_configs(mission: Mission) -> list[StubConfig]:
+def prepared_configs(mission: Mission, speed: float) -> list[StubConfig]:
     """Return the same stubs with failsafes and signing keys set as an operator should.
 
-    For flights that start their own vehicles. Raises InputError when the keys cannot be read.
+    For flights that start their own vehicles, whose time passes `speed` times as fast as the wall's. Raises InputError
+    when the keys cannot be read.
     """
     keys = {i: SigningKey(key, wall_ticks()) for i, key in signing_keys(mission).items()}
     return [
-        replace(config, parameters=PREPARED[config.autopilot], signing_key=keys.get(config.vehicle_id))
+        replace(config, parameters=_prepared(config.autopilot, speed), signing_key=keys.get(config.vehicle_id))
         for config in stub_configs(mission)
     ]
+
+
+def _prepared(autopilot: AutopilotKind, speed: float) -> Mapping[str, Value]:
+    timeout = {"FS_GCS_TIMEOUT": station_timeout_s(speed)} if autopilot is AutopilotKind.ARDUPILOT else {}
+    return {**PREPARED[autopilot], **timeout}
 
 
 def _origin_offset_m(vehicle: MissionVehicle) -> Triple:
@@ -90,7 +106,7 @@ class FlightStubs:
 
     def __init__(self, mission: Mission | None, speed: float) -> None:
         """Prepare the mission's stubs, or none."""
-        self._process = None if mission is None else StubProcess(prepared_configs(mission), speed)
+        self._process = None if mission is None else StubProcess(prepared_configs(mission, speed), speed)
         self.record: StubRecord | None = None
 
     async def __aenter__(self) -> Self:

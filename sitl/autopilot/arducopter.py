@@ -1,9 +1,9 @@
 """A stub autopilot with ArduCopter's manners: GUIDED flies take-off and setpoints alike, and forgets no position.
 
 What differs from PX4's: a mode is chosen, not intended, and stays after disarming; no stream of setpoints is needed,
-and its end is no failsafe; a position that came with a velocity moves on with it until the next one comes, for three
-seconds at most; take-off is an order to a vehicle armed in GUIDED; landing disarms at once. GUIDED is
-`NavMode.OFFBOARD` here, BRAKE is HOLD, LOITER is POSITION.
+and its end is no failsafe, but the silence of the ground station may be one (FS_GCS_ENABLE); a position that came with
+a velocity moves on with it until the next one comes, for three seconds at most; take-off is an order to a vehicle armed
+in GUIDED; landing disarms at once. GUIDED is `NavMode.OFFBOARD` here, BRAKE is HOLD, LOITER is POSITION.
 """
 
 from dataclasses import replace
@@ -16,7 +16,8 @@ from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Pos
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import Conditions, NavMode
 from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
-from sitl.autopilot.px4 import Autopilot, CommandResult
+from sitl.autopilot.px4 import Autopilot, CommandResult, Severity
+from sitl.autopilot.station_failsafe import StationEvent, StationFailsafe
 from sitl.vehicle.shaping import ShapeLimits
 
 CM = 0.01
@@ -47,6 +48,7 @@ class ArduCopter(Autopilot):
             parameters["WPNAV_SPEED"] * CM, parameters["WPNAV_ACCEL"] * CM, float(parameters["PSC_JERK_XY"])
         )
         self._feeds = plant.feedforward > 0.0
+        self._station = StationFailsafe(parameters)
         super().__init__(
             plant,
             start_m,
@@ -79,6 +81,31 @@ class ArduCopter(Autopilot):
         """Take a setpoint that arrived at `time_s`; outside GUIDED, and on the ground, it is passed over."""
         if self.mode is NavMode.OFFBOARD and not self.landed:
             super().receive_setpoint(time_s, target)
+
+    def receive_heartbeat(self, time_s: float, system_id: int) -> None:
+        """Take the heartbeat of another system that arrived at `time_s`."""
+        self._station.receive_heartbeat(time_s, system_id)
+
+    def _watch_station(self) -> None:
+        """Act on a silent ground station; the 4 s that ArduCopter hovers before such a landing are not played.
+
+        The mode stays when the station is heard again.
+        """
+        event = self._station.check(self.time_s)
+        if event is StationEvent.REGAINED:
+            self._say("GCS Failsafe Cleared", Severity.WARNING)
+        if event is not StationEvent.LOST:
+            return
+        if self.armed and self.landed:
+            self._say("GCS Failsafe - Disarming", Severity.WARNING)
+            self._disarm("ground station failsafe")
+            return
+        self._say("GCS Failsafe", Severity.WARNING)
+        reaction = self._station.reaction(self.mode) if self.armed else None
+        if reaction is NavMode.RETURN and not self.global_position_known:
+            reaction = NavMode.LAND
+        if reaction is not None:
+            self.select(reaction)
 
     def _apply_due_setpoints(self) -> None:
         super()._apply_due_setpoints()

@@ -201,6 +201,9 @@ class Autopilot:
         self.setpoints_received += 1
         self._pending.append((time_s + self._delay_s, target))
 
+    def receive_heartbeat(self, time_s: float, system_id: int) -> None:
+        """Take the heartbeat of another system: PX4's failsafe for a silent one, NAV_DLL_ACT, is not played."""
+
     def step(self, to_time_s: float, disturbance_m_s2: tuple[float, float] = (0.0, 0.0)) -> None:
         """Let time pass in whole steps of STEP_S up to `to_time_s`; the disturbance is a horizontal acceleration."""
         disturbance = np.array(disturbance_m_s2)
@@ -217,6 +220,7 @@ class Autopilot:
             self._watch_take_off()
             self._watch_ground()
             self._watch_fence()
+            self._watch_station()
 
     def _apply_due_setpoints(self) -> None:
         # A setpoint acts from the step nearest to its due time: on average nothing is added to the delay.
@@ -264,6 +268,9 @@ class Autopilot:
         if self._breached and not before:
             self._say(words, Severity.CRITICAL)
             self._breach_mode = BREACH_MODES.get(action)
+
+    def _watch_station(self) -> None:
+        """Act on a silent ground station; as played here, PX4 does nothing."""
 
     def _disarm_when_idle(self) -> None:
         flown = self._landed_s > self._armed_s

@@ -106,7 +106,7 @@ class MavlinkVehicle:
         return {
             "COMMAND_INT": self._on_command_int,
             "COMMAND_LONG": self._on_command_long,
-            "HEARTBEAT": lambda _message, _time_s: [],
+            "HEARTBEAT": self._on_heartbeat,
             "MISSION_ACK": lambda _message, _time_s: [],
             "MISSION_CLEAR_ALL": self._on_mission_clear,
             "MISSION_COUNT": self._on_mission_count,
@@ -207,6 +207,10 @@ class MavlinkVehicle:
         if items != self._fence:
             self._fence = items
             self.autopilot.zones = zones_of(items, self._config.frame)
+
+    def _on_heartbeat(self, m: Any, time_s: float) -> list[Outgoing]:
+        self.autopilot.receive_heartbeat(time_s, m.get_srcSystem())
+        return []
 
     def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
         """Process a local position setpoint, with its velocity if it has one; its acceleration is ignored."""

@@ -276,8 +276,8 @@ def test_the_motion_is_as_fast_as_its_parameters_say() -> None:
 class Client:
     """A ground station that knows nothing of the stub but its bytes."""
 
-    def __init__(self) -> None:
-        self.copter = ArduCopter(PLANT, (0.0, 0.0, 1.5))
+    def __init__(self, copter: ArduCopter | None = None) -> None:
+        self.copter = copter or ArduCopter(PLANT, (0.0, 0.0, 1.5))
         self.vehicle = MavlinkVehicle(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)), ARDUCOPTER)
         self._writer = dialect.MAVLink(None, 245, 190)
         self._reader = dialect.MAVLink(None)
@@ -395,6 +395,103 @@ def test_the_estimators_report_is_ekf_status(client: Client) -> None:
     assert (acknowledged.result, report.get_type()) == (ACCEPTED, "EKF_STATUS_REPORT")
     assert (report.flags, report.pos_horiz_variance, report.compass_variance) == (831, 0.0, 0.0)
     assert [each.get_type() for each in client.command(REQUEST, 230)] == ["COMMAND_ACK"]
+
+
+# The failsafe for a silent ground station
+
+STATION, OTHER_STATION = 245, 255
+
+
+def station_of(copter: ArduCopter) -> Client:
+    """Return the ground station of a copter, whose heartbeat has just arrived."""
+    client = Client(copter)
+    beat(client)
+    return client
+
+
+def beat(client: Client, system_id: int = STATION) -> None:
+    message = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    client.vehicle.receive(bytes(message.pack(dialect.MAVLink(None, system_id, 190))), client.copter.time_s)
+
+
+def left_mode_after_s(copter: ArduCopter, limit_s: float = 30.0) -> float:
+    """Let time pass until the mode changes; return how much did."""
+    began_s, mode = copter.time_s, copter.mode
+    while copter.mode is mode and copter.time_s - began_s < limit_s:
+        wait(copter, STEP_S)
+    return copter.time_s - began_s
+
+
+def test_a_silent_ground_station_ends_guided_as_its_parameter_says(subtests: pytest.Subtests) -> None:
+    """By ArduCopter's documentation of FS_GCS_ENABLE; it looks for the heartbeats three times a second."""
+    rows = (
+        (1, 5.0, NavMode.RETURN),
+        (2, 5.0, NavMode.RETURN),
+        (3, 5.0, NavMode.RETURN),
+        (4, 5.0, NavMode.LAND),
+        (5, 5.0, NavMode.LAND),
+        (5, 2.0, NavMode.LAND),
+        (6, 5.0, NavMode.RETURN),
+        (7, 5.0, NavMode.HOLD),
+    )
+    for enabled, timeout_s, mode in rows:
+        with subtests.test(enabled=enabled, timeout_s=timeout_s):
+            copter = guided(FS_GCS_ENABLE=enabled, FS_GCS_TIMEOUT=timeout_s, SYSID_MYGCS=STATION)
+            copter.take_texts()
+            client = station_of(copter)
+            assert timeout_s < left_mode_after_s(copter) <= timeout_s + 1.0 / 3.0 + 2 * STEP_S
+            assert mode_of(copter) is mode
+            assert texts(copter) == ["GCS Failsafe"]
+            beat(client)
+            wait(copter, 0.5)
+            assert texts(copter) == ["GCS Failsafe Cleared"]
+            assert mode_of(copter) is mode
+
+
+def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Subtests) -> None:
+    rows = (
+        ("switched off", 0, STATION, STATION, 0.0),
+        ("another station's heartbeats", 5, STATION, OTHER_STATION, 0.0),
+        ("heartbeats go on", 5, STATION, STATION, 1.0),
+    )
+    for words, enabled, watched, sender, every_s in rows:
+        with subtests.test(words):
+            copter = guided(FS_GCS_ENABLE=enabled, SYSID_MYGCS=watched)
+            client = Client(copter)
+            beat(client, sender)
+            for _ in range(20):
+                wait(copter, every_s or 1.0)
+                if every_s:
+                    beat(client, sender)
+            assert mode_of(copter) is NavMode.OFFBOARD
+
+
+def test_a_silent_ground_station_counts_by_what_is_flown(subtests: pytest.Subtests) -> None:
+    """The bits 8 (landing goes on) and 16 (a pilot's mode goes on) of FS_OPTIONS; 16 is the default."""
+    rows = (
+        (NavMode.POSITION, 16, NavMode.POSITION),
+        (NavMode.POSITION, 0, NavMode.RETURN),
+        (NavMode.LAND, 16, NavMode.RETURN),
+        (NavMode.LAND, 8, NavMode.LAND),
+    )
+    for before, options, after in rows:
+        with subtests.test(before=before, options=options):
+            copter = guided(40.0, FS_GCS_ENABLE=1, SYSID_MYGCS=STATION, FS_OPTIONS=options, WPNAV_SPEED_UP=1000.0)
+            copter.select(before)
+            station_of(copter)
+            left_mode_after_s(copter, 6.0)
+            assert copter.armed
+            assert mode_of(copter) is after
+
+
+def test_a_silent_ground_station_disarms_on_the_ground() -> None:
+    copter = ready(FS_GCS_ENABLE=5, SYSID_MYGCS=STATION, DISARM_DELAY=0)
+    copter.select(NavMode.OFFBOARD)
+    copter.arm()
+    station_of(copter)
+    wait(copter, 5.5)
+    assert not is_armed(copter)
+    assert mode_of(copter) is NavMode.OFFBOARD
 
 
 # Flown by MAVSDK
