@@ -469,14 +469,14 @@ def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Sub
 def test_a_silent_ground_station_counts_by_what_is_flown(subtests: pytest.Subtests) -> None:
     """The bits 8 (landing goes on) and 16 (a pilot's mode goes on) of FS_OPTIONS; 16 is the default."""
     rows = (
-        (NavMode.POSITION, 16, NavMode.POSITION),
-        (NavMode.POSITION, 0, NavMode.RETURN),
+        (NavMode.HOLD, 16, NavMode.HOLD),
+        (NavMode.HOLD, 0, NavMode.RETURN),
         (NavMode.LAND, 16, NavMode.RETURN),
         (NavMode.LAND, 8, NavMode.LAND),
     )
     for before, options, after in rows:
         with subtests.test(before=before, options=options):
-            copter = guided(40.0, FS_GCS_ENABLE=1, SYSID_MYGCS=STATION, FS_OPTIONS=options, WPNAV_SPEED_UP=1000.0)
+            copter = guided(FS_GCS_ENABLE=1, SYSID_MYGCS=STATION, FS_OPTIONS=options, LAND_SPEED=20.0)
             copter.select(before)
             station_of(copter)
             left_mode_after_s(copter, 6.0)

@@ -51,6 +51,8 @@ CONTROLLED = (
 )
 CONTROL_SPEED = 4.0
 UNDISTURBED_S = 2.0
+UNWATCHING = 3
+"""The vehicle of a trio whose failsafe is switched off."""
 
 
 class Silent:
@@ -106,6 +108,25 @@ async def test_control_with_the_reactions_switched_off_every_drill_fails() -> No
         assert row.holds is False, row
         assert row.measured_s is None, row
         assert "did not react" in row.detail, row
+
+
+async def test_a_dead_cordon_is_left_by_the_ardupilots_that_watch_it_and_not_by_one_that_does_not() -> None:
+    (killed,) = (drill for drill in DRILLS if drill.fault == "killed agent")
+
+    def inject(flight: StubFlight, roles: Roles) -> None:
+        assert flight.stubs[UNWATCHING].autopilot.parameters.set("FS_GCS_ENABLE", 0)
+        killed.inject(flight, roles)
+        flights.append(flight)
+
+    flights: list[StubFlight] = []
+    drills = [replace(killed, inject=inject)]
+    (row,) = await DrillRun("ardupilot-trio", StubFlight, drills, Silent(), speed=CONTROL_SPEED).run()
+    print(f"MEASURED {row.fault}, ArduPilot: {flights[0].log.modes}")
+    assert row.holds is False, row
+    assert row.detail.count("did not react") == 1, row
+    assert f"vehicle {UNWATCHING} did not react" in row.detail, row
+    assert " within " not in row.detail, row
+    assert {i: flights[0].log.mode(i) for i in (1, 2, 3)} == {1: "land", 2: "land", UNWATCHING: "offboard"}
 
 
 async def test_control_on_a_plain_bus_a_stranger_is_obeyed() -> None:

@@ -1,5 +1,6 @@
 """What a drill makes of what it saw: a reaction in time, one that came late or not at all, and what must not happen."""
 
+from dataclasses import replace
 from math import pi
 
 import pytest
@@ -45,6 +46,13 @@ def test_a_reaction_is_complete_with_tactic_and_alert(log: TeamLog) -> None:
     assert reacted_s(HOLD, log, BEGAN_S) == 101.2
     log.received_s[3] = UNTIL_S
     assert failures(HOLD, log, BEGAN_S, UNTIL_S) == []
+
+
+def test_a_vehicle_with_a_limit_of_its_own_is_held_to_it(log: TeamLog) -> None:
+    mixed = replace(OUT, limit_s=6.0, limits_s={1: 2.0, 2: 6.0, 3: 2.0})
+    for at_s, vehicle in ((101.5, 1), (104.5, 2), (102.5, 3)):
+        log.note_mode(at_s, vehicle, "land")
+    assert failures(mixed, log, BEGAN_S, UNTIL_S) == ["vehicle 3 reacted after 2.5 s, not within 2 s"]
 
 
 def test_what_was_so_before_the_fault_did_not_come_of_it(log: TeamLog) -> None:
