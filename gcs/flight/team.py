@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from agents.outputs import CoreStatus
-from agents.ports import Heartbeat, VehicleRefusedError
+from agents.ports import Heartbeat, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Stop
@@ -15,17 +15,19 @@ from agents.team.perception import Perception
 from gcs.console.live import LiveView
 from gcs.flight.equipment import Equipment
 from gcs.flight.plan import FlightPlan
+from gcs.flight.true_sensor import TrueSensor
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.keys.team_keys import TeamKeys
 from gcs.link.config import LinkConfig
+from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
 from gcs.preflight.findings import Finding
 from gcs.preflight.link_facts import CheckedLink
-from sitl.server.server import StubRecord
+from sitl.server.server import StubRecord, TruthTrack
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +83,12 @@ class Team:
             mission.link,
             vehicle.origin_m,
             signing_key=self.signing_keys.get(vehicle.system_id),
+            truth=not (self.plan.stubs or mission.frame.local),
         )
-        return CheckedLink(hub, config, clock.now_s, clock.speed)
+        link = CheckedLink(hub, config, clock.now_s, clock.speed)
+        if link.truth is not None:
+            link.truth.on_sample = partial(self.recording.truth, vehicle.id)
+        return link
 
     def _agent(self, vehicle: MissionVehicle, link: CheckedLink, heartbeat: Heartbeat) -> Agent:
         mission, equipment = self.plan.mission, self.plan.equipment or Equipment()
@@ -93,7 +99,7 @@ class Team:
             link=link,
             bus=equipment.bus(mission, vehicle, self.clock.speed, self.keys),
             clock=self.clock,
-            make_sensor=partial(equipment.sensor, mission, vehicle.id),
+            make_sensor=lambda start_s: _true_sensor(equipment.sensor(mission, vehicle.id, start_s), link),
             observe=self._observe,
             heartbeat=heartbeat,
             perception=Perception(
@@ -151,6 +157,11 @@ class Team:
             sum(loop.missed for loop in loops),
             wall_time_s,
             () if stubs is None else stubs.tracks,
+            received_truth=tuple(
+                TruthTrack.of(member.vehicle.system_id, member.link.truth.samples)
+                for member in self.members
+                if member.link.truth is not None and member.link.truth.samples
+            ),
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
 
@@ -164,6 +175,18 @@ class Team:
                 self.recording.reveal(member.vehicle.id, true[member.vehicle.system_id])
         if record is not None:
             self.recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))
+
+
+def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:
+    """Return the sensor as it sees from where the vehicle's simulator says that the vehicle is, if there is one."""
+    truth = link.truth
+    if truth is None:
+        return sensor
+
+    def estimated_m(now_s: float) -> tuple[float, float] | None:
+        return None if link.motion is None else extrapolated_m(link.motion, now_s)
+
+    return TrueSensor(sensor, truth.position_m, estimated_m)
 
 
 def _line(vehicle: MissionVehicle, refusal: VehicleRefusedError) -> str:

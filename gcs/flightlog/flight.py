@@ -7,6 +7,7 @@ from agents.core import VehicleCore
 from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
 from agents.tape import TapedCore
+from estimation.state import Telemetry
 from gcs.flightlog.audit.trail import AuditTrail
 from gcs.flightlog.recorder import Recorder, RecorderThread, VehicleTape
 from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
@@ -51,6 +52,10 @@ class Recording(Protocol):
         """Take where a vehicle truly was."""
         ...
 
+    def truth(self, vehicle_id: int, motion: Telemetry) -> None:
+        """Take a true motion that a vehicle's simulator sent."""
+        ...
+
 
 class Unrecorded:
     """Nobody records."""
@@ -77,6 +82,9 @@ class Unrecorded:
         """Forget it."""
 
     def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
+        """Forget it."""
+
+    def truth(self, vehicle_id: int, motion: Telemetry) -> None:
         """Forget it."""
 
 
@@ -135,6 +143,10 @@ class FlightRecording:
         tape, rows = self._tape(vehicle_id), (track.time_s, track.position_m, track.velocity_m_s)
         for time_s, (x, y, z), (x_rate, y_rate, z_rate) in zip(*(each.tolist() for each in rows), strict=True):
             tape.note(Truth(time_s, (x, y, z), (x_rate, y_rate, z_rate)), time_s)
+
+    def truth(self, vehicle_id: int, motion: Telemetry) -> None:
+        """Record a true motion that a vehicle's simulator sent."""
+        self._tape(vehicle_id).note(Truth(motion.time_s, motion.position_m, motion.velocity_m_s, received=True))
 
     def _tape(self, vehicle_id: int) -> VehicleTape:
         if vehicle_id not in self._tapes:

@@ -186,11 +186,12 @@ class Cost(msgspec.Struct, frozen=True):
 
 
 class Truth(msgspec.Struct, frozen=True):
-    """Where a simulator knows that a vehicle was."""
+    """Where a simulator knows that a vehicle was; `received` if it sent that in flight, on its vehicle's link."""
 
     time_s: float
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
+    received: bool = False
 
 
 class VehicleEnd(msgspec.Struct, frozen=True):

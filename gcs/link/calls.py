@@ -15,6 +15,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
+from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
 from gcs.mission.mission import LinkSection
 
 Result = TypeVar("Result")
@@ -140,6 +141,8 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSecti
     estimator = feed.reports.estimator
     for number in (estimator.number, estimator.wind_number):
         await calls.request_message(feed.reports.direct, number, rates.status_rate_hz / 2.0)
+    if feed.truth is not None:
+        await calls.request_message(feed.reports.direct, feed.truth_message.number, TRUTH_RATE_HZ)
 
 
 async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:

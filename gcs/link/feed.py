@@ -9,12 +9,14 @@ from dataclasses import replace
 from math import isfinite
 from typing import Any
 
+from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 
 from agents.ports import FlightMode, VehicleStatus
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
+from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth
 from gcs.link.self_reports import SelfReports, tilt_deg
 
 MODES = {
@@ -47,12 +49,14 @@ class VehicleFeed:
 
     `origin_m` is the mission position of the vehicle's NED origin: no telemetry is delivered before it is set. It is
     reset when the link is lost or the autopilot restarts, which `on_loss` and `on_return` report. A restart is detected
-    by a backward step of the autopilot's clock.
+    by a backward step of the autopilot's clock. `truth` collects what a simulator sends, if that is wanted.
     """
 
-    def __init__(self, system: Any, frame: MissionFrame, now_s: Callable[[], float]) -> None:
+    def __init__(
+        self, system: Any, frame: MissionFrame, now_s: Callable[[], float], truth: GroundTruth | None = None
+    ) -> None:
         self.status = VehicleStatus()
-        self.position_m: Triple | None = None
+        self.motion: Telemetry | None = None
         self.origin_m: Triple | None = None
         self.dropped = 0
         self.on_telemetry: Callable[[Telemetry], None] | None = None
@@ -62,6 +66,8 @@ class VehicleFeed:
         self.clock_received = False
         self.plugin: Any = TelemetryPlugin(system)
         self.reports = SelfReports(system, self._update)
+        self.truth_message = ARDUPILOT_TRUTH if system.autopilot_type() is Autopilot.ARDUPILOT else PX4_TRUTH
+        self.truth = truth
         self._system = system
         self._frame = frame
         self._now_s = now_s
@@ -87,8 +93,15 @@ class VehicleFeed:
         telemetry.subscribe_status_text(self._posting(self._take_text))
         telemetry.subscribe_attitude_euler(self._note_attitude)
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
+        if self.truth is not None:
+            self.truth.subscribe(self.reports.direct, self.truth_message, self._posting)
         self._update(connected=self._system.is_connected())
         self._system.subscribe_is_connected(self._posting(self._take_connected))
+
+    @property
+    def position_m(self) -> Triple | None:
+        """The newest position in the mission frame, None before the first."""
+        return None if self.motion is None else self.motion.position_m
 
     @property
     def ground_z_m(self) -> float:
@@ -209,7 +222,7 @@ class VehicleFeed:
         except ValueError:
             self.dropped += 1
             return
-        self.position_m = sample.position_m
+        self.motion = sample
         if self.on_telemetry is not None:
             self.on_telemetry(sample)
 

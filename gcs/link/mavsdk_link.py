@@ -23,6 +23,7 @@ from estimation.state import Telemetry
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
 from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
+from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
 from gcs.link.relay.gate import LinkReport
 
@@ -57,6 +58,7 @@ class MavsdkLink:
         self._config = config
         self._now_s = now_s
         self._speed = speed
+        self.truth = GroundTruth(config.system_id, config.frame, now_s) if config.truth else None
         self._parts: _Parts | None = None
         self._guided: Callable[[], object] | None = None
         self._keeper: asyncio.Task[None] | None = None
@@ -71,6 +73,11 @@ class MavsdkLink:
     def status(self) -> VehicleStatus:
         """The newest status received."""
         return self._parts.feed.status if self._parts is not None else VehicleStatus()
+
+    @property
+    def motion(self) -> Telemetry | None:
+        """The newest telemetry, None before the first."""
+        return self._parts.feed.motion if self._parts is not None else None
 
     @property
     def dropped(self) -> int:
@@ -105,7 +112,7 @@ class MavsdkLink:
             signing_key=self._config.signing_key,
             speed=self._speed,
         )
-        feed = VehicleFeed(system, self._config.frame, self._now_s)
+        feed = VehicleFeed(system, self._config.frame, self._now_s, self.truth)
         calls = VehicleCalls(self._config.system_id, feed, self._speed)
         self._parts = _Parts(system, feed, calls, Action(system), Offboard(system))
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None

@@ -37,7 +37,8 @@ class _Samples:
 class RunTotals:
     """The totals of a run: source, ticks and missed ticks of all loops, wall time, and truth where it is known.
 
-    `seed` overrides the seed of the mission.
+    `seed` overrides the seed of the mission. `truth` replaces the estimates, `received_truth`, which the vehicles'
+    simulators sent in flight, stands beside them.
     """
 
     source: str
@@ -46,6 +47,7 @@ class RunTotals:
     wall_time_s: float
     truth: tuple[TruthTrack, ...] = ()
     seed: int | None = None
+    received_truth: tuple[TruthTrack, ...] = ()
 
 
 class Journal:
@@ -102,6 +104,7 @@ class Journal:
             target_position_m=np.array([target.position_m(at_s) for at_s in time_s.tolist()]),
             target_velocity_m_s=np.array([target.velocity_at_m_s(at_s) for at_s in time_s.tolist()]),
             vehicles=self._tracks(run.truth, time_s + start_s),
+            truth=self._true_tracks(run, time_s + start_s),
             loop=LoopStatistics(rate_hz, run.ticks, run.missed, np.array(self._tick_us)),
             wall_time_s=run.wall_time_s,
             guard=self._guard,
@@ -115,6 +118,12 @@ class Journal:
             for vehicle_id in self._mission.ids
             if (samples := self._samples.get(vehicle_id)) is not None
         )
+
+    def _true_tracks(self, run: RunTotals, grid_s: Vector) -> tuple[VehicleTrack, ...]:
+        """Return the true tracks beside the estimates: of all vehicles or, where one has none, of none."""
+        known = {track.vehicle_id for track in run.received_truth}
+        flown = {self._mission.vehicle(vehicle_id).system_id for vehicle_id in self._samples}
+        return self._tracks(run.received_truth, grid_s) if flown <= known and not run.truth else ()
 
     def _track(self, vehicle_id: int, samples: _Samples, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:
         sample_s = np.array(samples.time_s)

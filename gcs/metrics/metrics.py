@@ -4,6 +4,8 @@ Arrays over the whole team have shape (V, T): vehicles in the record's order, sa
 without a measurement, and averages ignore it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimation.state import Vector
@@ -15,6 +17,8 @@ from gcs.metrics.result import (
     ReynoldsResult,
     RingReference,
     RingResult,
+    TrueVehicleResult,
+    TruthResult,
     VehicleResult,
     VerdictTolerances,
     judge,
@@ -64,6 +68,7 @@ def evaluate(
         wall_time_s=record.wall_time_s,
         realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
         events=record.events,
+        truth=_truth_result(record, ring, window),
     )
 
 
@@ -136,6 +141,33 @@ def _vehicle_results(
         )
         results.append(result)
     return tuple(results)
+
+
+def _truth_result(record: FlightRecord, ring: RingReference, window: Mask) -> TruthResult | None:
+    """Return the ring's figures by truth in the same window, None where the record has no truth beside it."""
+    if not record.truth:
+        return None
+    true = replace(record, vehicles=record.truth)
+    motion = ring_motion(true)
+    engaged_s = [time_s for time_s in engagement_times_s(true) if time_s is not None]
+    settled_s = _settled_at_s(true.time_s, motion, ring, max(engaged_s)) if engaged_s else None
+    settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
+    vehicles = []
+    for row, (estimate, track) in enumerate(zip(record.vehicles, record.truth, strict=True)):
+        radius_error_m = motion.radius_m[row, window] - ring.radius_m
+        off_m = np.hypot(*(estimate.position_m - track.position_m).T)[window]
+        bearing_rad, rate_rad_s = motion.bearing_rad[row, window], motion.rate_rad_s[row, window]
+        result = TrueVehicleResult(
+            id=track.vehicle_id,
+            radius_error_rms_m=_rms(radius_error_m),
+            radius_error_max_m=_largest(radius_error_m),
+            angular_rate_mean_rad_s=_mean_rate_rad_s(record.time_s[window], bearing_rad, rate_rad_s),
+            estimate_error_rms_m=_rms(off_m),
+            estimate_error_max_m=_largest(off_m),
+        )
+        vehicles.append(result)
+    spacing = RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
+    return TruthResult(tuple(vehicles), spacing, _closest_approach_m(true))
 
 
 def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:

@@ -72,6 +72,7 @@ class FlightRecord:
 
     `source` is simulation, sitl or flight; `reference` is truth or estimate: the source of the positions; `guard`
     counts the interventions, None if unknown. `events` are in order, their times since the mission's start as well.
+    `truth` are the true tracks of the same vehicles beside their estimates, where their simulators sent them.
     """
 
     mission: str
@@ -86,6 +87,7 @@ class FlightRecord:
     wall_time_s: float
     guard: GuardTally | None = None
     events: tuple[FlightEvent, ...] = ()
+    truth: tuple[VehicleTrack, ...] = ()
 
 
 def in_order(events: Iterable[FlightEvent], start_s: float = 0.0) -> tuple[FlightEvent, ...]:

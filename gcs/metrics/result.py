@@ -118,6 +118,33 @@ class TransitionResult:
 
 
 @dataclass(frozen=True, slots=True)
+class TrueVehicleResult:
+    """One vehicle's ring metrics by truth; `estimate_error_*` are horizontal distances of its estimate from the truth.
+
+    All of them are over the window of the ring metrics.
+    """
+
+    id: int
+    radius_error_rms_m: float | None = None
+    radius_error_max_m: float | None = None
+    angular_rate_mean_rad_s: float | None = None
+    estimate_error_rms_m: float | None = None
+    estimate_error_max_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TruthResult:
+    """The figures by the truth that simulators sent, beside those by the vehicles' estimates, which the verdicts judge.
+
+    The window is that of the estimates.
+    """
+
+    vehicles: tuple[TrueVehicleResult, ...]
+    ring: RingResult
+    closest_approach_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class FlockingResult:
     """Reynolds' rules over a phase of the flight, None where fewer than two vehicles were measured.
 
@@ -206,6 +233,7 @@ class FlightResult:
     wall_time_s: float | None
     realtime_factor: float | None
     events: tuple[FlightEvent, ...] = ()
+    truth: TruthResult | None = None
 
     @property
     def all_hold(self) -> bool:
@@ -222,6 +250,8 @@ class FlightResult:
         plain = asdict(self)
         for key in ("vehicles", "transitions", "events"):
             plain[key] = list(plain[key])
+        if self.truth is not None:
+            plain["truth"]["vehicles"] = list(plain["truth"]["vehicles"])
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
         return plain

@@ -22,7 +22,7 @@ class Dialect:
 
     `autopilot` is its MAV_AUTOPILOT, `modes` each mode's number in heartbeats and the two parameters that DO_SET_MODE
     selects it by, `rates_hz` what it streams unasked, `streams` what REQUEST_DATA_STREAM asks for by stream,
-    `estimator_message` how its estimator reports on itself.
+    `estimator_message` how its estimator reports on itself, `truth_message` how its simulator tells the true motion.
     """
 
     autopilot: int
@@ -33,6 +33,7 @@ class Dialect:
     modes: Mapping[NavMode, tuple[int, float, float]]
     rates_hz: Mapping[int, float]
     estimator_message: MessageId
+    truth_message: MessageId
     streams: Mapping[int, tuple[MessageId, ...]] = field(default_factory=dict)
     acknowledges_mode_first: bool = False
     tells_checks_in_heartbeat: bool = False
@@ -58,6 +59,7 @@ PX4 = Dialect(
     modes=MappingProxyType({mode: (mode.custom_mode, float(mode.value[0]), float(mode.value[1])) for mode in NavMode}),
     rates_hz=PX4_RATES_HZ,
     estimator_message=MessageId.ESTIMATOR_STATUS,
+    truth_message=MessageId.HIL_STATE_QUATERNION,
     acknowledges_mode_first=True,
     tells_checks_in_heartbeat=True,
     parameters_bytewise=True,
@@ -89,6 +91,7 @@ ARDUCOPTER = Dialect(
     modes=MappingProxyType({mode: (number, float(number), 0.0) for mode, number in _COPTER_MODES.items()}),
     rates_hz=MappingProxyType({MessageId.HEARTBEAT: 1.0}),
     estimator_message=MessageId.EKF_STATUS_REPORT,
+    truth_message=MessageId.SIM_STATE,
     streams=MappingProxyType(
         {
             0: (*_EXTENDED_STATUS, *_POSITION, *_ATTITUDE, *_BATTERY),

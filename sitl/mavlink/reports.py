@@ -39,7 +39,17 @@ POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
 """What the estimators' tests let through: five standard deviations of a GPS that is good to 0.5 m and 0.3 m/s."""
 
 
-MOTION_MESSAGES = frozenset({MessageId.ATTITUDE, MessageId.LOCAL_POSITION_NED, MessageId.GLOBAL_POSITION_INT})
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+"""The attitude of a vehicle that keeps level, as a quaternion."""
+MOTION_MESSAGES = frozenset(
+    {
+        MessageId.ATTITUDE,
+        MessageId.LOCAL_POSITION_NED,
+        MessageId.GLOBAL_POSITION_INT,
+        MessageId.HIL_STATE_QUATERNION,
+        MessageId.SIM_STATE,
+    }
+)
 """What tells a client where the vehicle is and how it moves."""
 
 
@@ -110,6 +120,11 @@ class Reporter:
             MessageId.EKF_STATUS_REPORT: self._ekf_status_report,
         }
         self._builders[dialect.estimator_message] = estimators[dialect.estimator_message]
+        truths: dict[int, Callable[[], Fields | None]] = {
+            MessageId.HIL_STATE_QUATERNION: self._hil_state_quaternion,
+            MessageId.SIM_STATE: self._sim_state,
+        }
+        self._builders[dialect.truth_message] = truths[dialect.truth_message]
 
     @property
     def known(self) -> frozenset[int]:
@@ -212,6 +227,25 @@ class Reporter:
         velocity = [_bounded_i16(v * 100.0) for v in self._config.frame.ned_from_mission(estimate.velocity_m_s)]
         heading_cdeg = round(degrees(self._autopilot.airframe.heading_rad % tau) * 100.0) % 36000
         return self._boot_ms, *self._place(estimate.position_m), relative_mm, *velocity, heading_cdeg
+
+    def _hil_state_quaternion(self) -> Fields | None:
+        """PX4's simulator: place and velocity are true, the rest is that of a vehicle that keeps level."""
+        if self._config.frame.is_local:
+            return None
+        airframe = self._autopilot.airframe
+        velocity = [_bounded_i16(v * 100.0) for v in self._config.frame.ned_from_mission(airframe.velocity_m_s)]
+        rates, speeds, forces = (0.0, 0.0, 0.0), (0, 0), (0, 0, 0)
+        return 0, LEVEL, *rates, *self._place(airframe.position_m), *velocity, *speeds, *forces
+
+    def _sim_state(self) -> Fields | None:
+        """ArduPilot's simulator: place and velocity are true, the rest is that of a vehicle that keeps level."""
+        if self._config.frame.is_local:
+            return None
+        airframe = self._autopilot.airframe
+        latitude, longitude, altitude_mm = self._place(airframe.position_m)
+        velocity, zeros = self._config.frame.ned_from_mission(airframe.velocity_m_s), (0.0,) * 9
+        place = (float(latitude), float(longitude), altitude_mm / 1e3)
+        return *LEVEL, *zeros, *place, 0.0, 0.0, *velocity, latitude, longitude
 
     def _gps_global_origin(self) -> Fields | None:
         return (*self._place(self._config.origin_m), self._boot_ms * 1000) if self._on_globe else None

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.frames import MissionFrame, Triple
 from estimation.plant.model import Plant
-from estimation.state import Vector
+from estimation.state import Telemetry, Vector
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.arducopter import ArduCopter
 from sitl.autopilot.equipment import Battery, Positioning
@@ -92,6 +92,13 @@ class TruthTrack:
     time_s: Vector
     position_m: Vector
     velocity_m_s: Vector
+
+    @classmethod
+    def of(cls, vehicle_id: int, motions: Sequence[Telemetry]) -> "TruthTrack":
+        """Return the track of true motions; there is at least one."""
+        time_s = np.array([each.time_s for each in motions])
+        position_m = np.array([each.position_m for each in motions])
+        return cls(vehicle_id, time_s, position_m, np.array([each.velocity_m_s for each in motions]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,8 +55,9 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         sum(each.ticks for each in vehicles),
         sum(each.missed for each in vehicles),
         max(_wall_time_s(log) for log in logs),
-        tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
+        _tracks(mission, vehicles, received=False),
         logs[0].run.seed,
+        _tracks(mission, vehicles, received=True),
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]
@@ -64,6 +65,11 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
     is_damaged = any(log.is_damaged for log in logs)
     return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs)), is_damaged)
+
+
+def _tracks(mission: Mission, vehicles: "Sequence[_VehicleReader]", *, received: bool) -> tuple[TruthTrack, ...]:
+    tracks = (each.truth(mission, received=received) for each in vehicles)
+    return tuple(track for track in tracks if track is not None)
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:
@@ -142,7 +148,7 @@ class _VehicleReader:
         self._received: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
         self._peers: dict[int, MemberState] = {}
         self._battery: list[tuple[float, float]] = []
-        self._truth: list[tuple[float, ...]] = []
+        self._truth: dict[bool, list[tuple[float, ...]]] = {False: [], True: []}
         self._late = 0
         self._dropped = ""
         self._end: VehicleEnd | None = None
@@ -175,11 +181,11 @@ class _VehicleReader:
         """Number of missed ticks."""
         return sum(self._rows.skipped) if self._end is None else self._end.missed
 
-    def truth(self, mission: Mission) -> TruthTrack | None:
-        """Return the true positions of the vehicle, None where they are not known."""
-        if not self._truth:
+    def truth(self, mission: Mission, *, received: bool) -> TruthTrack | None:
+        """Return the true positions of the vehicle, as received in flight or known afterwards; None if not known."""
+        if not self._truth[received]:
             return None
-        rows = np.array(self._truth)
+        rows = np.array(self._truth[received])
         system_id = mission.vehicle(self.vehicle_id).system_id
         return TruthTrack(system_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
 
@@ -273,7 +279,9 @@ class _VehicleReader:
 
     def _position(self, record: LogRecord) -> None:
         truth = record.message()
-        self._truth.append((truth.time_s, *truth.position_m, *truth.velocity_m_s))
+        # Older logs do not say: theirs is known afterwards.
+        rows = self._truth[getattr(truth, "received", False)]
+        rows.append((truth.time_s, *truth.position_m, *truth.velocity_m_s))
 
     def _autopilot(self, record: LogRecord) -> None:
         status = record.message().status

@@ -1,0 +1,84 @@
+"""The true motion of a simulated vehicle, as its simulator sends it over MAVLink; real vehicles send none."""
+
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from estimation.frames import Geodetic, MissionFrame, Triple
+from estimation.state import Telemetry
+
+RATE_HZ = 10.0
+STALE_S = 2.0
+"""A true motion older than this is not extrapolated [s of the mission clock]."""
+DEG_E7, MM, CM_S = 1e-7, 1e-3, 1e-2
+
+Fields = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class TruthMessage:
+    """One simulator's message: its name and number, and how to read place and velocity (NED) from its fields."""
+
+    name: str
+    number: int
+    place: Callable[[Fields], Geodetic]
+    velocity_ned_m_s: Callable[[Fields], Triple]
+
+
+PX4_TRUTH = TruthMessage(
+    "HIL_STATE_QUATERNION",
+    115,
+    lambda fields: Geodetic(fields["lat"] * DEG_E7, fields["lon"] * DEG_E7, fields["alt"] * MM),
+    lambda fields: (fields["vx"] * CM_S, fields["vy"] * CM_S, fields["vz"] * CM_S),
+)
+ARDUPILOT_TRUTH = TruthMessage(
+    "SIM_STATE",
+    108,
+    # Its first latitude and longitude are 32-bit floats: good to half a metre.
+    lambda fields: Geodetic(fields["lat_int"] * DEG_E7, fields["lon_int"] * DEG_E7, float(fields["alt"])),
+    lambda fields: (float(fields["vn"]), float(fields["ve"]), float(fields["vd"])),
+)
+
+
+class GroundTruth:
+    """Collects one vehicle's true motions in the mission frame, as `samples` on the mission clock `now_s`.
+
+    `on_sample` receives each of them. Simulators send places on Earth: the frame must not be a local one.
+    """
+
+    def __init__(self, system_id: int, frame: MissionFrame, now_s: Callable[[], float]) -> None:
+        self.samples: list[Telemetry] = []
+        self.on_sample: Callable[[Telemetry], None] | None = None
+        self._system_id = system_id
+        self._frame = frame
+        self._now_s = now_s
+
+    def subscribe(self, direct: Any, message: TruthMessage, posting: Callable[[Callable[[Any], None]], Any]) -> None:
+        """Subscribe to a simulator's message; `posting` makes callbacks of MAVSDK's thread run on the event loop."""
+        direct.subscribe_message(message.name, posting(lambda received: self._take(message, received)))
+
+    def position_m(self, now_s: float) -> tuple[float, float] | None:
+        """Return where the vehicle truly is now, horizontally; None if no simulator has sent it lately."""
+        return extrapolated_m(self.samples[-1], now_s) if self.samples else None
+
+    def _take(self, message: TruthMessage, received: Any) -> None:
+        if received.system_id != self._system_id:
+            return
+        with suppress(ValueError, KeyError, TypeError):  # malformed bytes are dropped here
+            fields = json.loads(received.fields_json)
+            velocity_m_s = self._frame.mission_from_ned(message.velocity_ned_m_s(fields))
+            position_m = self._frame.mission_from_geodetic(message.place(fields))
+            self.samples.append(Telemetry(self._now_s(), position_m, velocity_m_s))
+            if self.on_sample is not None:
+                self.on_sample(self.samples[-1])
+
+
+def extrapolated_m(motion: Telemetry, now_s: float) -> tuple[float, float] | None:
+    """Return the horizontal position that a motion leads to now; None if it is stale."""
+    since_s = now_s - motion.time_s
+    if since_s > STALE_S:
+        return None
+    (x, y, _), (x_rate, y_rate, _) = motion.position_m, motion.velocity_m_s
+    return x + x_rate * since_s, y + y_rate * since_s
