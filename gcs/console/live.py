@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.printable import Printable, printable_lines
-from gcs.metrics.result import FlightResult, VehicleResult
+from gcs.metrics.result import FlightResult, TruthResult, VehicleResult
 from gcs.metrics.reynolds_view import reynolds_grid
 
 RowT = TypeVar("RowT")
@@ -167,6 +167,7 @@ def summary(result: FlightResult) -> RenderableType:
         _verdict_table(result),
         Text(),
         _vehicle_table(result),
+        *(() if result.truth is None else (_truth_line(result.truth),)),
         *(() if flocking is None else (Text(), flocking, Text())),
         _loop_line(result),
     )
@@ -281,6 +282,20 @@ def _vehicle_cells(vehicle: VehicleResult) -> tuple[Text, ...]:
         Text(number(vehicle.formation_speed_error_rms_m_s, ".3f")),
         Text(number(vehicle.formation_spacing_error_rms_m, ".3f")),
     )
+
+
+def _truth_line(truth: TruthResult) -> Text:
+    """Return the worst figures by the truth that simulators sent."""
+    rates = [v.angular_rate_mean_rad_s for v in truth.vehicles if v.angular_rate_mean_rad_s is not None]
+    spacing = truth.ring.spacing_error_rms_deg
+    parts = [
+        _worst("radius error {} m rms", [v.radius_error_rms_m for v in truth.vehicles]),
+        f"rates {min(rates):.4f} to {max(rates):.4f} rad/s" if rates else "",
+        "" if spacing is None else f"spacing error {spacing:.2f}° rms",
+        _worst("closest approach {} m", [truth.closest_approach_m]),
+        _worst("estimates {} m rms off", [v.estimate_error_rms_m for v in truth.vehicles]),
+    ]
+    return Text(f"by the simulators' truth: {', '.join(filter(None, parts))}")
 
 
 def _loop_line(result: FlightResult) -> Text:

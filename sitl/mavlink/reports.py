@@ -37,8 +37,6 @@ from sitl.mavlink_constants import (
 
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
 """What the estimators' tests let through: five standard deviations of a GPS that is good to 0.5 m and 0.3 m/s."""
-
-
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 """The attitude of a vehicle that keeps level, as a quaternion."""
 MOTION_MESSAGES = frozenset(

@@ -397,6 +397,14 @@ def test_the_estimators_report_is_ekf_status(client: Client) -> None:
     assert [each.get_type() for each in client.command(REQUEST, 230)] == ["COMMAND_ACK"]
 
 
+def test_the_truth_is_sim_state(client: Client) -> None:
+    client.run(3.0)
+    acknowledged, truth = client.command(REQUEST, 108)
+    assert (acknowledged.result, truth.get_type()) == (ACCEPTED, "SIM_STATE")
+    place = FRAME.mission_from_geodetic(Geodetic(truth.lat_int / 1e7, truth.lon_int / 1e7, truth.alt))
+    assert place == pytest.approx((0.0, 0.0, 1.5), abs=0.02)
+
+
 # The failsafe for a silent ground station
 
 STATION, OTHER_STATION = 245, 255

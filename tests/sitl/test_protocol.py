@@ -215,6 +215,20 @@ def test_noise_is_as_stated_repeatable_and_the_same_in_all_messages_of_a_time() 
         EstimatorNoise(position_m=nan)
 
 
+def test_the_truth_is_told_on_request_without_the_estimates_errors() -> None:
+    """As PX4's simulator does it; what the estimate is off is in the local position alone."""
+    client = Client(EstimatorNoise(position_m=0.5), faults=VehicleFaults(estimate_offset_m=(3.0, 0.0, 0.0)))
+    client.run(3.0)
+    assert client.command(512, 115)[0].result == 0
+    truth = client.command(512, 115)[1]
+    assert truth.get_type() == "HIL_STATE_QUATERNION"
+    place = FRAME.mission_from_geodetic(Geodetic(truth.lat / 1e7, truth.lon / 1e7, truth.alt / 1e3))
+    assert place == pytest.approx(START, abs=0.02)
+    assert (truth.vx, truth.vy, truth.vz) == (0, 0, 0)
+    assert "HIL_STATE_QUATERNION" not in {each.get_type() for each in client.run(2.0)}
+    assert client.command(512, 108)[0].result != 0
+
+
 def test_packets_are_numbered_in_sequence(client: Client) -> None:
     numbers = [message.get_seq() for message in client.run(3.0) + client.command(512, 148) + client.run(3.0)]
     assert np.all(np.diff(numbers) % 256 == 1)

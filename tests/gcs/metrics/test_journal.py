@@ -231,3 +231,35 @@ def test_truth_knows_no_gap_where_the_notes_do(mission: Mission) -> None:
     flight = record(journal, truth=(truth_of(101, straight, period_s=0.04),))
     assert_flies(track(flight, 1), flight.time_s, straight)
     assert "unknown" in track(flight, 1).tactic
+
+
+def received(mission: Mission, vehicle_id: int, off_m: float, times_s: Vector) -> TruthTrack:
+    columns = motions(times_s, straight)
+    still = np.zeros((times_s.size, 1))
+    return TruthTrack(
+        mission.vehicle(vehicle_id).system_id,
+        times_s + START_S,
+        np.hstack([columns[:, :2] + off_m, still]),
+        np.hstack([columns[:, 2:], still]),
+    )
+
+
+def test_received_truth_stands_beside_the_estimates_where_all_vehicles_have_some(mission: Mission) -> None:
+    times_s = np.arange(0.0, 10.05, 0.1)
+    journal = noted(mission, times_s)
+    for time_s in times_s.tolist():
+        journal.note(status(2, time_s), 80.0)
+    tracks = tuple(received(mission, i, 0.5, times_s) for i in (1, 2))
+
+    def recorded(*truth: TruthTrack) -> FlightRecord:
+        return journal.record(START_S, 10.0, RunTotals("sitl", 100, 3, 1.5, received_truth=truth))
+
+    flight = recorded(*tracks)
+    assert flight.reference == "estimate"
+    assert [each.vehicle_id for each in flight.truth] == [1, 2]
+    for estimate, true in zip(flight.vehicles, flight.truth, strict=True):
+        assert_flies(estimate, flight.time_s, straight)
+        np.testing.assert_allclose(true.position_m, estimate.position_m + 0.5, atol=1e-6)
+        np.testing.assert_array_equal(true.tactic, estimate.tactic)
+    assert recorded(tracks[0]).truth == ()
+    assert recorded().truth == ()

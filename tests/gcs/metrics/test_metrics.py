@@ -52,6 +52,7 @@ KEYS = [
     "wall_time_s",
     "realtime_factor",
     "events",
+    "truth",
 ]
 VEHICLE_KEYS = [
     "id",
@@ -578,3 +579,30 @@ def test_a_ten_minute_flight_is_evaluated_in_well_under_a_tenth_of_a_second() ->
         evaluate(flown, RING, FORMATION, TOLERANCES)
         taken_s.append(time.process_time() - start_s)
     assert min(taken_s) < 0.05
+
+
+# --- the truth beside the estimates ---
+
+
+def test_truth_beside_estimates_has_figures_of_its_own_and_changes_none_of_theirs() -> None:
+    """Estimates that are all off by one offset, on a true ring that is perfect about the target."""
+    true = ring_of_three()
+    off_m = np.array([0.06, -0.08])
+    estimated = [replace(track, position_m=track.position_m + off_m) for track in true]
+    plain = judged(*estimated)
+    both = evaluate(replace(record(*estimated), truth=tuple(true)), RING, FORMATION, TOLERANCES)
+    assert replace(both, truth=None) == plain
+    assert plain.truth is None
+    assert both.truth is not None
+    # About a centre that is off by d, a radius varies as d cos: d / sqrt 2 rms.
+    assert plain.vehicles[0].radius_error_rms_m == pytest.approx(0.1 / sqrt(2.0), rel=0.05)
+    for vehicle in both.truth.vehicles:
+        assert vehicle.radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
+        assert vehicle.angular_rate_mean_rad_s == pytest.approx(0.05, abs=1e-12)
+        assert vehicle.estimate_error_rms_m == pytest.approx(0.1)
+        assert vehicle.estimate_error_max_m == pytest.approx(0.1)
+    assert both.truth.ring.spacing_error_max_deg == pytest.approx(0.0, abs=1e-9)
+    assert both.truth.ring.settling_time_s == 0.0
+    assert both.truth.closest_approach_m == pytest.approx(10.0 * sqrt(3.0))
+    (first, *_) = json.loads(both.to_json())["truth"]["vehicles"]
+    assert first["id"] == 1

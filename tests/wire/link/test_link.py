@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from math import dist, radians
+from math import dist, hypot, radians
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -94,10 +94,13 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
     config = StubConfig(2, free_port(), PLANT, FRAME, (40.0, -25.0), origin_offset_m=(0.45, -0.3, 0.25))
     process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
     process.start()
-    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 2, mission), clock(), SPEED)
+    url = f"udpin://127.0.0.1:{config.client_port}"
+    link = MavsdkLink(hub, LinkConfig(url, 2, mission, truth=True), clock(), SPEED)
     await link.connect(telemetry.append)
     await asyncio.sleep(0.3)
     assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
+    assert link.truth is not None
+    assert dist(link.truth.samples[-1].position_m, start_m) < QUANTUM_M
     for altitude_m in (9.0, 8.0):
         await link.take_off(altitude_m)
         assert (link.status.armed, link.status.in_air, link.status.mode) == (True, True, FlightMode.HOLD)
@@ -119,6 +122,11 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
     truth_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((truth[0], truth[1], truth[2])))
     assert dist(truth_m, (*goal_m[:2], 5.0)) < 0.05
     assert dist(truth_m, telemetry[-1].position_m) < QUANTUM_M
+    assert dist(truth_m, link.truth.samples[-1].position_m) < QUANTUM_M
+    fastest = max(link.truth.samples, key=lambda sample: hypot(*sample.velocity_m_s[:2]))
+    seen = min(telemetry, key=lambda sample: abs(sample.time_s - fastest.time_s))
+    assert hypot(*fastest.velocity_m_s[:2]) > 1.0
+    assert fastest.velocity_m_s == pytest.approx(seen.velocity_m_s, abs=0.3)
     assert (link.dropped, link.unsent) == (0, 0)
 
 

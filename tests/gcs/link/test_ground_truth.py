@@ -1,0 +1,105 @@
+"""A simulator's truth from the fields of its message, and what a sensor makes of it."""
+
+import json
+from math import hypot, radians
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from agents.ports import TargetSensor
+from estimation.frames import Geodetic, MissionFrame
+from estimation.state import Sighting, Telemetry
+from gcs.flight.true_sensor import TrueSensor
+from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth, TruthMessage
+from sitl.world import SensorModel, SimulatedSensor, TargetMotion
+
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(90.0))
+SYSTEM = 4
+# 1e-4 degrees of latitude are 11.12 m; x is east, y is north.
+PX4_FIELDS = {"lat": 473978420, "lon": 85455940, "alt": 496000, "vx": 150, "vy": -20, "vz": 10}
+ARDUPILOT_FIELDS = {
+    "lat": 4.7e8, "lon": 8.5e7, "alt": 496.0, "vn": 1.5, "ve": -0.2, "vd": 0.1,
+    "lat_int": 473978420, "lon_int": 85455940,
+}  # fmt: skip
+
+
+class Link:
+    """Stands for MAVSDK's plugin for messages as such."""
+
+    def __init__(self, message: TruthMessage) -> None:
+        self.now_s = 50.0
+        self.truth = GroundTruth(SYSTEM, FRAME, lambda: self.now_s)
+        self.truth.subscribe(self, message, lambda take: take)
+
+    def subscribe_message(self, name: str, take: Any) -> None:
+        self.name, self._take = name, take
+
+    def receive(self, fields: str | dict[str, object], system_id: int = SYSTEM) -> None:
+        text = fields if isinstance(fields, str) else json.dumps(fields)
+        self._take(SimpleNamespace(system_id=system_id, fields_json=text))
+
+
+def test_place_and_velocity_are_in_the_mission_frame(subtests: pytest.Subtests) -> None:
+    for message, fields in ((PX4_TRUTH, PX4_FIELDS), (ARDUPILOT_TRUTH, ARDUPILOT_FIELDS)):
+        with subtests.test(message.name):
+            link = Link(message)
+            taken: list[Telemetry] = []
+            link.truth.on_sample = taken.append
+            link.receive(dict(fields))
+            assert link.name == message.name
+            (sample,) = link.truth.samples
+            assert taken == [sample]
+            assert sample.time_s == 50.0
+            assert sample.position_m == pytest.approx((0.0, 11.12, 8.0), abs=0.01)
+            assert sample.velocity_m_s == pytest.approx((-0.2, 1.5, -0.1))
+            assert link.truth.position_m(51.0) == pytest.approx((-0.2, 12.62), abs=0.01)
+            assert link.truth.position_m(52.1) is None
+
+
+def test_what_is_malformed_or_another_vehicles_is_dropped(subtests: pytest.Subtests) -> None:
+    lacking = {name: value for name, value in PX4_FIELDS.items() if name != "vx"}
+    rows: tuple[tuple[str, str | dict[str, object], int], ...] = (
+        ("another system", dict(PX4_FIELDS), SYSTEM + 1),
+        ("no JSON", "{", SYSTEM),
+        ("a field is missing", dict(lacking), SYSTEM),
+        ("a word", {**PX4_FIELDS, "lat": "north"}, SYSTEM),
+        ("beyond the poles", {**PX4_FIELDS, "lat": 910000000}, SYSTEM),
+        ("no number", json.dumps({**PX4_FIELDS, "vx": float("nan")}), SYSTEM),
+    )
+    for words, fields, system_id in rows:
+        with subtests.test(words):
+            link = Link(PX4_TRUTH)
+            link.receive(fields, system_id)
+            assert link.truth.samples == []
+            assert link.truth.position_m(50.0) is None
+
+
+def sensor(range_m: float) -> TargetSensor:
+    model = SensorModel(range_m, rate_hz=5.0, noise_m=0.0, importance=1.0, threat=0.0)
+    return SimulatedSensor(1, model, TargetMotion((20.0, 0.0)), 0.0, 0)
+
+
+def seen(sighting: Sighting | None) -> tuple[float, float] | None:
+    return None if sighting is None else sighting.position_m
+
+
+def test_a_sighting_from_the_truth_holds_the_error_of_the_estimate() -> None:
+    """The vehicle is at (12, 1) and takes itself to be at (12.3, 0.6): it sees a target at (20, 0) relative to it."""
+    from_truth = TrueSensor(sensor(30.0), lambda _: (12.0, 1.0), lambda _: (12.3, 0.6))
+    place = seen(from_truth.sight(0.0, (12.3, 0.6)))
+    assert place is not None
+    assert place == pytest.approx((20.3, -0.4))
+    assert hypot(place[0] - 12.3, place[1] - 0.6) == pytest.approx(hypot(20.0 - 12.0, 0.0 - 1.0))
+
+
+def test_the_range_of_a_sensor_counts_from_the_truth() -> None:
+    for true_x_m, is_seen in ((11.0, True), (9.0, False)):
+        from_truth = TrueSensor(sensor(10.0), lambda _, x=true_x_m: (x, 0.0), lambda _: (10.0, 0.0))  # type: ignore[misc]
+        assert (from_truth.sight(0.0, (10.0, 0.0)) is not None) is is_seen
+
+
+def test_without_the_truth_a_sensor_sees_from_the_estimate() -> None:
+    for true_m, estimated_m in ((None, (12.3, 0.6)), ((12.0, 1.0), None)):
+        plain = TrueSensor(sensor(30.0), lambda _, place=true_m: place, lambda _, place=estimated_m: place)  # type: ignore[misc]
+        assert seen(plain.sight(0.0, (12.3, 0.6))) == (20.0, 0.0)
