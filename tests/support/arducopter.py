@@ -7,15 +7,24 @@ it (copter.parm) or in the folder Tools/autotest/default_params of the sources.
 import os
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from tests.support.wire import LOOPBACK
 
 VARIABLE = "CORDON_ARDUCOPTER"
 STOP_WITHIN_S = 5.0
 DEFAULTS = "Tools/autotest/default_params/copter.parm"
-OWN_DEFAULTS = (
-    "FS_GCS_ENABLE 5\nMAV_GCS_SYSID 245\nSYSID_MYGCS 245\nFLTMODE_CH 0\nINITIAL_MODE 5\nBATT_CAPACITY 33000\n"
+OWN_DEFAULTS: Mapping[str, float] = MappingProxyType(
+    {
+        "FS_GCS_ENABLE": 5,
+        "MAV_GCS_SYSID": 245,
+        "SYSID_MYGCS": 245,
+        "FLTMODE_CH": 0,
+        "INITIAL_MODE": 5,
+        "BATT_CAPACITY": 33000,
+    }
 )
 
 
@@ -24,13 +33,22 @@ class ArduCopterMissing(Exception):  # noqa: N818 - it is a reason to skip, no e
 
 
 class ArduCopterSimulator:
-    """One ArduCopter process, system id 1, which sends to `port` from its second serial port.
+    """One ArduCopter process, which sends to `port` from its second serial port; instance i has system id i + 1.
 
     On its first one, which stands for USB, ArduPilot accepts unsigned messages as well: that goes to `usb_port`.
     """
 
-    def __init__(self, port: int, usb_port: int, *, speed: float, place: tuple[float, float, float]) -> None:
-        """Prepare it at a place (degrees, degrees, metres); raises ArduCopterMissing."""
+    def __init__(
+        self,
+        port: int,
+        usb_port: int,
+        *,
+        speed: float,
+        place: tuple[float, float, float],
+        instance: int = 0,
+        parameters: Mapping[str, float] = OWN_DEFAULTS,
+    ) -> None:
+        """Prepare it at a place (degrees, degrees, metres) with its own defaults; raises ArduCopterMissing."""
         named = os.environ.get(VARIABLE)
         if not named:
             raise ArduCopterMissing(f"{VARIABLE} is not set: point it to the program arducopter of a SITL build")
@@ -41,16 +59,17 @@ class ArduCopterSimulator:
         if not self._program.is_file() or self._defaults is None:
             raise ArduCopterMissing(f"{VARIABLE} = {named} is no program, or has no copter.parm")
         self._links = [f"udpclient:{LOOPBACK}:{usb_port}", f"udpclient:{LOOPBACK}:{port}"]
-        self._speed, self._place = speed, place
+        self._speed, self._place, self._instance, self._parameters = speed, place, instance, parameters
         self._folder = tempfile.TemporaryDirectory(prefix="arducopter-")
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
         """Start the process; its key and parameters are kept, as on a flight controller."""
         folder = Path(self._folder.name)
-        (folder / "own.parm").write_text(OWN_DEFAULTS)
+        (folder / "own.parm").write_text("".join(f"{name} {value:g}\n" for name, value in self._parameters.items()))
         home = ",".join(f"{number:.7f}" for number in (*self._place, 0.0))
-        options = ["--model", "quad", "--sysid", "1", "--home", home, "--speedup", f"{self._speed:g}"]
+        options = ["--model", "quad", "--instance", str(self._instance), "--sysid", str(self._instance + 1)]
+        options += ["--home", home, "--speedup", f"{self._speed:g}"]
         options += ["--defaults", f"{self._defaults},{folder / 'own.parm'}"]
         options += ["--serial0", self._links[0], "--serial1", self._links[1]]
         with (folder / "arducopter.log").open("ab") as log:

@@ -48,12 +48,15 @@ class Relay:
         *,
         on_message: Callable[[Message], None],
         on_setpoint: Callable[[], None],
+        on_heartbeat: Callable[[], None] = lambda: None,
     ) -> None:
+        """Take what is told of the autopilot's messages, and of the client's setpoints and heartbeats."""
         self.cut = False
         self.setpoints = 0
         self._system_id = system_id
         self._on_message = on_message
         self._on_setpoint = on_setpoint
+        self._on_heartbeat = on_heartbeat
         self._autopilot: Address | None = None
         self._client = (LOOPBACK, back_port)
         self._front_port = front_port
@@ -99,6 +102,8 @@ class Relay:
             if message.kind == SETPOINT:
                 self.setpoints += 1
                 self._on_setpoint()
+            elif message.kind == HEARTBEAT:
+                self._on_heartbeat()
         if self._front is not None and self._autopilot is not None:
             self._front.sendto(data, self._autopilot)
 

@@ -1,0 +1,104 @@
+"""Kill cordon while it flies ardupilot-trio on three ArduCopter simulators, and time their failsafe (FS_GCS_ENABLE).
+
+CORDON_ARDUCOPTER names the simulator. Each vehicle has another value of the parameter: land, return, and off as the
+control. Between each autopilot and cordon is a relay, which sees cordon's heartbeats and the vehicle's modes.
+"""
+
+import asyncio
+import sys
+from contextlib import AsyncExitStack
+
+from agents.ports import VehicleRefusedError
+from gcs.drill.flight import DrillFlight
+from gcs.drill.injections import kill
+from gcs.drill.judge import OFFBOARD
+from gcs.drill.mission import drill_mission
+from gcs.drill.roles import Roles
+from tests.experiments.arguments import parser
+from tests.support.arducopter import OWN_DEFAULTS, ArduCopterMissing, ArduCopterSimulator
+from tests.support.relay import HEARTBEAT, Message, Relay, flight_mode, is_armed
+from tests.support.wire import free_port
+
+MISSION = "ardupilot-trio"
+READY_S, WATCHED_S = 45.0, 10.0
+METRES_PER_DEGREE = 111_195.0
+LAND, RETURN, OFF = 5, 1, 0
+ENABLED = {1: LAND, 2: RETURN, 3: OFF}
+REACTIONS = {LAND: "land", RETURN: "return", OFF: OFFBOARD}
+MODES = {4: OFFBOARD, 6: "return", 9: "land"}
+TIMEOUT_S, CHECK_S = 5.0, 0.5
+"""FS_GCS_TIMEOUT, and how much later the reaction may be seen."""
+
+
+class CopterFlight(DrillFlight):
+    """A flight of ArduCopter simulators behind relays."""
+
+    def __init__(self, text: str, speed: float) -> None:
+        super().__init__(text, speed)
+        self.heartbeat_s: dict[int, float] = {}
+
+    async def serve(self, stack: AsyncExitStack) -> None:
+        """Start relays and simulators, and wait until their estimators have a position."""
+        frame = self.mission.frame
+        assert frame.latitude_deg is not None
+        assert frame.longitude_deg is not None
+        assert frame.altitude_m is not None
+        for instance, vehicle in enumerate(self.mission.vehicles):
+            _, north_m = vehicle.section.start_m  # east of the origin there is none
+            place = (frame.latitude_deg + north_m / METRES_PER_DEGREE, frame.longitude_deg, frame.altitude_m)
+            port = free_port()
+            own = {**OWN_DEFAULTS, "FS_GCS_ENABLE": ENABLED[vehicle.id]}
+            simulator = ArduCopterSimulator(
+                port, free_port(), speed=self.speed, place=place, instance=instance, parameters=own
+            )
+            stack.callback(simulator.close)
+            await self._relay(stack, vehicle.id, vehicle.system_id, port, vehicle.section.url)
+            simulator.start()
+        await asyncio.sleep(READY_S)
+
+    async def _relay(self, stack: AsyncExitStack, vehicle: int, system_id: int, port: int, url: str) -> None:
+        def take(message: Message) -> None:
+            mode = flight_mode(message)
+            if message.kind == HEARTBEAT and mode is not None:
+                self.log.note_mode(self.now_s(), vehicle, MODES.get(mode, "other") if is_armed(message) else "disarmed")
+
+        def hear() -> None:
+            self.heartbeat_s[vehicle] = self.now_s()
+
+        back_port = int(url.rpartition(":")[2])
+        relay = Relay(system_id, port, back_port, on_message=take, on_setpoint=lambda: None, on_heartbeat=hear)
+        await relay.open()
+        stack.push_async_callback(relay.close)
+
+    def observe(self, now_s: float) -> None:
+        """Leave it to the relays."""
+
+
+async def main() -> int:
+    """Fly, kill, watch, and print what each vehicle did; return whether all reacted as they should."""
+    text, faults = drill_mission(MISSION), 0
+    async with CopterFlight(text, 1.0) as flight:
+        roles = Roles(flight.mission)
+        await flight.reach_mission(roles.airborne, roles.tactic)
+        kill(flight, roles)
+        killed_s = flight.now_s()
+        await asyncio.sleep(WATCHED_S)
+        for vehicle, enabled in ENABLED.items():
+            expected, last_s = REACTIONS[enabled], flight.heartbeat_s[vehicle]
+            at_s, mode = flight.log.modes[vehicle][-1]
+            after_s = at_s - last_s
+            on_time = mode == OFFBOARD or TIMEOUT_S <= after_s <= TIMEOUT_S + CHECK_S
+            faults += not (mode == expected and on_time)
+            when = (
+                "" if mode == OFFBOARD else f" {after_s:.2f} s after the last heartbeat, {at_s - killed_s:.2f} s after"
+            )
+            print(f"FS_GCS_ENABLE = {enabled}: {mode}{when}{' the kill' if when else ''}")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    parser("ardupilot_deadman", __doc__).parse_args()
+    try:
+        sys.exit(asyncio.run(main()))
+    except (ArduCopterMissing, VehicleRefusedError) as reason:
+        sys.exit(str(reason))
