@@ -84,6 +84,7 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
         _flown(result),
         *_engaged(result),
         *_ring(result, criteria),
+        *_truth(result),
         *_apart(result, criteria),
         *_guarded(result),
         *_troubles(result),
@@ -126,6 +127,21 @@ def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
     else:
         start = f"The ring settled {settled:.1f} s after the last engagement; errors from then on"
     return [f"{start}: {', '.join(parts)}."] if parts else []
+
+
+def _truth(result: FlightResult) -> list[str]:
+    if result.truth is None:
+        return []
+    radius_m = _worst(v.radius_error_rms_m for v in result.truth.vehicles)
+    off_m = _worst(v.estimate_error_rms_m for v in result.truth.vehicles)
+    spacing_deg = result.truth.ring.spacing_error_rms_deg
+    parts = [
+        "" if radius_m is None else f"radius {radius_m:.3f} m rms",
+        "" if spacing_deg is None else f"spacing {spacing_deg:.2f}° rms",
+        "" if off_m is None else f"the estimates {off_m:.3f} m rms off",
+    ]
+    known = [part for part in parts if part]
+    return [f"By the simulators' truth in the same window: {', '.join(known)}."] if known else []
 
 
 def _apart(result: FlightResult, criteria: Criteria) -> list[str]:

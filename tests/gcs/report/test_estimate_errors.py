@@ -62,6 +62,13 @@ def test_without_a_truth_nobody_is_told_how_wrong_it_was_about_itself() -> None:
     assert "record" in target_errors(unknown, TEAM)[0]
 
 
+def test_estimates_are_compared_with_the_truth_beside_them() -> None:
+    true = flight(*TEAM).vehicles
+    tracks = tuple(replace(track, position_m=track.position_m + 9.0) for track in true)
+    own = own_errors(replace(flight(*TEAM), reference="estimate", vehicles=tracks, truth=true), TEAM)
+    assert [tuple(each.error_m.mean(axis=0).round(9).tolist()) for each in own] == list(OFFSETS_M)
+
+
 def test_where_nobody_knows_the_target_each_is_held_against_the_others() -> None:
     blind = replace(flight(*TEAM), reference="estimate", target_position_m=np.full_like(TARGET_M, np.nan))
     reference, errors = target_errors(blind, TEAM)
