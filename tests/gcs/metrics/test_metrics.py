@@ -43,6 +43,7 @@ KEYS = [
     "window_s",
     "vehicles",
     "ring",
+    "transitions",
     "reynolds",
     "closest_approach_m",
     "guard_interventions",
