@@ -1,5 +1,6 @@
 """A simulated sensor on a simulated vehicle: it sees the target from where the vehicle truly is."""
 
+from collections import deque
 from collections.abc import Callable
 
 from msgspec import structs
@@ -9,27 +10,33 @@ from estimation.state import Sighting
 
 Place = Callable[[float], tuple[float, float] | None]
 """Returns a horizontal position in the mission frame at a time of the mission clock; None where it is not known."""
+KEPT_S = 10.0
+"""Errors of the estimate are kept for so long at most: no sighting is delayed by more [s of the mission clock]."""
 
 
 class TrueSensor:
     """Implements `agents.ports.TargetSensor`: the error of the vehicle's estimate is in the place of the sighting.
 
-    A camera on board measures the target's place relative to the vehicle; the vehicle adds its estimate of itself.
-    Without the truth, as on real vehicles, the sensor sees from the estimate.
+    A camera on board measures the target's place relative to the vehicle; the vehicle adds where it took itself to be
+    at that time. Without the truth, as on real vehicles, the sensor sees from the estimate.
     """
 
     def __init__(self, sensor: TargetSensor, true_m: Place, estimated_m: Place) -> None:
         self._sensor = sensor
         self._true_m = true_m
         self._estimated_m = estimated_m
+        self._errors_m: deque[tuple[float, float, float]] = deque()
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return a sighting when one is due and the target is within range of the vehicle."""
+        """Return a sighting when one is due and the target is within range of the vehicle; it may be a delayed one."""
         true_m, estimated_m = self._true_m(now_s), self._estimated_m(now_s)
         if true_m is None or estimated_m is None:
-            return self._sensor.sight(now_s, position_m)
+            true_m = estimated_m = position_m
+        self._errors_m.append((now_s, estimated_m[0] - true_m[0], estimated_m[1] - true_m[1]))
         sighting = self._sensor.sight(now_s, true_m)
+        while self._errors_m[0][0] < (now_s - KEPT_S if sighting is None else sighting.time_s):
+            self._errors_m.popleft()
         if sighting is None:
             return None
-        (x, y), off_x, off_y = sighting.position_m, estimated_m[0] - true_m[0], estimated_m[1] - true_m[1]
+        (x, y), (_, off_x, off_y) = sighting.position_m, self._errors_m[0]
         return structs.replace(sighting, position_m=(x + off_x, y + off_y))

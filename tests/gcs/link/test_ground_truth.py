@@ -93,6 +93,19 @@ def test_a_sighting_from_the_truth_holds_the_error_of_the_estimate() -> None:
     assert hypot(place[0] - 12.3, place[1] - 0.6) == pytest.approx(hypot(20.0 - 12.0, 0.0 - 1.0))
 
 
+def test_a_delayed_sighting_holds_the_error_of_its_own_time() -> None:
+    model = SensorModel(30.0, rate_hz=5.0, noise_m=0.0, importance=1.0, threat=0.0, delay_s=0.4)
+    delayed = SimulatedSensor(1, model, TargetMotion((20.0, 0.0)), 0.0, 0)
+    wandering = TrueSensor(delayed, lambda _: (12.0, 0.0), lambda now_s: (12.0 + now_s, 0.0))
+    seen_m = {}
+    for tick in range(30):
+        sighting = wandering.sight(tick / 10.0, (12.0 + tick / 10.0, 0.0))
+        if sighting is not None:
+            seen_m[sighting.time_s] = sighting.position_m[0] - 20.0
+    assert len(seen_m) > 10
+    assert seen_m == pytest.approx({time_s: time_s for time_s in seen_m})
+
+
 def test_the_range_of_a_sensor_counts_from_the_truth() -> None:
     for true_x_m, is_seen in ((11.0, True), (9.0, False)):
         from_truth = TrueSensor(sensor(10.0), lambda _, x=true_x_m: (x, 0.0), lambda _: (10.0, 0.0))  # type: ignore[misc]
