@@ -90,16 +90,31 @@ class RingReference:
         radius, bearing = before.radius, before.bearing
         if step_s <= 0.0:
             return radius, bearing
-        acceleration, jerk = settings.transition_acceleration_m_s2, settings.spacing_jerk_max_m_s3
-        missing_m = way.radius_m - radius.value
-        speed = min(
-            _RADIAL_GAIN_PER_S * abs(missing_m), settings.transition_speed_m_s, braked_rate(missing_m, acceleration)
-        )
-        rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, settings)
         size_m = max(radius.value, settings.radius_min_m)
         fastest_rad_s = min(way.fastest_rad_s, settings.speed_max_m_s / size_m)
+        rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, settings)
         rate_rad_s = max(-fastest_rad_s, min(rate_rad_s, fastest_rad_s))
+        speed_m_s = self._radial_speed_m_s(way.radius_m - radius.value)
+        too_fast_m_s = abs(radius.rate - speed_m_s) if abs(radius.rate) > abs(speed_m_s) else 0.0
+        acceleration, jerk = self._bounds(too_fast_m_s, step_s)
+        turning, turning_jerk = self._bounds(abs(bearing.rate - way.orbit.angular_rate_rad_s) * size_m, step_s)
         return (
-            radius.follow(copysign(speed, missing_m), acceleration, jerk, step_s),
-            bearing.follow(rate_rad_s, acceleration / size_m, jerk / size_m, step_s),
+            radius.follow(speed_m_s, acceleration, jerk, step_s),
+            bearing.follow(rate_rad_s, turning / size_m, turning_jerk / size_m, step_s),
         )
+
+    def _radial_speed_m_s(self, missing_m: float) -> float:
+        """Return the speed at which the radius changes: from afar as fast as the vehicle may, and gently braked."""
+        settings = self._settings
+        fastest_m_s = braked_rate(missing_m, settings.transition_acceleration_m_s2)
+        return copysign(min(_RADIAL_GAIN_PER_S * abs(missing_m), settings.speed_max_m_s, fastest_m_s), missing_m)
+
+    def _bounds(self, too_fast_m_s: float, step_s: float) -> tuple[float, float]:
+        """Return acceleration and jerk: those of a transition, but for a vehicle that is faster than these are flown.
+
+        So is one that begins to follow a fast target: gently, it would fall behind.
+        """
+        settings = self._settings
+        if too_fast_m_s > settings.transition_speed_m_s:
+            return settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / step_s
+        return settings.transition_acceleration_m_s2, settings.spacing_jerk_max_m_s3

@@ -48,8 +48,8 @@ class FormationSettings(FormationSection, FormationTuning):
 
 
 class EncirclementSection(Settings):
-    """`[encirclement]`: radius and angular rate of the ring, and the speed and acceleration that its LMPC may plan. When
-    vehicles come to the ring or change places on it, they fly up to `spacing_speed_max_m_s` faster or slower than the
+    """`[encirclement]`: radius and angular rate of the ring, and the speed and acceleration that its LMPC may plan.
+    Vehicles that come to the ring or change places on it fly up to `spacing_speed_max_m_s` faster or slower than the
     ring (none: half its speed, or 1 m/s if that is more), never backwards, within an acceleration and a jerk of their
     own. Where bounds contradict, `speed_max_m_s` and `acceleration_max_m_s2` come first. On it a vehicle's nose points
     along x ("fixed"), or at the "target". It flies at its `altitude_m` ("layers"), or follows the altitude of the
