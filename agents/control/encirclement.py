@@ -68,6 +68,8 @@ class EncirclementPlanner:
         self._settings = config.encirclement
         self._clearance_rad = config.clearance_rad
         self._lmpc = ring_lmpc(self._settings)
+        self._along_m = self._settings.radius_m
+        self._units = np.array([1.0, self._along_m, 1.0, self._along_m])
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
         decay_per_s = max(self._settings.spacing_gain_per_s, 1e-3)
         self._eased_s = -np.expm1(-decay_per_s * self._times_s) / decay_per_s
@@ -100,11 +102,12 @@ class EncirclementPlanner:
             self.reset()
             aim = self._radial_aim(motion, polar, task)
             return EncirclementPlan(aim, approach, wanted, QpStatus.INTERIOR)
-        state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, polar.angular_rate_rad_s])
-        reference = self._reference(task, polar)
+        state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, self._along_m * polar.angular_rate_rad_s])
+        reference = self._reference(task, polar) * self._units
         plan = self._lmpc.solve(state, reference, self._acceleration, self._bounds(polar, task.place))
         self._acceleration = plan.first_input
-        aim = aim_for(motion, polar, plan.first_input, task.compensation_m_s2, self._plant)
+        acceleration = plan.first_input / self._units[:2]
+        aim = aim_for(motion, polar, acceleration, task.compensation_m_s2, self._plant)
         return EncirclementPlan(aim, approach, wanted, plan.status)
 
     def _take(self, orbit: Orbit) -> None:
@@ -147,17 +150,17 @@ class EncirclementPlanner:
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
         """Bound the inputs by the acceleration, the states by the speed limit and the clearance to both neighbours."""
-        settings = self._settings
-        radius = polar.radius_m
-        angular_rad_s2, fastest_rad_s = settings.acceleration_max_m_s2 / radius, settings.speed_max_m_s / radius
-        self._pushes[0, 1], self._pushes[1, 1] = -angular_rad_s2, angular_rad_s2
-        self._rates_min.fill(-fastest_rad_s)
-        self._rates_max.fill(fastest_rad_s)
+        settings, share = self._settings, self._along_m / polar.radius_m
+        push_m_s2, fastest_m_s = settings.acceleration_max_m_s2 * share, settings.speed_max_m_s * share
+        self._pushes[0, 1], self._pushes[1, 1] = -push_m_s2, push_m_s2
+        self._rates_min.fill(-fastest_m_s)
+        self._rates_max.fill(fastest_m_s)
         if place.lead_rad is None or place.lag_rad is None:
             self._bearings_min[:], self._bearings_max[:] = -_FREE, _FREE
         else:
             np.add(self._drift_rad, self._clearance_rad - place.lag_rad, out=self._bearings_min)
             np.add(self._drift_rad, place.lead_rad - self._clearance_rad, out=self._bearings_max)
+            self._limits[..., 0] *= self._along_m
         return Bounds(self._pushes, self._limits)
 
 
@@ -173,12 +176,15 @@ def damped_motion(task: RingTask) -> Vector:
 
 
 def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
-    """Build the LMPC of two double integrators in [r phi r' phi'] with inputs [r'' phi''] - (12).
+    """Build the LMPC of two double integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12).
+
+    Angles are in metres along the ring of radius R: with all rows of one size the solver takes a third of the steps.
 
     (24b) and (24c) weigh by rho and zeta how far the angles to the vehicles behind and in front are from those between
     the references. The neighbours are predicted on their references, as (25) and (26) do with the ring's rate. So both
     terms weigh the distance of the vehicle from its own reference, with rho + zeta.
     """
+    per_m2 = settings.radius_m**-2
     spacing_weight = settings.lag_weight + settings.lead_weight
     step_s = settings.prediction_step_s
     transition = np.eye(4)
@@ -189,7 +195,7 @@ def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
         input_gain,
         horizon=settings.horizon,
         control_horizon=settings.control_horizon,
-        state_weight=np.diag([settings.radius_weight, spacing_weight, 0.0, settings.rate_weight]),
-        increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight]),
+        state_weight=np.diag([settings.radius_weight, spacing_weight * per_m2, 0.0, settings.rate_weight * per_m2]),
+        increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight * per_m2]),
         constrained_states=_CONSTRAINED,
     )

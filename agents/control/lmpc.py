@@ -187,7 +187,7 @@ class _SoftQp:
             max_iter=4000,
             check_termination=5,
             # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
-            adaptive_rho_interval=25,
+            adaptive_rho_interval=100,
         )
 
     def minimise(self, gradient: Vector, lower: Vector, upper: Vector) -> Vector | None:
