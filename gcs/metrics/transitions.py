@@ -41,11 +41,14 @@ def transitions(
 
 
 def _relative(record: FlightRecord, motion: RingMotion, ring: RingReference) -> _Motion:
-    velocity_m_s = np.array([track.velocity_m_s for track in record.vehicles]) - record.target_velocity_m_s
+    velocity_m_s = np.empty((len(record.vehicles), record.time_s.size, 2))
+    for index, track in enumerate(record.vehicles):
+        velocity_m_s[index] = track.velocity_m_s - record.target_velocity_m_s
     step_s = float(record.time_s[1] - record.time_s[0]) if record.time_s.size > 1 else 1.0
     half = max(1, round(_ACCELERATION_SPAN_S / 2.0 / step_s))
     change_m_s = np.full(velocity_m_s.shape, np.nan)
-    change_m_s[:, half:-half] = velocity_m_s[:, 2 * half :] - velocity_m_s[:, : -2 * half]
+    if record.time_s.size > 2 * half:
+        change_m_s[:, half:-half] = velocity_m_s[:, 2 * half :] - velocity_m_s[:, : -2 * half]
     direction = -1.0 if ring.angular_rate_rad_s < 0.0 else 1.0
     return _Motion(
         np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1]),
