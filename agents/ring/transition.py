@@ -30,12 +30,12 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: E
     if furthest_rad * gain_per_s == 0.0:
         return ring_rad_s
     fastest_rad_s = TRACKED_SHARE * settings.transition_speed_m_s / orbit.radius_m
-    slowest_rad_s = fastest_rad_s if ring_rad_s == 0.0 else (1.0 - SLOWEST_SHARE) * abs(ring_rad_s)
+    slowest_rad_s = fastest_rad_s if ring_rad_s == 0.0 else min(fastest_rad_s, (1.0 - SLOWEST_SHARE) * abs(ring_rad_s))
     forwards = copysign(gain_per_s, ring_rad_s) * np.array(errors_rad)
     least, most = float(forwards.min()), float(forwards.max())
     share = min(
         1.0,
-        (fastest_rad_s + min(slowest_rad_s, fastest_rad_s)) / (most - least),
+        (fastest_rad_s + slowest_rad_s) / (most - least),
         braked_rate(furthest_rad, settings.transition_acceleration_m_s2 / orbit.radius_m) / (gain_per_s * furthest_rad),
     )
     common = max(0.0, -slowest_rad_s - share * least) - max(0.0, share * most - fastest_rad_s)

@@ -56,7 +56,7 @@ OWN_FILTER = OwnFilterSettings(
     position_noise_m=0.1, velocity_noise_m_s=0.05, disturbance_max_m_s2=7.0, gate_sigma=8.0, gate_timeout_s=0.3
 )
 DURATION_S, SETTLED_S = 240.0, 90.0
-LINEAR_DURATION_S, LINEAR_SETTLED_S = 270.0, 120.0
+LINEAR_DURATION_S, LINEAR_SETTLED_S = 300.0, 150.0
 RADIUS_RMS_M, RATE_SHARE, HELD_SHARE = 0.3, 0.02, 0.95
 LINEAR_RATE_SHARE, LINEAR_BIAS_M = 0.002, 0.02
 DIVERGED_M = 5.0

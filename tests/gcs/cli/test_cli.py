@@ -29,7 +29,7 @@ HEAVY = ("numpy", "scipy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", 
 RESULT_KEYS = {
     "": (
         "mission seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
-        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events"
+        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events truth"
     ),
     "vehicles": (
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "

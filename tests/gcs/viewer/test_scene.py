@@ -65,6 +65,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     text = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
     near = put(content(text), ("target", "start_m"), [13.0, -5.0])
     fenced = put(near, ("safety", "fence_m"), FENCE_M)
+    fenced = put(fenced, ("safety", "separation_m"), 3.9)
     mission = parsed(put(fenced, ("vehicles", 1, "fence_m"), OWN_FENCE_M))
     path = tmp_path_factory.mktemp("scene") / "flight.mcap"
     run = run_of(mission, mission.ids, seed=3, source="simulation", speed=1.0, began_s=0.0, duration_s=40.0)
@@ -230,7 +231,7 @@ def test_bubbles_touch_at_the_separation_and_are_red_while_the_guard_intervenes(
     for vehicle_id in VEHICLES:
         for at, entity in flight.entities(f"vehicle {vehicle_id} separation"):
             (bubble,) = entity.cylinders
-            assert (bubble.size.x, bubble.size.y, bubble.size.z) == (3.0, 3.0, 2.0)
+            assert (bubble.size.x, bubble.size.y, bubble.size.z) == (3.9, 3.9, 2.0)
             near = flight.latest(f"/vehicle/{vehicle_id}/decision", at)
             red = bytes(round(255.0 * part) for part in (bubble.color.r, bubble.color.g, bubble.color.b)) == RED
             shades.add(red)
