@@ -21,6 +21,8 @@ from estimation.state import VELOCITY, Vector
 _CONSTRAINED = (1, 2, 3)  # bearing, radial speed, angular rate
 _APPROACH_GAIN_PER_S = 0.5
 _FREE = 1e20
+_SLACK_WEIGHT = 100.0
+"""A metre, or a metre a second, beyond a bound costs as much as ten metres off the ring."""
 
 
 class Approach(Enum):
@@ -198,4 +200,5 @@ def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
         state_weight=np.diag([settings.radius_weight, spacing_weight * per_m2, 0.0, settings.rate_weight * per_m2]),
         increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight * per_m2]),
         constrained_states=_CONSTRAINED,
+        slack_weight=_SLACK_WEIGHT,
     )

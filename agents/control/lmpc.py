@@ -76,8 +76,13 @@ class Lmpc:
         state_weight: Vector,
         increment_weight: Vector,
         constrained_states: tuple[int, ...],
+        slack_weight: float = _SLACK_WEIGHT,
     ) -> None:
-        """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,)."""
+        """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,).
+
+        `slack_weight` is the price of a bound on states that is not kept: well above what the cost gains by it, and no
+        more, or the solver is neither accurate nor quick.
+        """
         states, inputs = input_gain.shape
         size = control_horizon * inputs
         self._states, self._inputs, self._size = states, inputs, size
@@ -99,7 +104,7 @@ class Lmpc:
         self._input_limits = self._limits[:, :size].reshape(2, control_horizon, inputs).swapaxes(0, 1)
         self._state_limits = self._limits[:, size:].reshape(2, horizon, len(constrained_states))
         self._room = np.empty_like(self._limits)
-        self._solver = _SoftQp(hessian, forced[rows])
+        self._solver = _SoftQp(hessian, forced[rows], slack_weight)
 
     @property
     def gains(self) -> Gains:
@@ -155,10 +160,10 @@ def _condense(transition: Vector, input_gain: Vector, horizon: int, control_hori
 class _SoftQp:
     """The bounded problem in (U, slack): one slack widens all bounds on states, at a price paid only if need be."""
 
-    def __init__(self, hessian: Vector, state_rows: Vector) -> None:
+    def __init__(self, hessian: Vector, state_rows: Vector, slack_weight: float) -> None:
         size, states = len(hessian), len(state_rows)
         self._size = size
-        self._gradient = np.full(size + 1, _SLACK_WEIGHT)
+        self._gradient = np.full(size + 1, slack_weight)
         self._lower = np.full(size + 2 * states + 1, -_FREE)
         self._upper = np.full(size + 2 * states + 1, _FREE)
         self._lower[-1] = 0.0
@@ -173,7 +178,7 @@ class _SoftQp:
         )
         cost = np.zeros((size + 1, size + 1))
         cost[:size, :size] = hessian
-        cost[size, size] = _SLACK_WEIGHT
+        cost[size, size] = slack_weight
         self._solver = osqp.OSQP()
         self._solver.setup(
             csc_matrix(np.triu(cost)),

@@ -79,7 +79,7 @@ class RingReference:
             radius, bearing = self._moved(before, way, at_s - before.time_s)
         near_rad = bearing.value - wrap_signed_rad(bearing.value - polar.bearing_rad)
         self._point = RingPoint(
-            radius.near(polar.radius_m - way.bend_m, polar.radial_speed_m_s, inf, way.share),
+            radius.near(polar.radius_m - way.bend_m, polar.radial_speed_m_s, lead_max_m, way.share),
             bearing.near(near_rad, polar.angular_rate_rad_s, lead_max_m / polar.radius_m, way.share),
             at_s,
         )
