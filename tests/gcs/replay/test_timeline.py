@@ -50,7 +50,7 @@ OWN = OwnState(0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0,) * 36)
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlightLog, FlightRecord]:
     path = tmp_path_factory.mktemp("logs") / "case2.mcap"
-    record = record_simulation(engaging("case2", (("safety", "separation_m"), 3.9)), path, seed=1, duration_s=SECONDS)
+    record = record_simulation(engaging("case2", (("safety", "separation_m"), 3.99)), path, seed=1, duration_s=SECONDS)
     return read_log(path), record
 
 

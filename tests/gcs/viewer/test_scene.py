@@ -38,8 +38,8 @@ from tests.support.mission_text import content, parsed, put
 from tests.support.paths import MISSIONS
 
 VEHICLES = (1, 2, 3)
-FENCE_M = [[-20.0, -40.0], [120.0, -40.0], [120.0, 40.0], [-20.0, 40.0]]
-OWN_FENCE_M = [[-20.0, -40.0], [100.0, -40.0], [120.0, 40.0], [-20.0, 40.0]]
+FENCE_M = [[-20.0, -15.0], [120.0, -15.0], [120.0, 40.0], [-20.0, 40.0]]
+OWN_FENCE_M = [[-20.0, -15.0], [100.0, -15.0], [120.0, 40.0], [-20.0, 40.0]]
 TICK_NS = 100_000_000
 RED = bytes.fromhex("B3200A")
 
@@ -65,7 +65,6 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     text = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
     near = put(content(text), ("target", "start_m"), [13.0, -5.0])
     fenced = put(near, ("safety", "fence_m"), FENCE_M)
-    fenced = put(fenced, ("safety", "separation_m"), 3.9)
     mission = parsed(put(fenced, ("vehicles", 1, "fence_m"), OWN_FENCE_M))
     path = tmp_path_factory.mktemp("scene") / "flight.mcap"
     run = run_of(mission, mission.ids, seed=3, source="simulation", speed=1.0, began_s=0.0, duration_s=40.0)
@@ -231,7 +230,7 @@ def test_bubbles_touch_at_the_separation_and_are_red_while_the_guard_intervenes(
     for vehicle_id in VEHICLES:
         for at, entity in flight.entities(f"vehicle {vehicle_id} separation"):
             (bubble,) = entity.cylinders
-            assert (bubble.size.x, bubble.size.y, bubble.size.z) == (3.9, 3.9, 2.0)
+            assert (bubble.size.x, bubble.size.y, bubble.size.z) == (3.0, 3.0, 2.0)
             near = flight.latest(f"/vehicle/{vehicle_id}/decision", at)
             red = bytes(round(255.0 * part) for part in (bubble.color.r, bubble.color.g, bubble.color.b)) == RED
             shades.add(red)
@@ -302,7 +301,7 @@ def test_points_show_the_same_to_viewers_without_scenes(flight: Seen) -> None:
     ring = grey[grey[:, 2] == 8.0]
     assert np.hypot(*(ring[:, :2] - np.array(target[:2])).T) == pytest.approx(10.0, abs=1e-4)
     fence = grey[grey[:, 2] == 0.0]
-    assert (fence[:, 0].min(), fence[:, 0].max(), fence[:, 1].min(), fence[:, 1].max()) == (-20.0, 120.0, -40.0, 40.0)
+    assert (fence[:, 0].min(), fence[:, 0].max(), fence[:, 1].min(), fence[:, 1].max()) == (-20.0, 120.0, -15.0, 40.0)
 
 
 def test_the_log_is_read_as_if_there_were_no_pictures(flight: Seen) -> None:
