@@ -20,7 +20,9 @@ class ShapedCoordinate(msgspec.Struct, frozen=True):
         steps = max(1, ceil((sqrt(1.0 + 8.0 * due / change_max) - 1.0) / 2.0))
         endable = due / steps + change_max * (steps - 1) / 2.0
         wanted = copysign(min(acceleration_max, endable), missing)
-        acceleration = self.acceleration + max(-change_max, min(wanted - self.acceleration, change_max))
+        # Braking from beyond the bounds ends at once: it would overshoot while the jerk takes it back.
+        before = max(-acceleration_max, min(self.acceleration, acceleration_max))
+        acceleration = before + max(-change_max, min(wanted - before, change_max))
         rate = self.rate + acceleration * step_s
         return ShapedCoordinate(self.value + (self.rate + rate) / 2.0 * step_s, rate, acceleration)
 

@@ -124,3 +124,16 @@ def test_while_it_leaves_the_formation_the_vehicles_own_motion_counts(make_confi
         point = reference.advance(polar, RingWay(ORBIT, 10.0, [0.0], inf, 0.0), tick * STEP_S)
         assert (point.radius.value, point.bearing.value) == pytest.approx((14.0, 3.1))
         assert (point.radius.rate, point.bearing.rate) == pytest.approx((-0.2, 0.01))
+
+
+@pytest.mark.parametrize("speed_m_s", [-3.0, 3.0])
+def test_a_reference_that_arrives_too_fast_brakes_and_then_comes_to_rest(speed_m_s: float, make_config: Maker) -> None:
+    # It brakes at the vehicle's acceleration, and must not keep that where only a transition's jerk could end it.
+    reference = RingReference(make_config(encirclement={"reference_lead_max_m": 100.0}).encirclement)
+    way = RingWay(ORBIT, 10.0, [0.0])
+    point = reference.advance(Polar(11.0, 0.0, speed_m_s, 0.05), way, 0.0)
+    for tick in range(1, 400):
+        polar = Polar(point.radius.value, point.bearing_rad(tick * STEP_S), point.radius.rate, point.bearing.rate)
+        point = reference.advance(polar, way, tick * STEP_S)
+    assert point.radius.value == pytest.approx(10.0, abs=0.01)
+    assert point.radius.rate == pytest.approx(0.0, abs=0.01)
