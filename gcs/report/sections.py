@@ -277,7 +277,11 @@ def _lyapunov(flight: Flight) -> Section:
         ("decays", panels_metrics.draw_decays, "V after every change of the ring, with the expected decay."),
     )
     charts = tuple(chart(name, partial(draw, sheet=flight.sheet, periods=periods), alt) for name, draw, alt in draws)
-    expected = "" if gain is None else f" With γ = {gain:g} /s, V is expected to decay as exp(−2γt) (dashed)."
+    expected = (
+        ""
+        if gain is None
+        else f" With γ = {gain:g} /s, V is expected to decay as exp(−2γt) (dashed) while no bound is active."
+    )
     if gain is not None and any(not isclose(each.decay_per_s or 0.0, 2.0 * gain) for each in periods):
         expected += " On a ring of many vehicles the gain is limited, and the expected decay is slower."
     lead = (

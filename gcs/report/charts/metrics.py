@@ -173,7 +173,7 @@ def draw_decays(axes: "Axes", sheet: Sheet, periods: Sequence[Decay]) -> None:
     title(axes, "After every change of the ring", "")
     recent = periods[-_DECAYS_SHOWN:]
     expected_s = max((each.expected_after_s or 0.0 for each in recent), default=0.0)
-    over_time(axes, "V / V at the change", np.array([0.0, max(20.0, 2.0 * expected_s)]))
+    over_time(axes, "V / V at the change", np.array([0.0, max(30.0, 2.0 * expected_s)]))
     axes.set_xlabel("time since the change [s]")
     logarithmic(axes, np.array([_FLOOR_SHARE**2, 1.0]), _FLOOR_SHARE**2)
     for row, each in enumerate(recent):
@@ -185,4 +185,4 @@ def draw_decays(axes: "Axes", sheet: Sheet, periods: Sequence[Decay]) -> None:
     for index, rate in enumerate(sorted({each.decay_per_s for each in recent if each.decay_per_s is not None})):
         since_s = np.array(axes.get_xlim())
         axes.plot(since_s, np.exp(-rate * since_s), **_EXPECTED, label="" if index else "expected")
-    axes.legend(loc="upper right", edgecolor="none", framealpha=0.8)
+    axes.legend(loc="lower left", edgecolor="none", framealpha=0.8)
