@@ -19,6 +19,7 @@ from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
 
 _RADIAL_GAIN_PER_S = 0.5
+_BRAKED_WITHIN_M = 0.25
 
 
 class RingPoint(msgspec.Struct, frozen=True):
@@ -95,9 +96,9 @@ class RingReference:
         rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, settings)
         rate_rad_s = max(-fastest_rad_s, min(rate_rad_s, fastest_rad_s))
         speed_m_s = self._radial_speed_m_s(way.radius_m - radius.value)
-        too_fast_m_s = abs(radius.rate - speed_m_s) if abs(radius.rate) > abs(speed_m_s) else 0.0
-        acceleration, jerk = self._bounds(too_fast_m_s, step_s)
-        turning, turning_jerk = self._bounds(abs(bearing.rate - way.orbit.angular_rate_rad_s) * size_m, step_s)
+        acceleration, jerk = self._bounds(_beyond(radius.rate, speed_m_s), step_s)
+        along_m_s = abs(bearing.rate - way.orbit.angular_rate_rad_s) * size_m
+        turning, turning_jerk = self._bounds(along_m_s if along_m_s > settings.transition_speed_m_s else 0.0, step_s)
         return (
             radius.follow(speed_m_s, acceleration, jerk, step_s),
             bearing.follow(rate_rad_s, turning / size_m, turning_jerk / size_m, step_s),
@@ -110,11 +111,18 @@ class RingReference:
         return copysign(min(_RADIAL_GAIN_PER_S * abs(missing_m), settings.speed_max_m_s, fastest_m_s), missing_m)
 
     def _bounds(self, too_fast_m_s: float, step_s: float) -> tuple[float, float]:
-        """Return acceleration and jerk: those of a transition, but for a vehicle that is faster than these are flown.
+        """Return acceleration and jerk: those of a transition, and more where a vehicle is too fast for these.
 
-        So is one that begins to follow a fast target: gently, it would fall behind.
+        So is one that begins to follow a fast target: gently, it would fall behind. The acceleration brakes within
+        `_BRAKED_WITHIN_M`, so it fades into that of a transition as the vehicle slows down.
         """
         settings = self._settings
-        if too_fast_m_s > settings.transition_speed_m_s:
-            return settings.acceleration_max_m_s2, settings.acceleration_max_m_s2 / step_s
-        return settings.transition_acceleration_m_s2, settings.spacing_jerk_max_m_s3
+        gentle_m_s2 = settings.transition_acceleration_m_s2
+        braking_m_s2 = min(too_fast_m_s**2 / (2.0 * _BRAKED_WITHIN_M), settings.acceleration_max_m_s2)
+        more_m_s2 = max(0.0, braking_m_s2 - gentle_m_s2)
+        return gentle_m_s2 + more_m_s2, settings.spacing_jerk_max_m_s3 + more_m_s2 / step_s
+
+
+def _beyond(rate: float, wanted: float) -> float:
+    """Return how much faster than wanted a coordinate changes: by all of its rate if that has the wrong sign."""
+    return abs(rate) if rate * wanted < 0.0 else max(0.0, abs(rate) - abs(wanted))

@@ -6,13 +6,14 @@ setpoints that were sent. No decision is recomputed.
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
 from agents.broadcast import received_sighting
 from agents.settings.config import AgentConfig
+from agents.situation.team_frame import TeamFrame
 from agents.tactics import Tactic
 from agents.tape import Command, Message, Start, TacticEvent, TimeScale
 from agents.team.clock_watch import ClockWatch
@@ -21,7 +22,7 @@ from agents.team.messages import OperatorCommand, TargetPackage
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
-from estimation.state import MOTION, POSITION, VELOCITY, Sighting, Telemetry, Vector
+from estimation.state import MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
 from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
@@ -182,8 +183,12 @@ class FilterRun:
     """One vehicle's filters with one set of parameters, and their figures."""
 
     def __init__(self, config: AgentConfig, settings: FilterSettings) -> None:
+        self._vehicle_id = config.vehicle_id
         self._own = OwnFilter(config.plant, settings.own_filter)
         self._target = TargetFilter(settings.target_filter)
+        self._frame = TeamFrame(replace(config, own_filter=settings.own_filter))
+        self._sighted: list[Sighting] = []
+        self._seen: TargetEstimate | None = None
         noise = settings.own_filter
         self._noise = np.diag([noise.position_noise_m**2] * 2 + [noise.velocity_noise_m_s**2] * 2)
         self._turns = noise.disturbance_turns
@@ -194,16 +199,18 @@ class FilterRun:
         """Feed a turn to the filters, and store the estimates at its tick."""
         for item in inputs:
             if isinstance(item, Telemetry):
-                self._measure(item)
+                self._measure(self._frame.telemetry(item))
             elif isinstance(item, Sighting):
-                self._sight(item)
+                self._sighted.append(self._frame.shared(item) if item.sensor_id == self._vehicle_id else item)
             elif turn.decision is not None and turn.decision.tactic != Tactic.ENCIRCLE.value:
                 # A command to leave the ring acts at once; every other change of tactic happens in the tick.
                 self._turn(turn.decision)
         if turn.tick is None:
             return
         now_s = turn.tick.now_s
+        self._see(now_s)
         own, target = self._own.estimate(now_s), self._target.estimate(now_s)
+        self._seen = target
         if own is not None:
             self.own.add(now_s, own.mean[MOTION])
         if target is not None:
@@ -228,6 +235,15 @@ class FilterRun:
             measured = np.array([*telemetry.position_m[:2], *telemetry.velocity_m_s[:2]])
             innovation = measured - prior.mean[MOTION], prior.covariance[MOTION, MOTION] + self._noise
         self.own.add_measurement(accepted, innovation)
+
+    def _see(self, now_s: float) -> None:
+        """Take in the sightings since the last tick, and by how much they move the team's frame."""
+        for sighting in self._frame.sightings(now_s, self._sighted, self._seen):
+            self._sight(sighting)
+        self._sighted.clear()
+        off_x, off_y = self._frame.follow()
+        if off_x or off_y:
+            self._own.shift(-off_x, -off_y)
 
     def _sight(self, sighting: Sighting) -> None:
         prior, refused = self._target.estimate(sighting.time_s), self._target.refused

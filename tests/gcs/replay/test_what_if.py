@@ -46,6 +46,15 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     return read_log(path), mission
 
 
+@pytest.fixture(scope="module")
+def wandering(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    """Positions that wander, and settings that follow them."""
+    path = tmp_path_factory.mktemp("logs") / "wandering.mcap"
+    mission = engaging("case2-wander")
+    record_simulation(mission, path, seed=1, duration_s=SECONDS)
+    return read_log(path), mission
+
+
 def run(flight: Flight, *changes: str, vehicle_id: int = 2) -> FilterRun:
     log, mission = flight
     config = config_of(log, mission, vehicle_id)
@@ -72,7 +81,7 @@ def roughness_m(track: Track) -> float:
 
 
 @pytest.mark.parametrize("vehicle_id", [1, 2, 3])
-@pytest.mark.parametrize("flight", ["field", "turning"])
+@pytest.mark.parametrize("flight", ["field", "turning", "wandering"])
 def test_with_the_recorded_parameters_the_estimates_are_the_recorded_ones(
     vehicle_id: int, flight: str, request: pytest.FixtureRequest
 ) -> None:
