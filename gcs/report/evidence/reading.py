@@ -218,17 +218,17 @@ class _VehicleReader:
         decision, journal = record.message(), self._journal
         notes = [Note(note.time_s, note.kind, note.text) for note in decision.notes]
         journal.event_log.add_notes(self.vehicle_id, notes)
+        others = [each for each in decision.peers if each in self._peers and each not in self._log.run.vehicles]
+        peers = [self._peers[each] for each in others]
+        for peer in peers:
+            journal.event_log.add_peer(peer)
         self._dropped = _drops_text(decision)
         tick_us = self._costs_us.get(decision.time_s)
         if tick_us is None:  # outside the control loop
             return
         self.last_s = decision.time_s
         journal.tick(tick_us, decision.guard.causes)
-        others = [each for each in decision.peers if each in self._peers and each not in self._log.run.vehicles]
-        peers = [self._peers[each] for each in others]
         journal.add_peers(peers, self._angles, _target_of(decision))
-        for peer in peers:
-            journal.event_log.add_peer(peer)
         self._add(decision, tick_us)
 
     def _add(self, decision: Any, tick_us: float) -> None:
