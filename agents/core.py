@@ -169,6 +169,7 @@ class VehicleCore:
             plan=plan,
             guarded=guarded,
             peers=self._team.members(),
+            angles=self._team.angles(),
             drops=self._drops,
             alert=self.alert,
             notes=self._notes.drained(),

@@ -1,5 +1,7 @@
 """What a core returns from a tick: a setpoint, messages for the peers, and its status."""
 
+from collections.abc import Mapping
+
 import msgspec
 
 from agents.control.encirclement import Approach
@@ -12,7 +14,7 @@ from agents.ring.place import RingPlace
 from agents.safety.guard import Guarded
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.team.messages import CommandAnswer, MemberState
+from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle
 from estimation.polar import Polar
 from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
 
@@ -31,7 +33,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     is the failsafe condition that it reacts to, empty if none; `notes` are what has happened, `answers` what peers have
     answered operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude where
     the mission follows that, `drops` are the messages dropped so far, `turning_rad_s` is the rate at which the vehicle
-    is taken to go around the target.
+    is taken to go around the target. `angles` are the places of `peers` on the ring, by sender.
     """
 
     vehicle_id: int
@@ -41,6 +43,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     plan: Plan | None = None
     guarded: Guarded | None = None
     peers: tuple[MemberState, ...] = ()
+    angles: Mapping[int, NeighbourAngle] = {}
     drops: Drops = NO_DROPS
     alert: str = ""
     notes: tuple[Note, ...] = ()

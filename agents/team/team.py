@@ -69,6 +69,10 @@ class Team:
         """Return the newest state of every peer that is known to be there."""
         return tuple(self._members.values())
 
+    def angles(self) -> dict[int, NeighbourAngle]:
+        """Return the newest place on the ring of every peer that has one, by sender."""
+        return dict(self._angles)
+
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
         """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed.
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.printable import Printable, printable_lines
-from gcs.metrics.result import FlightResult, TruthResult, VehicleResult
+from gcs.metrics.result import EstimateResult, FlightResult, VehicleResult, reference_line
 from gcs.metrics.reynolds_view import reynolds_grid
 
 RowT = TypeVar("RowT")
@@ -167,7 +167,7 @@ def summary(result: FlightResult) -> RenderableType:
         _verdict_table(result),
         Text(),
         _vehicle_table(result),
-        *(() if result.truth is None else (_truth_line(result.truth),)),
+        *(() if result.estimate is None else (_estimate_line(result.estimate),)),
         *(() if flocking is None else (Text(), flocking, Text())),
         _loop_line(result),
     )
@@ -211,7 +211,8 @@ def _headline(result: FlightResult) -> Text:
     factor = "" if result.realtime_factor is None else f" ({result.realtime_factor:.3g}× real time)"
     took = "" if result.wall_time_s is None else f" in {result.wall_time_s:.1f} s{factor}"
     source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
-    return Text.assemble((result.mission, "bold"), (source, "dim"), (f", metrics from {result.reference}", "dim"))
+    reference = f"\n{reference_line(result)}"
+    return Text.assemble((result.mission, "bold"), (source, "dim"), (reference, "dim"))
 
 
 def _verdict_table(result: FlightResult) -> Table:
@@ -284,18 +285,18 @@ def _vehicle_cells(vehicle: VehicleResult) -> tuple[Text, ...]:
     )
 
 
-def _truth_line(truth: TruthResult) -> Text:
-    """Return the worst figures by the truth that simulators sent."""
-    rates = [v.angular_rate_mean_rad_s for v in truth.vehicles if v.angular_rate_mean_rad_s is not None]
-    spacing = truth.ring.spacing_error_rms_deg
+def _estimate_line(estimate: EstimateResult) -> Text:
+    """Return the worst figures by the vehicles' estimates, beside those by truth."""
+    rates = [v.angular_rate_mean_rad_s for v in estimate.vehicles if v.angular_rate_mean_rad_s is not None]
+    spacing = estimate.ring.spacing_error_rms_deg
     parts = [
-        _worst("radius error {} m rms", [v.radius_error_rms_m for v in truth.vehicles]),
+        _worst("radius error {} m rms", [v.radius_error_rms_m for v in estimate.vehicles]),
         f"rates {min(rates):.4f} to {max(rates):.4f} rad/s" if rates else "",
         "" if spacing is None else f"spacing error {spacing:.2f}° rms",
-        _worst("closest approach {} m", [truth.closest_approach_m]),
-        _worst("estimates {} m rms off", [v.estimate_error_rms_m for v in truth.vehicles]),
+        _worst("closest approach {} m", [estimate.closest_approach_m]),
+        _worst("estimated positions {} m rms off", [v.estimate_error_rms_m for v in estimate.vehicles]),
     ]
-    return Text(f"by the simulators' truth: {', '.join(filter(None, parts))}")
+    return Text(f"by the vehicles' estimates: {', '.join(filter(None, parts))}")
 
 
 def _loop_line(result: FlightResult) -> Text:

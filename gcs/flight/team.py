@@ -156,14 +156,16 @@ class Team:
             sum(loop.ticks for loop in loops),
             sum(loop.missed for loop in loops),
             wall_time_s,
-            () if stubs is None else stubs.tracks,
-            received_truth=tuple(
-                TruthTrack.of(member.vehicle.system_id, member.link.truth.samples)
-                for member in self.members
-                if member.link.truth is not None and member.link.truth.samples
-            ),
+            self._received_truth() if stubs is None else stubs.tracks,
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
+
+    def _received_truth(self) -> tuple[TruthTrack, ...]:
+        """Return what the vehicles' simulators sent of their true motions; real vehicles send none."""
+        truths = ((member.vehicle.system_id, member.link.truth) for member in self.members)
+        return tuple(
+            TruthTrack.of(each, truth.samples) for each, truth in truths if truth is not None and truth.samples
+        )
 
     def complete(self, stubs: StubRecord | None, record: FlightRecord | None) -> None:
         """Add to the log what is known once the flight is over."""

@@ -1,17 +1,19 @@
 """The journal of a flight: its data tick by tick while it is flown, and the flight record built from them."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.outputs import CoreStatus
-from agents.team.messages import MemberState
+from agents.team.messages import MemberState, NeighbourAngle
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.event_log import EventLog
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
+from gcs.metrics.truth import missing_truth, true_track
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
 
@@ -20,11 +22,13 @@ _GAP_MAX_S = 1.0
 
 @dataclass(slots=True)
 class _Samples:
-    """The samples of one vehicle: times, motions [x y x' y'] and tactics."""
+    """The samples of one vehicle: times, motions [x y x' y'] and tactics; and of the target as it estimates it."""
 
     time_s: list[float] = field(default_factory=list)
     motion: list[Vector] = field(default_factory=list)
     tactic: list[str] = field(default_factory=list)
+    target_s: list[float] = field(default_factory=list)
+    target: list[Vector] = field(default_factory=list)
 
     def add(self, time_s: float, motion: Vector, tactic: str) -> None:
         if not self.time_s or time_s > self.time_s[-1]:
@@ -32,13 +36,17 @@ class _Samples:
             self.motion.append(motion)
             self.tactic.append(tactic)
 
+    def add_target(self, time_s: float, target: Vector) -> None:
+        if not self.target_s or time_s > self.target_s[-1]:
+            self.target_s.append(time_s)
+            self.target.append(target)
+
 
 @dataclass(frozen=True, slots=True)
 class RunTotals:
     """The totals of a run: source, ticks and missed ticks of all loops, wall time, and truth where it is known.
 
-    `seed` overrides the seed of the mission. `truth` replaces the estimates, `received_truth`, which the vehicles'
-    simulators sent in flight, stands beside them.
+    `truth` is what simulators know, by system id. `seed` overrides the seed of the mission.
     """
 
     source: str
@@ -47,7 +55,6 @@ class RunTotals:
     wall_time_s: float
     truth: tuple[TruthTrack, ...] = ()
     seed: int | None = None
-    received_truth: tuple[TruthTrack, ...] = ()
 
 
 class Journal:
@@ -55,7 +62,8 @@ class Journal:
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
-        self._samples: defaultdict[int, _Samples] = defaultdict(_Samples)
+        self._own: defaultdict[int, _Samples] = defaultdict(_Samples)
+        self._received: defaultdict[int, _Samples] = defaultdict(_Samples)
         self._tick_us: list[float] = []
         self._guard = GuardTally()
         self.event_log = EventLog()
@@ -73,68 +81,115 @@ class Journal:
         self.tick(tick_us, () if status.guarded is None else [cause.words for cause in status.guarded.causes])
         self.latest[status.vehicle_id] = status
         if status.motion is not None:
-            self.add_sample(status.vehicle_id, status.time_s, status.motion, status.tactic.value)
-        for peer in status.peers:
-            self.add_peer(peer)
+            self.add_sample(status.vehicle_id, status.time_s, status.motion, status.tactic.value, status.target)
+        self.add_peers(status.peers, status.angles, status.target)
 
     def tick(self, tick_us: float, guarded: Sequence[str]) -> None:
         """Add the computing time of a tick, and the causes for which the guard moved its setpoint."""
         self._tick_us.append(tick_us)
         self._guard.count(guarded)
 
-    def add_sample(self, vehicle_id: int, time_s: float, motion: Vector, tactic: str) -> None:
-        """Add a vehicle's motion (4,) and tactic, unless it is older than the last sample."""
-        self._samples[vehicle_id].add(time_s, motion, tactic)
+    def add_sample(
+        self, vehicle_id: int, time_s: float, motion: Vector, tactic: str, target: Vector | None = None
+    ) -> None:
+        """Add the motion (4,) and tactic of a vehicle of this process, and its estimate of the target's motion (4,)."""
+        self._own[vehicle_id].add(time_s, motion, tactic)
+        if target is not None:
+            self._own[vehicle_id].add_target(time_s, target)
 
-    def add_peer(self, peer: MemberState) -> None:
-        """Add the state that a peer sent."""
-        self.add_sample(peer.sender, peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic)
+    def add_peers(
+        self, peers: Iterable[MemberState], angles: Mapping[int, NeighbourAngle], target: Vector | None
+    ) -> None:
+        """Add the states that peers sent, and the target about which their `angles`, by sender, place them.
+
+        What a peer takes for the target's velocity is not sent: it is that of the receiver's estimate `target` (4,).
+        """
+        for peer in peers:
+            samples = self._received[peer.sender]
+            samples.add(peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic)
+            angle = angles.get(peer.sender)
+            if angle is not None and target is not None and angle.time_s == peer.time_s:
+                samples.add_target(peer.time_s, np.array([*_centre_m(peer, angle), *target[VELOCITY]]))
 
     def record(self, start_s: float, duration_s: float, run: RunTotals) -> FlightRecord:
-        """Build the record of the mission that began at `start_s`, from the truth where a simulator knows it."""
-        mission, target = self._mission, self._mission.target.motion
+        """Build the record of the mission that began at `start_s`: by truth where that is known of all vehicles."""
+        mission = self._mission
         rate_hz = mission.mission.rate_hz
         time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
+        estimated = self._estimated_tracks(time_s + start_s)
+        true, missing = self._true_tracks(estimated, run, time_s, start_s)
+        target_m, target_m_s = self._true_target(time_s, run)
+        # In a simulation nothing but the truth is judged.
+        beside = estimated if true and run.source != "simulation" else ()
         return FlightRecord(
             mission=mission.mission.name,
             seed=mission.mission.seed if run.seed is None else run.seed,
             source=run.source,
-            reference="truth" if run.truth else "estimate",
+            reference="truth" if true else "estimate",
             time_s=time_s,
-            target_position_m=np.array([target.position_m(at_s) for at_s in time_s.tolist()]),
-            target_velocity_m_s=np.array([target.velocity_at_m_s(at_s) for at_s in time_s.tolist()]),
-            vehicles=self._tracks(run.truth, time_s + start_s),
-            truth=self._true_tracks(run, time_s + start_s),
+            target_position_m=target_m,
+            target_velocity_m_s=target_m_s,
+            vehicles=true or estimated,
             loop=LoopStatistics(rate_hz, run.ticks, run.missed, np.array(self._tick_us)),
             wall_time_s=run.wall_time_s,
             guard=self._guard,
             events=in_order(self.event_log.events, start_s),
+            estimates=beside,
+            truth_missing=missing,
         )
 
-    def _tracks(self, truth: tuple[TruthTrack, ...], grid_s: Vector) -> tuple[VehicleTrack, ...]:
-        true = {track.vehicle_id: track for track in truth}  # a simulated vehicle is known by its system id
-        return tuple(
-            self._track(vehicle_id, samples, true.get(self._mission.vehicle(vehicle_id).system_id), grid_s)
-            for vehicle_id in self._mission.ids
-            if (samples := self._samples.get(vehicle_id)) is not None
+    def _estimated_tracks(self, grid_s: Vector) -> tuple[VehicleTrack, ...]:
+        """Return the tracks as the vehicles estimate them; one of this process is known better than by its messages."""
+        samples = {**self._received, **self._own}
+        return tuple(_track(each, samples[each], grid_s) for each in self._mission.ids if each in samples)
+
+    def _true_tracks(
+        self, estimated: tuple[VehicleTrack, ...], run: RunTotals, time_s: Vector, start_s: float
+    ) -> tuple[tuple[VehicleTrack, ...], str]:
+        """Return the true tracks of all vehicles, or none and what is missing; nothing is missing without any truth."""
+        of_system = {track.vehicle_id: track for track in run.truth}
+        known = {each.vehicle_id: self._mission.vehicle(each.vehicle_id).system_id for each in estimated}
+        truth = {vehicle_id: of_system[system] for vehicle_id, system in known.items() if system in of_system}
+        if not truth:
+            return (), ""
+        missing = missing_truth(estimated, truth, time_s, time_s + start_s)
+        if not self._knows_target(run):
+            missing = "no truth of the target"
+        if missing:
+            return (), missing
+        return tuple(true_track(each, truth[each.vehicle_id], time_s + start_s) for each in estimated), ""
+
+    def _knows_target(self, run: RunTotals) -> bool:
+        """Whether the target moves as the mission says, because it is simulated."""
+        return run.source == "simulation" or self._mission.target.source == "simulated"
+
+    def _true_target(self, time_s: Vector, run: RunTotals) -> tuple[Vector, Vector]:
+        """Return the target's true position and velocity (T, 2), NaN where it is not simulated."""
+        if not self._knows_target(run):
+            unknown = np.full((time_s.size, 2), np.nan)
+            return unknown, unknown
+        target = self._mission.target.motion
+        return (
+            np.array([target.position_m(at_s) for at_s in time_s.tolist()]),
+            np.array([target.velocity_at_m_s(at_s) for at_s in time_s.tolist()]),
         )
 
-    def _true_tracks(self, run: RunTotals, grid_s: Vector) -> tuple[VehicleTrack, ...]:
-        """Return the true tracks beside the estimates: of all vehicles or, where one has none, of none."""
-        known = {track.vehicle_id for track in run.received_truth}
-        flown = {self._mission.vehicle(vehicle_id).system_id for vehicle_id in self._samples}
-        return self._tracks(run.received_truth, grid_s) if flown <= known and not run.truth else ()
 
-    def _track(self, vehicle_id: int, samples: _Samples, true: TruthTrack | None, grid_s: Vector) -> VehicleTrack:
-        sample_s = np.array(samples.time_s)
-        if true is None:
-            motion = _resampled(sample_s, np.array(samples.motion), grid_s)
-        else:
-            columns = np.hstack([true.position_m[:, POSITION], true.velocity_m_s[:, POSITION]])
-            motion = _resampled(true.time_s, columns, grid_s)
-        return VehicleTrack(
-            vehicle_id, motion[:, POSITION], motion[:, VELOCITY], _latest(sample_s, np.array(samples.tactic), grid_s)
-        )
+def _centre_m(peer: MemberState, angle: NeighbourAngle) -> tuple[float, float]:
+    """Return where the target is that a peer's place on the ring is about."""
+    (x, y), radius_m = peer.position_m, angle.radius_m
+    return x - radius_m * cos(angle.bearing_rad), y - radius_m * sin(angle.bearing_rad)
+
+
+def _track(vehicle_id: int, samples: _Samples, grid_s: Vector) -> VehicleTrack:
+    """Return one vehicle's track as it estimates itself and the target."""
+    sample_s = np.array(samples.time_s)
+    motion = _resampled(sample_s, np.array(samples.motion), grid_s)
+    tactic = _latest(sample_s, np.array(samples.tactic), grid_s)
+    target = np.full_like(motion, np.nan)
+    if samples.target_s:
+        target = _resampled(np.array(samples.target_s), np.array(samples.target), grid_s)
+    return VehicleTrack(vehicle_id, motion[:, POSITION], motion[:, VELOCITY], tactic, target)
 
 
 def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:

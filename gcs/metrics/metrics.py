@@ -11,14 +11,14 @@ import numpy as np
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.result import (
+    EstimatedVehicleResult,
+    EstimateResult,
     FlightResult,
     FormationReference,
     LoopResult,
     ReynoldsResult,
     RingReference,
     RingResult,
-    TrueVehicleResult,
-    TruthResult,
     VehicleResult,
     VerdictTolerances,
     judge,
@@ -68,7 +68,8 @@ def evaluate(
         wall_time_s=record.wall_time_s,
         realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
         events=record.events,
-        truth=_truth_result(record, ring, window),
+        estimate=_estimate_result(record, ring, window),
+        truth_missing=record.truth_missing or None,
     )
 
 
@@ -143,22 +144,22 @@ def _vehicle_results(
     return tuple(results)
 
 
-def _truth_result(record: FlightRecord, ring: RingReference, window: Mask) -> TruthResult | None:
-    """Return the ring's figures by truth in the same window, None where the record has no truth beside it."""
-    if not record.truth:
+def _estimate_result(record: FlightRecord, ring: RingReference, window: Mask) -> EstimateResult | None:
+    """Return the ring's figures by estimate in the same window, None where the record has no estimates beside it."""
+    if not record.estimates:
         return None
-    true = replace(record, vehicles=record.truth)
-    motion = ring_motion(true)
-    engaged_s = [time_s for time_s in engagement_times_s(true) if time_s is not None]
-    settled_s = _settled_at_s(true.time_s, motion, ring, max(engaged_s)) if engaged_s else None
+    estimated = replace(record, vehicles=record.estimates)
+    motion = ring_motion(estimated)
+    engaged_s = [time_s for time_s in engagement_times_s(estimated) if time_s is not None]
+    settled_s = _settled_at_s(record.time_s, motion, ring, max(engaged_s)) if engaged_s else None
     settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
     vehicles = []
-    for row, (estimate, track) in enumerate(zip(record.vehicles, record.truth, strict=True)):
+    for row, (estimate, true) in enumerate(zip(record.estimates, record.vehicles, strict=True)):
         radius_error_m = motion.radius_m[row, window] - ring.radius_m
-        off_m = np.hypot(*(estimate.position_m - track.position_m).T)[window]
+        off_m = np.hypot(*(estimate.position_m - true.position_m).T)[window]
         bearing_rad, rate_rad_s = motion.bearing_rad[row, window], motion.rate_rad_s[row, window]
-        result = TrueVehicleResult(
-            id=track.vehicle_id,
+        result = EstimatedVehicleResult(
+            id=estimate.vehicle_id,
             radius_error_rms_m=_rms(radius_error_m),
             radius_error_max_m=_largest(radius_error_m),
             angular_rate_mean_rad_s=_mean_rate_rad_s(record.time_s[window], bearing_rad, rate_rad_s),
@@ -167,7 +168,7 @@ def _truth_result(record: FlightRecord, ring: RingReference, window: Mask) -> Tr
         )
         vehicles.append(result)
     spacing = RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
-    return TruthResult(tuple(vehicles), spacing, _closest_approach_m(true))
+    return EstimateResult(tuple(vehicles), spacing, _closest_approach_m(estimated))
 
 
 def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.safety.guard import Guarded
-from estimation.state import Vector
+from estimation.state import POSITION, VELOCITY, Vector
 
 Mask = NDArray[np.bool_]
 
@@ -18,13 +18,16 @@ class VehicleTrack:
     """One vehicle's flight on the record's time grid of T samples.
 
     `position_m`, `velocity_m_s` (T, 2) in the mission frame; `tactic` (T,) names (`formation`, `encircle`, ...);
-    rows without data of the vehicle are NaN with tactic `unknown`.
+    rows without data of the vehicle are NaN with tactic `unknown`. `target` (T, 4) = [x y x' y'] is the target's motion
+    as the vehicle itself estimates it at the same times, NaN without an estimate; None on a true track, which is about
+    the record's target.
     """
 
     vehicle_id: int
     position_m: Vector
     velocity_m_s: Vector
     tactic: np.ndarray[tuple[int], np.dtype[np.str_]]
+    target: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +73,11 @@ class FlightEvent:
 class FlightRecord:
     """A whole flight on an even grid `time_s` (T,) since the mission's start; the target's motion has shape (T, 2).
 
-    `source` is simulation, sitl or flight; `reference` is truth or estimate: the source of the positions; `guard`
-    counts the interventions, None if unknown. `events` are in order, their times since the mission's start as well.
-    `truth` are the true tracks of the same vehicles beside their estimates, where their simulators sent them.
+    `source` is simulation, sitl or flight; `reference` is truth or estimate: the source of the tracks. The target's
+    motion is the true one, NaN where nothing simulates it. `guard` counts the interventions, None if unknown. `events`
+    are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
+    vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
+    reference at the estimate, empty where there is none or no truth at all.
     """
 
     mission: str
@@ -87,7 +92,25 @@ class FlightRecord:
     wall_time_s: float
     guard: GuardTally | None = None
     events: tuple[FlightEvent, ...] = ()
-    truth: tuple[VehicleTrack, ...] = ()
+    estimates: tuple[VehicleTrack, ...] = ()
+    truth_missing: str = ""
+
+    def relative(self, track: VehicleTrack) -> tuple[Vector, Vector]:
+        """Return position and velocity (T, 2) of a track relative to its target, both from the same source."""
+        if track.target is None:
+            return track.position_m - self.target_position_m, track.velocity_m_s - self.target_velocity_m_s
+        return track.position_m - track.target[:, POSITION], track.velocity_m_s - track.target[:, VELOCITY]
+
+    @property
+    def target_path_m(self) -> Vector:
+        """Where the target was (T, 2): the true positions or, where none is known, the mean of the estimates."""
+        seen_m = [track.target[:, POSITION] for track in self.vehicles if track.target is not None]
+        if np.isfinite(self.target_position_m).any() or not seen_m:
+            return self.target_position_m
+        known = np.isfinite(seen_m)
+        count = known.sum(axis=0)
+        total_m = np.where(known, seen_m, 0.0).sum(axis=0)
+        return np.where(count > 0, total_m / np.maximum(count, 1), np.nan)
 
 
 def in_order(events: Iterable[FlightEvent], start_s: float = 0.0) -> tuple[FlightEvent, ...]:

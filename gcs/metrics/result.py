@@ -118,10 +118,10 @@ class TransitionResult:
 
 
 @dataclass(frozen=True, slots=True)
-class TrueVehicleResult:
-    """One vehicle's ring metrics by truth; `estimate_error_*` are horizontal distances of its estimate from the truth.
+class EstimatedVehicleResult:
+    """One vehicle's ring metrics by its own estimates of itself and of the target, over the window of the ring metrics.
 
-    All of them are over the window of the ring metrics.
+    `estimate_error_*` are the horizontal distances of the estimate of its own position from the truth.
     """
 
     id: int
@@ -133,13 +133,13 @@ class TrueVehicleResult:
 
 
 @dataclass(frozen=True, slots=True)
-class TruthResult:
-    """The figures by the truth that simulators sent, beside those by the vehicles' estimates, which the verdicts judge.
+class EstimateResult:
+    """The figures by the vehicles' estimates, beside those by truth, which the verdicts judge.
 
-    The window is that of the estimates.
+    The window is that of the truth.
     """
 
-    vehicles: tuple[TrueVehicleResult, ...]
+    vehicles: tuple[EstimatedVehicleResult, ...]
     ring: RingResult
     closest_approach_m: float | None
 
@@ -213,7 +213,11 @@ class Verdicts:
 
 @dataclass(frozen=True, slots=True)
 class FlightResult:
-    """The result of a flight, in the order of its JSON form."""
+    """The result of a flight, in the order of its JSON form.
+
+    `estimate` stands beside figures by truth where the vehicles' estimates are known as well. `truth_missing` is why
+    the figures are by estimate although simulators sent truth, None otherwise.
+    """
 
     mission: str
     seed: int
@@ -233,7 +237,8 @@ class FlightResult:
     wall_time_s: float | None
     realtime_factor: float | None
     events: tuple[FlightEvent, ...] = ()
-    truth: TruthResult | None = None
+    estimate: EstimateResult | None = None
+    truth_missing: str | None = None
 
     @property
     def all_hold(self) -> bool:
@@ -250,8 +255,8 @@ class FlightResult:
         plain = asdict(self)
         for key in ("vehicles", "transitions", "events"):
             plain[key] = list(plain[key])
-        if self.truth is not None:
-            plain["truth"]["vehicles"] = list(plain["truth"]["vehicles"])
+        if self.estimate is not None:
+            plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
         return plain
@@ -259,6 +264,14 @@ class FlightResult:
     def to_json(self) -> str:
         """Return the result as one line of JSON; raises ValueError rather than write NaN."""
         return json.dumps(self.to_dict(), allow_nan=False)
+
+
+def reference_line(result: FlightResult) -> str:
+    """Return in a line what the metrics and the verdicts are computed from."""
+    if result.reference == "truth":
+        return "metrics and verdicts by the simulators' truth"
+    missing = f" ({result.truth_missing})" if result.truth_missing else ""
+    return f"metrics and verdicts by the vehicles' own estimates, the target's included{missing}"
 
 
 def judge(

@@ -47,12 +47,14 @@ class RingMotion:
 
 
 def ring_motion(record: FlightRecord) -> RingMotion:
-    """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate."""
+    """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate.
+
+    By estimates they are about the target as each vehicle sees it, so that no error of a frame counts as one of a ring.
+    """
     shape = (len(record.vehicles), record.time_s.size)
     offset_m, drift_m_s = np.empty((2, *shape, 2))
     for index, track in enumerate(record.vehicles):
-        offset_m[index] = track.position_m - record.target_position_m
-        drift_m_s[index] = track.velocity_m_s - record.target_velocity_m_s
+        offset_m[index], drift_m_s[index] = record.relative(track)
     encircling = measured(record) & flies(record, "encircle")
     radius_m = np.where(encircling, np.hypot(offset_m[..., 0], offset_m[..., 1]), np.nan)
     # On top of the target there is neither a bearing nor an angular rate.

@@ -43,7 +43,7 @@ def transitions(
 def _relative(record: FlightRecord, motion: RingMotion, ring: RingReference) -> _Motion:
     velocity_m_s = np.empty((len(record.vehicles), record.time_s.size, 2))
     for index, track in enumerate(record.vehicles):
-        velocity_m_s[index] = track.velocity_m_s - record.target_velocity_m_s
+        _, velocity_m_s[index] = record.relative(track)
     step_s = float(record.time_s[1] - record.time_s[0]) if record.time_s.size > 1 else 1.0
     half = max(1, round(_ACCELERATION_SPAN_S / 2.0 / step_s))
     change_m_s = np.full(velocity_m_s.shape, np.nan)

@@ -6,14 +6,12 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.result import FlightResult
+from gcs.metrics.result import FlightResult, reference_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.evidence.flight import FlightEvidence
 from gcs.report.sections import flight_of, sections
 from gcs.report.summary import headline, summary, verdicts
 from gcs.style import vehicle_style
-
-_REFERENCES = {"truth": "the simulator's truth", "estimate": "the vehicles' estimates"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,5 +71,5 @@ def _facts(evidence: FlightEvidence, result: FlightResult) -> dict[str, str]:
         "source": f"{result.source}, seed {result.seed}" if result.source != "flight" else "flight",
         "duration": f"{result.duration_s:g} s at {result.loop.rate_hz:g} Hz",
         "vehicles": ", ".join(str(track.vehicle_id) for track in evidence.record.vehicles) or "none",
-        "metrics from": _REFERENCES.get(result.reference, result.reference),
+        "reference": reference_line(result),
     }

@@ -162,7 +162,7 @@ def _events(flight: Flight) -> Section:
 
 def _estimates(flight: Flight) -> Section:
     record, vehicles = flight.sheet.record, flight.evidence.vehicles
-    true = record.reference == "truth" or bool(record.truth)
+    true = record.reference == "truth"
     comparison, target = target_errors(record, vehicles)
     own = own_errors(record, vehicles)
     drawn = [("target", f"Target: {comparison}", target), ("own", "Own position: estimation error", own)]

@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from gcs.metrics.result import FlightResult
+from gcs.metrics.result import FlightResult, reference_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
 
@@ -84,7 +84,7 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
         _flown(result),
         *_engaged(result),
         *_ring(result, criteria),
-        *_truth(result),
+        *_estimate(result),
         *_apart(result, criteria),
         *_guarded(result),
         *_troubles(result),
@@ -96,8 +96,9 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
 def _flown(result: FlightResult) -> str:
     count = len(result.vehicles)
     source = _SOURCES.get(result.source, f"({result.source})")
-    known = "" if result.reference == "truth" else "; positions are the vehicles' own estimates"
-    return f"{count} vehicle{_s(count)} flew {result.mission} for {result.duration_s:g} s {source}{known}."
+    reference = reference_line(result)
+    flown = f"{count} vehicle{_s(count)} flew {result.mission} for {result.duration_s:g} s {source}"
+    return f"{flown}; {reference}."
 
 
 def _engaged(result: FlightResult) -> list[str]:
@@ -129,19 +130,19 @@ def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
     return [f"{start}: {', '.join(parts)}."] if parts else []
 
 
-def _truth(result: FlightResult) -> list[str]:
-    if result.truth is None:
+def _estimate(result: FlightResult) -> list[str]:
+    if result.estimate is None:
         return []
-    radius_m = _worst(v.radius_error_rms_m for v in result.truth.vehicles)
-    off_m = _worst(v.estimate_error_rms_m for v in result.truth.vehicles)
-    spacing_deg = result.truth.ring.spacing_error_rms_deg
+    radius_m = _worst(v.radius_error_rms_m for v in result.estimate.vehicles)
+    off_m = _worst(v.estimate_error_rms_m for v in result.estimate.vehicles)
+    spacing_deg = result.estimate.ring.spacing_error_rms_deg
     parts = [
         "" if radius_m is None else f"radius {radius_m:.3f} m rms",
         "" if spacing_deg is None else f"spacing {spacing_deg:.2f}° rms",
-        "" if off_m is None else f"the estimates {off_m:.3f} m rms off",
+        "" if off_m is None else f"estimated positions {off_m:.3f} m rms off",
     ]
     known = [part for part in parts if part]
-    return [f"By the simulators' truth in the same window: {', '.join(known)}."] if known else []
+    return [f"By the vehicles' own estimates in the same window: {', '.join(known)}."] if known else []
 
 
 def _apart(result: FlightResult, criteria: Criteria) -> list[str]:

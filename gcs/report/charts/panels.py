@@ -46,7 +46,7 @@ class Sheet:
 def landmarks_m(sheet: Sheet) -> Vector:
     """Return points (K, 2) that the map must show: every path, and the desired ring where there is one."""
     paths = [track.position_m for track in sheet.record.vehicles]
-    target_m = sheet.record.target_position_m
+    target_m = sheet.record.target_path_m
     if sheet.result.window_s is not None:
         paths += [target_m[-1:] - sheet.ring.radius_m, target_m[-1:] + sheet.ring.radius_m]
     points_m = np.concatenate([*paths, target_m])
@@ -73,7 +73,7 @@ def draw_paths(axes: "Axes", sheet: Sheet) -> None:
 def _draw_target(axes: "Axes", sheet: Sheet) -> None:
     from matplotlib.patches import Circle  # noqa: PLC0415
 
-    path_m = sheet.record.target_position_m
+    path_m = sheet.record.target_path_m
     known_m = path_m[np.isfinite(path_m).all(axis=1)]
     if not known_m.size:
         return

@@ -32,11 +32,10 @@ def estimate_error(row: int, estimate: EstimateSeries, time_s: Vector, position_
 
 def own_errors(record: FlightRecord, vehicles: Sequence[VehicleEvidence]) -> list[EstimateError]:
     """Return the errors of each vehicle's own estimate, in the record's order; none without the truth."""
-    true = record.vehicles if record.reference == "truth" else record.truth
-    if not true:
+    if record.reference != "truth":
         return []
     return [
-        estimate_error(row, vehicle.own, record.time_s, true[row].position_m)
+        estimate_error(row, vehicle.own, record.time_s, record.vehicles[row].position_m)
         for row, vehicle in enumerate(vehicles)
         if vehicle.own.time_s.size
     ]

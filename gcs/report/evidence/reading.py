@@ -13,7 +13,7 @@ from agents.drops import Drops
 from agents.notes import Note
 from agents.tape import Autopilot, LateTicks, Message, Start
 from agents.team.admission import refusal
-from agents.team.messages import CommandAnswer, MemberState, decode
+from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, decode
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
@@ -55,9 +55,8 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         sum(each.ticks for each in vehicles),
         sum(each.missed for each in vehicles),
         max(_wall_time_s(log) for log in logs),
-        _tracks(mission, vehicles, received=False),
+        tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
-        _tracks(mission, vehicles, received=True),
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]
@@ -65,11 +64,6 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
     is_damaged = any(log.is_damaged for log in logs)
     return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs)), is_damaged)
-
-
-def _tracks(mission: Mission, vehicles: "Sequence[_VehicleReader]", *, received: bool) -> tuple[TruthTrack, ...]:
-    tracks = (each.truth(mission, received=received) for each in vehicles)
-    return tuple(track for track in tracks if track is not None)
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:
@@ -147,6 +141,7 @@ class _VehicleReader:
         self._telemetry: list[tuple[float, float, float, float, float]] = []
         self._received: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
         self._peers: dict[int, MemberState] = {}
+        self._angles: dict[int, NeighbourAngle] = {}
         self._battery: list[tuple[float, float]] = []
         self._truth: dict[bool, list[tuple[float, ...]]] = {False: [], True: []}
         self._late = 0
@@ -181,11 +176,12 @@ class _VehicleReader:
         """Number of missed ticks."""
         return sum(self._rows.skipped) if self._end is None else self._end.missed
 
-    def truth(self, mission: Mission, *, received: bool) -> TruthTrack | None:
-        """Return the true positions of the vehicle, as received in flight or known afterwards; None if not known."""
-        if not self._truth[received]:
+    def truth(self, mission: Mission) -> TruthTrack | None:
+        """Return the true motion of the vehicle, known afterwards or else received in flight; None if not known."""
+        known = self._truth[False] or self._truth[True]
+        if not known:
             return None
-        rows = np.array(self._truth[received])
+        rows = np.array(known)
         system_id = mission.vehicle(self.vehicle_id).system_id
         return TruthTrack(system_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
 
@@ -222,16 +218,17 @@ class _VehicleReader:
         decision, journal = record.message(), self._journal
         notes = [Note(note.time_s, note.kind, note.text) for note in decision.notes]
         journal.event_log.add_notes(self.vehicle_id, notes)
+        others = [each for each in decision.peers if each in self._peers and each not in self._log.run.vehicles]
+        peers = [self._peers[each] for each in others]
+        for peer in peers:
+            journal.event_log.add_peer(peer)
         self._dropped = _drops_text(decision)
         tick_us = self._costs_us.get(decision.time_s)
         if tick_us is None:  # outside the control loop
             return
         self.last_s = decision.time_s
         journal.tick(tick_us, decision.guard.causes)
-        for peer in decision.peers:
-            if peer in self._peers and peer not in self._log.run.vehicles:
-                journal.add_peer(self._peers[peer])
-                journal.event_log.add_peer(self._peers[peer])
+        journal.add_peers(peers, self._angles, _target_of(decision))
         self._add(decision, tick_us)
 
     def _add(self, decision: Any, tick_us: float) -> None:
@@ -251,7 +248,8 @@ class _VehicleReader:
             rows.own_s.append(decision.time_s)
             rows.own.append(mean[MOTION])
             rows.own_sigma.append(_sigma(decision.own.covariance, 6))
-            self._journal.add_sample(self.vehicle_id, decision.time_s, np.array(mean[MOTION]), decision.tactic)
+            own, target = np.array(mean[MOTION]), _target_of(decision)
+            self._journal.add_sample(self.vehicle_id, decision.time_s, own, decision.tactic, target)
         if decision.HasField("target"):
             rows.target_s.append(decision.time_s)
             rows.target.append(list(decision.target.mean))
@@ -274,6 +272,10 @@ class _VehicleReader:
                 newest = self._peers.get(message.sender)
                 if newest is None or message.time_s > newest.time_s:
                     self._peers[message.sender] = message
+            elif isinstance(message, NeighbourAngle):
+                before = self._angles.get(message.sender)
+                if before is None or message.time_s > before.time_s:
+                    self._angles[message.sender] = message
             elif isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
                 self._journal.event_log.add_answer(message)
 
@@ -287,6 +289,11 @@ class _VehicleReader:
         status = record.message().status
         if status.HasField("battery"):
             self._battery.append((record.time_ns * 1e-9 * self._log.run.speed, status.battery))
+
+
+def _target_of(decision: Any) -> Vector | None:
+    """Return the vehicle's estimate of the target's motion (4,), None without one."""
+    return np.array(decision.target.mean) if decision.HasField("target") else None
 
 
 def _estimates(time_s: Vector, motion: list[list[float]], sigma: list[Vector]) -> EstimateSeries:

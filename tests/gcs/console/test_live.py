@@ -10,6 +10,8 @@ from rich.console import Console, RenderableType
 
 from gcs.console.live import LiveRow, LiveView, live_table, plain_line, summary
 from gcs.metrics.result import (
+    EstimatedVehicleResult,
+    EstimateResult,
     FlightResult,
     FlockingResult,
     LoopResult,
@@ -173,18 +175,34 @@ def test_the_plain_line_leaves_out_what_is_not_known() -> None:
 
 def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
     lines = rendered(summary(RESULT)).splitlines()
-    assert lines[0].strip() == "case2  simulation, seed 7, 600 s in 6.0 s (100× real time), metrics from truth"
-    assert [re.split(r"\s{2,}", line.strip()) for line in lines[1:6]] == [
+    assert lines[0].strip() == "case2  simulation, seed 7, 600 s in 6.0 s (100× real time)"
+    assert "truth" in lines[1]
+    assert [re.split(r"\s{2,}", line.strip()) for line in lines[2:7]] == [
         ["✓", "C1 radius", "error 0.012 m rms"],
         ["✓", "C2 angular rate", "mean 0.0501 rad/s"],
         ["–", "C3 spacing", "error 0.58° rms, 4.96° max; settled after 6.1 s"],
         ["✓", "formation", "speed error 0.014 m/s rms, spacing error 0.020 m rms"],
         ["✗", "separation", "closest approach 1.370 m"],
     ]
-    assert lines[9].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
-    assert lines[10].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
-    assert lines[14].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
-    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[16]
+    assert lines[10].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
+    assert lines[11].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
+    assert lines[15].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
+    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[17]
+
+
+def test_the_summary_names_the_reference_and_the_figures_beside_it() -> None:
+    beside = EstimateResult(
+        (EstimatedVehicleResult(1, 0.111, 0.2, 0.05, 0.444, 0.5),), RingResult(None, 0.77, 1.0), 1.5
+    )
+    lines = rendered(summary(replace(RESULT, estimate=beside))).splitlines()
+    (told,) = [line for line in lines if "0.111" in line]
+    assert "estimate" in told
+    assert "truth" in lines[1]
+    plain = rendered(summary(RESULT))
+    assert "estimate" not in plain
+    by_estimate = rendered(summary(replace(RESULT, reference="estimate", truth_missing="no truth of vehicle 2")))
+    assert "estimate" in by_estimate.splitlines()[1]
+    assert "no truth of vehicle 2" in " ".join(by_estimate.split())
 
 
 def test_the_summary_colours_failures_red() -> None:
@@ -208,11 +226,11 @@ def test_the_summary_of_a_flight_without_a_ring_claims_nothing() -> None:
         realtime_factor=None,
     )
     told = rendered(summary(bare))
-    assert [line.split()[-1] for line in told.splitlines()[1:6]] == [
+    assert [line.split()[-1] for line in told.splitlines()[2:7]] == [
         "radius", "rate", "spacing", "formation", "separation",
     ]  # fmt: skip
     assert "guard" not in told
     assert "Reynolds" not in told
-    assert "600 s, metrics from truth" in rendered(summary(RESULT.untimed()))
+    assert "600 s\n" in re.sub(" +\n", "\n", rendered(summary(RESULT.untimed())))
     assert "tick took" not in told
     assert "did not settle" in rendered(summary(replace(RESULT, ring=RingResult())))

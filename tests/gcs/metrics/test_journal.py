@@ -3,14 +3,15 @@
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 from agents.outputs import CoreStatus
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.team.messages import MemberState
-from estimation.state import OwnEstimate, Vector
+from agents.team.messages import MemberState, NeighbourAngle
+from estimation.state import OwnEstimate, TargetEstimate, Vector
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.mission.file import load_mission
@@ -233,33 +234,131 @@ def test_truth_knows_no_gap_where_the_notes_do(mission: Mission) -> None:
     assert "unknown" in track(flight, 1).tactic
 
 
-def received(mission: Mission, vehicle_id: int, off_m: float, times_s: Vector) -> TruthTrack:
-    columns = motions(times_s, straight)
-    still = np.zeros((times_s.size, 1))
-    return TruthTrack(
-        mission.vehicle(vehicle_id).system_id,
-        times_s + START_S,
-        np.hstack([columns[:, :2] + off_m, still]),
-        np.hstack([columns[:, 2:], still]),
-    )
+def off_by(off_m: float) -> Motion:
+    def flown(time_s: float) -> tuple[float, float, float, float]:
+        x, y, x_rate, y_rate = straight(time_s)
+        return x + off_m, y + off_m, x_rate, y_rate
+
+    return flown
 
 
-def test_received_truth_stands_beside_the_estimates_where_all_vehicles_have_some(mission: Mission) -> None:
+def judged(journal: Journal, *truth: TruthTrack, source: str = "flight") -> FlightRecord:
+    return journal.record(START_S, 10.0, RunTotals(source, 100, 3, 1.5, truth))
+
+
+def test_truth_of_all_vehicles_is_the_reference_with_the_estimates_beside_it(mission: Mission) -> None:
     times_s = np.arange(0.0, 10.05, 0.1)
     journal = noted(mission, times_s)
     for time_s in times_s.tolist():
         journal.note(status(2, time_s), 80.0)
-    tracks = tuple(received(mission, i, 0.5, times_s) for i in (1, 2))
+    true = (truth_of(101, off_by(0.5)), truth_of(2, off_by(0.5)))
 
-    def recorded(*truth: TruthTrack) -> FlightRecord:
-        return journal.record(START_S, 10.0, RunTotals("sitl", 100, 3, 1.5, received_truth=truth))
-
-    flight = recorded(*tracks)
-    assert flight.reference == "estimate"
-    assert [each.vehicle_id for each in flight.truth] == [1, 2]
-    for estimate, true in zip(flight.vehicles, flight.truth, strict=True):
+    flight = judged(journal, *true)
+    assert (flight.reference, flight.truth_missing) == ("truth", "")
+    assert [each.vehicle_id for each in flight.estimates] == [1, 2]
+    for estimate, track_ in zip(flight.estimates, flight.vehicles, strict=True):
         assert_flies(estimate, flight.time_s, straight)
-        np.testing.assert_allclose(true.position_m, estimate.position_m + 0.5, atol=1e-6)
-        np.testing.assert_array_equal(true.tactic, estimate.tactic)
-    assert recorded(tracks[0]).truth == ()
-    assert recorded().truth == ()
+        assert_flies(track_, flight.time_s, off_by(0.5))
+        np.testing.assert_array_equal(track_.tactic, estimate.tactic)
+    assert judged(journal, *true, source="simulation").estimates == ()
+
+
+def test_without_the_truth_of_one_vehicle_or_for_a_second_no_figure_is_by_truth(
+    subtests: pytest.Subtests, mission: Mission
+) -> None:
+    times_s = np.arange(0.0, 10.05, 0.1)
+    journal = noted(mission, times_s)
+    for time_s in times_s.tolist():
+        # Of vehicle 3, of another process, is known what it sends; its truth is not.
+        journal.note(status(2, time_s, peers=[peer(3, time_s)] if time_s > 6.0 else []), 80.0)
+    first, second, third = truth_of(101, off_by(0.5)), truth_of(2, off_by(0.5)), truth_of(3, off_by(0.5))
+    heard = (second.time_s < START_S + 3.0) | (second.time_s > START_S + 4.5)
+    gap = TruthTrack(2, second.time_s[heard], second.position_m[heard], second.velocity_m_s[heard])
+    rows = (
+        ((first, gap, third), "vehicle 2 from"),
+        ((first, second), "vehicle 3"),
+        ((first, third), "vehicle 2"),
+        ((), ""),
+        ((truth_of(77, straight),), ""),  # of no vehicle of the mission
+    )
+    for known, missing in rows:
+        with subtests.test(missing=missing):
+            flight = judged(journal, *known)
+            assert flight.reference == "estimate"
+            assert flight.estimates == ()
+            assert_flies(flight.vehicles[0], flight.time_s, straight)
+            assert missing in flight.truth_missing
+            assert bool(missing) == bool(flight.truth_missing)
+    assert judged(journal, first, second, third).reference == "truth"
+
+
+def test_where_the_target_is_not_simulated_there_is_no_truth_of_the_ring(mission: Mission) -> None:
+    real = replace(mission, target=mission.target.model_copy(update={"source": "external"}))
+    journal = noted(real, np.arange(0.0, 10.05, 0.1))
+    flight = judged(journal, truth_of(101, straight))
+    assert flight.reference == "estimate"
+    assert "target" in flight.truth_missing
+    assert np.isnan(flight.target_position_m).all()
+    assert judged(journal, truth_of(101, straight), source="simulation").reference == "truth"
+
+
+# The target as each vehicle sees it
+
+
+def seen(time_s: float) -> Vector:
+    return np.array([30.0 + 0.1 * time_s, -2.0, 0.1, 0.0])
+
+
+def test_each_track_has_the_target_as_its_vehicle_estimates_it(mission: Mission) -> None:
+    journal = Journal(mission)
+    for time_s in np.arange(0.0, 10.05, 0.1).tolist():
+        known = status(1, time_s)
+        assert known.situation is not None
+        target = TargetEstimate(START_S + time_s, seen(time_s), np.eye(4), START_S + time_s, 1.0, 0.0)
+        sees = target if time_s > 3.95 else None
+        journal.note(
+            msgspec.structs.replace(known, situation=msgspec.structs.replace(known.situation, target=sees)), 80.0
+        )
+        journal.note(status(2, time_s), 80.0)
+    flight = record(journal)
+    of_target = track(flight, 1).target
+    assert of_target is not None
+    later = flight.time_s > 3.95
+    np.testing.assert_allclose(
+        of_target[later], np.array([seen(at_s) for at_s in flight.time_s[later].tolist()]), atol=1e-6
+    )
+    assert np.isnan(of_target[flight.time_s < 2.95]).all()
+    blind = track(flight, 2).target
+    assert blind is not None
+    assert np.isnan(blind).all()
+
+
+def test_the_target_of_a_peer_elsewhere_is_where_its_place_on_the_ring_is_about(mission: Mission) -> None:
+    """Vehicle 3 flies 6 m right and 8 m above of what it takes for the target: that is the 10 m that it publishes."""
+    journal, own = Journal(mission), np.array([0.0, 0.0, 0.1, -0.3])
+    for time_s in np.arange(0.0, 10.05, 0.1).tolist():
+        told = peer(3, time_s, tactic="encircle")
+        angle = NeighbourAngle(3, told.time_s, float(np.arctan2(8.0, 6.0)), 0.05, 10.0)
+        of_before = NeighbourAngle(3, told.time_s - 0.05, 0.0, 0.05, 10.0)
+        on_ring = {3: angle if time_s > 3.95 else of_before}
+        journal.add_peers([told], on_ring, own)
+        journal.add_peers([told], on_ring, None)
+    flight = record(journal)
+    flown, later = track(flight, 3), flight.time_s > 3.95
+    assert flown.target is not None
+    np.testing.assert_allclose((flown.position_m - flown.target[:, :2])[later], [[6.0, 8.0]] * later.sum(), atol=1e-6)
+    np.testing.assert_allclose(flown.target[later, 2:], [[0.1, -0.3]] * later.sum())
+    assert np.isnan(flown.target[flight.time_s < 2.95]).all()
+
+
+def test_a_vehicle_of_this_process_is_known_by_itself_whatever_is_read_first(mission: Mission) -> None:
+    journal = Journal(mission)
+    for time_s in np.arange(0.0, 10.05, 0.1).tolist():
+        journal.add_peers([peer(1, time_s)], {}, None)
+    for time_s in np.arange(0.0, 10.05, 0.1).tolist():
+        journal.add_sample(1, START_S + time_s, np.array(straight(time_s)), "formation", seen(time_s))
+    flight = record(journal)
+    assert_flies(track(flight, 1), flight.time_s, straight)
+    target = track(flight, 1).target
+    assert target is not None
+    assert np.isfinite(target).all()

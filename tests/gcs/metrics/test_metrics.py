@@ -20,6 +20,7 @@ from gcs.metrics.result import (
     FormationReference,
     ReynoldsResult,
     RingReference,
+    RingResult,
     VerdictTolerances,
 )
 from gcs.metrics.ring_motion import ring_motion
@@ -53,7 +54,8 @@ KEYS = [
     "wall_time_s",
     "realtime_factor",
     "events",
-    "truth",
+    "estimate",
+    "truth_missing",
 ]
 VEHICLE_KEYS = [
     "id",
@@ -582,28 +584,100 @@ def test_a_ten_minute_flight_is_evaluated_in_well_under_a_tenth_of_a_second() ->
     assert min(taken_s) < 0.05
 
 
-# --- the truth beside the estimates ---
+# --- truth and estimates ---
+
+# Slow wanders of 0.3 m, one for each vehicle: of what it takes for its own position and for the target's alike.
+PHASES_RAD = (0.0, 2.0, 4.0)
 
 
-def test_truth_beside_estimates_has_figures_of_its_own_and_changes_none_of_theirs() -> None:
-    """Estimates that are all off by one offset, on a true ring that is perfect about the target."""
+def wander(phase_rad: float) -> tuple[Vector, Vector]:
+    """An error that turns once in 200 s, and its rate, (T, 2) each."""
+    turn_rad_s = tau / 200.0
+    angle = turn_rad_s * TIME_S + phase_rad
+    off_m = 0.3 * np.column_stack((np.cos(angle), np.sin(angle)))
+    return off_m, turn_rad_s * 0.3 * np.column_stack((-np.sin(angle), np.cos(angle)))
+
+
+def wandering(track: VehicleTrack, phase_rad: float) -> VehicleTrack:
+    """The track as a vehicle estimates it whose whole frame wanders."""
+    off_m, off_m_s = wander(phase_rad)
+    return replace(
+        track,
+        position_m=track.position_m + off_m,
+        velocity_m_s=track.velocity_m_s + off_m_s,
+        target=np.hstack((TARGET_M + off_m, TARGET_M_S + off_m_s)),
+    )
+
+
+def test_a_frame_that_wanders_is_no_error_of_the_ring_in_either_reference(subtests: pytest.Subtests) -> None:
     true = ring_of_three()
-    off_m = np.array([0.06, -0.08])
-    estimated = [replace(track, position_m=track.position_m + off_m) for track in true]
-    plain = judged(*estimated)
-    both = evaluate(replace(record(*estimated), truth=tuple(true)), RING, FORMATION, TOLERANCES)
-    assert replace(both, truth=None) == plain
-    assert plain.truth is None
-    assert both.truth is not None
-    # About a centre that is off by d, a radius varies as d cos: d / sqrt 2 rms.
-    assert plain.vehicles[0].radius_error_rms_m == pytest.approx(0.1 / sqrt(2.0), rel=0.05)
-    for vehicle in both.truth.vehicles:
-        assert vehicle.radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
-        assert vehicle.angular_rate_mean_rad_s == pytest.approx(0.05, abs=1e-12)
-        assert vehicle.estimate_error_rms_m == pytest.approx(0.1)
-        assert vehicle.estimate_error_max_m == pytest.approx(0.1)
-    assert both.truth.ring.spacing_error_max_deg == pytest.approx(0.0, abs=1e-9)
-    assert both.truth.ring.settling_time_s == 0.0
-    assert both.truth.closest_approach_m == pytest.approx(10.0 * sqrt(3.0))
-    (first, *_) = json.loads(both.to_json())["truth"]["vehicles"]
+    estimated = [wandering(track, phase) for track, phase in zip(true, PHASES_RAD, strict=True)]
+    by_truth = evaluate(replace(record(*true), estimates=tuple(estimated)), RING, FORMATION, TOLERANCES)
+    by_estimate = evaluate(replace(record(*estimated), reference="estimate"), RING, FORMATION, TOLERANCES)
+    plain = judged(*true)
+    assert replace(by_truth, estimate=None) == plain
+    assert plain.estimate is None
+    assert by_truth.estimate is not None
+    for name, result in (("truth", by_truth), ("beside", by_truth.estimate), ("estimate", by_estimate)):
+        with subtests.test(reference=name):
+            assert result.ring.settling_time_s == 0.0
+            assert result.ring.spacing_error_max_deg == pytest.approx(0.0, abs=1e-9)
+            for vehicle in result.vehicles:
+                assert vehicle.radius_error_max_m == pytest.approx(0.0, abs=1e-9)
+                assert vehicle.angular_rate_mean_rad_s == pytest.approx(0.05, abs=1e-12)
+    for beside in by_truth.estimate.vehicles:
+        assert beside.estimate_error_rms_m == pytest.approx(0.3)
+        assert beside.estimate_error_max_m == pytest.approx(0.3)
+    assert (by_truth.verdicts, by_truth.transitions) == (plain.verdicts, plain.transitions)
+    (transition,), (of_estimates,) = plain.transitions, by_estimate.transitions
+    assert of_estimates.speed_max_m_s == pytest.approx(transition.speed_max_m_s)
+    assert of_estimates.forwards_min_m_s == pytest.approx(transition.forwards_min_m_s)
+    (first, *_) = json.loads(by_truth.to_json())["estimate"]["vehicles"]
     assert first["id"] == 1
+
+
+def test_estimates_against_the_true_target_would_show_the_wander_as_an_error_of_the_ring() -> None:
+    """The mixture that must not be: 0.3 m of wander is 0.3 / sqrt 2 m rms of radius, and of a bearing degrees."""
+    mixed = [
+        replace(wandering(track, phase), target=None) for track, phase in zip(ring_of_three(), PHASES_RAD, strict=True)
+    ]
+    for vehicle in judged(*mixed).vehicles:
+        assert vehicle.radius_error_rms_m == pytest.approx(0.3 / sqrt(2.0), rel=0.05)
+
+
+def test_verdicts_and_window_are_by_truth_where_both_are_known() -> None:
+    """Estimates of a perfect ring do not hide a true one that is 0.4 m too wide, and 6 % too wide until 100 s."""
+    radius_m = np.where(TIME_S < 100.0, 10.6, 10.4)
+    true = [orbit(index + 1, index * tau / 3, radius_m=radius_m) for index in range(3)]
+    seen = [replace(track, target=np.hstack((TARGET_M, TARGET_M_S))) for track in ring_of_three()]
+    result = evaluate(replace(record(*true), estimates=tuple(seen)), RING, FORMATION, TOLERANCES)
+    assert result.verdicts.c1 is False
+    assert result.window_s == (100.0, 600.0)
+    assert [vehicle.radius_error_rms_m for vehicle in result.vehicles] == pytest.approx([0.4] * 3)
+    assert result.estimate is not None
+    assert result.estimate.ring.settling_time_s == 0.0
+    for vehicle in result.estimate.vehicles:
+        assert vehicle.radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
+        assert vehicle.estimate_error_rms_m == pytest.approx(0.4)  # in the window
+
+
+def test_a_vehicle_that_sees_no_target_has_no_figure_by_estimate_and_the_ring_is_not_settled() -> None:
+    seen = [replace(track, target=np.hstack((TARGET_M, TARGET_M_S))) for track in ring_of_three()]
+    blind = np.where((TIME_S < 50.0)[:, None], np.nan, np.hstack((TARGET_M, TARGET_M_S)))
+    result = judged(seen[0], replace(seen[1], target=blind), seen[2])
+    assert result.ring.settling_time_s == 50.0
+    assert result.vehicles[1].radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
+    never = judged(seen[0], replace(seen[1], target=np.full_like(blind, np.nan)), seen[2])
+    assert never.vehicles[1].radius_error_rms_m is None
+    assert never.ring == RingResult()
+
+
+def test_a_target_that_nothing_simulates_is_drawn_where_the_vehicles_see_it() -> None:
+    unknown = np.full_like(TARGET_M, np.nan)
+    off_m = np.array([0.3, -0.1, 0.0, 0.0])
+    target = np.hstack((TARGET_M, TARGET_M_S))
+    seen = [replace(orbit(1, 0.0), target=target + off_m), replace(orbit(2, pi), target=target - off_m)]
+    flown = replace(record(*seen), target_position_m=unknown, target_velocity_m_s=unknown)
+    np.testing.assert_allclose(flown.target_path_m, TARGET_M, atol=1e-9)
+    np.testing.assert_array_equal(record(*seen).target_path_m, TARGET_M)
+    assert evaluate(flown, RING, FORMATION, TOLERANCES).vehicles[0].radius_error_max_m == pytest.approx(0.3, rel=0.1)

@@ -62,10 +62,10 @@ def test_without_a_truth_nobody_is_told_how_wrong_it_was_about_itself() -> None:
     assert "record" in target_errors(unknown, TEAM)[0]
 
 
-def test_estimates_are_compared_with_the_truth_beside_them() -> None:
-    true = flight(*TEAM).vehicles
-    tracks = tuple(replace(track, position_m=track.position_m + 9.0) for track in true)
-    own = own_errors(replace(flight(*TEAM), reference="estimate", vehicles=tracks, truth=true), TEAM)
+def test_estimates_beside_the_truth_are_not_what_errors_are_taken_from() -> None:
+    true = flight(*TEAM)
+    tracks = tuple(replace(track, position_m=track.position_m + 9.0) for track in true.vehicles)
+    own = own_errors(replace(true, estimates=tracks), TEAM)
     assert [tuple(each.error_m.mean(axis=0).round(9).tolist()) for each in own] == list(OFFSETS_M)
 
 

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from gcs.metrics.metrics import evaluate
-from gcs.metrics.result import Verdicts
+from gcs.metrics.result import EstimatedVehicleResult, EstimateResult, RingResult, Verdicts
 from gcs.report.charts.chart import chart
 from gcs.report.charts.metrics import running_rms
 from gcs.report.charts.onboard import draw_yaws
@@ -217,9 +217,24 @@ def test_of_beliefs_as_good_as_they_say_nearly_all_lie_within_three_sigmas(page:
 def test_without_a_truth_no_error_of_their_own_is_claimed() -> None:
     evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
     believed = replace(evidence, record=replace(evidence.record, reference="estimate"))
-    page = Page(report_html(believed, replace(result, reference="estimate"), asked))
+    by_estimate = replace(result, reference="estimate", truth_missing="no truth of vehicle 2 from 4.5 s on")
+    page = Page(report_html(believed, by_estimate, asked))
     assert "Own position: " not in page.text
+    assert page.text.count("no truth of vehicle 2 from 4.5 s on") == 2  # in the summary and on top
     assert "recorded target" in page.text
+
+
+def test_figures_by_truth_have_those_by_estimate_beside_them_in_the_summary() -> None:
+    _, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+    beside = EstimateResult(
+        (EstimatedVehicleResult(1, 0.111, 0.2, 0.05, 0.444, 0.5),), RingResult(None, 0.77, 1.0), 1.5
+    )
+    told = summary(replace(result, estimate=beside), asked).replace("\u00a0", " ")
+    of_truth, of_estimate = told.split("estimates", 1)
+    assert "truth" in of_truth
+    assert "radius 0.111 m rms, spacing 0.77° rms" in of_estimate
+    assert "0.444 m rms" in of_estimate
+    assert "estimates" not in summary(result, asked)
 
 
 def test_what_was_not_kept_is_said_in_a_line_instead_of_drawn() -> None:

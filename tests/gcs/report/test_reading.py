@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from agents.core import VehicleCore
+from agents.tape import Message, play
+from agents.team.messages import MemberState, decode, encode
 from gcs.flightlog.log_error import LogError
-from gcs.flightlog.reader import FlightLog, read_log
-from gcs.flightlog.records import Decision, RunEnd
+from gcs.flightlog.reader import FlightLog, LogRecord, read_log
+from gcs.flightlog.records import Cost, Decision, RunEnd, Truth, VehicleEnd
+from gcs.flightlog.run import mission_of
+from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
@@ -16,7 +21,10 @@ from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.report.evidence.reading import read_flight
-from tests.support.flight_logs import engaging, record_simulation
+from tests.support.flight_logs import engaging, record_simulation, reencoded
+
+AFTERWARDS = (Cost, Decision, Truth, VehicleEnd)
+"""Records that are no input of a core."""
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +87,64 @@ def test_one_process_sees_its_peers_by_what_they_say(flown: tuple[FlightRecord, 
     off_m = np.hypot(*(tracks[1].position_m - record.vehicles[0].position_m).T)
     assert np.nanmedian(off_m) < 0.15
     assert np.isfinite(off_m).mean() > 0.95
+
+
+def test_peers_are_judged_about_the_target_that_they_publish_their_places_about(
+    flown: tuple[FlightRecord, Path],
+) -> None:
+    record, path = flown
+    log = read_log(path)
+    whole, alone = (read_flight([each]).evidence.record for each in (log, part(log, 2)))
+    assert (whole.reference, alone.reference) == ("truth", "estimate")
+    assert "vehicle 1" in alone.truth_missing
+    apart = {track.vehicle_id: np.hypot(*alone.relative(track)[0].T) for track in alone.vehicles}
+    joined = np.isfinite(apart[1]) & np.isfinite(apart[3])
+    assert joined.sum() > 50
+    for index, vehicle_id in enumerate((1, 2, 3)):
+        true_m = np.hypot(*record.relative(record.vehicles[index])[0].T)
+        assert np.abs(apart[vehicle_id] - true_m)[joined].mean() < 0.4  # of sightings with 0.5 m noise
+
+
+def test_the_log_of_one_process_gives_the_tracks_that_its_flight_had(flown: tuple[FlightRecord, Path]) -> None:
+    """Vehicle 2's core flies again from its tape, beside a journal of the flight."""
+    log = part(read_log(flown[1]), 2)
+    mission = mission_of(log)
+    core, journal = VehicleCore(mission.agent_config(mission.vehicle(2))), Journal(mission)
+    for record in log.vehicles[2]:
+        output = None if record.kind in AFTERWARDS else play(core, record.read(record.kind))
+        if output is not None:
+            journal.note(output.status, 100.0)
+    of_flight = journal.record(0.0, 40.0, RunTotals("flight", 401, 0, 1.0))
+    of_log = read_flight([log]).evidence.record
+    assert [track.vehicle_id for track in of_flight.vehicles] == [1, 2, 3]
+    for live, logged in zip(of_flight.vehicles, of_log.vehicles, strict=True):
+        np.testing.assert_array_equal(live.position_m, logged.position_m)
+        np.testing.assert_array_equal(live.tactic, logged.tactic)
+        assert live.target is not None
+        assert np.isfinite(live.target).all(axis=1).mean() > 0.5
+        np.testing.assert_array_equal(live.target, logged.target)
+
+
+def test_what_peers_do_after_the_own_control_loop_has_ended_is_an_event(flown: tuple[FlightRecord, Path]) -> None:
+    """Vehicle 2's loop ends after 10 s; vehicle 1 publishes from 20 s on that it lands."""
+
+    def landing(record: LogRecord) -> LogRecord:
+        if record.kind is not Message:
+            return record
+        heard = record.read(Message)
+        message = decode(heard.payload)
+        lands = isinstance(message, MemberState) and message.sender == 1 and message.time_s > 20.0
+        return reencoded(record, replace(heard, payload=encode(replace(message, tactic="land")))) if lands else record
+
+    log = part(read_log(flown[1]), 2)
+    ended = [landing(each) for each in log.vehicles[2] if each.kind is not Cost or each.time_ns < 10e9]
+    alone = FlightLog(log.path, log.run_records, {2: ended})
+    alone.__dict__["run"] = log.run
+    record = read_flight([alone]).evidence.record
+    (event,) = [each for each in record.events if each.vehicle == 1]
+    assert event.kind == "tactic"
+    assert event.text.endswith("land")
+    assert event.time_s == pytest.approx(20.1, abs=0.3)
 
 
 def test_beliefs_are_as_wrong_as_they_say(flown: tuple[FlightRecord, Path]) -> None:
