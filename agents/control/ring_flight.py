@@ -23,6 +23,11 @@ from estimation.state import POSITION, VELOCITY, Vector
 _STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
 """Members in these tactics stay where they are: the ring goes around them."""
 
+_HEADWAY = 1.6
+"""In separations: a little more than the room that a vehicle in front needs in order to come in."""
+_HEADWAY_SHARE = 0.8
+"""In even spacings: on a ring that is nearly full the headway is no longer than this."""
+
 
 class RingFlight:
     """Plans one vehicle's flight about the target; it remembers the ring that is flown, and whether it has joined."""
@@ -141,7 +146,7 @@ class RingFlight:
             for member in self._team.members()
             if member.tactic == Tactic.ENCIRCLE.value
         ]
-        headway_m = min(1.5 * self._safety.separation_m, 0.75 * tau / (len(others) + 1) * orbit.radius_m)
+        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / (len(others) + 1) * orbit.radius_m)
         return headway_rate_rad_s(polar, others, copysign(1.0, orbit.angular_rate_rad_s), headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
