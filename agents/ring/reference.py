@@ -92,7 +92,8 @@ class RingReference:
         if step_s <= 0.0:
             return radius, bearing
         size_m = max(radius.value, settings.radius_min_m)
-        fastest_rad_s = min(way.fastest_rad_s, settings.speed_max_m_s / size_m)
+        fastest_m_s = abs(way.orbit.angular_rate_rad_s) * way.orbit.radius_m + settings.transition_speed_m_s
+        fastest_rad_s = min(way.fastest_rad_s, min(fastest_m_s, settings.speed_max_m_s) / size_m)
         rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, settings)
         rate_rad_s = max(-fastest_rad_s, min(rate_rad_s, fastest_rad_s))
         speed_m_s = self._radial_speed_m_s(way.radius_m - radius.value)
