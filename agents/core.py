@@ -146,6 +146,7 @@ class VehicleCore:
         now_s, aim_m = task.situation.now_s, guarded.aim_m
         setpoint = None if task.tactic is Tactic.PILOT_OVERRIDE else self._setpoint(task, plan, guarded)
         self._slew_limit.sent(aim_m)
+        self._planner.sent(guarded=guarded.status is not GuardStatus.PASSED)
         self._estimator.sent(now_s, aim_m)
         sent = shifted(plan, aim_m)
         return self._output(now_s, setpoint, self._messages(task, sent), task.situation, sent, guarded)

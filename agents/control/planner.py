@@ -77,6 +77,10 @@ class Planner:
         self._engaged_s = now_s
         self._leaving_m = None if leaving_m is None else leaving_m.copy()
 
+    def sent(self, *, guarded: bool) -> None:
+        """Take in whether the guard has changed the aim of the last plan."""
+        self._ring.sent(guarded=guarded)
+
     def plan(self, task: Task) -> Plan:
         """Return where the task's tactic takes the vehicle."""
         tactic, situation = task.tactic, task.situation

@@ -41,6 +41,7 @@ class RingFlight:
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
         self._neighbours = Neighbours(config)
+        self._guarded = False
 
     @property
     def rate_rad_s(self) -> float:
@@ -53,6 +54,10 @@ class RingFlight:
         self._reference.reset()
         self._feasibility.reset()
         self._joining.reset()
+
+    def sent(self, *, guarded: bool) -> None:
+        """Take in whether the guard has changed the aim of the last plan."""
+        self._guarded = guarded
 
     def plan(self, situation: Situation, centre: Vector, mixing: float) -> Plan:
         """Plan about the centre's motion (4,) at the acting moment; `mixing` is the share of this plan in the aim."""
@@ -113,6 +118,7 @@ class RingFlight:
             self._headway_rate_rad_s(situation, centre, polar, orbit),
             mixing,
             bend_m(radius_m, polar, obstacles),
+            self._guarded,
         )
         task = RingTask(
             motion=situation.acting_motion,

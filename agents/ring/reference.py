@@ -39,7 +39,7 @@ class RingWay(msgspec.Struct, frozen=True):
     one first.
 
     It turns at `fastest_rad_s` at most. `share` is that of the encirclement in the vehicle's aim. At the vehicle's
-    bearing the ring is `bend_m` farther out than the reference.
+    bearing the ring is `bend_m` farther out than the reference. The vehicle `waits` while the guard changes its aims.
     """
 
     orbit: Orbit
@@ -48,6 +48,7 @@ class RingWay(msgspec.Struct, frozen=True):
     fastest_rad_s: float = inf
     share: float = 1.0
     bend_m: float = 0.0
+    waits: bool = False
 
 
 class RingReference:
@@ -78,10 +79,12 @@ class RingReference:
             bearing = ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s)
         else:
             radius, bearing = self._moved(before, way, at_s - before.time_s)
+        # One that waits would catch up later, and press against what it waits for.
+        along_max_m = 0.0 if way.waits else lead_max_m
         near_rad = bearing.value - wrap_signed_rad(bearing.value - polar.bearing_rad)
         self._point = RingPoint(
             radius.near(polar.radius_m - way.bend_m, polar.radial_speed_m_s, lead_max_m, way.share),
-            bearing.near(near_rad, polar.angular_rate_rad_s, lead_max_m / polar.radius_m, way.share),
+            bearing.near(near_rad, polar.angular_rate_rad_s, along_max_m / polar.radius_m, way.share),
             at_s,
         )
         return self._point

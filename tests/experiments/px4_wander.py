@@ -1,113 +1,162 @@
-"""Measure what PX4's wandering position estimate costs a ring, from the logs of one px4-trio flight.
+"""Measure what the errors of PX4's estimates cost a ring, from the log of one px4-trio flight on PX4's simulator.
 
-PX4's simulator logs the truth beside the estimate. The difference, as it was in that flight, is given to three
-simulated vehicles that are otherwise perfect: the plant of the plant file, no noise, no wind. What is left in their
-radius, judged by their estimates as a flight's verdicts are, is the wander's; flown with a constant error it is what
-the controller leaves by itself.
+The simulator sends the truth beside the estimates. The differences, as they were in that flight, are given to three
+simulated vehicles that are otherwise perfect: the plant of the profile, no noise, no wind, a target that each sees where
+it is, relative to the vehicle. PX4's estimates act twice: they are what its telemetry reports, and what its own loops
+fly by, so that an error of the velocity pushes the vehicle. Each error is flown alone as well.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pyulog import ULog
+from msgspec.structs import replace
 
 from agents.outputs import TickOutput
-from estimation.state import POSITION, Telemetry, Vector
+from estimation.state import MOTION, POSITION, VELOCITY, Sighting, Telemetry, Vector
 from gcs.flight.simulated import simulated_vehicles
-from gcs.mission.file import load_mission
+from gcs.flightlog.reader import FlightLog, read_log
+from gcs.flightlog.records import Truth
+from gcs.flightlog.run import mission_of
+from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, SimulatedVehicle, simulate
 from tests.experiments.arguments import parser
 
-MISSION, SETTLED_S, ALOFT_M = "px4-trio", 60.0, 5.0
+SETTLED_S, DELAYS_S = 60.0, np.arange(-0.1, 0.11, 0.01)
 
 
 class Wander(NamedTuple):
-    """How far a vehicle's estimate was off the truth, from when it was up: times (T,), position and velocity (T, 2).
-
-    In the mission's axes, east and north, less the mean position error: that is a shift of the whole flight.
-    """
+    """How far a vehicle's estimate was off the truth: times since its first sample (T,), errors (T, 4) = [x y x' y']."""
 
     time_s: Vector
-    position_m: Vector
-    velocity_m_s: Vector
+    error: Vector
 
-    def at(self, time_s: float) -> tuple[Vector, Vector]:
-        """Return the error of position and velocity (2,) at a time."""
+    def at(self, time_s: float) -> Vector:
+        """Return the error (4,) at a time."""
         place = int(np.searchsorted(self.time_s, time_s).clip(0, len(self.time_s) - 1))
-        return self.position_m[place], self.velocity_m_s[place]
+        return np.asarray(self.error[place])
+
+    def part(self, *, position: bool, velocity: bool) -> "Wander":
+        """Return the same with only one kind of error."""
+        return Wander(self.time_s, self.error * np.repeat([position, velocity], 2))
 
 
-def wander_of(path: Path) -> Wander:
-    """Read the wander from a log of PX4's simulator."""
-    topics = ("vehicle_local_position", "vehicle_local_position_groundtruth")
-    found = {topic.name: topic.data for topic in ULog(str(path), list(topics)).data_list}
-    estimate, truth = (found[topic] for topic in topics)
-    time_s, truth_s = estimate["timestamp"] * 1e-6, truth["timestamp"] * 1e-6
-    off = {key: estimate[key] - np.interp(time_s, truth_s, truth[key]) for key in ("x", "y", "vx", "vy")}
-    aloft = np.interp(time_s, truth_s, -truth["z"]) > ALOFT_M
-    position_m = np.stack([off["y"], off["x"]], axis=1)[aloft]
-    velocity_m_s = np.stack([off["vy"], off["vx"]], axis=1)[aloft]
-    return Wander(time_s[aloft] - time_s[aloft][0], position_m - position_m.mean(axis=0), velocity_m_s)
+class Ring(NamedTuple):
+    """Radius errors of a flight (V,) by truth and by what each vehicle knows, rms [m]; and of the spacings [deg]."""
+
+    true_m: Vector
+    seen_m: Vector
+    spacing_deg: float
+
+
+def wander_of(log: FlightLog, vehicle_id: int) -> Wander:
+    """Read the wander of a vehicle, at the delay between truth and telemetry that explains most of it."""
+    truth, telemetry = log.of_kind(vehicle_id, Truth), log.of_kind(vehicle_id, Telemetry)
+    (true_s, true), (time_s, reported) = _motions(truth), _motions(telemetry)
+    inside = (time_s > true_s[0] - DELAYS_S[0]) & (time_s < true_s[-1] - DELAYS_S[-1])
+    time_s, reported = time_s[inside], reported[inside]
+
+    def error(delay_s: float) -> Vector:
+        return reported - np.column_stack([np.interp(time_s + delay_s, true_s, column) for column in true.T])
+
+    least = min((error(delay_s) for delay_s in DELAYS_S), key=lambda each: float(each[:, POSITION].std()))
+    return Wander(time_s - time_s[0], least - least.mean(axis=0))
+
+
+def _motions(samples: Sequence[Truth | Telemetry]) -> tuple[Vector, Vector]:
+    rows = np.array([(each.time_s, *each.position_m[:2], *each.velocity_m_s[:2]) for each in samples])
+    return rows[:, 0], rows[:, 1:]
 
 
 def wander_into(vehicle: SimulatedVehicle[TickOutput], wander: Wander) -> None:
     """Let a simulated vehicle's estimate be off as that of the log was."""
+    plant, sense = vehicle._model.plant, vehicle.sense
 
     def off_m(at_s: float) -> tuple[float, float]:
-        x, y = wander.at(at_s)[0].tolist()
+        error = wander.at(at_s)
+        # To x'' = a0 (X - x) - a1 x' an error of the velocity is a setpoint that is off by a1 / a0 of it.
+        x, y = (error[POSITION] + plant.a1_per_s / plant.a0_per_s2 * error[VELOCITY]).tolist()
         return x, y
 
     def sample(at_s: float) -> Telemetry:
-        position_off_m, velocity_off_m_s = wander.at(at_s)
-        x, y = (vehicle.motion[POSITION] + position_off_m).tolist()
-        x_rate, y_rate = (vehicle.motion[2:] + velocity_off_m_s).tolist()
+        x, y, x_rate, y_rate = (vehicle.motion + wander.at(at_s)).tolist()
         return Telemetry(at_s, (x, y, 0.0), (x_rate, y_rate, 0.0))
 
+    def sensed(now_s: float) -> tuple[list[Telemetry], Sighting | None]:
+        samples, sighting = sense(now_s)
+        if sighting is None:
+            return samples, None
+        x, y = (np.array(sighting.position_m) + wander.at(sighting.time_s)[POSITION]).tolist()
+        return samples, replace(sighting, position_m=(x, y))
+
     # Not a nature of its own: no other simulation flies errors out of a log.
-    vars(vehicle).update(_off_m=off_m, _sample=sample)
+    vars(vehicle).update(_off_m=off_m, _sample=sample, sense=sensed)
 
 
-def radius_rms_m(wanders: list[Wander]) -> Vector:
-    """Fly, and return the radius error of each vehicle by its own estimate, rms after settling (V,)."""
-    mission = load_mission(MISSION)
+def flown(mission: Mission, wanders: list[Wander]) -> Ring:
+    """Fly, and return the figures after settling."""
     vehicles = simulated_vehicles(mission, 0)
     for vehicle, wander in zip(vehicles, wanders, strict=True):
         wander_into(vehicle, wander)
+    rate_hz, network = mission.mission.rate_hz, mission.network
     duration_s = min(mission.mission.duration_s, *(float(wander.time_s[-1]) for wander in wanders))
-    network = mission.network
+    seen_m = np.full((round(duration_s * rate_hz) + 1, len(vehicles)), np.nan)
+
+    def observe(tick: int, vehicle: int, output: TickOutput) -> None:
+        situation = output.status.situation
+        if situation is not None and situation.target is not None:
+            off_m = situation.own.mean[MOTION][POSITION] - situation.target.mean[POSITION]
+            seen_m[tick, vehicle] = np.hypot(*off_m)
+
     flight = simulate(
         vehicles,
         NetworkModel(network.range_m, network.delay_s, network.loss),
-        rate_hz=mission.mission.rate_hz,
+        rate_hz=rate_hz,
         duration_s=duration_s,
         seed=0,
-        observe=lambda *_: None,
+        observe=observe,
         progress=lambda _: None,
     )
     target_m = np.array([mission.target.motion.position_m(time_s) for time_s in flight.time_s.tolist()])
-    errors = []
-    for index, wander in enumerate(wanders):
-        off_m = np.array([wander.at(time_s)[0] for time_s in flight.time_s.tolist()])
-        away_m = np.linalg.norm(flight.motion[:, index, POSITION] + off_m - target_m, axis=1)
-        errors.append((away_m - mission.encirclement.radius_m)[flight.time_s > SETTLED_S])
-    return np.asarray(np.sqrt(np.mean(np.square(errors), axis=1)), dtype=np.float64)
+    settled = flight.time_s > SETTLED_S
+    away_m = (flight.motion[:, :, POSITION] - target_m[:, None])[settled]
+    ring_m = mission.encirclement.radius_m
+    bearings_deg = np.sort(np.degrees(np.arctan2(away_m[..., 1], away_m[..., 0])), axis=1)
+    spacing_deg = np.diff(bearings_deg, axis=1, append=bearings_deg[:, :1] + 360.0) - 360.0 / len(vehicles)
+    return Ring(
+        _rms(np.linalg.norm(away_m, axis=2) - ring_m),
+        _rms(seen_m[settled] - ring_m),
+        float(np.sqrt(np.mean(spacing_deg**2))),
+    )
 
 
-def main(paths: list[Path]) -> None:
-    """Print how the estimates wandered, and what that leaves in the radius."""
-    wanders = [wander_of(path) for path in paths]
-    for path, wander in zip(paths, wanders, strict=True):
-        (x, y), (x_rate, y_rate) = wander.position_m.std(axis=0), wander.velocity_m_s.std(axis=0)
-        print(f"{path}: off by {x:.3f} and {y:.3f} m (east, north; rms about the mean), {x_rate:.3f}, {y_rate:.3f} m/s")
-    steady = [Wander(each.time_s, 0.0 * each.position_m, 0.0 * each.velocity_m_s) for each in wanders]
-    for what, flown in (("with it", wanders), ("without", steady)):
-        print(
-            f"radius error {what}:", ", ".join(f"{each:.3f}" for each in radius_rms_m(flown)), "m rms by the estimate"
-        )
+def _rms(errors: Vector) -> Vector:
+    return np.asarray(np.sqrt(np.nanmean(np.square(errors), axis=0)))
+
+
+def main(path: Path) -> None:
+    """Print how the estimates were off, and what each of their errors leaves in the ring."""
+    log = read_log(path)
+    mission = mission_of(log)
+    wanders = [wander_of(log, vehicle_id) for vehicle_id in mission.ids]
+    for vehicle_id, wander in zip(mission.ids, wanders, strict=True):
+        x, y, x_rate, y_rate = wander.error.std(axis=0)
+        print(f"vehicle {vehicle_id}: off by {x:.3f}, {y:.3f} m and {x_rate:.3f}, {y_rate:.3f} m/s (east, north)")
+    common = Wander(wanders[0].time_s, wanders[0].error)
+    for what, each in (
+        ("all errors", wanders),
+        ("of the position", [wander.part(position=True, velocity=False) for wander in wanders]),
+        ("of the velocity", [wander.part(position=False, velocity=True) for wander in wanders]),
+        ("vehicle 1's in all", [common] * len(wanders)),
+        ("none", [wander.part(position=False, velocity=False) for wander in wanders]),
+    ):
+        ring = flown(mission, each)
+        true, seen = (", ".join(f"{radius:.3f}" for radius in radii) for radii in (ring.true_m, ring.seen_m))
+        print(f"{what}: radius error {true} m rms by truth, {seen} as seen; spacing {ring.spacing_deg:.2f} deg rms")
 
 
 if __name__ == "__main__":
     reader = parser("px4_wander", __doc__)
-    reader.add_argument("logs", nargs=3, type=Path, metavar="ULG", help="log of each vehicle")
-    main(reader.parse_args().logs)
+    reader.add_argument("log", type=Path, metavar="LOG", help="log of a flight whose simulators sent their truth")
+    main(reader.parse_args().log)

@@ -117,6 +117,14 @@ def test_a_reference_waits_for_a_vehicle_that_does_not_follow(make_config: Maker
     assert point.bearing.value == pytest.approx(1.0 + 1.0 / 12.0)
 
 
+def test_a_vehicle_that_the_guard_holds_up_does_not_hurry_after_its_reference(make_config: Maker) -> None:
+    reference, slow = RingReference(make_config().encirclement), Polar(10.0, 1.0, 0.0, 0.0)
+    for tick in range(50):
+        point = reference.advance(slow, RingWay(ORBIT, 10.0, [0.0], waits=True), tick * STEP_S)
+        assert point.bearing.value == pytest.approx(1.0)
+    assert point.bearing.rate == pytest.approx(0.05)
+
+
 def test_while_it_leaves_the_formation_the_vehicles_own_motion_counts(make_config: Maker) -> None:
     reference = RingReference(make_config().encirclement)
     polar = Polar(14.0, 3.1, -0.2, 0.01)

@@ -91,7 +91,7 @@ def refused(
             main()
         out, err = capsys.readouterr()
         assert (ended.value.code, out) == (2, "")
-        assert "metrics from" not in err, "it flew"
+        assert "metrics and verdicts" not in err, "it flew"
         return err.splitlines()
 
     return complaints
@@ -193,7 +193,8 @@ def test_json_is_one_object_with_its_keys_in_their_order() -> None:
         "case1",
         0,
         "simulation",
-        "truth",
+        "estimate",
+        "truth_missing",
     )
     assert (result["duration_s"], result["window_s"], result["loop"]["ticks"]) == (3.0, None, 93)
     assert result["wall_time_s"] > 0.0
@@ -581,7 +582,7 @@ def test_a_reader_that_has_gone_ends_nothing(gone: str, mission: Callable[..., s
         assert process.wait(60.0) == 0, "the flight's own code"
     assert "Traceback" not in told
     assert "BrokenPipe" not in told
-    assert ("metrics from" if gone == "stdout" else '"mission"') in told
+    assert ("metrics and verdicts" if gone == "stdout" else '"mission"') in told
 
 
 def test_ctrl_c_ends_a_simulation_without_a_traceback(mission: Callable[..., str]) -> None:
