@@ -1,12 +1,12 @@
 """Measure what the errors of PX4's estimates cost a ring, from the log of one px4-trio flight on PX4's simulator.
 
 The simulator sends the truth beside the estimates. The differences, as they were in that flight, are given to three
-simulated vehicles that are otherwise perfect: the plant of the profile, no noise, no wind, a target that each sees where
-it is, relative to the vehicle. PX4's estimates act twice: they are what its telemetry reports, and what its own loops
+simulated vehicles that are otherwise perfect: the plant of the profile, no noise, no wind, a target that each sees
+relative to itself. PX4's estimates act twice: they are what its telemetry reports, and what its own loops
 fly by, so that an error of the velocity pushes the vehicle. Each error is flown alone as well.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ SETTLED_S, DELAYS_S = 60.0, np.arange(-0.1, 0.11, 0.01)
 
 
 class Wander(NamedTuple):
-    """How far a vehicle's estimate was off the truth: times since its first sample (T,), errors (T, 4) = [x y x' y']."""
+    """How far an estimate was off the truth: times since the first sample (T,), errors (T, 4) of [x y x' y']."""
 
     time_s: Vector
     error: Vector
@@ -58,13 +58,13 @@ def wander_of(log: FlightLog, vehicle_id: int) -> Wander:
     time_s, reported = time_s[inside], reported[inside]
 
     def error(delay_s: float) -> Vector:
-        return reported - np.column_stack([np.interp(time_s + delay_s, true_s, column) for column in true.T])
+        return np.asarray(reported - np.column_stack([np.interp(time_s + delay_s, true_s, each) for each in true.T]))
 
     least = min((error(delay_s) for delay_s in DELAYS_S), key=lambda each: float(each[:, POSITION].std()))
     return Wander(time_s - time_s[0], least - least.mean(axis=0))
 
 
-def _motions(samples: Sequence[Truth | Telemetry]) -> tuple[Vector, Vector]:
+def _motions(samples: Iterable[Truth | Telemetry]) -> tuple[Vector, Vector]:
     rows = np.array([(each.time_s, *each.position_m[:2], *each.velocity_m_s[:2]) for each in samples])
     return rows[:, 0], rows[:, 1:]
 

@@ -29,7 +29,7 @@ HEAVY = ("numpy", "scipy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", 
 RESULT_KEYS = {
     "": (
         "mission seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
-        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events truth"
+        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate truth_missing"
     ),
     "vehicles": (
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
@@ -193,8 +193,7 @@ def test_json_is_one_object_with_its_keys_in_their_order() -> None:
         "case1",
         0,
         "simulation",
-        "estimate",
-        "truth_missing",
+        "truth",
     )
     assert (result["duration_s"], result["window_s"], result["loop"]["ticks"]) == (3.0, None, 93)
     assert result["wall_time_s"] > 0.0
