@@ -23,6 +23,8 @@ from sitl.vehicle.shaping import ShapeLimits
 CM = 0.01
 GUIDED_TIMEOUT_S = 3.0
 """GUID_TIMEOUT: velocities that are older are taken as none."""
+LANDING_PAUSE_S = 4.0
+"""LAND_WITH_DELAY_MS: a failsafe's landing begins with a hover."""
 PREVENTS_ARMING = frozenset({NavMode.HOLD, NavMode.LAND, NavMode.RETURN})
 
 
@@ -87,10 +89,7 @@ class ArduCopter(Autopilot):
         self._station.receive_heartbeat(time_s, system_id)
 
     def _watch_station(self) -> None:
-        """Act on a silent ground station; the 4 s that ArduCopter hovers before such a landing are not played.
-
-        The mode stays when the station is heard again.
-        """
+        """Act on a silent ground station: the mode stays when it is heard again."""
         event = self._station.check(self.time_s)
         if event is StationEvent.REGAINED:
             self._say("GCS Failsafe Cleared", Severity.WARNING)
@@ -104,8 +103,11 @@ class ArduCopter(Autopilot):
         reaction = self._station.reaction(self.mode) if self.armed else None
         if reaction is NavMode.RETURN and not self.global_position_known:
             reaction = NavMode.LAND
-        if reaction is not None:
-            self.select(reaction)
+        if reaction is None or reaction is self.mode:
+            return
+        self.select(reaction)
+        if self.mode is NavMode.LAND:
+            self._guidance.hover_before_landing(self.time_s + LANDING_PAUSE_S)
 
     def _apply_due_setpoints(self) -> None:
         super()._apply_due_setpoints()

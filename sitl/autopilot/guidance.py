@@ -49,6 +49,7 @@ class Guidance:
         self._take_off_altitude_m = airframe.position_m[2]
         self._return_altitude_m = 0.0
         self._climb_from_s = inf
+        self._descends_from_s = -inf
 
     @property
     def _limits(self) -> FlightLimits:
@@ -77,10 +78,15 @@ class Guidance:
         if mode is NavMode.TAKE_OFF:
             self.plan_take_off(None)
         self._hold_m = (x, y, altitude)
+        self._descends_from_s = -inf
         distance = hypot(x - self.home_m[0], y - self.home_m[1])
         # PX4 climbs less for a short way home: its cone rises at 45 degrees.
         rise = min(distance, self._limits.return_rise_m)
         self._return_altitude_m = max(altitude, self.home_m[2] + rise)
+
+    def hover_before_landing(self, until_s: float) -> None:
+        """Let the landing that was just entered begin its descent at `until_s` only."""
+        self._descends_from_s = until_s
 
     def target(self, mode: NavMode, setpoint: PositionTarget | None, *, time_s: float, motors_s: float) -> Target:
         """Return where to fly now; `motors_s` is when the motors were started."""
@@ -94,7 +100,7 @@ class Guidance:
             altitude = self._take_off_altitude_m
         elif mode is NavMode.RETURN and not self._home_reached:
             x, y, altitude = self._head_home()
-        elif mode in (NavMode.LAND, NavMode.RETURN) or mode in NEEDS_STICKS:
+        elif (mode in (NavMode.LAND, NavMode.RETURN) or mode in NEEDS_STICKS) and time_s >= self._descends_from_s:
             altitude = self._airframe.position_m[2] - DESCENT_LEAD_M
             sink = self._sink_speed_m_s(crawl=mode not in NEEDS_STICKS)
         climb = self._climb_limit_m_s(mode, altitude, time_s=time_s, motors_s=motors_s)

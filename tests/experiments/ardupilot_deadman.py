@@ -1,11 +1,12 @@
 """Kill cordon while it flies ardupilot-trio on three ArduCopter simulators, and time their failsafe (FS_GCS_ENABLE).
 
-CORDON_ARDUCOPTER names the simulator. Each vehicle has another value of the parameter: land, return, and off as the
-control. Between each autopilot and cordon is a relay, which sees cordon's heartbeats and the vehicle's modes.
+CORDON_ARDUCOPTER names the simulator. Each vehicle has another value of the parameter, by default land, return, and off
+as the control. Between each autopilot and cordon is a relay, which sees cordon's heartbeats and the vehicle's modes.
 """
 
 import asyncio
 import sys
+from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
 
 from agents.ports import VehicleRefusedError
@@ -23,9 +24,8 @@ MISSION = "ardupilot-trio"
 READY_S, WATCHED_S = 45.0, 10.0
 METRES_PER_DEGREE = 111_195.0
 LAND, RETURN, OFF = 5, 1, 0
-ENABLED = {1: LAND, 2: RETURN, 3: OFF}
-REACTIONS = {LAND: "land", RETURN: "return", OFF: OFFBOARD}
-MODES = {4: OFFBOARD, 6: "return", 9: "land"}
+REACTIONS = {LAND: "land", RETURN: "return", OFF: OFFBOARD, 3: "SmartRTL", 4: "SmartRTL", 7: "brake"}
+MODES = {4: OFFBOARD, 6: "return", 9: "land", 17: "brake", 21: "SmartRTL"}
 TIMEOUT_S, CHECK_S = 5.0, 0.5
 """FS_GCS_TIMEOUT, and how much later the reaction may be seen."""
 
@@ -33,8 +33,9 @@ TIMEOUT_S, CHECK_S = 5.0, 0.5
 class CopterFlight(DrillFlight):
     """A flight of ArduCopter simulators behind relays."""
 
-    def __init__(self, text: str, speed: float) -> None:
+    def __init__(self, text: str, speed: float, enabled: Mapping[int, int]) -> None:
         super().__init__(text, speed)
+        self.enabled = enabled
         self.heartbeat_s: dict[int, float] = {}
 
     async def serve(self, stack: AsyncExitStack) -> None:
@@ -47,7 +48,7 @@ class CopterFlight(DrillFlight):
             _, north_m = vehicle.section.start_m  # east of the origin there is none
             place = (frame.latitude_deg + north_m / METRES_PER_DEGREE, frame.longitude_deg, frame.altitude_m)
             port = free_port()
-            own = {**OWN_DEFAULTS, "FS_GCS_ENABLE": ENABLED[vehicle.id]}
+            own = {**OWN_DEFAULTS, "FS_GCS_ENABLE": self.enabled[vehicle.id]}
             simulator = ArduCopterSimulator(
                 port, free_port(), speed=self.speed, place=place, instance=instance, parameters=own
             )
@@ -74,16 +75,16 @@ class CopterFlight(DrillFlight):
         """Leave it to the relays."""
 
 
-async def main() -> int:
+async def main(values: Sequence[int]) -> int:
     """Fly, kill, watch, and print what each vehicle did; return whether all reacted as they should."""
-    text, faults = drill_mission(MISSION), 0
-    async with CopterFlight(text, 1.0) as flight:
+    text, faults, enabled_of = drill_mission(MISSION), 0, dict(enumerate(values, start=1))
+    async with CopterFlight(text, 1.0, enabled_of) as flight:
         roles = Roles(flight.mission)
         await flight.reach_mission(roles.airborne, roles.tactic)
         kill(flight, roles)
         killed_s = flight.now_s()
         await asyncio.sleep(WATCHED_S)
-        for vehicle, enabled in ENABLED.items():
+        for vehicle, enabled in enabled_of.items():
             expected, last_s = REACTIONS[enabled], flight.heartbeat_s[vehicle]
             at_s, mode = flight.log.modes[vehicle][-1]
             after_s = at_s - last_s
@@ -97,8 +98,17 @@ async def main() -> int:
 
 
 if __name__ == "__main__":
-    parser("ardupilot_deadman", __doc__).parse_args()
+    reader = parser("ardupilot_deadman", __doc__)
+    reader.add_argument(
+        "--enable",
+        nargs=3,
+        type=int,
+        choices=list(REACTIONS),
+        default=[LAND, RETURN, OFF],
+        help="FS_GCS_ENABLE of vehicles 1, 2 and 3 (default: 5 1 0)",
+    )
+    chosen = reader.parse_args().enable
     try:
-        sys.exit(asyncio.run(main()))
+        sys.exit(asyncio.run(main(chosen)))
     except (ArduCopterMissing, VehicleRefusedError) as reason:
         sys.exit(str(reason))

@@ -456,6 +456,22 @@ def test_a_silent_ground_station_ends_guided_as_its_parameter_says(subtests: pyt
             assert mode_of(copter) is mode
 
 
+def test_a_landing_by_failsafe_begins_with_a_hover() -> None:
+    """By LAND_WITH_DELAY_MS of ArduCopter's config.h, 4 s; a landing by command has none."""
+    copter = guided(FS_GCS_ENABLE=5, SYSID_MYGCS=STATION)
+    station_of(copter)
+    left_mode_after_s(copter)
+    wait(copter, 3.9)
+    assert mode_of(copter) is NavMode.LAND
+    assert copter.airframe.position_m[2] == pytest.approx(8.0, abs=0.05)
+    wait(copter, 2.0)
+    assert copter.airframe.position_m[2] < 7.5
+    commanded = guided()
+    commanded.land()
+    wait(commanded, 2.0)
+    assert commanded.airframe.position_m[2] < 7.5
+
+
 def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Subtests) -> None:
     rows = (
         ("switched off", 0, STATION, STATION, 0.0),
