@@ -21,6 +21,9 @@ _PREDICTED_S = 1.0
 """Without sightings offsets are predicted this often."""
 _SMOOTHED_S = 0.3
 """Time constant with which the own offset follows its estimate: a noisy sighting moves a setpoint over some ticks."""
+_APART_M = 0.2
+"""How far positions of two vehicles are off each other where their profiles state nothing: a sighting from another
+vehicle is less exact by that. Exact sightings of two vehicles would otherwise show a target that darts between them."""
 _REPEATED = 2.5
 """Sightings of one sensor at 5 Hz within the memory of the target filter's manoeuvre test."""
 
@@ -81,7 +84,9 @@ class TeamFrame:
         for each in sightings:
             if each.frame_sigma_m > 0.0:
                 offsets.know(each.sensor_id, each.frame_sigma_m, each.frame_correlation_s)
-        if not offsets or (not sightings and now_s - self._predicted_s < _PREDICTED_S):
+        if not offsets:
+            return [self._in_team_frame(each) for each in sightings]
+        if not sightings and now_s - self._predicted_s < _PREDICTED_S:
             return sightings
         self._predicted_s = now_s
         if target is None:
@@ -105,9 +110,13 @@ class TeamFrame:
 
     def _in_team_frame(self, sighting: Sighting) -> Sighting:
         if sighting.sensor_id not in self._offsets:
-            return sighting
+            return sighting if sighting.sensor_id == self._vehicle_id else _less_exact(sighting, _APART_M**2)
         (x, y), (off_x, off_y) = sighting.position_m, self._offsets.offset_m(sighting.sensor_id)
         # What is left of the offset is the same in several sightings: in their sum it counts as often.
-        (xx, xy, yy), left_m2 = sighting.covariance_m2, _REPEATED * self._offsets.variance_m2(sighting.sensor_id)
-        covariance_m2 = xx + left_m2, xy, yy + left_m2
-        return replace(sighting, position_m=(x - off_x, y - off_y), covariance_m2=covariance_m2)
+        less_exact = _less_exact(sighting, _REPEATED * self._offsets.variance_m2(sighting.sensor_id))
+        return replace(less_exact, position_m=(x - off_x, y - off_y))
+
+
+def _less_exact(sighting: Sighting, variance_m2: float) -> Sighting:
+    xx, xy, yy = sighting.covariance_m2
+    return replace(sighting, covariance_m2=(xx + variance_m2, xy, yy + variance_m2))
