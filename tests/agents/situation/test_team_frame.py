@@ -7,8 +7,9 @@ import pytest
 
 from agents.settings.config import AgentConfig
 from agents.situation.team_frame import TeamFrame
-from estimation.settings import OwnFilterSettings
-from estimation.state import Sighting, TargetEstimate, Telemetry
+from estimation.filters.target import TargetFilter
+from estimation.settings import OwnFilterSettings, TargetFilterSettings
+from estimation.state import VELOCITY, Sighting, TargetEstimate, Telemetry
 
 Maker = Callable[..., AgentConfig]
 WANDERING = OwnFilterSettings(wander_m=0.25)
@@ -32,14 +33,33 @@ def watched(frame: TeamFrame, own_m: float, seconds: float = 20.0) -> None:
         frame.follow()
 
 
-def test_without_wander_everything_is_passed_on_as_it_is(make_config: Maker) -> None:
+def test_without_wander_everything_but_what_others_see_is_passed_on_as_it_is(make_config: Maker) -> None:
     frame = TeamFrame(make_config(vehicle_id=1))
     telemetry = Telemetry(0.0, (5.0, 0.0, 8.0), (0.0, 0.0, 0.0))
     sightings = [sighting(0.0, 1, 0.3, 0.0), sighting(0.0, 2, 0.3, 0.0)]
     assert frame.telemetry(telemetry) is telemetry
     assert frame.shared(sightings[0]) is sightings[0]
-    assert frame.sightings(0.0, sightings, target(0.0)) is sightings
+    own, other = frame.sightings(0.0, sightings, target(0.0))
+    assert own is sightings[0]
+    assert other.position_m == sightings[1].position_m
+    assert other.covariance_m2[0] > sightings[1].covariance_m2[0]
     assert (frame.follow(), frame.offset_m, frame.variance_m2) == ((0.0, 0.0), (0.0, 0.0), 0.0)
+
+
+def test_exact_sightings_from_places_that_differ_show_no_target_that_darts_about(make_config: Maker) -> None:
+    # Three vehicles whose positions sway by 0.25 m, each in its own time, at 0.2 m/s at most, see a target that stands.
+    periods_s, lateness_s = np.array([8.0, 11.0, 13.0]), (0.0, 0.023, 0.05)
+    frame, seen = TeamFrame(make_config(vehicle_id=1)), TargetFilter(TargetFilterSettings())
+    speeds = []
+    for round_s in np.arange(0.0, 120.0, 0.2).tolist():
+        off_m = 0.25 * np.sin(2.0 * np.pi * round_s / periods_s)
+        for sensor, (late_s, x) in enumerate(zip(lateness_s, off_m.tolist(), strict=True), start=1):
+            exact = Sighting(round_s + late_s, sensor, (x, 0.0), (1e-4, 0.0, 1e-4), 0.8, 0.2)
+            seen.sight(*frame.sightings(exact.time_s, [exact], seen.estimate(exact.time_s)))
+        estimate = seen.estimate(round_s)
+        speeds += [] if estimate is None else [float(np.hypot(*estimate.mean[VELOCITY]))]
+    assert max(speeds[50:]) < 0.5
+    assert seen.refused == 0
 
 
 def test_the_own_offset_is_found_and_taken_off_positions_but_not_off_what_peers_get(make_config: Maker) -> None:
