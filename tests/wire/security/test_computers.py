@@ -74,7 +74,7 @@ def test_a_team_on_two_computers_flies_and_a_third_without_keys_gets_nothing(tmp
         flying = []
         for computer, folder, vehicle in ((first, here, "1"), (second, there, "2")):
             cordon(computer, folder, "sitl", "mission.toml", "--speed", "6")
-            options = "--only", vehicle, "--speed", "6", "--duration", "120", "--no-log"
+            options = "--only", vehicle, "--speed", "6", "--duration", "400", "--no-log"
             flying.append(cordon(computer, folder, "fly", "mission.toml", *options))
         for process in flying:
             assert process.stderr is not None
