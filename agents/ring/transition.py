@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from math import copysign, sqrt
 
-import numpy as np
-
 from agents.ring.feasibility import Orbit
 from agents.ring.place import scaled_gain_per_s
 from agents.settings.sections import EncirclementSettings
@@ -31,15 +29,16 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: E
         return ring_rad_s
     fastest_rad_s = TRACKED_SHARE * settings.transition_speed_m_s / orbit.radius_m
     slowest_rad_s = fastest_rad_s if ring_rad_s == 0.0 else min(fastest_rad_s, (1.0 - SLOWEST_SHARE) * abs(ring_rad_s))
-    forwards = copysign(gain_per_s, ring_rad_s) * np.array(errors_rad)
-    least, most = float(forwards.min()), float(forwards.max())
+    forwards_per_s = copysign(gain_per_s, ring_rad_s)
+    forwards = [forwards_per_s * error_rad for error_rad in errors_rad]
+    least, most = min(forwards), max(forwards)
     share = min(
         1.0,
         (fastest_rad_s + slowest_rad_s) / (most - least),
         braked_rate(furthest_rad, settings.transition_acceleration_m_s2 / orbit.radius_m) / (gain_per_s * furthest_rad),
     )
     common = max(0.0, -slowest_rad_s - share * least) - max(0.0, share * most - fastest_rad_s)
-    return ring_rad_s + copysign(1.0, ring_rad_s) * (share * float(forwards[0]) + common)
+    return ring_rad_s + copysign(1.0, ring_rad_s) * (share * forwards[0] + common)
 
 
 def correction_gain_per_s(members: int, settings: EncirclementSettings) -> float:
