@@ -35,7 +35,17 @@ from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reas
 from agents.team.clock_watch import ClockWatch
 from agents.team.credibility import Credibility, Limits
 from agents.team.inbox import Inbox
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, TargetPackage
+from agents.team.messages import (
+    TOPICS,
+    BusMessage,
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    OperatorCommand,
+    TargetPackage,
+    angle_of,
+    sightings_of,
+)
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry
 
@@ -74,6 +84,9 @@ class VehicleCore:
         self._bus_drops = NO_DROPS
         self._now_s = 0.0
         self._time_scale = 1.0
+        self._sent_s = -inf
+        # Half a tick less: a tick that comes a little early is due as well.
+        self._send_after_s = TOPICS[MemberState].period_s - 0.5 / config.rate_hz
 
     # The tick
 
@@ -243,16 +256,20 @@ class VehicleCore:
         return Setpoint((x + off_x, y + off_y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
 
     def _messages(self, task: Task, sent: Plan) -> tuple[Outgoing, ...]:
-        """Return what peers receive: the state, on the ring the place on it, and what the own sensor has seen."""
+        """Return what peers receive, when it is due: the state with the place on the ring and the own sightings."""
         vehicle_id, situation, ring = self._config.vehicle_id, task.situation, sent.ring
-        messages = [member_state(vehicle_id, task, sent, self.alert, self._reshaping, self._drops)]
+        if 0.0 <= situation.now_s - self._sent_s < self._send_after_s:
+            return ()
+        self._sent_s = situation.now_s
+        angle: NeighbourAngle | None = None
+        sightings: tuple[TargetPackage, ...] = ()
         if ring is not None and ring.joined and situation.polar is not None:
-            messages.append(neighbour_angle(vehicle_id, situation, situation.polar, ring))
+            angle = neighbour_angle(vehicle_id, situation, situation.polar, ring)
         if self._own_sightings:
             recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)
-            messages += [target_package(vehicle_id, sighting, recipients) for sighting in self._own_sightings]
+            sightings = tuple([target_package(vehicle_id, sighting, recipients) for sighting in self._own_sightings])
             self._own_sightings.clear()
-        return tuple(messages)
+        return (member_state(vehicle_id, task, sent, self.alert, self._reshaping, self._drops, angle, sightings),)
 
     # What comes in between ticks
 
@@ -326,31 +343,29 @@ class VehicleCore:
         """Take how many messages the bus has dropped so far, before they came here."""
         self._bus_drops = self._fault_detector.bus_drops = drops
 
-    def on_message(self, payload: bytes, now_s: float, key: str = "") -> BusMessage | None:
-        """Take a message from the bus, on a key below the team's; what `Drops` lists is counted and dropped.
+    def on_message(self, message: BusMessage, now_s: float) -> None:
+        """Take a message from the bus; one that is not of the team, too old or from the future is counted and dropped.
 
-        Returns the message unless it is malformed or on another key than its own, also one that is too old or from the
-        future, so that no other receiver has to decode it again. Without a key every sender counts.
+        Places on the ring and sightings are parts of their senders' states; in older logs they come by themselves.
         """
-        message = self._inbox.admitted(payload, key)
-        if message is None or not self._inbox.accepts(message, now_s, self._time_scale):
-            return message
+        if not self._inbox.accepts(message, now_s, self._time_scale):
+            return
+        if isinstance(message, MemberState):
+            self._team.hear_member(message)
+            if message.shape is not None:
+                self._reshape(Reshaping(message.shaped_s, message.shape))
+        angle = angle_of(message)
+        if angle is not None:
+            self._team.hear_angle(angle)
+        for package in sightings_of(message):
+            self._receive_target(package)
         match message:
-            case MemberState():
-                self._team.hear_member(message)
-                if message.shape is not None:
-                    self._reshape(Reshaping(message.shaped_s, message.shape))
-            case NeighbourAngle():
-                self._team.hear_angle(message)
-            case TargetPackage():
-                self._receive_target(message)
             case OperatorCommand():
                 self._command(message, now_s)
             case CommandAnswer():
                 self._answers.append(message)
             case _:
                 pass  # a start proposal is the shell's concern before the mission starts
-        return message
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """Take a command of an operator at this computer: it acts at once, and the next tick answers it."""

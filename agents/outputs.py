@@ -14,7 +14,8 @@ from agents.ring.place import RingPlace
 from agents.safety.guard import Guarded
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle
+from agents.team.codec import decode
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle
 from estimation.polar import Polar
 from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
 
@@ -24,6 +25,10 @@ class Outgoing(msgspec.Struct, frozen=True):
 
     topic: str
     payload: bytes
+
+    def received(self) -> BusMessage:
+        """Return the message as its receivers decode it."""
+        return decode(self.payload)
 
 
 class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):

@@ -15,6 +15,8 @@ from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event
+from agents.team.admission import refusal
+from agents.team.codec import decode, encode
 from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Sighting, Telemetry
 
@@ -62,7 +64,7 @@ class Computer(msgspec.Struct, frozen=True):
 
 
 class Message(msgspec.Struct, frozen=True):
-    """`on_message`: what came over the bus, when, and on which key below the team's; older logs have none."""
+    """`on_message`: what came over the bus, and when; older logs name the key below the team's, the oldest do not."""
 
     now_s: float
     payload: bytes
@@ -195,10 +197,10 @@ class TapedCore(VehicleCore):
         self._write(sighting)
         super().on_sighting(sighting)
 
-    def on_message(self, payload: bytes, now_s: float, key: str = "") -> BusMessage | None:
+    def on_message(self, message: BusMessage, now_s: float) -> None:
         """See VehicleCore."""
-        self._write(Message(now_s, payload, key))
-        return super().on_message(payload, now_s, key)
+        self._write(Message(now_s, encode(message)))
+        super().on_message(message, now_s)
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """See VehicleCore."""
@@ -231,6 +233,21 @@ def play(core: VehicleCore, item: CoreInput) -> TickOutput | None:
     return None
 
 
+def taped_message(item: Message) -> BusMessage | None:
+    """Return the message of an input, None where older logs hold one that was not admitted."""
+    try:
+        message = decode(item.payload)
+    except ValueError:
+        return None
+    return None if item.key and refusal(item.key, message) is not None else message
+
+
+def _play_message(core: VehicleCore, item: Message) -> None:
+    message = taped_message(item)
+    if message is not None:
+        core.on_message(message, item.now_s)
+
+
 _CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     TimeScale: lambda core, item: core.set_time_scale(item.factor),
     Start: lambda core, item: core.start(item.at_s),
@@ -242,7 +259,7 @@ _CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     Computer: lambda core, item: core.on_computer(item.short_of),
     Telemetry: lambda core, item: core.on_telemetry(item),
     Sighting: lambda core, item: core.on_sighting(item),
-    Message: lambda core, item: core.on_message(item.payload, item.now_s, item.key),
+    Message: _play_message,
     Command: lambda core, item: core.on_command(item.command, item.now_s),
     Killed: lambda core, item: core.on_killed(item.refusal, item.now_s),
     Presence: lambda core, item: core.on_presence(item.vehicle_id, item.present),

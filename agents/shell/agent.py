@@ -15,6 +15,7 @@ from agents.shell.outcome import Ending, LoopReport, Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
+from agents.team.admission import Admission
 from agents.team.messages import OperatorCommand
 from agents.team.perception import is_perception_key
 from estimation.state import Sighting, Telemetry
@@ -37,7 +38,8 @@ class Agent:
         self._start_agreement = StartAgreement(
             parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
         )
-        self._loop = ControlLoop(parts)
+        self._admission = Admission()
+        self._loop = ControlLoop(parts, self._admission)
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
@@ -155,9 +157,10 @@ class Agent:
             if seen is not None:
                 self.see(seen)
             return
-        message = self._core.on_message(payload, self._clock.now_s(), key)
-        self._kill_if_commanded()
+        message = self._admission.admitted(key, payload)
         if message is not None:
+            self._core.on_message(message, self._clock.now_s())
+            self._kill_if_commanded()
             self._start_agreement.receive(message)
 
     def _kill_if_commanded(self) -> None:

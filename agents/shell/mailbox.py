@@ -10,14 +10,14 @@ from collections.abc import Callable, Collection
 from typing import get_args
 
 from agents.drops import DropCounter, Drops, Reason
-from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, TargetPackage, Verb
+from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, MemberState, Verb
 from agents.team.participant import is_name
 from agents.team.perception import TOPIC as SENSOR_TOPIC
 
 PAYLOAD_LIMIT_BYTES = 4096
 KEY_LENGTH = 128
-_KEPT = {TOPICS[TargetPackage].name: 16, TOPICS[CommandAnswer].name: 16}
-"""How many messages of a peer wait on topics where each counts for itself; elsewhere it is the newest."""
+_KEPT = {TOPICS[MemberState].name: 4, TOPICS[CommandAnswer].name: 16}
+"""How many messages of a peer wait on topics where an older one counts too, for its sightings; elsewhere the newest."""
 _OPERATOR_KEPT, _OPERATOR_RATE_HZ = 8, 50.0
 _SENSOR_KEPT, _SENSOR_RATE_HZ = 32, 200.0
 _GUESTS = 32

@@ -8,7 +8,8 @@ import msgspec
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_proposal import PeerClocks, TeamReadiness, is_possible
-from agents.team.messages import TOPICS, BusMessage, MissionIdentity, StartProposal, encode
+from agents.team.codec import encode
+from agents.team.messages import TOPICS, BusMessage, MissionIdentity, StartProposal
 
 START_TIMEOUT_S = 120.0
 CLOCKS_TIMEOUT_S = 1.2

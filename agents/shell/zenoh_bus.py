@@ -15,7 +15,7 @@ from agents.drops import Drops, Reason
 from agents.ports import VehicleRefusedError
 from agents.shell.bus_security import BusSecurity, secured
 from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES, Mailbox
-from agents.team.messages import TOPICS, MemberState, NeighbourAngle, StartProposal
+from agents.team.messages import TOPICS, MemberState, StartProposal
 from agents.team.participant import Participant, is_name
 
 LEASE_MS = 1000
@@ -29,7 +29,7 @@ _GUEST_SESSIONS = 32
 _KEY_RATE_HZ = 1000.0
 """Zenoh drops what comes faster on one key: it keeps a burst of distinct messages from being delivered in full, so it
 is far above what any vehicle sends, and on topics of which the newest message alone counts."""
-_NEWEST_COUNTS = (MemberState, NeighbourAngle, StartProposal)
+_NEWEST_COUNTS = (MemberState, StartProposal)
 
 
 class ZenohBus:

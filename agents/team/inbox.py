@@ -1,40 +1,23 @@
-"""The bus's payloads for one vehicle: what is not a fresh message of a member is counted and dropped."""
+"""The messages of the bus for one vehicle: what is not a fresh message of a member is counted and dropped."""
 
 from collections.abc import Collection
 
 from agents.drops import DropCounter, Reason
-from agents.team.admission import refusal
 from agents.team.clock_watch import ClockWatch
-from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand, decode
+from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand
 
 _CLOCK_AHEAD_MAX_S = 1.0
 _AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items()}
 
 
 class Inbox:
-    """Decodes payloads, and accepts the messages of this vehicle's team; `dropped` counts all others by reason."""
+    """Accepts the messages of this vehicle's team; `dropped` counts all others by reason."""
 
     def __init__(self, vehicle_id: int, members: Collection[int], clocks: ClockWatch) -> None:
         """Take the team; `clocks` takes how every member dates its messages, accepted or not."""
         self._others = frozenset(members) - {vehicle_id}
         self._clocks = clocks
         self.dropped = DropCounter()
-
-    def admitted(self, payload: bytes, key: str) -> BusMessage | None:
-        """Return the message in a payload, None when it is malformed, or on another key than its own.
-
-        Without a key every sender counts: in simulations, where there is no bus, and in logs of earlier versions.
-        """
-        try:
-            message = decode(payload)
-        except ValueError:
-            self.dropped.add(Reason.MALFORMED)
-            return None
-        reason = refusal(key, message) if key else None
-        if reason is not None:
-            self.dropped.add(reason)
-            return None
-        return message
 
     def accepts(self, message: BusMessage, now_s: float, time_scale: float) -> bool:
         """Return whether a message is neither foreign, nor too old, nor from the future.

@@ -1,7 +1,7 @@
-"""Peer messages: what vehicles tell each other, their codec, and one table of topics with rate and maximum age.
+"""Peer messages: what vehicles tell each other, and one table of topics with rate and maximum age.
 
-Every number is bounded where it is decoded: NaN, infinity and nonsense from a peer never reach an estimator. Text with
-control characters is refused there.
+Every number is bounded where it is decoded (`agents/team/codec.py`): NaN, infinity and nonsense from a peer never reach
+an estimator. Text with control characters is refused there.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from agents.drops import NO_DROPS, Drops
 from agents.settings.shapes import Shape
 from agents.team.text import PRINTABLE
 
-_Id = Annotated[int, msgspec.Meta(ge=1, le=254)]
-_Time = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
+VehicleId = Annotated[int, msgspec.Meta(ge=1, le=254)]
+TimeS = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
 _Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 _Speed = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 _Angle = Annotated[float, msgspec.Meta(ge=-7.0, le=7.0)]
@@ -29,37 +29,15 @@ Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 
 
-class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
-    """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs.
-
-    `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none;
-    `shape` is the formation that operators last asked for, at `shaped_s`; None is the mission's. `drops` are the
-    messages that it has dropped so far.
-    """
-
-    sender: _Id
-    time_s: _Time
-    tactic: _Name
-    position_m: Metres2
-    velocity_m_s: tuple[_Speed, _Speed]
-    setpoint_m: Metres2
-    setpoint_rate_m_s: tuple[_Speed, _Speed]
-    altitude_m: _Metres = 0.0
-    position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
-    alert: _Name = ""
-    shape: Shape | None = None
-    shaped_s: _Time = 0.0
-    drops: Drops = NO_DROPS
-
-
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
-    It can fly these shares of the ring's angular rate and radius (`agents/ring/feasibility.py`).
+    It is a part of its sender's state; in logs of earlier versions it is a message of its own. The sender can fly these
+    shares of the ring's angular rate and radius (`agents/ring/feasibility.py`).
     """
 
-    sender: _Id
-    time_s: _Time
+    sender: VehicleId
+    time_s: TimeS
     bearing_rad: _Angle
     angular_rate_rad_s: _Speed
     radius_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
@@ -72,21 +50,49 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     """One raw sighting of the target and whom it is for: the members within the sender's communication radius.
 
-    The covariance holds (xx, xy, yy); the altitude is above the mission's origin, None if the sensor tells none. The
-    position has the error of the sender's own position: standard deviation per axis (0: none) and correlation time.
+    It is a part of its sender's state; in logs of earlier versions it is a message of its own. The covariance holds
+    (xx, xy, yy); the altitude is above the mission's origin, None if the sensor tells none. The position has the error
+    of the sender's own position: standard deviation per axis (0: none) and correlation time.
     """
 
-    sender: _Id
-    time_s: _Time
+    sender: VehicleId
+    time_s: TimeS
     position_m: Metres2
     covariance_m2: tuple[_Variance, _Variance, _Variance]
     importance: _Fraction
     threat: _Fraction
-    recipients: tuple[_Id, ...]
+    recipients: tuple[VehicleId, ...]
     altitude_m: _Metres | None = None
     altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
     frame_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
     frame_correlation_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
+
+
+class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
+    """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs.
+
+    With it come the vehicle's place on the ring, None off it, and what its own sensor has seen since it was sent last.
+
+    `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none;
+    `shape` is the formation that operators last asked for, at `shaped_s`; None is the mission's. `drops` are the
+    messages that it has dropped so far.
+    """
+
+    sender: VehicleId
+    time_s: TimeS
+    tactic: _Name
+    position_m: Metres2
+    velocity_m_s: tuple[_Speed, _Speed]
+    setpoint_m: Metres2
+    setpoint_rate_m_s: tuple[_Speed, _Speed]
+    altitude_m: _Metres = 0.0
+    position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    alert: _Name = ""
+    shape: Shape | None = None
+    shaped_s: TimeS = 0.0
+    drops: Drops = NO_DROPS
+    angle: NeighbourAngle | None = None
+    sightings: tuple[TargetPackage, ...] = ()
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
@@ -103,9 +109,9 @@ class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
     is sent on, so that operators know which mission the team flies.
     """
 
-    sender: _Id
-    time_s: _Time
-    start_s: _Time | None
+    sender: VehicleId
+    time_s: TimeS
+    start_s: TimeS | None
     ready: bool = True
     mission: MissionIdentity | None = None
 
@@ -117,9 +123,9 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     formation is about.
     """
 
-    time_s: _Time
+    time_s: TimeS
     verb: Verb
-    vehicle: _Id | None
+    vehicle: VehicleId | None
     origin: _Name
     number: _Number
     shape: Shape | None = None
@@ -128,8 +134,8 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
 class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     """What a vehicle did about an operator's command, and when."""
 
-    sender: _Id
-    time_s: _Time
+    sender: VehicleId
+    time_s: TimeS
     number: _Number
     did: Annotated[str, msgspec.Meta(max_length=DID_LIMIT, pattern=PRINTABLE)]
 
@@ -157,26 +163,22 @@ TOPICS: dict[type[BusMessage], Topic] = {
 }
 
 OPERATOR_TOPIC = TOPICS[OperatorCommand].name
-PEER_TOPICS = frozenset(topic.name for topic in TOPICS.values()) - {OPERATOR_TOPIC}
-"""Topics with a key for each vehicle; that of commands has one for each verb and operator."""
-
-_encoder = msgspec.msgpack.Encoder()
-_decoder: msgspec.msgpack.Decoder[BusMessage] = msgspec.msgpack.Decoder(BusMessage)
+PEER_TOPICS = frozenset(TOPICS[kind].name for kind in (MemberState, StartProposal, CommandAnswer))
+"""Topics on which vehicles send, with a key for each; that of commands has one for each verb and operator."""
 
 
-def encode(message: BusMessage) -> bytes:
-    """Return a message as it goes over the bus."""
-    return _encoder.encode(message)
+def angle_of(message: BusMessage) -> NeighbourAngle | None:
+    """Return the place on the ring that a message holds, or is in logs of earlier versions; None without one."""
+    if isinstance(message, MemberState):
+        return message.angle
+    return message if isinstance(message, NeighbourAngle) else None
 
 
-def decode(payload: bytes) -> BusMessage:
-    """Return the message in a payload; raises ValueError when it is not one of ours, or a number is out of bounds."""
-    try:
-        return _decoder.decode(payload)
-    except msgspec.MsgspecError as error:
-        raise ValueError(str(error)) from error
-    except RecursionError as error:
-        raise ValueError("nested too deeply") from error
+def sightings_of(message: BusMessage) -> tuple[TargetPackage, ...]:
+    """Return the sightings that a message holds, or is in logs of earlier versions."""
+    if isinstance(message, MemberState):
+        return message.sightings
+    return (message,) if isinstance(message, TargetPackage) else ()
 
 
 def topic_of(message: BusMessage) -> str:

@@ -15,7 +15,8 @@ from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
 from agents.team.admission import refusal
-from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb, decode
+from agents.team.codec import decode
+from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from gcs.console.team_bus import guest_bus, send_command
 from gcs.console.team_missions import TeamMissions

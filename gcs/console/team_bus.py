@@ -4,7 +4,8 @@ from contextlib import suppress
 
 from agents.ports import PeerBus
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import OperatorCommand, encode, topic_of
+from agents.team.codec import encode
+from agents.team.messages import OperatorCommand, topic_of
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import TeamKeys

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 from agents.drops import NO_DROPS, Drops
 from agents.team.admission import refusal
-from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, decode
+from agents.team.codec import decode
+from agents.team.messages import CommandAnswer, MemberState, OperatorCommand
 
 SILENT_AFTER_S = 1.0
 """Vehicles send ten messages per second of mission time, which is at least as fast as the wall clock."""
@@ -40,7 +41,6 @@ class _LatestMessages:
 
     state: MemberState
     received_s: float
-    angle: NeighbourAngle | None = None
     silence_reported: bool = False
 
 
@@ -73,8 +73,6 @@ class TeamState:
         match message:
             case MemberState():
                 self._receive_state(message, now_s)
-            case NeighbourAngle() if message.sender in self._latest:
-                self._latest[message.sender].angle = message
             case OperatorCommand() | CommandAnswer():
                 self._receive_command(message)
             case _:
@@ -96,7 +94,7 @@ class TeamState:
 
     def _receive_state(self, state: MemberState, now_s: float) -> None:
         last = self._latest.get(state.sender)
-        self._latest[state.sender] = _LatestMessages(state, now_s, None if last is None else last.angle)
+        self._latest[state.sender] = _LatestMessages(state, now_s)
         name = f"vehicle {state.sender}"
         if last is None:
             self._events.append(f"{name}: connected, tactic {state.tactic}")
@@ -126,16 +124,15 @@ class TeamState:
         latest = self._latest.get(vehicle_id)
         if latest is None:
             return WatchRow(vehicle_id)
-        state, angle = latest.state, latest.angle
-        on_ring = angle is not None and abs(state.time_s - angle.time_s) < TOPICS[NeighbourAngle].age_max_s
+        state, angle = latest.state, latest.state.angle
         return WatchRow(
             vehicle_id,
             now_s - latest.received_s,
             state.tactic,
             state.position_m,
             state.altitude_m,
-            angle.radius_m if angle is not None and on_ring else None,
-            angle.angular_rate_rad_s if angle is not None and on_ring else None,
+            None if angle is None else angle.radius_m,
+            None if angle is None else angle.angular_rate_rad_s,
             state.alert,
             state.drops,
         )

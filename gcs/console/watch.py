@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from agents.team.admission import refusal
-from agents.team.messages import decode
+from agents.team.codec import decode
 from gcs.console.live import TACTIC_STYLES, TableView, number
 from gcs.console.team_missions import TeamMissions
 from gcs.console.team_state import TeamState, WatchRow

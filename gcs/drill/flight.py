@@ -14,7 +14,8 @@ from typing import Self
 import msgspec
 
 from agents.ports import VehicleRefusedError
-from agents.team.messages import MemberState, NeighbourAngle, decode
+from agents.team.codec import decode
+from agents.team.messages import MemberState
 from estimation.frames import Triple
 from estimation.profile.shelf import bundled_profiles
 from gcs.console.command_client import CommandClient
@@ -239,9 +240,9 @@ class DrillFlight:
             if isinstance(message, MemberState):
                 self.log.note_status(now_s, message.sender, message.tactic, message.alert)
                 self.positions_m[message.sender] = (*message.position_m, message.altitude_m)
-            elif isinstance(message, NeighbourAngle):
-                self.log.radii_m[message.sender].append((now_s, message.radius_m))
-                self.log.bearings_rad[message.sender] = (now_s, message.bearing_rad)
+                if message.angle is not None:
+                    self.log.radii_m[message.sender].append((now_s, message.angle.radius_m))
+                    self.log.bearings_rad[message.sender] = (now_s, message.angle.bearing_rad)
 
     def stalled_s(self, since_s: float) -> float:
         """Return the longest time without an observation of the vehicles: this computer was too busy."""

@@ -14,7 +14,8 @@ import msgspec
 
 from agents.drops import Drops
 from agents.ports import PeerBus, TargetSensor
-from agents.team.messages import PEER_TOPICS, TOPICS, CommandAnswer, MemberState, decode, encode
+from agents.team.codec import decode, encode
+from agents.team.messages import PEER_TOPICS, TOPICS, CommandAnswer, MemberState
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
 from gcs.keys.team_keys import TeamKeys

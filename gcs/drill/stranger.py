@@ -6,7 +6,8 @@ from contextlib import AsyncExitStack, suppress
 
 from agents.ports import VehicleRefusedError
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import MemberState, NeighbourAngle, OperatorCommand, encode
+from agents.team.codec import encode
+from agents.team.messages import MemberState, NeighbourAngle, OperatorCommand
 from agents.team.participant import Participant, vehicle
 from gcs.mission.mission import Mission
 
@@ -46,7 +47,8 @@ class Stranger:
     def _send(self, vehicles: dict[int, ZenohBus], operator: ZenohBus) -> None:
         now_s = self._now_s()
         for i, bus in vehicles.items():
-            bus.publish("member", encode(MemberState(i, now_s, "encircle", _FAR_M, _STILL_M_S, _FAR_M, _STILL_M_S)))
-            bus.publish("angle", encode(NeighbourAngle(i, now_s, 0.0, 0.0, self._mission.encirclement.radius_m)))
+            angle = NeighbourAngle(i, now_s, 0.0, 0.0, self._mission.encirclement.radius_m)
+            state = MemberState(i, now_s, "encircle", _FAR_M, _STILL_M_S, _FAR_M, _STILL_M_S, angle=angle)
+            bus.publish("member", encode(state))
         self._number += 1
         operator.publish("command/hold", encode(OperatorCommand(now_s, "hold", None, _ORIGIN, self._number)))

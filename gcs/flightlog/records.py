@@ -24,7 +24,7 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
-from agents.team.messages import encode
+from agents.team.codec import encode
 from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
 from gcs.flightlog.audit.entry import AuditEntry
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from agents.team.messages import decode
+from agents.team.codec import decode
 from gcs.flightlog.records import Decision, Run
 from gcs.flightlog.run import versions
 from gcs.flightlog.schema import plain

@@ -8,7 +8,7 @@ from agents.control.lmpc import QpStatus
 from agents.ports import VehicleStatus
 from agents.safety.interventions import QUIET_S
 from agents.tape import Autopilot, Bus, Message, TacticEvent
-from agents.team.messages import TargetPackage
+from agents.team.messages import sightings_of
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.records import Decision
 from gcs.replay.input_text import place
@@ -325,7 +325,7 @@ def _sighted_by(turn: Turn) -> str:
     if any(isinstance(item, Sighting) for item in turn.inputs):
         return "own sensor"
     messages = (received_message(item) for item in turn.inputs if isinstance(item, Message))
-    senders = {message.sender for message in messages if isinstance(message, TargetPackage)}
+    senders = {package.sender for message in messages if message is not None for package in sightings_of(message)}
     return f"sighted by {_vehicles(sorted(senders))}" if senders else "earlier sightings"
 
 

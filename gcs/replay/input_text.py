@@ -20,6 +20,7 @@ from agents.tape import (
     TimeScale,
 )
 from agents.team.admission import refusal
+from agents.team.codec import decode
 from agents.team.messages import (
     CommandAnswer,
     MemberState,
@@ -28,7 +29,6 @@ from agents.team.messages import (
     PeerMessage,
     StartProposal,
     TargetPackage,
-    decode,
     key_of,
 )
 from estimation.state import Sighting, Telemetry
@@ -90,7 +90,8 @@ def _peer_message(message: PeerMessage) -> str:
         case MemberState():
             where = f"position {place(message.position_m)} m, velocity {place(message.velocity_m_s)} m/s"
             alert = f", alert {message.alert}" if message.alert else ""
-            return f"{message.tactic}, {where}{alert}"
+            parts = [_peer_message(part) for part in (message.angle, *message.sightings) if part is not None]
+            return ", ".join((f"{message.tactic}, {where}{alert}", *parts))
         case NeighbourAngle():
             return f"on the ring, bearing {message.bearing_rad:.3f} rad"
         case TargetPackage():

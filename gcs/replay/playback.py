@@ -22,7 +22,8 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
-from agents.team.messages import OperatorCommand, decode
+from agents.team.codec import decode
+from agents.team.messages import OperatorCommand
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog

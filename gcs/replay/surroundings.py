@@ -4,9 +4,8 @@ from math import hypot, inf
 from typing import NamedTuple
 
 from agents.tactics import Tactic
-from agents.tape import CoreInput, LateTicks, Message, Start, TimeScale
-from agents.team.admission import refusal
-from agents.team.messages import BusMessage, MemberState, decode
+from agents.tape import CoreInput, LateTicks, Message, Start, TimeScale, taped_message
+from agents.team.messages import BusMessage, MemberState
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision
 from gcs.replay.playback import Turn
@@ -69,10 +68,4 @@ class Surroundings:
 
 def received_message(item: CoreInput) -> BusMessage | None:
     """Return the bus message of an input, None where the input is none, or not admitted."""
-    if not isinstance(item, Message):
-        return None
-    try:
-        message = decode(item.payload)
-    except ValueError:
-        return None
-    return None if item.key and refusal(item.key, message) is not None else message
+    return taped_message(item) if isinstance(item, Message) else None

@@ -6,6 +6,7 @@ setpoints that were sent. No decision is recomputed.
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -15,10 +16,10 @@ from agents.broadcast import received_sighting
 from agents.settings.config import AgentConfig
 from agents.situation.team_frame import TeamFrame
 from agents.tactics import Tactic
-from agents.tape import Command, Message, Start, TacticEvent, TimeScale
+from agents.tape import Command, Message, Start, TacticEvent, TimeScale, taped_message
 from agents.team.clock_watch import ClockWatch
 from agents.team.inbox import Inbox
-from agents.team.messages import OperatorCommand, TargetPackage
+from agents.team.messages import OperatorCommand, sightings_of
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
@@ -167,16 +168,15 @@ class Feed:
                     yield from self._received(item)
 
     def _received(self, item: Message) -> Iterator[FilterInput]:
-        message = self._inbox.admitted(item.payload, item.key)
+        message = taped_message(item)
         if message is None or not self._inbox.accepts(message, item.now_s, self._time_scale):
             return
         if isinstance(message, OperatorCommand):
             yield message
-        if isinstance(message, TargetPackage) and self._vehicle_id in message.recipients:
-            try:
-                yield received_sighting(message)
-            except ValueError:
-                return  # the core refused it as well
+        for package in sightings_of(message):
+            if self._vehicle_id in package.recipients:
+                with suppress(ValueError):  # the core refused it as well
+                    yield received_sighting(package)
 
 
 class FilterRun:

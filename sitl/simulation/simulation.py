@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import expm1, hypot
 from time import perf_counter
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -47,9 +47,8 @@ class WantedPosition(Protocol):
 class Packet(Protocol):
     """A message on the simulated network."""
 
-    @property
-    def payload(self) -> bytes:
-        """The bytes that go over the air."""
+    def received(self) -> object:
+        """Return the message as its receivers decode it."""
         ...
 
 
@@ -82,8 +81,8 @@ class Core(Protocol[OutputT_co]):
         """Take a sighting of the target."""
         ...
 
-    def on_message(self, payload: bytes, now_s: float) -> object:
-        """Take a peer's message; what it decodes to is of no interest here."""
+    def on_message(self, message: Any, now_s: float) -> object:
+        """Take a peer's message, decoded."""
         ...
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
@@ -236,27 +235,28 @@ class _Network:
     def __init__(self, model: NetworkModel, seed: int) -> None:
         self._model = model
         self._random = np.random.default_rng([seed, 0])
-        self._flying: list[tuple[float, int, int, bytes]] = []
+        self._flying: list[tuple[float, int, int, object]] = []
         self._count = 0
 
     def send(self, now_s: float, sender: int, packets: Sequence[Packet], positions: Vector) -> None:
         """Send to every other vehicle in range; each copy is lost or late on its own."""
+        messages = [packet.received() for packet in packets]
         x, y = positions[sender].tolist()
         for receiver, (other_x, other_y) in enumerate(positions.tolist()):
             if receiver == sender or hypot(other_x - x, other_y - y) > self._model.range_m:
                 continue
-            for packet in packets:
+            for message in messages:
                 if self._model.loss == 0.0 or self._random.random() >= self._model.loss:
-                    arrival = (now_s + self._model.delay_s, self._count, receiver, packet.payload)
+                    arrival = (now_s + self._model.delay_s, self._count, receiver, message)
                     heapq.heappush(self._flying, arrival)
                     self._count += 1
 
-    def arrived(self, now_s: float) -> dict[int, list[bytes]]:
+    def arrived(self, now_s: float) -> dict[int, list[object]]:
         """Take out what has arrived, by receiver."""
-        arrived: dict[int, list[bytes]] = {}
+        arrived: dict[int, list[object]] = {}
         while self._flying and self._flying[0][0] <= now_s + _ROUNDING_S:
-            _, _, receiver, payload = heapq.heappop(self._flying)
-            arrived.setdefault(receiver, []).append(payload)
+            _, _, receiver, message = heapq.heappop(self._flying)
+            arrived.setdefault(receiver, []).append(message)
         return arrived
 
 
@@ -304,8 +304,8 @@ def simulate(
             if not vehicle.present:
                 continue
             began = perf_counter()
-            for payload in arrived.get(index, ()):
-                vehicle.core.on_message(payload, now_s)
+            for message in arrived.get(index, ()):
+                vehicle.core.on_message(message, now_s)
             output = vehicle.think(now_s, *sensed)
             tick_us[tick, index] = (perf_counter() - began) * 1e6
             vehicle.command(now_s, output.setpoint)

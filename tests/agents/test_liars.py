@@ -19,7 +19,8 @@ from agents.safety.failsafe import Condition
 from agents.settings.config import AgentConfig
 from agents.settings.sections import FailsafeSettings
 from agents.tactics import Event
-from agents.team.messages import MemberState, NeighbourAngle, TargetPackage, decode, encode
+from agents.team.codec import decode, encode
+from agents.team.messages import MemberState, NeighbourAngle, TargetPackage
 from estimation.state import POSITION
 from gcs.flight.simulated import simulated_vehicles
 from sitl.simulation.simulation import NetworkModel, simulate

@@ -13,7 +13,8 @@ from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import DID_LIMIT, CommandAnswer, MemberState, OperatorCommand, Verb, decode, encode
+from agents.team.codec import decode, encode
+from agents.team.messages import DID_LIMIT, CommandAnswer, MemberState, OperatorCommand, Verb
 from estimation.state import Telemetry
 
 HOVER_S = 5.0
@@ -248,7 +249,7 @@ def test_what_is_remembered_is_bounded() -> None:
 
 def test_a_core_answers_in_its_next_tick_even_before_it_knows_where_it_is(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
-    core.on_message(encode(OperatorCommand(1.0, "kill", 2, "pat@here", 7)), 1.0)
+    core.on_message(OperatorCommand(1.0, "kill", 2, "pat@here", 7), 1.0)
     assert core.kills
     output = core.tick(1.1)
     assert [decode(each.payload) for each in output.messages] == [CommandAnswer(2, 1.1, 7, CUTTING)]
@@ -270,15 +271,13 @@ def told_shape(core: VehicleCore, now_s: float) -> tuple[str | None, float]:
 
 
 def test_the_newest_shape_spreads_from_vehicle_to_vehicle(make_config: Maker) -> None:
-    def heard(shape: Shape, told_s: float, now_s: float) -> bytes:
+    def heard(shape: Shape, told_s: float, now_s: float) -> MemberState:
         place = (0.0, 5.0)
-        return encode(
-            MemberState(1, now_s, "formation", place, (0.0, 0.0), place, (0.0, 0.0), 8.0, 0.0, "", shape, told_s)
-        )
+        return MemberState(1, now_s, "formation", place, (0.0, 0.0), place, (0.0, 0.0), 8.0, 0.0, "", shape, told_s)
 
     core = VehicleCore(make_config(vehicle_id=2))
     assert told_shape(core, 1.0) == (None, 0.0)
-    core.on_message(encode(reshaping("wedge", 2.0)), 2.0)
+    core.on_message(reshaping("wedge", 2.0), 2.0)
     assert told_shape(core, 2.0) == ("wedge", 2.0)
     core.on_message(heard("column", 1.5, 2.1), 2.1)  # older: whoever says so has not heard the newer one yet
     assert told_shape(core, 2.1) == ("wedge", 2.0)
@@ -286,19 +285,19 @@ def test_the_newest_shape_spreads_from_vehicle_to_vehicle(make_config: Maker) ->
     assert told_shape(core, 2.2) == ("column", 2.1)
     core.on_message(heard("free", 2.2, 2.3), 2.3)  # its mission has none
     assert told_shape(core, 2.3) == ("column", 2.1)
-    core.on_message(encode(reshaping("wedge", 2.0)), 2.4)  # a straggler of the first command
+    core.on_message(reshaping("wedge", 2.0), 2.4)  # a straggler of the first command
     assert told_shape(core, 2.4) == ("column", 2.1)
 
 
 def test_a_flight_for_identification_knows_no_shapes(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2, excitation=ExcitationSettings()))
-    core.on_message(encode(reshaping("wedge")), 1.0)
+    core.on_message(reshaping("wedge"), 1.0)
     assert told_shape(core, 1.0) == (None, 0.0)
 
 
 def test_a_core_shows_what_its_peers_answered(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
     answer = CommandAnswer(3, 1.0, 7, "holds")
-    core.on_message(encode(answer), 1.0)
+    core.on_message(answer, 1.0)
     assert core.tick(1.0).status.answers == (answer,)
     assert core.tick(1.1).status.answers == ()

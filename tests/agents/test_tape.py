@@ -13,7 +13,7 @@ from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
 from agents.tape import CoreInput, TapedCore, Tick, play
-from agents.team.messages import OperatorCommand, encode
+from agents.team.messages import OperatorCommand
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.records import decision_of
 
@@ -49,12 +49,11 @@ def flown(core: VehicleCore) -> list[TickOutput]:
         if tick % 2 == 0:
             core.on_sighting(Sighting(now_s, 2, (6.0, -3.0), (0.01, 0.0, 0.01), 0.8, 0.2))
         if tick == 40:
-            core.on_message(encode(OperatorCommand(now_s, "hold", None, "tower", 7)), now_s)
-            core.on_message(b"no message of ours", now_s)
+            core.on_message(OperatorCommand(now_s, "hold", None, "tower", 7), now_s)
         if tick == 60:
             core.on_command(OperatorCommand(now_s, "resume", 2, "here", 8), now_s)
         if tick == 80:
-            core.on_message(encode(OperatorCommand(now_s, "formation", None, "tower", 9, "wedge")), now_s)
+            core.on_message(OperatorCommand(now_s, "formation", None, "tower", 9, "wedge"), now_s)
         if tick == 90:
             core.on_presence(1, False)
         if tick == 120:

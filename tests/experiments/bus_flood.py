@@ -16,7 +16,9 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from agents.core import VehicleCore
-from agents.team.messages import MemberState, Verb, encode
+from agents.team.admission import Admission
+from agents.team.codec import encode
+from agents.team.messages import MemberState, Verb
 from gcs.console.command_client import CommandClient
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
@@ -103,17 +105,20 @@ def fly(kind: str, lasting_s: float, rate_hz: float) -> bool:
     return share < MISSED_MAX and growth_mb < GROWTH_MAX_MB and longest_s < HOLD_MAX_S
 
 
-def message_us(key: str) -> float:
-    """Return what a core takes for a peer's message, with or without a key to admit it by [us]."""
+def message_us() -> float:
+    """Return what it takes to admit a peer's message and to give it to a core [us]."""
     mission = load_mission("case2")
     core = VehicleCore(mission.agent_config(mission.vehicle(1)))
     here = (0.0, 0.0)
     states = [MemberState(2, 1.0 + 1e-6 * n, "hold", here, here, here, here) for n in range(_MESSAGES)]
     payloads = [encode(state) for state in states]
+    admission = Admission()
     times_us = []
     for payload in payloads:
         began = time.perf_counter()
-        core.on_message(payload, 1.0, key)
+        message = admission.admitted("member/2", payload)
+        assert message is not None
+        core.on_message(message, 1.0)
         times_us.append((time.perf_counter() - began) * 1e6)
     return median(times_us)
 
@@ -124,8 +129,7 @@ def main() -> int:
     reader.add_argument("--rate", type=float, default=10_000.0, help="messages a second (default: %(default)s)")
     reader.add_argument("--lasting", type=float, default=20.0, help="seconds of each flood (default: %(default)s)")
     arguments = reader.parse_args()
-    without_us, with_us = message_us(""), message_us("member/2")
-    print(f"a peer's message: {without_us:.2f} us without admission, {with_us:.2f} us with it")
+    print(f"a peer's message: {message_us():.2f} us")
     held = [fly(kind, arguments.lasting, arguments.rate) for kind in ("", *KINDS)]
     return 0 if all(held) else 1
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agents.core import VehicleCore
 from agents.settings.config import AgentConfig
 from agents.settings.shapes import Shape
-from agents.team.messages import BusMessage, OperatorCommand, decode, encode
+from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
@@ -69,12 +69,10 @@ class _CutOff(VehicleCore):
         super().__init__(config)
         self._unheard_id, self._hears = unheard_id, config.vehicle_id != unheard_id
 
-    def on_message(self, payload: bytes, now_s: float, key: str = "") -> BusMessage | None:
-        message = decode(payload)
+    def on_message(self, message: BusMessage, now_s: float) -> None:
         sender = None if isinstance(message, OperatorCommand) else message.sender
         if now_s < CHANGE_S or (self._hears and sender != self._unheard_id):
-            return super().on_message(payload, now_s, key)
-        return None
+            super().on_message(message, now_s)
 
 
 def flown(scene: Scene, seed: int) -> SimulatedFlight:
@@ -89,7 +87,7 @@ def flown(scene: Scene, seed: int) -> SimulatedFlight:
             command = told.pop(0)
             for vehicle in vehicles:
                 if vehicle.present:
-                    vehicle.core.on_message(encode(command), now_s)
+                    vehicle.core.on_message(command, now_s)
                     if command.verb == "formation":
                         break  # one hears it; the others have it from each other
 

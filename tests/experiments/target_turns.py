@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
-from agents.team.messages import OperatorCommand, encode
+from agents.team.messages import OperatorCommand
 from estimation.state import POSITION
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
@@ -86,7 +86,7 @@ def flown(seed: int, flight: Flight) -> Turns:
             tactics.append(output.status.tactic)
         if flight is Flight.HELD and tick == round(RESUMED_S * rate_hz):
             resume = OperatorCommand(RESUMED_S, "resume", None, "tower", 1)
-            vehicles[vehicle].core.on_message(encode(resume), RESUMED_S)
+            vehicles[vehicle].core.on_message(resume, RESUMED_S)
 
     truth = simulate(
         vehicles,

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import pytest
 
 from agents.drops import NO_DROPS
-from agents.team.messages import MemberState, OperatorCommand, encode
+from agents.team.codec import encode
+from agents.team.messages import MemberState, OperatorCommand
 from estimation.state import Sighting
 from gcs.drill.injected_faults import FailingBus, FailingSensor, FaultReceiver, InjectedFaults
 from sitl.faults import VehicleFaults

@@ -31,6 +31,9 @@ class Wanted:
 class Packet:
     payload: bytes
 
+    def received(self) -> bytes:
+        return self.payload
+
 
 @dataclass
 class Asked:

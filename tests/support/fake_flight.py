@@ -20,7 +20,8 @@ from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.tactics import Event
 from agents.tape import CoreInput, TacticEvent, TapedCore
-from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb, encode, key_of
+from agents.team.codec import encode
+from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb, key_of
 from agents.team.perception import Perception
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting, Telemetry

@@ -16,6 +16,7 @@ from random import Random
 from time import process_time
 from types import FrameType
 
+from agents.team.codec import decode, encode
 from agents.team.messages import (
     CommandAnswer,
     MemberState,
@@ -24,8 +25,6 @@ from agents.team.messages import (
     OperatorCommand,
     StartProposal,
     TargetPackage,
-    decode,
-    encode,
 )
 from agents.team.perception import ExternalSighting, Perception, encode_sighting
 from estimation.profile.profile import ProfileError

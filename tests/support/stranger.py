@@ -13,7 +13,8 @@ from itertools import cycle
 
 import zenoh
 
-from agents.team.messages import MemberState, encode
+from agents.team.codec import encode
+from agents.team.messages import MemberState
 
 FAR_M = (5000.0, 5000.0)
 LARGE_BYTES = 100_000_000

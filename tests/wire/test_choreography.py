@@ -18,7 +18,8 @@ from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending
 from agents.shell.zenoh_bus import ZenohBus
 from agents.team import participant
-from agents.team.messages import TOPICS, StartProposal, encode
+from agents.team.codec import encode
+from agents.team.messages import TOPICS, StartProposal
 from gcs.console.live import LiveView
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan

@@ -16,7 +16,8 @@ import pytest
 from agents.core import VehicleCore
 from agents.outputs import TickOutput
 from agents.tape import Command, Tick, play
-from agents.team.messages import OperatorCommand, decode
+from agents.team.codec import decode
+from agents.team.messages import OperatorCommand
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import Cost, Decision, LocalCommand, Truth, Vehicle, VehicleEnd, decision_of
 from gcs.flightlog.run import mission_of

@@ -16,7 +16,8 @@ import pytest
 from rich.console import Console
 
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import MemberState, encode
+from agents.team.codec import encode
+from agents.team.messages import MemberState
 from agents.team.participant import vehicle
 from gcs.console.watch import WatchView, watch
 from gcs.mission.file import load_mission

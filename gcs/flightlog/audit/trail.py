@@ -6,7 +6,8 @@ from contextlib import suppress
 
 from agents.outputs import TickOutput
 from agents.tape import Command, Message
-from agents.team.messages import OPERATOR_TOPIC, TOPICS, CommandAnswer, OperatorCommand, decode, key_of
+from agents.team.codec import decode
+from agents.team.messages import OPERATOR_TOPIC, TOPICS, CommandAnswer, OperatorCommand, key_of
 from gcs.flightlog.audit.entry import AuditEntry, Event, Source, sealed
 
 _REMEMBERED = 1000

@@ -13,7 +13,8 @@ from agents.drops import Drops
 from agents.notes import Note
 from agents.tape import Autopilot, LateTicks, Message, Start
 from agents.team.admission import refusal
-from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, decode
+from agents.team.codec import decode
+from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
@@ -272,11 +273,12 @@ class _VehicleReader:
                 newest = self._peers.get(message.sender)
                 if newest is None or message.time_s > newest.time_s:
                     self._peers[message.sender] = message
-            elif isinstance(message, NeighbourAngle):
-                before = self._angles.get(message.sender)
-                if before is None or message.time_s > before.time_s:
-                    self._angles[message.sender] = message
-            elif isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
+            angle = angle_of(message)
+            if angle is not None:
+                before = self._angles.get(angle.sender)
+                if before is None or angle.time_s > before.time_s:
+                    self._angles[angle.sender] = angle
+            if isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
                 self._journal.event_log.add_answer(message)
 
     def _position(self, record: LogRecord) -> None:

@@ -14,7 +14,7 @@ from agents.core import VehicleCore
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings
 from agents.tactics import Event, Tactic
-from agents.team.messages import MemberState
+from agents.team.messages import BusMessage, MemberState
 from estimation.plant.model import exact_step
 from estimation.state import Telemetry, Vector
 
@@ -83,13 +83,13 @@ class Sky:
 
     def step(self) -> None:
         self.now_s += DT_S
-        payloads = {i: self._tick(each) for i, each in self.flyers.items() if each.down_s is None}
-        for sender, messages in payloads.items():
+        sent = {i: self._tick(each) for i, each in self.flyers.items() if each.down_s is None}
+        for sender, messages in sent.items():
             for i, each in self.flyers.items():
                 for message in messages if i != sender else ():
                     each.core.on_message(message, self.now_s)
 
-    def _tick(self, flyer: Flyer) -> list[bytes]:
+    def _tick(self, flyer: Flyer) -> list[BusMessage]:
         x, y, x_rate, y_rate = flyer.motion.tolist()
         flyer.core.on_telemetry(Telemetry(self.now_s, (x, y, flyer.height_m), (x_rate, y_rate, 0.0)))
         output = flyer.core.tick(self.now_s)
@@ -99,7 +99,7 @@ class Sky:
             flyer.down_s = self.now_s if flyer.height_m <= 0.0 else None
         else:
             flyer.fly(output.setpoint.position_m)
-        return [message.payload for message in output.messages]
+        return [message.received() for message in output.messages]
 
     def end(self, *vehicles: int) -> None:
         for i in vehicles or tuple(self.flyers):

@@ -21,7 +21,8 @@ from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings, FailsafeSettings
 from agents.tactics import Event, Tactic
-from agents.team.messages import MemberState, OperatorCommand, decode, encode
+from agents.team.codec import decode
+from agents.team.messages import MemberState, OperatorCommand
 from estimation.plant.model import exact_step
 from estimation.state import Sighting, Telemetry, Vector
 from gcs.flight.simulated import fly_simulated
@@ -127,7 +128,7 @@ class Flight:
         if self.telemetry:
             core.on_telemetry(Telemetry(now_s, (x + self.offset_m, y, self.height_m), (x_rate, y_rate, 0.0)))
         for peer, tactic in self.peers.items():
-            core.on_message(encode(self._said_by(peer, tactic)), now_s)
+            core.on_message(self._said_by(peer, tactic), now_s)
         if self.target_m is not None:
             core.on_sighting(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
         if self.outside_m is not None:
@@ -135,7 +136,7 @@ class Flight:
         if self.second_source:
             said = self._said_by(1, "formation")
             forged = msgspec.structs.replace(said, time_s=now_s - 0.05, position_m=(said.position_m[0], 25.0))
-            core.on_message(encode(forged), now_s)
+            core.on_message(forged, now_s)
         core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports))
         self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
         core.on_drops(Drops(too_many=self.refused))
@@ -426,7 +427,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     lasts = condition is not Condition.PLAN_FAILING
     if lasts:
         said_s = flight.now_s
-        flight.core.on_message(encode(OperatorCommand(flight.now_s, "resume", None, "pat", 1)), flight.now_s)
+        flight.core.on_message(OperatorCommand(flight.now_s, "resume", None, "pat", 1), flight.now_s)
         flight.fly(flight.now_s + 0.2)
         assert flight.status.tactic is reaction
         (refusal,) = flight.notes(said_s - PERIOD_S, kind="command")
@@ -436,7 +437,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     assert {output.status.tactic for output in after} == {reaction}, "it stays"
     assert (flight.told.tactic, flight.told.alert) == (reaction.value, condition.value)
     assert f"{condition.value}: cleared; resume continues the mission" in flight.notes()
-    flight.core.on_message(encode(OperatorCommand(flight.now_s, "resume", None, "pat", 2)), flight.now_s)
+    flight.core.on_message(OperatorCommand(flight.now_s, "resume", None, "pat", 2), flight.now_s)
     flight.fly(flight.now_s + 0.3)
     assert flight.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
     assert flight.told.alert == ""

@@ -15,7 +15,7 @@ from agents.safety.neighbours import A_FEW, GOING_ON_S, UNPUBLISHED_ACCELERATION
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Event
-from agents.team.messages import MemberState, encode
+from agents.team.messages import MemberState
 from estimation.plant.model import exact_step
 from estimation.state import OwnEstimate, Telemetry
 from tests.conftest import CONFIG, STUB
@@ -182,7 +182,7 @@ def test_the_core_keeps_away_from_where_somebody_was_lost(
         x, y, x_rate, y_rate = motion.tolist()
         core.on_telemetry(Telemetry(now_s, (x, y, HEIGHT_M), (x_rate, y_rate, 0.0)))
         if tick == 0:
-            core.on_message(encode(member(now_s, tactic, position=(0.5, 0.0), altitude_m=height_m)), now_s)
+            core.on_message(member(now_s, tactic, position=(0.5, 0.0), altitude_m=height_m), now_s)
         if tick == 5:
             core.on_presence(1, present=False)
         guarded = core.tick(now_s).status.guarded
@@ -202,7 +202,7 @@ def test_a_setpoint_that_nobody_obeys_is_not_guarded(event: Event, guarded: bool
     for tick in range(5):
         now_s = 10.0 + 0.1 * tick
         core.on_telemetry(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
-        core.on_message(encode(member(now_s, position=(0.5, 0.0))), now_s)
+        core.on_message(member(now_s, position=(0.5, 0.0)), now_s)
         status = core.tick(now_s).status
     assert status.guarded is not None
     assert bool(status.guarded.causes) is guarded

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agents.broadcast import received_sighting, target_package
 from agents.setpoint.altitude import Altitude
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
-from agents.team.messages import TargetPackage, decode
+from agents.team.codec import decode, encode
+from agents.team.messages import MemberState, sightings_of
 from estimation.filters.target_altitude import RANDOM_WALK_M, TargetAltitude
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting
@@ -106,9 +108,12 @@ def test_a_sighting_with_an_altitude_that_is_none_is_refused() -> None:
 
 @pytest.mark.parametrize("altitude_m", [None, 4.25])
 def test_peers_hear_of_it(altitude_m: float | None) -> None:
-    package = decode(target_package(1, told(altitude_m), (2, 3)).payload)
-    assert isinstance(package, TargetPackage)
-    assert received_sighting(package) == told(altitude_m)
+    sighting, here = told(altitude_m), (0.0, 0.0)
+    package = target_package(1, sighting, (2, 3))
+    state = MemberState(1, sighting.time_s, "encircle", here, here, here, here, sightings=(package,))
+    (received,) = sightings_of(decode(encode(state)))
+    known_sigma = sighting.altitude_sigma_m if altitude_m is not None else 1.0
+    assert received_sighting(received) == replace(sighting, altitude_sigma_m=known_sigma)
 
 
 # One vehicle

@@ -12,7 +12,7 @@ from agents.setpoint.slew_limit import SlewLimit
 from agents.settings.config import AgentConfig
 from agents.settings.sections import SafetySettings
 from agents.tactics import Event, Tactic
-from agents.team.messages import MemberState, encode
+from agents.team.messages import MemberState
 from estimation.state import Sighting
 from tests.agents.test_core import PERIOD_S, Pilot, setpoint_of
 
@@ -71,7 +71,7 @@ def test_a_target_that_jumps_moves_no_setpoint_far_but_another_vehicle_does(make
     ahead = MemberState(
         3, pilot.now_s, "hold", (x + 1.5, y), (x_rate - 1.5, y_rate), (x, y), (0.0, 0.0), altitude_m=8.0
     )
-    pilot.core.on_message(encode(ahead), pilot.now_s)
+    pilot.core.on_message(ahead, pilot.now_s)
     output = pilot.fly(pilot.now_s + PERIOD_S)[-1]
     assert dist(setpoint_of(output), places[-1]) > 2.0 * FAST_M_S * PERIOD_S
 

@@ -12,7 +12,8 @@ from agents.shell.life import Phase
 from agents.shell.outcome import Ending, Outcome
 from agents.tactics import Event, Tactic
 from agents.tape import Start, TacticEvent, Tick, TimeScale
-from agents.team.messages import CommandAnswer, StartProposal, decode
+from agents.team.codec import decode
+from agents.team.messages import CommandAnswer, StartProposal
 from tests.support.fake_flight import ALONE, PAIR, FakeFlight
 from tests.support.simulated_loop import run_simulated
 

@@ -13,7 +13,8 @@ from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.start_agreement import StartAgreement
 from agents.shell.start_proposal import LEAD_TIME_S, SAMPLES_MIN, PeerClocks, TeamReadiness, is_possible
-from agents.team.messages import TOPICS, StartProposal, decode
+from agents.team.codec import decode
+from agents.team.messages import TOPICS, StartProposal
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[StartProposal].period_s

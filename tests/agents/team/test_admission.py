@@ -1,14 +1,10 @@
 """Admission: a message counts on the one key of its type and its sender."""
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import pytest
 
-from agents.core import VehicleCore
 from agents.drops import Drops, Reason
-from agents.settings.config import AgentConfig
-from agents.team.admission import refusal
+from agents.team.admission import Admission, refusal
+from agents.team.codec import encode
 from agents.team.messages import (
     PEER_TOPICS,
     BusMessage,
@@ -18,11 +14,9 @@ from agents.team.messages import (
     OperatorCommand,
     StartProposal,
     TargetPackage,
-    encode,
     key_of,
 )
 from agents.team.participant import Participant, name_from, vehicle
-from estimation.state import Telemetry
 
 KEYS: dict[str, BusMessage] = {
     "member/3": MemberState(3, 5.0, "formation", (9.0, 0.0), (0.0, 0.0), (9.0, 0.0), (0.0, 0.0)),
@@ -54,28 +48,32 @@ def test_each_type_has_one_key() -> None:
         for other in (*KEYS, *OTHERS):
             if other != key:
                 assert refusal(other, message) in (Reason.WRONG_TOPIC, Reason.WRONG_SENDER)
-    assert {key.split("/")[0] for key in KEYS} == PEER_TOPICS | {"command"}
+    assert {key.split("/")[0] for key in KEYS} == PEER_TOPICS | {"command", "angle", "target"}
 
 
 @pytest.mark.parametrize("message", KEYS.values(), ids=lambda message: type(message).__name__)
-def test_a_core_takes_nothing_that_is_said_in_the_name_of_another(
-    message: BusMessage, make_config: Callable[..., AgentConfig]
-) -> None:
+def test_nothing_in_the_name_of_another_is_admitted(message: BusMessage) -> None:
     """A message on the key of vehicle 1, of another operator or of another topic leaves no trace but its count."""
-    core, untouched = (VehicleCore(replace(make_config(), slots=(1, 2, 3))) for _ in range(2))
-    for each in (core, untouched):
-        each.on_telemetry(Telemetry(5.0, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
-        each.start(0.0)
+    admission, payload = Admission(), encode(message)
     topic = key_of(message).split("/")[0]
     same_topic = "command/hold/eve" if topic == "command" else f"{topic}/1"
-    assert core.on_message(encode(message), 5.0, same_topic) is None
-    assert core.on_message(encode(message), 5.0, "answer/1" if topic == "member" else "member/1") is None
-    (output, expected) = (each.tick(5.1) for each in (core, untouched))
-    assert output.status.drops == Drops(wrong_sender=1, wrong_topic=1)
-    assert output.status.tactic is expected.status.tactic
-    assert (output.status.peers, output.status.answers, output.status.target) == ((), (), None)
-    assert output.setpoint == expected.setpoint
-    assert core.on_message(encode(message), 5.0, key_of(message)) == message
+    assert admission.admitted(same_topic, payload) is None
+    assert admission.admitted("answer/1" if topic == "member" else "member/1", payload) is None
+    assert admission.admitted(key_of(message), payload[:-1]) is None
+    assert admission.drops == Drops(wrong_sender=1, wrong_topic=1, malformed=1)
+    assert admission.admitted(key_of(message), payload) == message
+
+
+def test_the_parts_of_a_state_are_its_senders() -> None:
+    """Whoever sends a state has no way to name another vehicle in its parts."""
+    angle = NeighbourAngle(1, 4.0, 0.5, 0.05, 10.0)
+    package = TargetPackage(1, 4.0, (8.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (2,))
+    here = (9.0, 0.0)
+    state = MemberState(3, 5.0, "encircle", here, here, here, here, angle=angle, sightings=(package,))
+    received = Admission().admitted("member/3", encode(state))
+    assert isinstance(received, MemberState)
+    assert received.angle is not None
+    assert {received.angle.sender, *(each.sender for each in received.sightings)} == {3}
 
 
 def test_names_are_safe_in_keys_and_on_terminals() -> None:

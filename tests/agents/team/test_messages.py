@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
+from agents.team.codec import decode, encode
 from agents.team.messages import (
     TOPICS,
     BusMessage,
@@ -17,8 +18,6 @@ from agents.team.messages import (
     OperatorCommand,
     StartProposal,
     TargetPackage,
-    decode,
-    encode,
 )
 from agents.team.text import printable as printable_text
 

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from agents.team.messages import CommandAnswer, MemberState, encode
+from agents.team.codec import encode
+from agents.team.messages import CommandAnswer, MemberState
 from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock
 from gcs.keys.identity import Identity

@@ -8,7 +8,8 @@ from msgspec import structs
 from rich.console import Console
 
 from agents.drops import Drops
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, encode, key_of
+from agents.team.codec import encode
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, key_of
 from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamState, WatchRow
 from gcs.console.watch import watch_line, watch_table
 

@@ -11,7 +11,7 @@ import pytest
 from foxglove import Context
 
 from agents.shell.clock import MissionClock
-from agents.team.messages import OperatorCommand, encode
+from agents.team.messages import OperatorCommand
 from estimation.state import Telemetry
 from gcs.cli.log import audit
 from gcs.errors import Exit
@@ -37,16 +37,16 @@ def fly_commanded(recording: FlightRecording) -> None:
         now_s = 0.1 * tick
         core.on_telemetry(Telemetry(now_s, (0.2 * now_s, 0.0, 8.0), (0.2, 0.0, 0.0)))
         if tick in (2, 3):  # repeated until it is answered
-            core.on_message(encode(command(1, "hold", 0.2)), now_s, "command/hold/anna")
+            core.on_message(command(1, "hold", 0.2), now_s)
         if tick == 5:
             core.on_command(command(2, "resume", now_s, "bob"), now_s)
         if tick == 6:
-            core.on_message(encode(command(3, "formation", now_s)), now_s, "command/formation/anna")
+            core.on_message(command(3, "formation", now_s), now_s)
         if tick == 7:
-            core.on_message(encode(command(4, "hold", 1e3)), now_s, "command/hold/anna")
+            core.on_message(command(4, "hold", 1e3), now_s)
         if tick == 8:
             for_another = msgspec.structs.replace(command(5, "land", now_s), vehicle=3)
-            core.on_message(encode(for_another), now_s, "command/land/anna")
+            core.on_message(for_another, now_s)
         core.tick(now_s)
 
 

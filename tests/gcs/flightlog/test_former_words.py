@@ -4,7 +4,8 @@ import msgspec
 import pytest
 
 from agents.tape import Message, TacticEvent
-from agents.team.messages import MemberState, StartProposal, decode
+from agents.team.codec import decode
+from agents.team.messages import MemberState, StartProposal
 from gcs.flightlog.reader import read_log, topic_of
 from gcs.flightlog.records import Decision
 from gcs.flightlog.schema import Codec, Decoder

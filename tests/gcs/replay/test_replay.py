@@ -31,7 +31,8 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
-from agents.team.messages import CommandAnswer, NeighbourAngle, OperatorCommand, StartProposal, TargetPackage, encode
+from agents.team.codec import encode
+from agents.team.messages import CommandAnswer, NeighbourAngle, OperatorCommand, StartProposal, TargetPackage
 from estimation.state import Sighting, Telemetry
 from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log

@@ -15,7 +15,8 @@ from agents.notes import Note
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
 from agents.tape import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
-from agents.team.messages import MemberState, encode
+from agents.team.codec import encode
+from agents.team.messages import MemberState
 from estimation.state import Telemetry
 from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, read_log

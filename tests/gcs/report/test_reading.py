@@ -8,7 +8,8 @@ from msgspec.structs import replace
 
 from agents.core import VehicleCore
 from agents.tape import Message, play
-from agents.team.messages import MemberState, decode, encode
+from agents.team.codec import decode, encode
+from agents.team.messages import MemberState
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import Cost, Decision, RunEnd, Truth, VehicleEnd

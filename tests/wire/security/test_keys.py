@@ -18,7 +18,8 @@ import zenoh
 
 from agents.shell.bus_security import BusSecurity
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import MemberState, OperatorCommand, encode
+from agents.team.codec import encode
+from agents.team.messages import MemberState, OperatorCommand
 from agents.team.participant import Role
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.certificates import CertificateAuthority, KeyPair

@@ -21,15 +21,8 @@ from rich.console import Console
 from agents.outputs import CoreStatus
 from agents.safety.failsafe import Condition
 from agents.tactics import Tactic
-from agents.team.messages import (
-    BusMessage,
-    CommandAnswer,
-    NeighbourAngle,
-    OperatorCommand,
-    StartProposal,
-    decode,
-    encode,
-)
+from agents.team.codec import decode, encode
+from agents.team.messages import BusMessage, CommandAnswer, NeighbourAngle, OperatorCommand, StartProposal
 from agents.team.perception import ExternalSighting, encode_sighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView

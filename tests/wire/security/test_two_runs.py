@@ -18,7 +18,8 @@ from rich.console import Console
 
 from agents.ports import VehicleRefusedError
 from agents.shell.zenoh_bus import ZenohBus
-from agents.team.messages import StartProposal, encode
+from agents.team.codec import encode
+from agents.team.messages import StartProposal
 from agents.team.participant import vehicle
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
