@@ -17,7 +17,7 @@ from agents.settings.config import AgentConfig
 from agents.tactics import Event
 from agents.team.admission import refusal
 from agents.team.codec import decode, encode
-from agents.team.messages import BusMessage, OperatorCommand
+from agents.team.messages import BusMessage, OperatorCommand, key_of
 from estimation.state import Sighting, Telemetry
 
 
@@ -64,7 +64,7 @@ class Computer(msgspec.Struct, frozen=True):
 
 
 class Message(msgspec.Struct, frozen=True):
-    """`on_message`: what came over the bus, and when; older logs name the key below the team's, the oldest do not."""
+    """`on_message`: what came over the bus, when, and on which key below the team's; the oldest logs have none."""
 
     now_s: float
     payload: bytes
@@ -199,7 +199,7 @@ class TapedCore(VehicleCore):
 
     def on_message(self, message: BusMessage, now_s: float) -> None:
         """See VehicleCore."""
-        self._write(Message(now_s, encode(message)))
+        self._write(Message(now_s, encode(message), key_of(message)))
         super().on_message(message, now_s)
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:

@@ -81,10 +81,11 @@ class RingReference:
             radius, bearing = self._moved(before, way, at_s - before.time_s)
         # One that waits would catch up later, and press against what it waits for.
         along_max_m = 0.0 if way.waits else lead_max_m
+        along_max_rad = along_max_m / max(polar.radius_m, self._settings.radius_min_m)
         near_rad = bearing.value - wrap_signed_rad(bearing.value - polar.bearing_rad)
         self._point = RingPoint(
             radius.near(polar.radius_m - way.bend_m, polar.radial_speed_m_s, lead_max_m, way.share),
-            bearing.near(near_rad, polar.angular_rate_rad_s, along_max_m / polar.radius_m, way.share),
+            bearing.near(near_rad, polar.angular_rate_rad_s, along_max_rad, way.share),
             at_s,
         )
         return self._point

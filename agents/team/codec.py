@@ -8,7 +8,7 @@ from typing import Annotated
 
 import msgspec
 
-from agents.drops import NO_DROPS, Drops
+from agents.drops import Drops
 from agents.settings.shapes import Shape
 from agents.tactics import Tactic
 from agents.team.messages import (
@@ -28,6 +28,7 @@ _NAMES = tuple(each.value for each in Tactic)
 _CODES = {name: code for code, name in enumerate(_NAMES)}
 
 _Millimetres = Annotated[int, msgspec.Meta(ge=-(10**9), le=10**9)]
+_Lead = Annotated[int, msgspec.Meta(ge=-(2 * 10**9), le=2 * 10**9)]
 _Positive = Annotated[int, msgspec.Meta(ge=0, le=10**9)]
 _Speed = Annotated[int, msgspec.Meta(ge=-(10**6), le=10**6)]
 _Angle = Annotated[int, msgspec.Meta(ge=-700_000, le=700_000)]
@@ -82,15 +83,15 @@ class _State(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     y_mm: _Millimetres
     x_mm_s: _Speed
     y_mm_s: _Speed
-    lead_x_mm: _Millimetres
-    lead_y_mm: _Millimetres
+    lead_x_mm: _Lead
+    lead_y_mm: _Lead
     setpoint_x_mm_s: _Speed
     setpoint_y_mm_s: _Speed
     altitude_mm: _Millimetres
     sigma_mm: Annotated[int, msgspec.Meta(ge=0, le=10**6)]
     alert: Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
     shaped: tuple[Shape, TimeS] | None
-    drops: Drops | None
+    drops: Drops
     place: _Place | None
     seen: tuple[_Seen, ...]
 
@@ -139,7 +140,7 @@ def _packed(state: MemberState) -> _State:
         _above(state.position_sigma_m, _MM),
         state.alert,
         None if state.shape is None else (state.shape, state.shaped_s),
-        None if state.drops == NO_DROPS else state.drops,
+        state.drops,
         None if state.angle is None else _packed_angle(state.angle),
         tuple([_packed_sighting(each, state.time_s) for each in state.sightings]),
     )
@@ -202,7 +203,7 @@ def _unpacked(state: _State) -> MemberState:
         state.alert,
         shape,
         shaped_s,
-        NO_DROPS if state.drops is None else state.drops,
+        state.drops,
         None if state.place is None else _unpacked_angle(state.place, state),
         tuple([_unpacked_sighting(each, state) for each in state.seen]),
     )

@@ -27,6 +27,8 @@ from agents.team.messages import (
     PeerMessage,
     StartProposal,
     TargetPackage,
+    angle_of,
+    sightings_of,
 )
 from estimation.plant.model import Plant, exact_step
 from estimation.polar import Polar, polar_from_motion
@@ -195,7 +197,7 @@ rates = st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
 peers, moments = st.sampled_from([1, 3]), st.floats(9.0, 10.9)
 variances = st.floats(1e-6, 1e8) | st.floats(0.01, 1.0)
 plausible = st.one_of(
-    st.builds(MemberState, peers, moments, st.sampled_from(["formation", "encircle", "?"]), pairs, rates, pairs, rates),
+    st.builds(MemberState, peers, moments, st.sampled_from(["formation", "land"]), pairs, rates, pairs, rates),
     st.builds(NeighbourAngle, peers, moments, st.floats(-7.0, 7.0), st.floats(-1e3, 1e3), st.floats(0.0, 1e6)),
     st.builds(
         TargetPackage,
@@ -373,13 +375,16 @@ def test_what_is_told_to_the_peers(make_config: Maker) -> None:
     assert (state.sender, state.time_s, state.tactic) == (2, 0.0, "formation")
     seen = sighting(0.1)
     pilot.core.on_sighting(seen)
-    state, angle, told = sent_by(pilot.fly(0.2)[-1])
+    (state,) = sent_by(pilot.fly(0.2)[-1])
     assert isinstance(state, MemberState)
     assert state.tactic == "encircle"
-    assert isinstance(angle, NeighbourAngle)
-    assert (angle.radius_m, abs(angle.bearing_rad)) == pytest.approx((5.0, np.pi), abs=0.05)
-    assert told == TargetPackage(2, 0.1, seen.position_m, seen.covariance_m2, 0.8, 0.2, (1,))
-    assert [type(message) for message in sent_by(pilot.fly(0.3)[-1])] == [MemberState, NeighbourAngle]
+    assert state.angle is not None
+    assert (state.angle.radius_m, abs(state.angle.bearing_rad)) == pytest.approx((5.0, np.pi), abs=0.05)
+    assert state.sightings == (TargetPackage(2, 0.1, seen.position_m, seen.covariance_m2, 0.8, 0.2, (1,)),)
+    (state,) = sent_by(pilot.fly(0.3)[-1])
+    assert isinstance(state, MemberState)
+    assert state.angle is not None
+    assert state.sightings == ()
 
 
 def test_followers_hear_the_setpoint_without_wind_compensation_at_the_time_of_the_message(make_config: Maker) -> None:
@@ -504,7 +509,7 @@ def test_behind_somebodys_back_it_keeps_off_the_ring_and_says_nothing_of_its_bea
         return outputs
 
     def told(outputs: list[TickOutput]) -> int:
-        return sum(isinstance(m, NeighbourAngle) for output in outputs for m in sent_by(output))
+        return sum(angle_of(message) is not None for output in outputs for message in sent_by(output))
 
     hidden, free = flight(0.1), flight(-3.1)
     assert told(hidden) < 5
@@ -519,7 +524,7 @@ def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> No
     pilot.core.on_sighting(msgspec.structs.replace(sighting(0.0), sensor_id=1007))
     output = pilot.fly(0.05)[-1]
     assert output.status.target is not None
-    assert not [message for message in sent_by(output) if isinstance(message, TargetPackage)]
+    assert not any(map(sightings_of, sent_by(output)))
 
 
 def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make_config: Maker) -> None:
@@ -535,7 +540,8 @@ def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make
     assert [note.text for output in outputs for note in output.status.notes if note.kind == "ring"][-1] == (
         last.status.slowed
     )
-    (angle,) = (message for message in sent_by(last) if isinstance(message, NeighbourAngle))
+    (angle,) = map(angle_of, sent_by(last))
+    assert angle is not None
     assert (angle.rate_share, angle.radius_share) == (0.5, 1.0)
     rates = [output.status.ring_rate_rad_s for output in outputs]
     assert rates[0] == 0.15

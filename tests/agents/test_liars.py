@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from math import cos, inf, sin
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,8 +20,8 @@ from agents.safety.failsafe import Condition
 from agents.settings.config import AgentConfig
 from agents.settings.sections import FailsafeSettings
 from agents.tactics import Event
-from agents.team.codec import decode, encode
-from agents.team.messages import MemberState, NeighbourAngle, TargetPackage
+from agents.team.codec import encode
+from agents.team.messages import BusMessage, MemberState, NeighbourAngle, TargetPackage
 from estimation.state import POSITION
 from gcs.flight.simulated import simulated_vehicles
 from sitl.simulation.simulation import NetworkModel, simulate
@@ -71,13 +72,20 @@ class Liar(VehicleCore):
         output = super().tick(now_s)
         if not self._lies or now_s < self._from_s:
             return output
-        messages = [(each.topic, decode(each.payload)) for each in output.messages]
         sent = [
-            Outgoing(topic, encode(lie))
-            for topic, message in messages
-            for lie in (self._lie(now_s - self._from_s, message) if isinstance(message, Peer) else [message])
+            Outgoing(each.topic, encode(lie))
+            for each in output.messages
+            for lie in self._told(each.received(), now_s - self._from_s)
         ]
         return msgspec.structs.replace(output, messages=tuple(sent))
+
+    def _told(self, state: BusMessage, since_s: float) -> list[Peer]:
+        """Return what goes out instead of a state: it and each of its parts are lied about by themselves."""
+        assert isinstance(state, MemberState)
+        angles = [] if state.angle is None else self._lie(since_s, state.angle)
+        sightings = [lie for package in state.sightings for lie in self._lie(since_s, package)]
+        parts: dict[str, Any] = {"angle": (*angles, None)[0], "sightings": tuple(sightings)}
+        return self._lie(since_s, msgspec.structs.replace(state, **parts))
 
 
 @dataclass(frozen=True)

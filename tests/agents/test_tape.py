@@ -98,7 +98,7 @@ def test_an_output_follows_its_tick_and_nothing_is_told_twice(make_config: Calla
     assert kinds.count("Bus") == 2
     assert kinds.count("Computer") == 2
     assert kinds.count("Command") == 1
-    assert kinds.count("Message") == 3
+    assert kinds.count("Message") == 2
 
 
 def test_every_way_into_a_core_is_on_tape_and_back() -> None:

@@ -16,9 +16,15 @@ from gcs.console.watch import watch_line, watch_table
 ROW = WatchRow(1, 0.1, "encircle", (1.0, -2.0), 8.0, 10.02, 0.051)
 
 
-def state(sender: int = 1, time_s: float = 100.0, tactic: str = "formation", alert: str = "") -> MemberState:
+def state(
+    sender: int = 1,
+    time_s: float = 100.0,
+    tactic: str = "formation",
+    alert: str = "",
+    angle: NeighbourAngle | None = None,
+) -> MemberState:
     here = (1.0, -2.0)
-    return MemberState(sender, time_s, tactic, here, (0.0, 0.0), here, (0.0, 0.0), 8.0, 0.1, alert)
+    return MemberState(sender, time_s, tactic, here, (0.0, 0.0), here, (0.0, 0.0), 8.0, 0.1, alert, angle=angle)
 
 
 def receive(team: TeamState, message: BusMessage, now_s: float) -> None:
@@ -37,8 +43,7 @@ def test_who_has_said_nothing_has_an_empty_row() -> None:
 
 def test_a_row_is_the_last_words_and_their_age() -> None:
     picture = TeamState((1,))
-    receive(picture, state(), 5.0)
-    receive(picture, NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5), 5.0)
+    receive(picture, state(angle=NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5)), 5.0)
     assert picture.rows(5.25) == [WatchRow(1, 0.25, "formation", (1.0, -2.0), 8.0, 10.5, 0.05)]
     receive(picture, state(time_s=101.5), 6.0)
     (row,) = picture.rows(6.0)

@@ -31,8 +31,15 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
-from agents.team.codec import encode
-from agents.team.messages import CommandAnswer, NeighbourAngle, OperatorCommand, StartProposal, TargetPackage
+from agents.team.codec import decode, encode
+from agents.team.messages import (
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    OperatorCommand,
+    StartProposal,
+    TargetPackage,
+)
 from estimation.state import Sighting, Telemetry
 from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
@@ -187,8 +194,9 @@ def test_every_kind_of_field_is_compared(fields: dict[str, Any], found: str, cop
 
 def test_a_changed_message_is_told_by_what_it_says(copy: FlightLog) -> None:
     decision = copy.vehicles[2][nth(copy.vehicles[2], Decision, 100)].read(Decision)
-    assert b"encircle" in decision.sent[0].payload
-    garbled = Sent(decision.sent[0].topic, decision.sent[0].payload.replace(b"encircle", b"encirclE"))
+    state = decode(decision.sent[0].payload)
+    assert isinstance(state, MemberState)
+    garbled = Sent(decision.sent[0].topic, encode(msgspec.structs.replace(state, tactic="hold")))
     change_decision(copy, 2, 100, sent=(garbled, *decision.sent[1:]))
     difference = of(copy, 2).difference
     assert difference is not None

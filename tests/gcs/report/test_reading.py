@@ -166,13 +166,15 @@ def test_beliefs_are_as_wrong_as_they_say(flown: tuple[FlightRecord, Path]) -> N
 def test_what_was_heard_has_the_age_that_the_network_gives_it(flown: tuple[FlightRecord, Path]) -> None:
     _, path = flown
     evidence = read_flight([read_log(path)]).evidence
+    received = []
     for vehicle in evidence.vehicles:
         assert set(vehicle.peers) == {1, 2, 3} - {vehicle.vehicle_id}
         for reception in vehicle.peers.values():
             # Sent with 50 ms delay, taken in at the next tick of 100 ms; one in ten is lost.
             assert reception.age_s == pytest.approx(0.1, abs=1e-6)
-            assert 0.85 < reception.received_s.size / 400 < 0.95
+            received.append(reception.received_s.size / 400)
         assert vehicle.telemetry.age_s == pytest.approx(0.0, abs=1e-6)
+    assert 0.87 < np.mean(received) < 0.93
 
 
 def test_every_tick_has_its_cost_and_its_setpoint(flown: tuple[FlightRecord, Path]) -> None:
