@@ -1,36 +1,64 @@
 """What a vehicle sends to its peers, made from its estimates and its plan."""
 
+from math import inf
+
 from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
 from agents.orders import Reshaping
 from agents.outputs import Outgoing
+from agents.settings.config import AgentConfig
+from agents.situation.own_sensor import OwnSensor
 from agents.situation.situation import Situation, Task
 from agents.team.codec import encode
-from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, PeerMessage, TargetPackage
+from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, TargetPackage
+from agents.team.team import Team
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
-from estimation.state import MOTION, Sighting
+from estimation.state import MOTION, POSITION, Sighting
 
 
-def member_state(
-    vehicle_id: int,
-    task: Task,
-    sent: Plan,
-    alert: str,
-    reshaping: Reshaping | None,
-    drops: Drops,
-    angle: NeighbourAngle | None,
-    sightings: tuple[TargetPackage, ...],
-) -> Outgoing:
-    """Publish tactic, motion and the undisturbed aim, taken back from when it acts to the present, and its parts."""
-    situation = task.situation
-    x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
-    aim_x, aim_y = sent.undisturbed_aim_m.tolist()
-    rate_x, rate_y = sent.aim_rate_m_s.tolist()
-    ahead_s = situation.acting_s - situation.now_s
-    return _outgoing(
-        MemberState(
-            vehicle_id,
+class Broadcast:
+    """Makes one vehicle's states for its peers, as often as their topic says."""
+
+    def __init__(self, config: AgentConfig, team: Team, own_sensor: OwnSensor) -> None:
+        self._vehicle_id = config.vehicle_id
+        self._communication_radius_m = config.communication_radius_m
+        self._team, self._own_sensor = team, own_sensor
+        self._sent_s = -inf
+        # Half a tick less: a tick that comes a little early is due as well.
+        self._period_s = TOPICS[MemberState].period_s - 0.5 / config.rate_hz
+
+    def messages(
+        self, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
+    ) -> tuple[Outgoing, ...]:
+        """Return what peers receive, when it is due: the state, with the place on the ring and an own sighting."""
+        situation, ring = task.situation, sent.ring
+        if 0.0 <= situation.now_s - self._sent_s < self._period_s:
+            return ()
+        self._sent_s = situation.now_s
+        angle = None
+        if ring is not None and ring.joined and situation.polar is not None:
+            angle = neighbour_angle(self._vehicle_id, situation, situation.polar, ring)
+        state = self._state(task, sent, alert, reshaping, drops, angle)
+        return (Outgoing(TOPICS[MemberState].name, encode(state)),)
+
+    def _state(
+        self,
+        task: Task,
+        sent: Plan,
+        alert: str,
+        reshaping: Reshaping | None,
+        drops: Drops,
+        angle: NeighbourAngle | None,
+    ) -> MemberState:
+        """Return tactic, motion and the undisturbed aim, taken back from when it acts to the present."""
+        situation = task.situation
+        x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
+        aim_x, aim_y = sent.undisturbed_aim_m.tolist()
+        rate_x, rate_y = sent.aim_rate_m_s.tolist()
+        ahead_s = situation.acting_s - situation.now_s
+        return MemberState(
+            self._vehicle_id,
             situation.now_s,
             task.tactic.value,
             (x, y),
@@ -44,9 +72,15 @@ def member_state(
             0.0 if reshaping is None else reshaping.time_s,
             drops,
             angle,
-            sightings,
+            self._sightings(situation),
         )
-    )
+
+    def _sightings(self, situation: Situation) -> tuple[TargetPackage, ...]:
+        sighting = self._own_sensor.due(situation.now_s)
+        if sighting is None:
+            return ()
+        recipients = self._team.within(situation.own.mean[POSITION], self._communication_radius_m)
+        return (target_package(self._vehicle_id, sighting, recipients),)
 
 
 def neighbour_angle(vehicle_id: int, situation: Situation, polar: Polar, ring: RingReport) -> NeighbourAngle:
@@ -101,8 +135,4 @@ def received_sighting(package: TargetPackage) -> Sighting:
 
 def command_answer(answer: CommandAnswer) -> Outgoing:
     """Publish what became of an operator's command."""
-    return _outgoing(answer)
-
-
-def _outgoing(message: PeerMessage) -> Outgoing:
-    return Outgoing(TOPICS[type(message)].name, encode(message))
+    return Outgoing(TOPICS[CommandAnswer].name, encode(answer))

@@ -6,7 +6,7 @@ vehicle is to do is in what `tick` returns: the same object flies over MAVLink, 
 
 from math import inf
 
-from agents.broadcast import command_answer, member_state, neighbour_angle, received_sighting, target_package
+from agents.broadcast import Broadcast, command_answer, received_sighting
 from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, shifted
@@ -36,18 +36,16 @@ from agents.team.clock_watch import ClockWatch
 from agents.team.credibility import Credibility, Limits
 from agents.team.inbox import Inbox
 from agents.team.messages import (
-    TOPICS,
     BusMessage,
     CommandAnswer,
     MemberState,
     NeighbourAngle,
     OperatorCommand,
     TargetPackage,
-    angle_of,
     sightings_of,
 )
 from agents.team.team import Team
-from estimation.state import POSITION, Sighting, Telemetry
+from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 
 class VehicleCore:
@@ -63,6 +61,7 @@ class VehicleCore:
         self._orders = Orders(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
         self._estimator = Estimator(config)
         self._own_sensor = OwnSensor(config)
+        self._broadcast = Broadcast(config, self._team, self._own_sensor)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensor, self._team, clocks)
         self._failsafe = FailsafeMonitor(config)
         self._planner = Planner(config, self._team)
@@ -79,14 +78,10 @@ class VehicleCore:
         self._formed_s: float | None = None
         self._reshaping: Reshaping | None = None
         self._sightings: list[Sighting] = []
-        self._own_sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
         self._now_s = 0.0
         self._time_scale = 1.0
-        self._sent_s = -inf
-        # Half a tick less: a tick that comes a little early is due as well.
-        self._send_after_s = TOPICS[MemberState].period_s - 0.5 / config.rate_hz
 
     # The tick
 
@@ -114,7 +109,10 @@ class VehicleCore:
         self._team.expire(now_s, self._time_scale)
         sightings, self._sightings = self._sightings, []
         self._altitude.sight(*sightings)
-        return self._estimator.estimate(now_s, sightings)
+        situation = self._estimator.estimate(now_s, sightings)
+        if situation is not None:
+            self._team.watch(self._neighbours.near(situation, self._team.members()))
+        return situation
 
     def _detect_faults(self, situation: Situation) -> Faults:
         """Detect faults: which conditions of the failsafe table are there."""
@@ -144,15 +142,22 @@ class VehicleCore:
         situation, aim_m = task.situation, plan.aim_m
         guarded = Guarded(aim_m)
         if task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE):
-            lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
-            near = self._neighbours.near(situation, self._team.members())
-            bodies = self._neighbours.bodies(situation, near, lost, self._team.doubts)
-            guarded = self._guard.check(situation, aim_m, bodies)
+            guarded = self._kept_apart(situation, aim_m)
         news = self._interventions.news(situation.now_s, aim_m, guarded)
         if news is not None:
             self._notes.add(situation.now_s, "guard", *news)
         self._fault_detector.unsolved = plan.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         return guarded
+
+    def _kept_apart(self, situation: Situation, aim_m: Vector) -> Guarded:
+        """Check an aim against the vehicles that it could bring too close, and where it changes against all near."""
+        lost, doubts = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s), self._team.doubts
+        near = self._team.near
+        exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubts) else near
+        guarded = self._guard.check(situation, aim_m, self._neighbours.bodies(situation, exposed, lost, doubts))
+        if guarded.aim_m is aim_m or len(exposed) == len(near):
+            return guarded
+        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, doubts))
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
         """Send: the guarded aim becomes a setpoint, and what is remembered and published is what was sent."""
@@ -162,7 +167,8 @@ class VehicleCore:
         self._planner.sent(guarded=guarded.status is not GuardStatus.PASSED)
         self._estimator.sent(now_s, aim_m)
         sent = shifted(plan, aim_m)
-        return self._output(now_s, setpoint, self._messages(task, sent), task.situation, sent, guarded)
+        messages = self._broadcast.messages(task, sent, self.alert, self._reshaping, self._drops)
+        return self._output(now_s, setpoint, messages, task.situation, sent, guarded)
 
     def _output(
         self,
@@ -183,7 +189,7 @@ class VehicleCore:
             plan=plan,
             guarded=guarded,
             peers=self._team.members(),
-            angles=self._team.angles(),
+            angles=self._team.ring.angles,
             drops=self._drops,
             alert=self.alert,
             notes=self._notes.drained(),
@@ -255,22 +261,6 @@ class VehicleCore:
         altitude_m = self._altitude.next_m(task.tactic, task.layer_m)
         return Setpoint((x + off_x, y + off_y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
 
-    def _messages(self, task: Task, sent: Plan) -> tuple[Outgoing, ...]:
-        """Return what peers receive, when it is due: the state with the place on the ring and the own sightings."""
-        vehicle_id, situation, ring = self._config.vehicle_id, task.situation, sent.ring
-        if 0.0 <= situation.now_s - self._sent_s < self._send_after_s:
-            return ()
-        self._sent_s = situation.now_s
-        angle: NeighbourAngle | None = None
-        sightings: tuple[TargetPackage, ...] = ()
-        if ring is not None and ring.joined and situation.polar is not None:
-            angle = neighbour_angle(vehicle_id, situation, situation.polar, ring)
-        if self._own_sightings:
-            recipients = self._team.within(situation.own.mean[POSITION], self._config.communication_radius_m)
-            sightings = tuple([target_package(vehicle_id, sighting, recipients) for sighting in self._own_sightings])
-            self._own_sightings.clear()
-        return (member_state(vehicle_id, task, sent, self.alert, self._reshaping, self._drops, angle, sightings),)
-
     # What comes in between ticks
 
     @property
@@ -331,13 +321,11 @@ class VehicleCore:
         self._estimator.measure(telemetry)
 
     def on_sighting(self, sighting: Sighting) -> None:
-        """Take a sighting. The next tick sends those of the vehicle's own sensor to the peers."""
+        """Take a sighting. The newest of the vehicle's own sensor goes to the peers with its state, when it is due."""
         if sighting.sensor_id == self._config.vehicle_id:
             sighting = self._estimator.shared(sighting)
         if self._own_sensor.accepts(sighting):
             self._sightings.append(sighting)
-        if sighting.sensor_id == self._config.vehicle_id:
-            self._own_sightings.append(sighting)
 
     def on_drops(self, drops: Drops) -> None:
         """Take how many messages the bus has dropped so far, before they came here."""
@@ -350,16 +338,15 @@ class VehicleCore:
         """
         if not self._inbox.accepts(message, now_s, self._time_scale):
             return
-        if isinstance(message, MemberState):
-            self._team.hear_member(message)
-            if message.shape is not None:
-                self._reshape(Reshaping(message.shaped_s, message.shape))
-        angle = angle_of(message)
-        if angle is not None:
-            self._team.hear_angle(angle)
         for package in sightings_of(message):
             self._receive_target(package)
         match message:
+            case MemberState():
+                self._team.hear(message)
+                if message.shape is not None:
+                    self._reshape(Reshaping(message.shaped_s, message.shape))
+            case NeighbourAngle():
+                self._team.ring.hear(message)
             case OperatorCommand():
                 self._command(message, now_s)
             case CommandAnswer():

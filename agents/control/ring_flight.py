@@ -23,6 +23,7 @@ from estimation.state import POSITION, VELOCITY, Vector
 _STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
 """Members in these tactics stay where they are: the ring goes around them."""
 
+_ENCIRCLE = Tactic.ENCIRCLE.value
 _HEADWAY = 1.6
 """In separations: a little more than the room that a vehicle in front needs in order to come in."""
 _HEADWAY_SHARE = 0.8
@@ -97,7 +98,7 @@ class RingFlight:
 
         A vehicle that waits outside takes it over without delay.
         """
-        changed = self._feasibility.find(target_m_s, self._team.shares(), now_s, joined=self._joining.joined)
+        changed = self._feasibility.find(target_m_s, self._team.ring.shares(), now_s, joined=self._joining.joined)
         orbit = self._feasibility.orbit
         self._joining.ring_m = orbit.radius_m
         return orbit, None if changed is None else changed or "ring as in the mission"
@@ -106,7 +107,7 @@ class RingFlight:
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float
     ) -> tuple[RingTask, bool]:
         """Return the task, and whether it is to wait outside the ring, in front of a gap."""
-        bearings_rad = self._team.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
+        bearings_rad = self._team.ring.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
         ahead_rad = self._joining.look(polar, bearings_rad)
         place = ring_place(polar.bearing_rad, bearings_rad if ahead_rad is None else ())
         radius_m = self._joining.radius_m(polar, place) if ahead_rad is None else self._joining.waiting_m
@@ -143,21 +144,22 @@ class RingFlight:
         if mixing < 1.0:
             return (0.0,)
         own_rad = self._reference.bearing_rad(polar, situation.acting_s)
-        return spacing_errors_rad([own_rad, *self._team.reference_bearings_rad(situation.acting_s)])
+        return spacing_errors_rad([own_rad, *self._team.ring.reference_bearings_rad(situation.acting_s)])
 
     def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
         """Return how fast the vehicle may fly around the target behind others that encircle it."""
         others = [
             polar_from_motion(extrapolated(member, situation.acting_s).motion, centre)
-            for member in self._team.members()
-            if member.tactic == Tactic.ENCIRCLE.value
+            for member in self._team.near
+            if member.tactic == _ENCIRCLE
         ]
-        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / (len(others) + 1) * orbit.radius_m)
+        count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
+        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
         return headway_rate_rad_s(polar, others, copysign(1.0, orbit.angular_rate_rad_s), headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
         """Return what stands in the ring's way: peers that fell silent there, and those that do not fly on."""
-        standing = [member for member in self._team.members() if member.tactic in _STANDING]
+        standing = [member for member in self._team.near if member.tactic in _STANDING]
         lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
         if not (standing or lost):
             return []

@@ -8,6 +8,7 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
+from estimation.state import Vector
 
 UNPUBLISHED_ACCELERATION_M_S2 = 2.0
 """How much the acceleration of a vehicle may differ from what it published last."""
@@ -53,6 +54,44 @@ class Neighbours:
             if hypot(place_x - x, place_y - y) < still_m + 4.0 * closing_m_s / rate + come_m:
                 near.append(member)
         return near
+
+    def exposed(self, situation: Situation, near: Sequence[MemberState], aim_m: Vector) -> Sequence[MemberState]:
+        """Return those of the near that an aim (2,) could bring too close.
+
+        To keep apart from the others its acceleration is small enough, whatever its direction: the bound is
+        `barriers.apart` with the vehicles closing straight on.
+        """
+        plant_x, plant_y = self._stiffness
+        x, y, x_rate, y_rate = situation.acting_motion.tolist()
+        w_x, w_y = situation.disturbance.tolist()
+        aim_x, aim_y = aim_m.tolist()
+        answer_m_s2 = hypot(
+            plant_x[0] * (aim_x - x) - plant_x[1] * x_rate + w_x, plant_y[0] * (aim_y - y) - plant_y[1] * y_rate + w_y
+        )
+        safety, own_sigma_m = self._safety, situation.position_sigma_m
+        rate, separation_m = safety.barrier_rate_per_s, safety.separation_m
+        limit_m_s2 = sqrt(2.0) * self._acceleration_max_m_s2
+        found = []
+        for member in near:
+            ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
+            place_x, place_y = member.position_m
+            its_x_rate, its_y_rate = member.velocity_m_s
+            changed_m_s = limit_m_s2 * ahead_s
+            away_m = hypot(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
+            away_m -= changed_m_s / 2.0 * ahead_s
+            unsure = safety.uncertainty_sigmas * (own_sigma_m + member.position_sigma_m)
+            moved_m = UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s
+            keep_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
+            closing_m_s = hypot(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
+            evades = member.tactic not in _DOES_NOT_EVADE
+            needed_m_s2 = 2.0 * answer_m_s2 if evades else answer_m_s2 + limit_m_s2
+            if (
+                ahead_s == GOING_ON_S
+                or away_m <= keep_m
+                or needed_m_s2 > rate * (rate / 2.0 * (away_m - keep_m * keep_m / away_m) - 2.0 * closing_m_s)
+            ):
+                found.append(member)
+        return found
 
     def bodies(
         self,

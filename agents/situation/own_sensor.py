@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import hypot, inf
 
 from agents.settings.config import AgentConfig
+from agents.team.messages import TOPICS, TargetPackage
 from agents.team.perception import SOURCES_FROM, SOURCES_TO
 from estimation.state import Sighting
 
@@ -22,6 +23,11 @@ CONTRADICTED, _COUNTED_MAX = 3, 6
 CONTRADICTS_S = 5.0
 """How long after its last contradiction a sensor is reported."""
 _OWN_MAX = 64
+_PERIOD_S = TOPICS[TargetPackage].period_s
+SIGHTINGS_HZ = 30.0
+"""So many sightings a second the team sends of its sensors together, and of each no more than its topic allows."""
+OBSERVES_S = 3.0
+"""For so long after its last sighting a sensor counts as one that sees the target."""
 
 
 @dataclass(slots=True)
@@ -48,6 +54,9 @@ class OwnSensor:
         self._gate = 2.0 * config.target_filter.gate_sigma**2
         self._own: deque[Sighting] = deque(maxlen=_OWN_MAX)
         self._contradictions: dict[int, Contradiction] = {}
+        self._observed_s: dict[int, float] = {}
+        self._sent_s = -inf
+        self._early_s = 0.5 / config.rate_hz
         self.team_saw_s = -inf
         """When a sensor of the own vehicle or of a peer saw the target last, not one from outside."""
 
@@ -58,9 +67,25 @@ class OwnSensor:
             self._own.append(sighting)
         elif self._own and not self._agrees(sighting):
             return False
+        self._observed_s[sensor_id] = time_s
         if time_s > self.team_saw_s and not SOURCES_FROM <= sensor_id <= SOURCES_TO:
             self.team_saw_s = time_s
         return True
+
+    def due(self, now_s: float) -> Sighting | None:
+        """Return the newest own sighting if it is time to send one, once; None otherwise.
+
+        The more sensors see the target, the less often each is sent: together they are as good, and no receiver has
+        to process more of them than of a few.
+        """
+        if not self._own or self._own[-1].time_s == self._sent_s:
+            return None
+        newest = self._own[-1]
+        observers = sum([now_s - seen_s <= OBSERVES_S for seen_s in self._observed_s.values()])
+        if 0.0 <= newest.time_s - self._sent_s < max(_PERIOD_S, observers / SIGHTINGS_HZ) - self._early_s:
+            return None
+        self._sent_s = newest.time_s
+        return newest
 
     def contradictions(self, now_s: float) -> Mapping[int, Contradiction]:
         """Return the sensors that contradict the own one, by their ids."""

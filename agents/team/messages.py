@@ -156,7 +156,7 @@ class Topic:
 TOPICS: dict[type[BusMessage], Topic] = {
     MemberState: Topic("member", 0.1, 1.0),
     NeighbourAngle: Topic("angle", 0.1, 1.0),
-    TargetPackage: Topic("target", 0.2, 1.0),
+    TargetPackage: Topic("target", 0.1, 1.0),
     StartProposal: Topic("start", 0.2, 1.0),
     OperatorCommand: Topic("command", 0.1, 2.0),
     CommandAnswer: Topic("answer", 0.1, 2.0),

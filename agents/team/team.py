@@ -1,63 +1,103 @@
 """The peers of a vehicle: the newest of each kind of message from each, while it is fresh."""
 
-from collections.abc import Iterable, Mapping
-from math import hypot
+from collections.abc import Iterable, Mapping, Sequence
+from math import hypot, inf
 
 from agents.tactics import Tactic
 from agents.team.credibility import Credibility, Doubt
-from agents.team.messages import TOPICS, MemberState, NeighbourAngle
-from agents.team.ring_scale import FULL_RING, RingScale
+from agents.team.messages import TOPICS, MemberState
+from agents.team.ring_members import RingMembers
 from estimation.state import Vector
 
-_MEMBER_AGE_MAX_S = TOPICS[MemberState].age_max_s
-_ANGLE_AGE_MAX_S = TOPICS[NeighbourAngle].age_max_s
+_AGE_MAX_S = TOPICS[MemberState].age_max_s
 _IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
 _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 """Peers whose last state had one of these tactics may fall silent."""
+_FAR_PERIOD_S = 0.25
+"""How often a state is taken in of a peer that is far away and flies on as before."""
 
 
 class Team:
-    """The peers of one vehicle, by their last messages; stale means gone."""
+    """The peers of one vehicle, by their last messages; stale means gone.
+
+    Those that are `near` are watched closely, and all until the first `watch`. Of the others a state waits while they
+    fly on as before: what a tick costs does not grow with their number.
+    """
 
     def __init__(self, credibility: Credibility) -> None:
         """Take what decides whether a state is its sender's."""
         self._credibility = credibility
         self._members: dict[int, MemberState] = {}
-        self._angles: dict[int, NeighbourAngle] = {}
+        self._all: tuple[MemberState, ...] | None = None
+        self._waiting: dict[int, MemberState] = {}
         self._lost: dict[int, MemberState] = {}
         self._heard: set[int] = set()
+        self.near: Sequence[MemberState] = ()
+        """Those of the members that are near, as of `watch`."""
+        self._near_ids: frozenset[int] | None = None
+        self._oldest_s = inf
+        self.ring = RingMembers(self._engaged)
 
-    def hear_member(self, message: MemberState) -> None:
-        """Take in a peer's state unless a newer one is known, or it contradicts what is."""
-        known = self._members.get(message.sender)
-        if not self._credibility.accepts(message, known=known is not None):
-            return
-        if known is None or message.time_s > known.time_s:
-            self._members[message.sender] = message
+    def hear(self, state: MemberState) -> None:
+        """Take in a peer's state and its place on the ring, at once or when it is its turn."""
+        known = self._members.get(state.sender)
+        if (
+            known is not None
+            and self._near_ids is not None
+            and state.sender not in self._near_ids
+            and 0.0 < state.time_s - known.time_s < _FAR_PERIOD_S
+            and state.tactic == known.tactic
+            and state.alert == known.alert
+        ):
+            self._waiting[state.sender] = state
+        else:
+            self._take(state)
+
+    def watch(self, near: Sequence[MemberState]) -> None:
+        """Take which of the members are near from now on."""
+        self.near = near
+        self._near_ids = frozenset([each.sender for each in near])
+
+    def _take(self, state: MemberState) -> None:
+        """Take in a state unless a newer one is known, or it contradicts what is."""
+        sender = state.sender
+        if self._waiting:
+            self._waiting.pop(sender, None)
+        known = self._members.get(sender)
+        if self._credibility.accepts(state, known=known is not None) and (known is None or state.time_s > known.time_s):
+            self._members[sender] = state
+            self._all = None
+            self._oldest_s = min(self._oldest_s, state.time_s)
             if known is None:
-                self._lost.pop(message.sender, None)
-                self._heard.add(message.sender)
-
-    def hear_angle(self, message: NeighbourAngle) -> None:
-        """Take in a peer's place on the ring unless a newer one is known."""
-        known = self._angles.get(message.sender)
-        if known is None or message.time_s > known.time_s:
-            self._angles[message.sender] = message
+                self._lost.pop(sender, None)
+                self._heard.add(sender)
+            if known is None or state.tactic != known.tactic:
+                self.ring.changed()
+        if state.angle is not None:
+            self.ring.hear(state.angle)
 
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer whose presence has ended: it is lost, at the altitude of its last state, be that the ground."""
+        self._waiting.pop(vehicle_id, None)
         member = self._members.pop(vehicle_id, None)
-        self._angles.pop(vehicle_id, None)
+        self.ring.forget(vehicle_id)
         if member is not None:
             self._lost[vehicle_id] = member
+            self._all = None
 
     def expire(self, now_s: float, time_scale: float = 1.0) -> None:
         """Drop what has become too old to act on, which takes `time_scale` times as long as on the wall's clock."""
-        member_s, angle_s = now_s - _MEMBER_AGE_MAX_S * time_scale, now_s - _ANGLE_AGE_MAX_S * time_scale
-        for sender in [s for s, m in self._members.items() if m.time_s < member_s]:
-            self._lost[sender] = self._members.pop(sender)
-        for sender in [s for s, a in self._angles.items() if a.time_s < angle_s]:
-            del self._angles[sender]
+        before_s = now_s - _AGE_MAX_S * time_scale
+        if self._oldest_s < before_s or self.ring.oldest_s < before_s:
+            for sender in [s for s, m in self._members.items() if m.time_s < before_s]:
+                if sender in self._waiting:
+                    self._take(self._waiting[sender])
+                if self._members[sender].time_s < before_s:
+                    self._lost[sender] = self._members.pop(sender)
+                    self._all = None
+                    self.ring.changed()
+            self._oldest_s = min((m.time_s for m in self._members.values()), default=inf)
+            self.ring.expire(before_s)
         if self._credibility.contested:
             self._credibility.expire(now_s, time_scale)
 
@@ -67,11 +107,9 @@ class Team:
 
     def members(self) -> tuple[MemberState, ...]:
         """Return the newest state of every peer that is known to be there."""
-        return tuple(self._members.values())
-
-    def angles(self) -> dict[int, NeighbourAngle]:
-        """Return the newest place on the ring of every peer that has one, by sender."""
-        return dict(self._angles)
+        if self._all is None:
+            self._all = tuple(self._members.values())
+        return self._all
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
         """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed.
@@ -104,36 +142,11 @@ class Team:
         """Return the newest state of a peer that is known to be there."""
         return self._members[vehicle_id]
 
-    def bearings_rad(self, at_s: float, rate_rad_s: float) -> list[float]:
-        """Return the bearings of all engaged peers at a moment, going on at the ring's rate - (25), (26)."""
-        return [
-            angle.bearing_rad + rate_rad_s * (at_s - angle.time_s)
-            for sender, angle in self._angles.items()
-            if self._engaged(sender)
-        ]
-
-    def reference_bearings_rad(self, at_s: float) -> list[float]:
-        """Return the bearings of all engaged peers' references at a moment, going on as they published."""
-        return [
-            angle.reference_rad + angle.reference_rate_rad_s * (at_s - angle.time_s)
-            for sender, angle in self._angles.items()
-            if angle.reference_rad is not None and self._engaged(sender)
-        ]
-
-    def shares(self) -> RingScale:
-        """Return the ring that all engaged peers can fly."""
-        shares = FULL_RING
-        for sender, angle in self._angles.items():
-            if (angle.rate_share < shares.rate or angle.radius_share > shares.radius) and self._engaged(sender):
-                shares = shares.with_(RingScale(angle.rate_share, angle.radius_share))
-        return shares
-
     def within(self, position_m: Vector, radius_m: float) -> tuple[int, ...]:
         """Return the peers within a radius of a position (2,)."""
         x, y = position_m.tolist()
         return tuple(s for s, m in self._members.items() if hypot(m.position_m[0] - x, m.position_m[1] - y) <= radius_m)
 
     def _engaged(self, sender: int) -> bool:
-        # A vehicle that has left the ring publishes so before its last bearing goes stale.
         member = self._members.get(sender)
         return member is None or member.tactic == _ON_RING

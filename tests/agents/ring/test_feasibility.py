@@ -121,6 +121,6 @@ def test_everybody_flies_by_the_needs_of_whoever_needs_most_and_nobody_holds_on_
 def test_a_team_knows_the_ring_that_its_engaged_members_can_fly() -> None:
     team = a_team()
     for sender, tactic, rate, radius in ((1, "encircle", 0.7, 1.0), (2, "encircle", 1.0, 1.4), (3, "hold", 0.1, 2.0)):
-        team.hear_member(MemberState(sender, 1.0, tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
-        team.hear_angle(NeighbourAngle(sender, 1.0, 0.0, 0.1, 10.0, rate, radius))
-    assert team.shares() == RingScale(0.7, 1.4)
+        team.hear(MemberState(sender, 1.0, tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+        team.ring.hear(NeighbourAngle(sender, 1.0, 0.0, 0.1, 10.0, rate, radius))
+    assert team.ring.shares() == RingScale(0.7, 1.4)

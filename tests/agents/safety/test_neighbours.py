@@ -136,7 +136,7 @@ def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts:
 
 def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -> None:
     team = a_team()
-    team.hear_member(member(10.0))
+    team.hear(member(10.0))
     team.expire(11.0)
     assert team.lost(11.0, 60.0) == ()
     team.expire(11.1)
@@ -147,16 +147,16 @@ def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -
 
 def test_who_is_heard_again_is_lost_no_more() -> None:
     team = a_team()
-    team.hear_member(member(10.0))
+    team.hear(member(10.0))
     team.expire(12.0)
-    team.hear_member(member(12.1))
+    team.hear(member(12.1))
     assert (team.lost(12.1, 60.0), team.members()) == ((), (member(12.1),))
 
 
 @pytest.mark.parametrize("tactic", ["formation", "return and land", "land"])
 def test_who_says_good_bye_is_lost(tactic: str) -> None:
     team = a_team()
-    team.hear_member(member(10.0, tactic))
+    team.hear(member(10.0, tactic))
     team.forget(1)
     assert team.members() == ()
     assert len(team.lost(10.1, 60.0)) == 1
@@ -164,7 +164,7 @@ def test_who_says_good_bye_is_lost(tactic: str) -> None:
 
 def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_told_of_it() -> None:
     team = a_team()
-    team.hear_member(member(10.0, "land"))
+    team.hear(member(10.0, "land"))
     team.expire(11.5)
     team.forget(1)
     assert len(team.lost(11.5, 60.0)) == 1

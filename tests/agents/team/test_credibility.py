@@ -20,7 +20,7 @@ def state(time_s: float, x: float | None = None, **changes: object) -> MemberSta
 def hear(team: Team, from_s: float, to_s: float, off_m: float = 0.0, **changes: object) -> None:
     for tick in range(round(from_s / PERIOD_S), round(to_s / PERIOD_S)):
         time_s = tick * PERIOD_S
-        team.hear_member(state(time_s, SPEED_M_S * time_s + off_m, **changes))
+        team.hear(state(time_s, SPEED_M_S * time_s + off_m, **changes))
         team.expire(time_s)
 
 
@@ -50,9 +50,9 @@ def test_a_second_source_replaces_nothing_however_long_it_sends() -> None:
     team = a_team()
     for tick in range(300):
         time_s = tick * PERIOD_S
-        team.hear_member(state(time_s))
+        team.hear(state(time_s))
         if tick >= 100:
-            team.hear_member(state(time_s + 0.05, SPEED_M_S * time_s - 7.0))
+            team.hear(state(time_s + 0.05, SPEED_M_S * time_s - 7.0))
         team.expire(time_s)
     assert places_m(team, 29.9) == pytest.approx([59.8, 52.8])
     assert set(team.doubts) == {1}
@@ -61,7 +61,7 @@ def test_a_second_source_replaces_nothing_however_long_it_sends() -> None:
 def test_one_contradictory_state_is_not_reported_and_forgotten_soon() -> None:
     team = a_team()
     hear(team, 0.0, 5.0)
-    team.hear_member(state(5.0, 40.0))
+    team.hear(state(5.0, 40.0))
     hear(team, 5.1, 6.5)
     assert team.doubts == {}
     assert len(places_m(team, 6.4)) == 1
@@ -87,7 +87,7 @@ def test_one_that_comes_back_farther_than_it_can_fly_is_doubted_and_its_last_pla
 def test_late_messages_in_any_order_are_not_doubted() -> None:
     team = a_team()
     for time_s in (1.0, 1.3, 1.1, 1.2, 1.6, 1.4, 1.5, 1.5):
-        team.hear_member(state(time_s))
+        team.hear(state(time_s))
     assert not team.lost(1.6, 60.0)
     assert team.doubts == {}
 
@@ -98,7 +98,7 @@ def test_a_clock_that_steps_a_little_is_not_doubted(step_s: float) -> None:
     hear(team, 0.0, 5.0)
     for tick in range(50, 100):
         time_s = tick * PERIOD_S
-        team.hear_member(state(time_s + step_s, SPEED_M_S * time_s))
+        team.hear(state(time_s + step_s, SPEED_M_S * time_s))
     assert team.doubts == {}
     assert not team.lost(10.0, 60.0)
 
@@ -119,7 +119,7 @@ def test_hard_manoeuvres_take_off_and_landing_are_not_doubted() -> None:
         time_s = tick * PERIOD_S
         # Full acceleration to and fro, and a climb at 3 m/s.
         acceleration = 4.0 if tick // 20 % 2 == 0 else -4.0
-        team.hear_member(state(time_s, x, velocity_m_s=(speed, 0.0), altitude_m=altitude))
+        team.hear(state(time_s, x, velocity_m_s=(speed, 0.0), altitude_m=altitude))
         x += speed * PERIOD_S + acceleration * PERIOD_S**2 / 2.0
         speed += acceleration * PERIOD_S
         altitude = 0.3 * min(tick, 400 - tick) / 4.0
@@ -131,6 +131,6 @@ def test_who_jumps_about_fills_no_more_than_a_few_places() -> None:
     team = a_team()
     hear(team, 0.0, 5.0)
     for tick in range(50, 200):
-        team.hear_member(state(tick * PERIOD_S, 37.0 * (tick % 17) - 200.0))
+        team.hear(state(tick * PERIOD_S, 37.0 * (tick % 17) - 200.0))
         team.expire(tick * PERIOD_S)
     assert len(places_m(team, 19.9)) <= 4

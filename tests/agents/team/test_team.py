@@ -18,58 +18,58 @@ def angle(sender: int, time_s: float, bearing: float = 0.5) -> NeighbourAngle:
 def test_the_newest_message_counts_whatever_the_order() -> None:
     team = a_team()
     for time_s in (2.0, 3.0, 1.0):
-        team.hear_member(member(1, time_s, "encircle", x=time_s))
-        team.hear_angle(angle(1, time_s, bearing=time_s / 10.0))
+        team.hear(member(1, time_s, "encircle", x=time_s))
+        team.ring.hear(angle(1, time_s, bearing=time_s / 10.0))
     assert team.member(1).position_m == (3.0, 0.0)
     assert team.members() == (team.member(1),)
-    assert team.bearings_rad(3.0, 0.05) == [0.3]
+    assert team.ring.bearings_rad(3.0, 0.05) == [0.3]
 
 
 def test_what_was_said_too_long_ago_is_dropped() -> None:
     team = a_team()
-    team.hear_member(member(1, 10.0))
-    team.hear_member(member(3, 10.2))
-    team.hear_angle(angle(1, 10.0))
-    team.hear_angle(angle(3, 10.2))
+    team.hear(member(1, 10.0))
+    team.hear(member(3, 10.2))
+    team.ring.hear(angle(1, 10.0))
+    team.ring.hear(angle(3, 10.2))
     team.expire(11.0)
     assert [peer.sender for peer in team.members()] == [1, 3]
     team.expire(11.1)
     assert [peer.sender for peer in team.members()] == [3]
-    assert len(team.bearings_rad(11.1, 0.0)) == 0  # vehicle 3 flies in formation, whatever angle it once told
+    assert len(team.ring.bearings_rad(11.1, 0.0)) == 0  # vehicle 3 flies in formation, whatever angle it once told
     team.expire(11.3)
     assert team.members() == ()
 
 
 def test_a_peer_that_left_is_forgotten_at_once() -> None:
     team = a_team()
-    team.hear_member(member(1, 10.0, "encircle"))
-    team.hear_angle(angle(1, 10.0))
+    team.hear(member(1, 10.0, "encircle"))
+    team.ring.hear(angle(1, 10.0))
     team.forget(1)
     team.forget(9)
     assert team.members() == ()
-    assert team.bearings_rad(10.0, 0.0) == []
+    assert team.ring.bearings_rad(10.0, 0.0) == []
 
 
 def test_bearings_go_on_at_the_rate_of_the_ring() -> None:
     team = a_team()
-    team.hear_angle(angle(1, 10.0, 0.5))
-    team.hear_angle(angle(3, 9.5, 3.0))
-    assert team.bearings_rad(10.2, 0.05) == pytest.approx([0.5 + 0.01, 3.0 + 0.035])
+    team.ring.hear(angle(1, 10.0, 0.5))
+    team.ring.hear(angle(3, 9.5, 3.0))
+    assert team.ring.bearings_rad(10.2, 0.05) == pytest.approx([0.5 + 0.01, 3.0 + 0.035])
 
 
 @pytest.mark.parametrize(("tactic", "counted"), [("encircle", 1), ("formation", 0), ("hold", 0), ("land", 0)])
 def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
     team = a_team()
-    team.hear_angle(angle(1, 10.0))
-    assert len(team.bearings_rad(10.0, 0.0)) == 1
-    team.hear_member(member(1, 10.0, tactic))
-    assert len(team.bearings_rad(10.0, 0.0)) == counted
+    team.ring.hear(angle(1, 10.0))
+    assert len(team.ring.bearings_rad(10.0, 0.0)) == 1
+    team.hear(member(1, 10.0, tactic))
+    assert len(team.ring.bearings_rad(10.0, 0.0)) == counted
 
 
 def test_who_flies_in_formation_and_who_is_near() -> None:
     team = a_team()
     for sender, tactic, x in ((1, "formation", 3.0), (3, "encircle", 5.0), (4, "formation", 5.01)):
-        team.hear_member(member(sender, 1.0, tactic, x))
+        team.hear(member(sender, 1.0, tactic, x))
     assert sorted(team.in_formation()) == [1, 4]
     assert sorted(team.within(np.zeros(2), 5.0)) == [1, 3]
 
@@ -78,9 +78,9 @@ def test_who_flies_in_formation_and_who_is_near() -> None:
 @pytest.mark.parametrize(("tactic", "missed"), [("formation", True), ("return and land", True), ("land", False)])
 def test_who_falls_silent_is_missed_unless_it_said_that_it_leaves(how: str, tactic: str, missed: bool) -> None:
     team = a_team()
-    team.hear_member(member(1, 10.0, "formation"))
-    team.hear_member(member(1, 10.5, tactic))
-    team.hear_member(member(3, 11.6))
+    team.hear(member(1, 10.0, "formation"))
+    team.hear(member(1, 10.5, tactic))
+    team.hear(member(3, 11.6))
     assert team.gone_s == {}
     if how == "expires":
         team.expire(11.6)
@@ -88,5 +88,5 @@ def test_who_falls_silent_is_missed_unless_it_said_that_it_leaves(how: str, tact
         team.forget(1)
     assert team.gone_s == ({1: 10.5} if missed else {})
     assert team.count_heard == 2
-    team.hear_member(member(1, 11.7))
+    team.hear(member(1, 11.7))
     assert team.gone_s == {}

@@ -1,0 +1,75 @@
+"""The peers on the ring about the target: their newest bearings and references, while they are engaged."""
+
+from collections.abc import Callable
+from math import inf
+
+from agents.team.messages import NeighbourAngle
+from agents.team.ring_scale import FULL_RING, RingScale
+
+
+class RingMembers:
+    """The newest place on the ring of every peer that has one; of those the ones that are `engaged`."""
+
+    def __init__(self, engaged: Callable[[int], bool]) -> None:
+        """Take what says whether a peer, by its id, is engaged: one that has left is so before its place is stale."""
+        self._is_engaged = engaged
+        self._angles: dict[int, NeighbourAngle] = {}
+        self._engaged: tuple[NeighbourAngle, ...] | None = None
+        self._shares = FULL_RING
+        self.oldest_s = inf
+        """No place is older than this; the oldest may be newer."""
+
+    def hear(self, angle: NeighbourAngle) -> None:
+        """Take in a place unless a newer one is known."""
+        known = self._angles.get(angle.sender)
+        if known is None or angle.time_s > known.time_s:
+            self._angles[angle.sender] = angle
+            self.oldest_s = min(self.oldest_s, angle.time_s)
+            self._engaged = None
+
+    def forget(self, vehicle_id: int) -> None:
+        """Drop a peer's place."""
+        if self._angles.pop(vehicle_id, None) is not None:
+            self._engaged = None
+
+    def expire(self, before_s: float) -> None:
+        """Drop the places that are older."""
+        for sender in [s for s, angle in self._angles.items() if angle.time_s < before_s]:
+            self.forget(sender)
+        self.oldest_s = min((angle.time_s for angle in self._angles.values()), default=inf)
+
+    def changed(self) -> None:
+        """Take that peers may have engaged or left."""
+        self._engaged = None
+
+    @property
+    def angles(self) -> dict[int, NeighbourAngle]:
+        """The newest places, engaged or not, by sender."""
+        return dict(self._angles)
+
+    def bearings_rad(self, at_s: float, rate_rad_s: float) -> list[float]:
+        """Return the bearings of all engaged peers at a moment, going on at the ring's rate - (25), (26)."""
+        return [angle.bearing_rad + rate_rad_s * (at_s - angle.time_s) for angle in self._on_ring()]
+
+    def reference_bearings_rad(self, at_s: float) -> list[float]:
+        """Return the bearings of all engaged peers' references at a moment, going on as they published."""
+        return [
+            angle.reference_rad + angle.reference_rate_rad_s * (at_s - angle.time_s)
+            for angle in self._on_ring()
+            if angle.reference_rad is not None
+        ]
+
+    def shares(self) -> RingScale:
+        """Return the ring that all engaged peers can fly."""
+        self._on_ring()
+        return self._shares
+
+    def _on_ring(self) -> tuple[NeighbourAngle, ...]:
+        # Asked for several times a tick, and the same until the next message.
+        if self._engaged is None:
+            self._engaged = tuple([angle for sender, angle in self._angles.items() if self._is_engaged(sender)])
+            self._shares = FULL_RING
+            for angle in self._engaged:
+                if angle.rate_share < self._shares.rate or angle.radius_share > self._shares.radius:
+                    self._shares = self._shares.with_(RingScale(angle.rate_share, angle.radius_share))
+        return self._engaged
