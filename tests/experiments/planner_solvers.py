@@ -118,7 +118,10 @@ def optimum(settings: EncirclementSettings) -> CvxpySolver:
 
 
 class QrqpSolver:
-    """The problem rolled out symbolically from the state, its matrices by differentiation; qrqp starts warm."""
+    """The problem rolled out symbolically from the state, its matrices by differentiation.
+
+    qrqp starts cold: from its multipliers before it is a third faster, but calls plans solved that are not.
+    """
 
     def __init__(self, settings: EncirclementSettings) -> None:
         ca: Any = import_module("casadi")
@@ -137,7 +140,6 @@ class QrqpSolver:
         structure = {"h": self._hessian.sparsity(), "a": self._rows.sparsity()}
         self._conic = ca.conic("ring", "qrqp", structure, options | {"max_iter": QRQP_ITERATIONS_MAX})
         self._size, self._control_horizon = size, problem.control_horizon
-        self._warm: dict[str, Any] = {}
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
         """See `Lmpc.solve`."""
@@ -154,12 +156,9 @@ class QrqpSolver:
             uba=np.concatenate([highest.ravel(), beyond]) - drift,
             lbx=np.append(np.tile(least, self._control_horizon), 0.0),
             ubx=np.append(np.tile(most, self._control_horizon), np.inf),
-            **self._warm,
         )
         if not self._conic.stats()["success"]:
-            self._warm = {}
             return unsolved(previous_input)
-        self._warm = {"x0": found["x"], "lam_x0": found["lam_x"], "lam_a0": found["lam_a"]}
         return Solution(found["x"].full().ravel()[: self._size].reshape(-1, 2), QpStatus.BOUNDED)
 
 
