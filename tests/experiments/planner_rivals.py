@@ -7,9 +7,10 @@ that other work on the machine counts little.
 
 First, each plans for the same approaches to the ring, drawn from seeds and flown by cordon's plans at 10 Hz, a part of
 them on bounds. The planners take turns, approach by approach. All but qrqp start warm from their solution before; the
-first plan of an approach has none, and is not timed. Solvers of the same quadratic programmes have to find their optima, as an
-interior-point method does to many digits; how many each leaves unsolved is stated. do-mpc solves another problem, the
-polar model itself. So second, each flies a team of three, and the errors on the ring have to be small.
+first plan of an approach has none, and is not timed. Solvers of the same quadratic programmes have to find their
+optima, which an interior-point method finds to many digits; how many each leaves unsolved or gets wrong is stated.
+do-mpc solves another problem, the polar model itself. So second, each flies a team of three, and the errors on the ring
+have to be small.
 """
 
 import subprocess
@@ -17,7 +18,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from math import atan2, pi, tau
+from math import atan2, nan, pi, tau
 from statistics import median
 from time import process_time
 from typing import NamedTuple
@@ -44,26 +45,27 @@ from tests.experiments.planner_solvers import OPTIMUM, RIVALS, Rival, Solver
 APPROACHES = 25
 TICKS, PERIOD_S = 40, 0.1
 CORDON = Rival("cordon", "agents.control.encirclement", ring_lmpc)
-ERROR_MAX_M_S2 = 0.01
-"""Of the first acceleration planned: half a percent of what a vehicle may, and the reach of OSQP's tolerance."""
-UNSOLVED_MAX = 0.1
-"""Of the plans of a rival: what solves less is not compared."""
+ERROR_MAX_M_S2 = 5e-3
+"""Of the first acceleration planned: a four-hundredth of what a vehicle may. A plan farther off is wrong."""
+FAILED_MAX = 0.1
+"""The share of a rival's plans that may be unsolved or wrong: what fails more often is not compared. cordon's: none."""
 TEAM_S, TEAM_WINDOW_S = 60.0, 20.0
 RADIUS_ERROR_MAX_M, SPACING_ERROR_MAX_DEG = 0.05, 0.5
 TEAM = 3
 IMPORTS = 3
 TABLE_HEAD = (
-    "| solver | median, µs | 99 %, µs | ratio | on bounds, µs | ratio | import, s "
-    "| unsolved | off the optimum, m/s² | radius error, mm | spacing error, ° |",
-    "|---" * 11 + "|",
+    "| solver | median, µs | 99 %, µs | ratio | inside, µs | on bounds, µs | import, s "
+    "| unsolved | wrong | off at most, m/s² | radius error, mm | spacing error, ° |",
+    "|---" * 12 + "|",
 )
 
 
 @dataclass
 class Plans:
-    """What one planner did: how long each of its plans took that are timed [us], and how many it did not solve."""
+    """What one planner did: how long its plans took that are timed [us], how many it planned, and how many in vain."""
 
     took_us: list[float] = field(default_factory=list)
+    planned: int = 0
     unsolved: int = 0
 
 
@@ -168,19 +170,18 @@ def _plan(planner: EncirclementPlanner, draw: Draw, plans: Plans) -> None:
         began = process_time()
         plan = planner.plan(task)
         took_us = (process_time() - began) * 1e6
+        plans.planned += 1
         plans.unsolved += plan.status is QpStatus.FALLBACK
         if tick:
             plans.took_us.append(took_us)
 
 
-def error_m_s2(solver: Solver, programmes: Sequence[Programme], optima: Sequence[Vector]) -> float:
-    """Return how far the first inputs [r'' R phi''] of a solver are off the optima at most, where it solves them."""
+def errors_m_s2(solver: Solver, programmes: Sequence[Programme], optima: Sequence[Vector]) -> Vector:
+    """Return how far the first inputs [r'' R phi''] of a solver are off the optima (n,), nan where it is unsolved."""
     found = [solver.solve(*programme) for programme in programmes]
-    return max(
-        float(np.linalg.norm(solution.first_input - optimum))
-        for solution, optimum in zip(found, optima, strict=True)
-        if solution.status is not QpStatus.FALLBACK
-    )
+    off_m_s2 = np.linalg.norm(np.array([solution.first_input for solution in found]) - optima, axis=1)
+    off_m_s2[[solution.status is QpStatus.FALLBACK for solution in found]] = nan
+    return np.asarray(off_m_s2, dtype=np.float64)
 
 
 def team_errors(planners: Sequence[EncirclementPlanner], config: AgentConfig, seed: int) -> RingErrors:
@@ -241,22 +242,35 @@ def missing(rivals: Sequence[Rival]) -> list[str]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is measured of a solver: its plans, their error (None: it solves another problem), and its team's errors."""
+    """What is measured of a solver.
+
+    These are its plans, how far it is off the optima (n,), nan where it is unsolved (None: it solves another problem),
+    and the errors of its team.
+    """
 
     rival: Rival
     plans: Plans
-    unsolved: float
-    error_m_s2: float | None
+    off_m_s2: Vector | None
     ring: RingErrors
+
+    @property
+    def unsolved(self) -> float:
+        """The share of plans for which it says that it failed."""
+        if self.off_m_s2 is None:
+            return self.plans.unsolved / self.plans.planned
+        return float(np.isnan(self.off_m_s2).mean())
+
+    @property
+    def wrong(self) -> float:
+        """The share of plans for which it says that it solved them, and did not."""
+        return 0.0 if self.off_m_s2 is None else float((self.off_m_s2 > ERROR_MAX_M_S2).mean())
 
     @property
     def faults(self) -> list[str]:
         """In what it does not solve the problem."""
         name, ring, found = self.rival.name, self.ring, []
-        if not self.unsolved <= (UNSOLVED_MAX if self.rival is not CORDON else 0.0):
-            found.append(f"{name}: {self.unsolved:.1%} of the plans are unsolved")
-        if self.error_m_s2 is not None and not self.error_m_s2 <= ERROR_MAX_M_S2:
-            found.append(f"{name}: {self.error_m_s2:.2g} m/s² off the optimum, at most {ERROR_MAX_M_S2:g} are allowed")
+        if not self.unsolved + self.wrong <= (0.0 if self.rival is CORDON else FAILED_MAX):
+            found.append(f"{name}: {self.unsolved:.1%} of the plans are unsolved, {self.wrong:.1%} wrong")
         if not ring.radius_m <= RADIUS_ERROR_MAX_M:
             found.append(f"{name}: radius error {ring.radius_m:.3g} m, at most {RADIUS_ERROR_MAX_M:g} m are allowed")
         if not ring.spacing_deg <= SPACING_ERROR_MAX_DEG:
@@ -265,19 +279,19 @@ class Outcome:
 
     def row(self, ours: Plans, bounded: Vector) -> str:
         """Return its row of the table; `bounded` (n,) says in which of the plans timed bounds are active."""
-        took_us, ours_us = np.array(self.plans.took_us), np.array(ours.took_us)
+        took_us = np.array(self.plans.took_us)
         middle, most = np.percentile(took_us, [50.0, 99.0]).tolist()
-        on_bounds = float(np.median(took_us[bounded]))
         cells = [
             self.rival.name,
             f"{middle:.0f}",
             f"{most:.0f}",
-            f"{middle / np.median(ours_us):.1f}",
-            f"{on_bounds:.0f}",
-            f"{on_bounds / np.median(ours_us[bounded]):.1f}",
+            f"{middle / median(ours.took_us):.1f}",
+            f"{np.median(took_us[np.logical_not(bounded)]):.0f}",
+            f"{np.median(took_us[bounded]):.0f}",
             f"{import_s(self.rival.module):.2f}",
             f"{self.unsolved:.1%}",
-            "-" if self.error_m_s2 is None else f"{self.error_m_s2:.0e}",
+            "-" if self.off_m_s2 is None else f"{self.wrong:.1%}",
+            "-" if self.off_m_s2 is None else f"{np.fmax.reduce(self.off_m_s2):.0e}",
             f"{self.ring.radius_m * 1e3:.1f}",
             f"{self.ring.spacing_deg:.3f}",
         ]
@@ -299,8 +313,7 @@ def measured(count: int, first: int, rivals: Sequence[Rival], truth: Rival) -> t
         Outcome(
             each,
             plans[each.name],
-            plans[each.name].unsolved / len(programmes),
-            None if each.nonlinear else error_m_s2(each.build(config.encirclement), programmes, optima),
+            None if each.nonlinear else errors_m_s2(each.build(config.encirclement), programmes, optima),
             team_errors([planner_with(each.build, config) for _ in range(TEAM)], config, first),
         )
         for each in solvers

@@ -18,7 +18,7 @@ from estimation.state import Vector
 SLACK_WEIGHT = 100.0
 """As in agents/control/encirclement.py."""
 OSQP_TOLERANCE = 1e-6
-"""Stage by stage OSQP needs this to find the first input as exactly as with 1e-5 from cordon's condensed matrices."""
+"""With 1e-5, as in agents/control/lmpc.py, OSQP is up to 7e-3 m/s² off the optimum in this form, and no faster."""
 OPTIMUM_TOLERANCE = 1e-10
 QRQP_ITERATIONS_MAX = 100
 """Where qrqp solves the problem at all, it does so within these. Its own limit of 1000 only takes longer."""
