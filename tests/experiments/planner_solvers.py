@@ -120,8 +120,8 @@ def optimum(settings: EncirclementSettings) -> CvxpySolver:
 class QrqpSolver:
     """The problem rolled out symbolically from the state, its matrices by differentiation.
 
-    qrqp starts cold: from its multipliers before it is a quarter faster, but fails more often, and calls plans solved that
-    are not.
+    qrqp starts cold: from its multipliers before it is a quarter faster, but fails more often, and calls more plans
+    solved that are not.
     """
 
     def __init__(self, settings: EncirclementSettings) -> None:
