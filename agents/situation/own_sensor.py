@@ -78,7 +78,7 @@ class OwnSensor:
         The more sensors see the target, the less often each is sent: together they are as good, and no receiver has
         to process more of them than of a few.
         """
-        if not self._own or self._own[-1].time_s == self._sent_s:
+        if not self._own:
             return None
         newest = self._own[-1]
         observers = sum([now_s - seen_s <= OBSERVES_S for seen_s in self._observed_s.values()])

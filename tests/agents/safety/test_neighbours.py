@@ -6,7 +6,7 @@ from math import hypot
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
@@ -236,3 +236,51 @@ def test_who_is_as_far_as_the_other_end_of_a_long_line_is_not_near() -> None:
     near = Neighbours(CONFIG).near(situation(10.0), heard)
     assert near == heard[: len(near)]
     assert 1 <= len(near) <= 8
+
+
+@settings(max_examples=1000)
+@given(
+    away_m=st.floats(2.0, 15.0),
+    own_m_s=st.floats(-1.0, 3.0),
+    its_m_s=st.floats(-1.0, 3.0),
+    its_lead_m=st.floats(-3.0, 3.0),
+    lead_m=st.floats(-3.0, 5.0),
+    sigma_m=st.floats(0.0, 1.0),
+    age_s=st.floats(0.0, 1.2),
+    tactic=st.sampled_from(["formation", "land"]),
+)
+@example(3.1, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, "land")
+def test_an_aim_that_exposes_no_one_is_not_changed_for_anyone(
+    away_m: float,
+    own_m_s: float,
+    its_m_s: float,
+    its_lead_m: float,
+    lead_m: float,
+    sigma_m: float,
+    age_s: float,
+    tactic: str,
+) -> None:
+    """Two vehicles on one line, where they endanger each other most."""
+    here = situation(10.0 + age_s, sigma_m=sigma_m)
+    here = msgspec.structs.replace(here, acting_motion=np.array([0.0, 0.0, own_m_s, 0.0]))
+    spoken = member(10.0, tactic, (away_m, 0.0), (-its_m_s, 0.0), (away_m - its_lead_m, 0.0), sigma_m=sigma_m)
+    neighbours, guard, aim = Neighbours(CONFIG), Guard(CONFIG), np.array([lead_m, 0.0])
+    if not neighbours.exposed(here, [spoken], aim):
+        assert guard.check(here, aim, neighbours.bodies(here, [spoken], [])).aim_m is aim
+
+
+def test_neighbours_in_a_line_that_fly_on_are_not_exposed() -> None:
+    cruising = 0.2, 0.0
+    here = msgspec.structs.replace(situation(10.0), acting_motion=np.array([0.0, 0.0, *cruising]))
+    lead_m = cruising[0] * CONFIG.plant.x.a1_per_s / CONFIG.plant.x.a0_per_s2
+    beside = [member(9.9, "formation", (0.0, y), cruising, (lead_m, y)) for y in (5.0, -5.0)]
+    neighbours = Neighbours(CONFIG)
+    assert neighbours.exposed(here, beside, np.array([lead_m, 0.0])) == []
+    assert neighbours.exposed(here, beside, np.array([lead_m, 3.0])) != []
+
+
+def test_one_that_was_last_heard_as_it_flew_ahead_may_have_stopped(make_config: Maker) -> None:
+    config = make_config(safety={"acceleration_max_m_s2": 0.1})
+    here = msgspec.structs.replace(situation(11.2), acting_motion=np.array([0.0, 0.0, 3.0, 0.0]))
+    ahead = member(10.0, position=(6.0, 0.0), velocity=(3.0, 0.0), setpoint=(9.0, 0.0))
+    assert Neighbours(config).exposed(here, [ahead], np.array([3.0, 0.0])) == [ahead]

@@ -1,6 +1,7 @@
 """Whose sightings of the target are used by a vehicle that sees it itself."""
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -58,3 +59,26 @@ def test_the_team_sees_the_target_by_its_own_sensors_alone(sensor: OwnSensor) ->
     assert sensor.team_saw_s == -float("inf")
     sensor.accepts(sighting(PEER, 6.0, 10.0))
     assert sensor.team_saw_s == 6.0
+
+
+@pytest.mark.parametrize(("observers", "period_s"), [(1, 0.2), (3, 0.2), (6, 0.2), (12, 0.4), (30, 1.0)])
+def test_a_team_sends_thirty_sightings_a_second_however_many_see_the_target(
+    sensor: OwnSensor, observers: int, period_s: float
+) -> None:
+    sent_s = []
+    for tick in range(100):
+        now_s = tick / 10.0
+        if tick % 2 == 0:
+            for sensor_id in (OWN, *range(10, 9 + observers)):
+                sensor.accepts(sighting(sensor_id, now_s, 10.0))
+        due = sensor.due(now_s)
+        if due is not None:
+            assert due.sensor_id == OWN
+            sent_s.append(due.time_s)
+    assert [later - earlier for earlier, later in pairwise(sent_s)] == pytest.approx([period_s] * (len(sent_s) - 1))
+
+
+def test_a_sighting_is_sent_once(sensor: OwnSensor) -> None:
+    sensor.accepts(sighting(OWN, 5.0, 10.0))
+    assert sensor.due(5.0) is not None
+    assert sensor.due(9.0) is None

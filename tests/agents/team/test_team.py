@@ -1,9 +1,13 @@
 """What a vehicle knows of its peers, and for how long."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agents.team.messages import MemberState, NeighbourAngle
+from agents.team.team import Team
 from tests.support.team import a_team
 
 
@@ -90,3 +94,42 @@ def test_who_falls_silent_is_missed_unless_it_said_that_it_leaves(how: str, tact
     assert team.count_heard == 2
     team.hear(member(1, 11.7))
     assert team.gone_s == {}
+
+
+def far_and_near() -> Team:
+    """Return a team of which vehicle 1 is near and vehicle 3 is far away, both of them known since 10 s."""
+    team = a_team()
+    for sender in (1, 3):
+        team.hear(replace(member(sender, 10.0, "encircle"), angle=angle(sender, 10.0)))
+    team.watch([team.member(1)])
+    return team
+
+
+def test_the_state_of_one_far_away_waits_for_its_turn() -> None:
+    team = far_and_near()
+    for tenth in range(1, 6):
+        time_s = 10.0 + tenth / 10.0
+        for sender in (1, 3):
+            team.hear(replace(member(sender, time_s, "encircle", x=tenth / 10.0), angle=angle(sender, time_s, time_s)))
+        assert team.member(1).time_s == time_s
+        assert time_s - team.member(3).time_s < 0.25 + 1e-9
+    assert team.member(3).time_s == pytest.approx(10.3)
+    assert sorted(team.ring.bearings_rad(10.5, 0.0)) == pytest.approx([10.3, 10.5])
+
+
+@pytest.mark.parametrize("changed", [{"tactic": "hold"}, {"alert": "battery low"}])
+def test_what_is_new_about_one_far_away_counts_at_once(changed: dict[str, Any]) -> None:
+    team = far_and_near()
+    team.hear(replace(member(3, 10.1, "encircle"), **changed))
+    assert team.member(3).time_s == 10.1
+
+
+def test_one_far_away_is_as_fresh_as_its_last_state() -> None:
+    team = far_and_near()
+    team.hear(member(1, 10.2, "encircle"))
+    team.hear(member(3, 10.2, "encircle"))
+    team.expire(11.1)
+    assert [peer.time_s for peer in team.members()] == [10.2, 10.2]
+    team.expire(11.3)
+    assert team.members() == ()
+    assert team.gone_s == {1: 10.2, 3: 10.2}
