@@ -10,8 +10,6 @@ from math import hypot, sqrt
 import numpy as np
 from scipy.linalg import expm
 
-from estimation.state import Vector
-
 FEET_M = 0.3048
 SPEED_LEAST_M_S = 1.0
 """Lower bound of the pattern's speed: in less wind the vehicle's own motion carries it past."""
@@ -78,7 +76,8 @@ class _Shaping:
             ]
         )
         stationary = np.diag([span_s / 2.0, span_s**3 / 4.0, span_s / 4.0])
-        self._state: Vector = np.sqrt(stationary) @ random.standard_normal(3)
+        along, across, slope = (np.sqrt(stationary) @ random.standard_normal(3)).tolist()
+        self._state: tuple[float, float, float] = (along, across, slope)
         self._random = random
         self._ahead: list[list[float]] = []
 
@@ -91,8 +90,15 @@ class _Shaping:
     def _block(self) -> list[list[float]]:
         """Return gusts of many steps at once, the last one first."""
         pushes = self._random.standard_normal((_BLOCK, 3)) @ self._root.T
-        states = np.empty((_BLOCK, 3))
-        for row, push in enumerate(pushes):
-            self._state = self._step @ self._state + push
-            states[row] = self._state
-        return list((states @ self._output.T)[::-1].tolist())
+        (aa, _, _), (_, bb, bc), (_, cb, cc) = self._step.tolist()  # no entry couples along and across
+        along, across, slope = self._state
+        states = []
+        for along_push, across_push, slope_push in pushes.tolist():
+            along, across, slope = (
+                aa * along + along_push,
+                bb * across + bc * slope + across_push,
+                cb * across + cc * slope + slope_push,
+            )
+            states.append((along, across, slope))
+        self._state = along, across, slope
+        return list((np.array(states) @ self._output.T)[::-1].tolist())
