@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY
-from gcs.flightlog.simulation import SimulationRecording
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
@@ -19,13 +19,16 @@ from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedV
 from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
 from sitl.vehicle.imperfections import Imperfections
 
+if TYPE_CHECKING:
+    from gcs.flightlog.simulation import SimulationRecording
+
 
 def fly_simulated(
     mission: Mission,
     seed: int,
     duration_s: float,
     progress: Callable[[float], None],
-    recording: SimulationRecording | None = None,
+    recording: "SimulationRecording | None" = None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 
 import numpy as np
-from scipy.linalg import expm
 
 FEET_M = 0.3048
 SPEED_LEAST_M_S = 1.0
@@ -60,6 +59,8 @@ class _Shaping:
     """White noise through Dryden's filters, discretised exactly: one state along, two across."""
 
     def __init__(self, gusts: Turbulence, step_s: float, random: np.random.Generator) -> None:
+        from scipy.linalg import expm  # noqa: PLC0415 - slow to import, and most flights are without gusts
+
         span_s = gusts.length_m / gusts.speed_m_s
         flow = np.array([[-1.0 / span_s, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0 / span_s**2, -2.0 / span_s]])
         # White noise of unit density enters the last state of each chain; the outputs make of it the spectra above.
