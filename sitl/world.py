@@ -3,13 +3,15 @@
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
-from functools import lru_cache
-from math import cos, hypot, inf, pi, sin
+from functools import cached_property, lru_cache
+from math import cos, hypot, pi, sin
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from estimation.state import Sighting
+from sitl.draws import AHEAD, normals
 
 Pair = tuple[float, float]
 
@@ -22,7 +24,15 @@ class Leg(NamedTuple):
     pause_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+class _Piece(NamedTuple):
+    """A time of constant velocity: since when, from where, and how."""
+
+    begin_s: float
+    from_m: Pair
+    velocity_m_s: Pair
+
+
+@dataclass(frozen=True)
 class TargetMotion:
     """How a target moves from where it is at mission time 0: at one velocity, or along legs if there are any.
 
@@ -36,43 +46,42 @@ class TargetMotion:
 
     def position_m(self, mission_time_s: float) -> Pair:
         """Return where the target is; before the mission starts it waits."""
-        piece, since_s = self._piece(mission_time_s)
-        return piece.from_m[0] + piece.velocity_m_s[0] * since_s, piece.from_m[1] + piece.velocity_m_s[1] * since_s
+        begin_s, (x, y), (x_rate, y_rate) = self._piece(mission_time_s)
+        since_s = max(mission_time_s, 0.0) - begin_s
+        return x + x_rate * since_s, y + y_rate * since_s
 
     def velocity_at_m_s(self, mission_time_s: float) -> Pair:
         """Return how it moves then, also if it has not set out yet."""
-        return self._piece(mission_time_s)[0].velocity_m_s
+        return self._piece(mission_time_s).velocity_m_s
 
     @property
     def speed_max_m_s(self) -> float:
         """The highest speed it ever has."""
-        return max(hypot(*piece.velocity_m_s) for piece in _pieces(self))
+        return max(hypot(*piece.velocity_m_s) for piece in self._pieces)
 
     def path_m(self, until_s: float, points: int) -> list[tuple[float, Pair]]:
         """Return times and places along its way, evenly in time, and its corners; one if it stays where it is."""
         if self.speed_max_m_s == 0.0:
             return [(0.0, self.start_m)]
-        corners_s = {piece.begin_s for piece in _pieces(self) if piece.begin_s <= until_s}
+        corners_s = {piece.begin_s for piece in self._pieces if piece.begin_s <= until_s}
         return [
             (at_s, self.position_m(at_s)) for at_s in sorted({*np.linspace(0.0, until_s, points).tolist(), *corners_s})
         ]
 
-    def _piece(self, mission_time_s: float) -> tuple["_Piece", float]:
-        time_s, pieces = max(mission_time_s, 0.0), _pieces(self)
-        piece = pieces[bisect_right(pieces, (time_s, (inf, inf), (inf, inf))) - 1]
-        return piece, time_s - piece.begin_s
+    def _piece(self, mission_time_s: float) -> _Piece:
+        pieces = self._pieces
+        if len(pieces) == 1:
+            return pieces[0]
+        return pieces[bisect_right(pieces, max(mission_time_s, 0.0), key=_begin_s) - 1]
 
-
-class _Piece(NamedTuple):
-    """A time of constant velocity: since when, from where, and how."""
-
-    begin_s: float
-    from_m: Pair
-    velocity_m_s: Pair
+    @cached_property
+    def _pieces(self) -> list[_Piece]:
+        return _divided(self)
 
 
 @lru_cache(maxsize=64)
-def _pieces(motion: TargetMotion) -> list[_Piece]:
+def _divided(motion: TargetMotion) -> list[_Piece]:
+    """Divide a way into pieces of constant velocity."""
     if not motion.legs:
         return [_Piece(0.0, motion.start_m, motion.velocity_m_s)]
     pieces, time_s, (x, y) = [], 0.0, motion.start_m
@@ -85,6 +94,9 @@ def _pieces(motion: TargetMotion) -> list[_Piece]:
         pieces.append(_Piece(time_s, leg.to_m, (0.0, 0.0)))
         time_s += leg.pause_s
     return pieces
+
+
+_begin_s = itemgetter(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,46 +131,49 @@ class SimulatedSensor:
         self._target = target
         self._start_s = start_s
         self._random = np.random.default_rng([seed, 1, sensor_id])
+        # Outliers are drawn from the same generator.
+        self._normals = normals(self._random, AHEAD if model.outlier_share == 0.0 else 1)
+        self._sigma_m = max(model.noise_m, self._NOISE_MIN_M)
         self._due_s: float | None = None
         self._untold: deque[Sighting] = deque()
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return the next sighting to be told, if any: the target was within range of `position_m` when it was due."""
-        seen = self._seen(now_s, position_m)
-        if seen is not None:
-            self._untold.append(seen)
-        told = self._untold and now_s >= self._untold[0].time_s + self._model.delay_s - 1e-6
-        return self._untold.popleft() if told else None
+        # A tick in advance of the due time by rounding alone still counts as on time.
+        if self._due_s is None or now_s >= self._due_s - 1e-6:
+            seen = self._seen(now_s, position_m)
+            if seen is not None:
+                self._untold.append(seen)
+        if self._untold and now_s >= self._untold[0].time_s + self._model.delay_s - 1e-6:
+            return self._untold.popleft()
+        return None
 
     def _seen(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
+        model = self._model
         due_s = now_s if self._due_s is None else self._due_s
-        # A tick in advance of the due time by rounding alone still counts as on time.
-        if now_s < due_s - 1e-6:
-            return None
-        period_s = 1.0 / self._model.rate_hz
+        period_s = 1.0 / model.rate_hz
         self._due_s = max(due_s + period_s, now_s + period_s / 2.0)
         mission_s = now_s - self._start_s
         x, y = self._target.position_m(mission_s)
-        if any(begin_s <= mission_s < end_s for begin_s, end_s in self._model.blind_s):
+        if hypot(x - position_m[0], y - position_m[1]) > model.range_m:
             return None
-        if hypot(x - position_m[0], y - position_m[1]) > self._model.range_m:
+        if any(begin_s <= mission_s < end_s for begin_s, end_s in model.blind_s):
             return None
-        noise_x, noise_y = (self._random.standard_normal(2) * self._model.noise_m).tolist()
-        if self._model.outlier_share > 0.0 and self._random.random() < self._model.outlier_share:
+        noise_x, noise_y = next(self._normals) * model.noise_m, next(self._normals) * model.noise_m
+        if model.outlier_share > 0.0 and self._random.random() < model.outlier_share:
             side_rad = self._random.uniform(0.0, 2.0 * pi)
-            noise_x += self._model.outlier_m * cos(side_rad)
-            noise_y += self._model.outlier_m * sin(side_rad)
-        sigma_m = max(self._model.noise_m, self._NOISE_MIN_M)
-        variance = sigma_m**2
+            noise_x += model.outlier_m * cos(side_rad)
+            noise_y += model.outlier_m * sin(side_rad)
+        variance = self._sigma_m**2
         altitude: tuple[float, ...] = ()
-        if self._model.altitude_m is not None:
-            altitude = (self._model.altitude_m + self._random.standard_normal() * self._model.noise_m, sigma_m)
+        if model.altitude_m is not None:
+            altitude = (model.altitude_m + next(self._normals) * model.noise_m, self._sigma_m)
         return Sighting(
             now_s,
             self._sensor_id,
             (x + noise_x, y + noise_y),
             (variance, 0.0, variance),
-            self._model.importance,
-            self._model.threat,
+            model.importance,
+            model.threat,
             *altitude,
         )

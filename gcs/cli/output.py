@@ -6,19 +6,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from gcs.console.result import show_result, verdict_of
 from gcs.console.terminal import STDERR, discard, print_line
 from gcs.errors import Exit, InputError
-from gcs.flight.run import show_result, verdict_of
-from gcs.flightlog.reader import FlightLog
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import formation_reference, ring_reference
 from gcs.mission.mission import Mission
-from gcs.report.figure import METADATA, save_figure
-from gcs.vehicle_logs.vehicle_log import VehicleLog
+
+if TYPE_CHECKING:
+    from gcs.flightlog.reader import FlightLog
+    from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 _PROGRESS_STEP_S = 1.0
 _PROGRESS_STEP_SHARE = 0.01
@@ -90,6 +91,8 @@ class IdentifyProgress(_ProgressBar):
 def check_plot(path: Path | None) -> None:
     """Refuse, before anything flies, a figure that could not be written; raises InputError."""
     if path is not None:
+        from gcs.report.figure import METADATA
+
         check_file("--plot", path, tuple(METADATA))
 
 
@@ -126,7 +129,7 @@ def confirmed(question: str) -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def print_log_faults(log: FlightLog) -> None:
+def print_log_faults(log: "FlightLog") -> None:
     """Print what is not as it should be in a log, and how much of a damaged one was read."""
     for fault in log.faults:
         print_line(f"{log.path}: {fault}", "yellow")
@@ -134,7 +137,7 @@ def print_log_faults(log: FlightLog) -> None:
         print_line(f"{log.path}: damaged: {log.recovered}; `cordon log recover` writes them to a new log", "red")
 
 
-def print_notes(logs: Sequence[VehicleLog]) -> None:
+def print_notes(logs: "Sequence[VehicleLog]") -> None:
     """Print what is not as it should be in vehicles' logs."""
     for log in logs:
         for note in log.notes:
@@ -142,7 +145,7 @@ def print_notes(logs: Sequence[VehicleLog]) -> None:
     print_damage(logs)
 
 
-def print_damage(logs: Sequence[VehicleLog]) -> None:
+def print_damage(logs: "Sequence[VehicleLog]") -> None:
     """Print which logs are damaged."""
     for path in dict.fromkeys(log.path for log in logs if log.is_damaged):
         print_line(f"{path}: damaged: the result is of what could be read; copy the log from the vehicle again", "red")
@@ -160,6 +163,8 @@ def present(mission: Mission, record: FlightRecord, *, json: bool, plot: Path | 
     """Evaluate a flight, show it, and return its verdict."""
     result = show_result(mission, record)
     if plot is not None:
+        from gcs.report.figure import save_figure
+
         with writing("--plot", plot):
             save_figure(record, result, ring_reference(mission), plot, formation_reference(mission))
         print_line(f"figure: {plot}")

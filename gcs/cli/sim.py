@@ -44,14 +44,17 @@ def sim(options: SimOptions) -> Exit:
     hold_back()
     from gcs.cli.output import SimulationProgress, check_plot, present
     from gcs.console.terminal import print_problem
-    from gcs.flight.recording import report_log, simulation_recording
     from gcs.flight.simulated import fly_simulated
 
     check_plot(options.plot)
     mission = loaded_mission(options.mission)
     flown_s = options.duration or mission.mission.duration_s
     seed = mission.mission.seed if options.seed is None else options.seed
-    recording = simulation_recording(mission, options.log, seed, flown_s)
+    recording = None
+    if options.log is not None:
+        from gcs.flight.recording import report_log, simulation_recording
+
+        recording = simulation_recording(mission, options.log, seed, flown_s)
 
     def update(time_s: float) -> None:
         if pending():

@@ -2,11 +2,12 @@
 
 import os
 
+from gcs.console.result import show_result, verdict_of
 from gcs.drill.injected_faults import FailingEquipment, FaultReceiver
 from gcs.errors import Exit
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions
-from gcs.flight.run import run_flight, show_result, verdict_of
+from gcs.flight.run import run_flight
 from gcs.flightlog.place import FOLDER_VARIABLE
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission

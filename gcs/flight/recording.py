@@ -35,12 +35,8 @@ class RecordingOptions:
     live_origins: tuple[str, ...] = ()
 
 
-def simulation_recording(
-    mission: Mission, path: Path | None, seed: int, duration_s: float
-) -> SimulationRecording | None:
-    """Return the recording of a simulated flight, None without a path; raises InputError."""
-    if path is None:
-        return None
+def simulation_recording(mission: Mission, path: Path, seed: int, duration_s: float) -> SimulationRecording:
+    """Return the recording of a simulated flight; raises InputError."""
     run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=time(), duration_s=duration_s)
     writer = _opened(path, Context())
     return SimulationRecording(writer, run, Scene(writer.context, mission))

@@ -9,17 +9,14 @@ from functools import partial
 from agents.ports import VehicleRefusedError
 from agents.shell.outcome import Ending, Outcome
 from gcs.console.backlog import unblocked
-from gcs.console.live import LiveView, summary
+from gcs.console.live import LiveView
 from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flight.supervision.heartbeat import SupervisorHeartbeat
-from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
-from gcs.metrics.result import FlightResult
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.findings_view import findings_view
@@ -52,18 +49,6 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
         _warn_of_lateness(flight, flight.record)
     report_log(writer)
     return exit_code(flight.outcomes, verdict)
-
-
-def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
-    """Evaluate a flight against its mission and print the summary."""
-    result = evaluate(record, ring_reference(mission), formation_reference(mission), verdict_tolerances(mission))
-    STDERR.print(summary(result))
-    return result
-
-
-def verdict_of(result: FlightResult) -> Exit:
-    """Return the exit code of a flight that was flown to its end."""
-    return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED
 
 
 def _report_supervisor_lost() -> None:

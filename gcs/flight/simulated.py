@@ -1,16 +1,16 @@
 """Fly a mission in one process with simulated time: `cordon sim`."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.core import VehicleCore
-from agents.outputs import TickOutput
+from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
+from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY
-from gcs.flightlog.simulation import SimulationRecording
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
@@ -19,30 +19,27 @@ from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedV
 from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
 from sitl.vehicle.imperfections import Imperfections
 
+if TYPE_CHECKING:
+    from gcs.flightlog.simulation import SimulationRecording
+
 
 def fly_simulated(
     mission: Mission,
     seed: int,
     duration_s: float,
     progress: Callable[[float], None],
-    recording: SimulationRecording | None = None,
+    recording: "SimulationRecording | None" = None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s].
     """
-    rate_hz = mission.mission.rate_hz
-    tactics = np.full((round(duration_s * rate_hz) + 1, len(mission.vehicles)), "unknown", dtype="<U16")
-    events: list[FlightEvent] = []
-
-    guard = GuardTally()
+    rate_hz, count = mission.mission.rate_hz, len(mission.vehicles)
+    observed = _Observed(round(duration_s * rate_hz) + 1, count)
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
-        status = output.status
-        tactics[tick, vehicle] = status.tactic.value
-        guard.note(status.guarded)
-        events.extend(FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes)
-        if recording is not None and vehicle == len(mission.vehicles) - 1:
+        observed.note(tick, vehicle, output.status)
+        if recording is not None and vehicle == count - 1:
             recording.advance((tick + 1) / rate_hz)
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
@@ -59,7 +56,26 @@ def fly_simulated(
     wall_time_s = perf_counter() - began_s
     if recording is not None:
         recording.end(mission.ids, flight, wall_time_s)
-    return replace(_record(mission, seed, flight, tactics, guard, wall_time_s), events=in_order(events))
+    return _record(mission, seed, flight, observed, wall_time_s)
+
+
+class _Observed:
+    """What is noted of the vehicles' decisions: tactics (T, N), events, and what the guard did."""
+
+    def __init__(self, ticks: int, vehicles: int) -> None:
+        self.tactics = np.full((ticks, vehicles), "unknown", dtype="<U16")
+        self.events: list[FlightEvent] = []
+        self.guard = GuardTally()
+        self._latest: list[Tactic | None] = [None] * vehicles
+
+    def note(self, tick: int, vehicle: int, status: CoreStatus) -> None:
+        """Note one tick of one vehicle; its tactic holds until another one is noted."""
+        if status.tactic is not self._latest[vehicle]:
+            self._latest[vehicle] = status.tactic
+            self.tactics[tick:, vehicle] = status.tactic.value
+        self.guard.note(status.guarded)
+        if status.notes:
+            self.events += [FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes]
 
 
 def simulated_vehicles(
@@ -122,17 +138,16 @@ def _record(
     mission: Mission,
     seed: int,
     flight: SimulatedFlight,
-    tactics: "np.ndarray[tuple[int, int], np.dtype[np.str_]]",
-    guard: GuardTally,
+    observed: _Observed,
     wall_time_s: float,
 ) -> FlightRecord:
-    target = mission.target.motion
+    target, times_s = mission.target.motion, flight.time_s.tolist()
     tracks = tuple(
         VehicleTrack(
             vehicle_id,
             flight.motion[:, index, POSITION],
             flight.motion[:, index, VELOCITY],
-            tactics[:, index],
+            observed.tactics[:, index],
         )
         for index, vehicle_id in enumerate(mission.ids)
     )
@@ -142,10 +157,11 @@ def _record(
         source="simulation",
         reference="truth",
         time_s=flight.time_s,
-        target_position_m=np.array([target.position_m(time_s) for time_s in flight.time_s.tolist()]),
-        target_velocity_m_s=np.array([target.velocity_at_m_s(time_s) for time_s in flight.time_s.tolist()]),
+        target_position_m=np.array([target.position_m(time_s) for time_s in times_s]),
+        target_velocity_m_s=np.array([target.velocity_at_m_s(time_s) for time_s in times_s]),
         vehicles=tracks,
         loop=LoopStatistics(mission.mission.rate_hz, flight.tick_us.size, 0, flight.tick_us.ravel()),
         wall_time_s=wall_time_s,
-        guard=guard,
+        guard=observed.guard,
+        events=in_order(observed.events),
     )

@@ -227,11 +227,11 @@ def _mean_rate_rad_s(time_s: Vector, bearing_rad: Vector, rate_rad_s: Vector) ->
 
 def _closest_approach_m(record: FlightRecord) -> float | None:
     """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time."""
+    x, y = (np.array([track.position_m[:, axis] for track in record.vehicles]) for axis in (0, 1))
     closest_m = np.inf
-    for index, track in enumerate(record.vehicles):
-        for other in record.vehicles[index + 1 :]:
-            apart_m = np.hypot(*(track.position_m - other.position_m).T)
-            closest_m = min(closest_m, float(np.fmin.reduce(apart_m, initial=np.inf)))
+    for row in range(len(x) - 1):
+        apart_m = np.hypot(x[row + 1 :] - x[row], y[row + 1 :] - y[row])
+        closest_m = min(closest_m, float(np.fmin.reduce(apart_m, axis=None, initial=np.inf)))
     return closest_m if closest_m < np.inf else None
 
 

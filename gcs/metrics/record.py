@@ -49,7 +49,7 @@ class GuardTally:
 
     def note(self, guarded: Guarded | None) -> None:
         """Count one tick."""
-        if guarded is not None:
+        if guarded is not None and guarded.causes:
             self.count([cause.words for cause in guarded.causes])
 
     def count(self, causes: Sequence[str]) -> None:

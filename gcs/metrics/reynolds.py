@@ -64,12 +64,12 @@ def condensed(figures: Flocking, span: Mask) -> FlockingResult:
 
 
 def _nearest_m(position_m: Vector) -> Vector:
-    nearest_m = np.full(position_m.shape[:2], np.inf)
-    for first in range(len(position_m)):
-        for second in range(first + 1, len(position_m)):
-            apart_m = np.hypot(*(position_m[first] - position_m[second]).T)
-            nearest_m[first] = np.fmin(nearest_m[first], apart_m)
-            nearest_m[second] = np.fmin(nearest_m[second], apart_m)
+    x, y = np.moveaxis(position_m, 2, 0).copy()
+    nearest_m = np.full(x.shape, np.inf)
+    for row in range(len(x) - 1):
+        apart_m = np.hypot(x[row + 1 :] - x[row], y[row + 1 :] - y[row])
+        nearest_m[row] = np.fmin(nearest_m[row], np.fmin.reduce(apart_m))
+        nearest_m[row + 1 :] = np.fmin(nearest_m[row + 1 :], apart_m)
     return np.where(np.isfinite(nearest_m), nearest_m, np.nan)
 
 

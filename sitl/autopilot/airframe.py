@@ -98,8 +98,11 @@ class Airframe:
         if self._shaped is None:
             self._motion = self._step.advance(before, aim_m, disturbance_m_s2)
         else:
-            last = np.array(self._acceleration_m_s2)
-            self._motion = self._shaped.advance(before, last, aim_m, disturbance_m_s2)
+            x, y, x_rate, y_rate = before.tolist()
+            (aim_x, aim_y), (push_x, push_y) = aim_m.tolist(), disturbance_m_s2.tolist()
+            last = self._acceleration_m_s2
+            motion = self._shaped.advance((x, y, x_rate, y_rate), last, (aim_x, aim_y), (push_x, push_y))
+            self._motion = np.array(motion)
         x, y = ((self._motion[VELOCITY] - before[VELOCITY]) / STEP_S).tolist()
         self._acceleration_m_s2 = (x, y)
 

@@ -3,22 +3,25 @@
 It knows a core only by what goes in and out of it, as a vehicle link and a peer bus would.
 """
 
-import heapq
+from array import array
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import expm1, hypot
 from time import perf_counter
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.state import MOTION, POSITION, Sighting, Telemetry, Vector
+from estimation.state import Sighting, Telemetry, Vector
+from sitl.draws import normals, uniforms
 from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
-from sitl.simulation.vehicle_model import VehicleModel
+from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
 from sitl.vehicle.body import Body
 from sitl.vehicle.estimator_drift import EstimatorDrift
+from sitl.vehicle.plant_step import Motion, Pair
 from sitl.vehicle.telemetry_schedule import TelemetrySchedule
 
 
@@ -124,8 +127,9 @@ class SimulatedVehicle(Generic[OutputT]):
         )
         self.altitude_m = self._wanted_altitude_m = model.altitude_m
         self._sensor = sensor
-        self._noise = np.array([model.noise.position_m] * 2 + [model.noise.velocity_m_s] * 2)
-        self._random = np.random.default_rng(model.seed)
+        self._noisy = model.noise != TelemetryNoise()
+        self._normals = normals(np.random.default_rng(model.seed))
+        self._lead_s = model.plant.lead_s
         drift, timing = model.imperfections.estimator_drift, model.imperfections.telemetry_timing
         drift_random = np.random.default_rng([*model.seed, _DRIFT])
         self._estimator_drift = None if drift is None else EstimatorDrift(drift, drift_random)
@@ -134,9 +138,14 @@ class SimulatedVehicle(Generic[OutputT]):
         self._samples: list[Telemetry] = []
 
     @property
-    def motion(self) -> Vector:
-        """The true motion (4,)."""
+    def motion(self) -> Motion:
+        """The true motion."""
         return self._body.motion
+
+    @property
+    def comes_and_goes(self) -> bool:
+        """Whether its agent is away at times."""
+        return len(self._model.absences) > 0
 
     @property
     def present(self) -> bool:
@@ -170,8 +179,7 @@ class SimulatedVehicle(Generic[OutputT]):
         samples, self._samples = self._samples, []
         if self._telemetry_schedule is None or now_s == 0.0:
             samples.append(self._sample(now_s))
-        true_x, true_y = self.motion[POSITION].tolist()
-        sighting = self._sensor.sight(now_s, (true_x, true_y))
+        sighting = self._sensor.sight(now_s, self.motion[:2])
         return samples, None if sighting is None else self._as_reported(sighting)
 
     def _as_reported(self, sighting: Sighting) -> Sighting:
@@ -191,32 +199,43 @@ class SimulatedVehicle(Generic[OutputT]):
     def command(self, now_s: float, wanted: WantedPosition | None) -> None:
         """Send a setpoint on its way; it acts one delay later."""
         if wanted is not None:
-            self._body.command(now_s, self._model.plant.aim_m(wanted.position_m, wanted.velocity_m_s))
+            self._body.command(now_s, self._aim_m(wanted))
             if self._model.climbs:
                 self._wanted_altitude_m = wanted.position_m[2]
 
+    def _aim_m(self, wanted: WantedPosition) -> Pair:
+        """Return what `Plant.aim_m` does, as numbers."""
+        (x, y, _), velocity_m_s, (lead_x, lead_y) = wanted.position_m, wanted.velocity_m_s, self._lead_s
+        return (x + lead_x * velocity_m_s[0], y + lead_y * velocity_m_s[1]) if velocity_m_s else (x, y)
+
     def advance(self, from_s: float, to_s: float) -> None:
         """Move the true vehicle, changing setpoints when they take effect, and take the samples that are due."""
-        for due_s in [] if self._telemetry_schedule is None else self._telemetry_schedule.due_s(to_s):
-            if due_s > from_s:
-                self._move(from_s, due_s)
-                from_s = due_s
-                self._samples.append(self._sample(due_s))
+        if self._telemetry_schedule is not None:
+            for due_s in self._telemetry_schedule.due_s(to_s):
+                if due_s > from_s:
+                    self._move(from_s, due_s)
+                    from_s = due_s
+                    self._samples.append(self._sample(due_s))
         self._move(from_s, to_s)
 
     def _move(self, from_s: float, to_s: float) -> None:
         self._body.advance(from_s, to_s, self._off_m(from_s))
-        self.altitude_m += self._left_m * -expm1(-CLIMB_PER_S * (to_s - from_s))
+        if self._left_m != 0.0:
+            self.altitude_m += self._left_m * -expm1(-CLIMB_PER_S * (to_s - from_s))
 
     @property
     def _left_m(self) -> float:
         return self._wanted_altitude_m - self.altitude_m
 
-    def _off_m(self, at_s: float) -> tuple[float, float]:
+    def _off_m(self, at_s: float) -> Pair:
         return (0.0, 0.0) if self._estimator_drift is None else self._estimator_drift.error_m(at_s)
 
     def _sample(self, at_s: float) -> Telemetry:
-        x, y, x_rate, y_rate = (self.motion + self._noise * self._random.standard_normal(4)).tolist()
+        x, y, x_rate, y_rate = self.motion
+        if self._noisy:
+            noise, draw = self._model.noise, self._normals
+            x, y = x + noise.position_m * next(draw), y + noise.position_m * next(draw)
+            x_rate, y_rate = x_rate + noise.velocity_m_s * next(draw), y_rate + noise.velocity_m_s * next(draw)
         off_x, off_y = self._off_m(at_s)
         return Telemetry(at_s, (x + off_x, y + off_y, self.altitude_m), (x_rate, y_rate, CLIMB_PER_S * self._left_m))
 
@@ -229,34 +248,55 @@ _ROUNDING_S = 1e-9
 """A delay of whole ticks arrives on a tick, whatever its last binary digit says."""
 
 
+class _Flying(NamedTuple):
+    """Messages of one sender on their way: when they arrive, and where."""
+
+    arrive_s: float
+    messages: Sequence[object]
+    receivers: Sequence[int]
+
+
 class _Network:
-    """Packets in flight between vehicles, by the time they arrive."""
+    """Packets between `count` vehicles. All take the same time, so that they arrive in the order of their sending."""
 
-    def __init__(self, model: NetworkModel, seed: int) -> None:
+    def __init__(self, model: NetworkModel, count: int, seed: int) -> None:
         self._model = model
-        self._random = np.random.default_rng([seed, 0])
-        self._flying: list[tuple[float, int, int, object]] = []
-        self._count = 0
+        self._uniforms = uniforms(np.random.default_rng([seed, 0]))
+        self._flying: deque[_Flying] = deque()
+        self._others = [[each for each in range(count) if each != sender] for sender in range(count)]
+        self._reached: Sequence[Sequence[int]] = self._others
 
-    def send(self, now_s: float, sender: int, packets: Sequence[Packet], positions: Vector) -> None:
-        """Send to every other vehicle in range; each copy is lost or late on its own."""
-        messages = [packet.received() for packet in packets]
-        x, y = positions[sender].tolist()
-        for receiver, (other_x, other_y) in enumerate(positions.tolist()):
-            if receiver == sender or hypot(other_x - x, other_y - y) > self._model.range_m:
-                continue
-            for message in messages:
-                if self._model.loss == 0.0 or self._random.random() >= self._model.loss:
-                    arrival = (now_s + self._model.delay_s, self._count, receiver, message)
-                    heapq.heappush(self._flying, arrival)
-                    self._count += 1
+    def place(self, positions_m: Sequence[Pair]) -> None:
+        """Put the vehicles at their places (count,): who is in range of whom follows from that."""
+        x, y = zip(*positions_m, strict=True)
+        if hypot(max(x) - min(x), max(y) - min(y)) <= self._model.range_m:
+            self._reached = self._others
+            return
+        at_m = np.array(positions_m)
+        apart_m = np.hypot(*np.moveaxis(at_m[:, None] - at_m, 2, 0))
+        np.fill_diagonal(apart_m, np.inf)
+        self._reached = [np.flatnonzero(row).tolist() for row in apart_m <= self._model.range_m]
 
-    def arrived(self, now_s: float) -> dict[int, list[object]]:
+    def send(self, now_s: float, sender: int, packets: Sequence[Packet]) -> None:
+        """Send to every other vehicle in range, decoded once for all; each copy is lost on its own."""
+        receivers, loss = self._reached[sender], self._model.loss
+        if not packets or not receivers:
+            return
+        arrive_s, messages = now_s + self._model.delay_s, [packet.received() for packet in packets]
+        if loss == 0.0:
+            self._flying.append(_Flying(arrive_s, messages, receivers))
+            return
+        for receiver in receivers:
+            kept = [message for message in messages if next(self._uniforms) >= loss]
+            self._flying.append(_Flying(arrive_s, kept, (receiver,)))
+
+    def arrived(self, now_s: float) -> list[list[object]]:
         """Take out what has arrived, by receiver."""
-        arrived: dict[int, list[object]] = {}
-        while self._flying and self._flying[0][0] <= now_s + _ROUNDING_S:
-            _, _, receiver, message = heapq.heappop(self._flying)
-            arrived.setdefault(receiver, []).append(message)
+        arrived: list[list[object]] = [[] for _ in self._others]
+        while self._flying and self._flying[0].arrive_s <= now_s + _ROUNDING_S:
+            _, messages, receivers = self._flying.popleft()
+            for receiver in receivers:
+                arrived[receiver] += messages
         return arrived
 
 
@@ -275,6 +315,35 @@ class SimulatedFlight:
     aloft: NDArray[np.bool_]
 
 
+class _Truth:
+    """Writes down where the vehicles truly are, tick by tick, and what each tick cost."""
+
+    def __init__(self, ticks: int, vehicles: Sequence[SimulatedVehicle[OutputT]]) -> None:
+        self._vehicles = vehicles
+        self._comers = [(index, vehicle) for index, vehicle in enumerate(vehicles) if vehicle.comes_and_goes]
+        self._motion, self._altitude_m = array("d"), array("d")
+        self._aloft = np.ones((ticks, len(vehicles)), dtype=np.bool_)
+        self.tick_us = array("d")
+
+    def note(self, tick: int, now_s: float) -> list[Motion]:
+        """Write down a tick's motions and return them."""
+        motions = [vehicle.motion for vehicle in self._vehicles]
+        for motion in motions:
+            self._motion.extend(motion)
+        self._altitude_m.extend([vehicle.altitude_m for vehicle in self._vehicles])
+        for index, vehicle in self._comers:
+            self._aloft[tick, index] = vehicle.aloft(now_s)
+        return motions
+
+    def flight(self, time_s: Vector) -> SimulatedFlight:
+        """Return all of it."""
+        shape = self._aloft.shape
+        motion, altitude_m, tick_us = map(np.frombuffer, (self._motion, self._altitude_m, self.tick_us))
+        return SimulatedFlight(
+            time_s, motion.reshape(*shape, 4), altitude_m.reshape(shape), tick_us.reshape(shape), self._aloft
+        )
+
+
 def simulate(
     vehicles: Sequence[SimulatedVehicle[OutputT]],
     network: NetworkModel,
@@ -286,43 +355,37 @@ def simulate(
     progress: Callable[[float], None],
 ) -> SimulatedFlight:
     """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` sees every decision."""
-    ticks = round(duration_s * rate_hz) + 1
-    time_s = np.arange(ticks) / rate_hz
-    motion = np.empty((ticks, len(vehicles), 4))
-    altitude_m, tick_us = np.zeros((2, ticks, len(vehicles)))
-    aloft = np.ones((ticks, len(vehicles)), dtype=np.bool_)
-    air = _Network(network, seed)
+    time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
+    truth, air = _Truth(time_s.size, vehicles), _Network(network, len(vehicles), seed)
+    comers = [vehicle for vehicle in vehicles if vehicle.comes_and_goes]
     for tick, now_s in enumerate(time_s.tolist()):
-        _attend(vehicles, now_s)
-        for index, vehicle in enumerate(vehicles):
-            motion[tick, index, MOTION] = vehicle.motion
-            altitude_m[tick, index] = vehicle.altitude_m
-            aloft[tick, index] = vehicle.aloft(now_s)
-        arrived = air.arrived(now_s)
-        for index, vehicle in enumerate(vehicles):
-            sensed = vehicle.sense(now_s)
+        for vehicle in comers:
+            _attend(vehicle, vehicles, now_s)
+        air.place([motion[:2] for motion in truth.note(tick, now_s)])
+        for index, (vehicle, messages) in enumerate(zip(vehicles, air.arrived(now_s), strict=True)):
+            samples, sighting = vehicle.sense(now_s)
             if not vehicle.present:
+                truth.tick_us.append(0.0)
                 continue
             began = perf_counter()
-            for message in arrived.get(index, ()):
+            for message in messages:
                 vehicle.core.on_message(message, now_s)
-            output = vehicle.think(now_s, *sensed)
-            tick_us[tick, index] = (perf_counter() - began) * 1e6
+            output = vehicle.think(now_s, samples, sighting)
+            truth.tick_us.append((perf_counter() - began) * 1e6)
             vehicle.command(now_s, output.setpoint)
-            air.send(now_s, index, output.messages, motion[tick, :, POSITION])
+            air.send(now_s, index, output.messages)
             observe(tick, index, output)
         for vehicle in vehicles:
             vehicle.advance(now_s, now_s + 1.0 / rate_hz)
         progress(now_s)
-    return SimulatedFlight(time_s, motion, altitude_m, tick_us, aloft)
+    return truth.flight(time_s)
 
 
-def _attend(vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None:
-    """Let agents come and go, and tell all that are there."""
-    for vehicle in vehicles:
-        changed = vehicle.attend(now_s)
-        if changed is None:
-            continue
-        for other in vehicles:
-            if other is not vehicle and other.present:
-                other.core.on_presence(changed.vehicle_id, vehicle.present)
+def _attend(vehicle: SimulatedVehicle[OutputT], vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None:
+    """Let a vehicle's agent come or go, if it is time, and tell all that are there."""
+    changed = vehicle.attend(now_s)
+    if changed is None:
+        return
+    for other in vehicles:
+        if other is not vehicle and other.present:
+            other.core.on_presence(changed.vehicle_id, vehicle.present)

@@ -1,15 +1,20 @@
 """The true motion of one simulated vehicle: its plant, bounded or not, in the wind, with setpoints that come late."""
 
+from collections import deque
+from functools import lru_cache, partial
+
 import numpy as np
 
-from estimation.plant.model import Plant, exact_step
-from estimation.state import POSITION, VELOCITY, Vector
+from estimation.plant.model import Plant
 from sitl.vehicle.imperfections import Imperfections
+from sitl.vehicle.plant_step import Motion, NumericStep, Pair
 from sitl.vehicle.shaping import ShapedStep
 from sitl.vehicle.wind import Wind, low_altitude
 
 STEP_S = 0.02
 """The physics step wherever the motion is not exact: shaped, or in a wind that changes or drags."""
+_STEPS_KEPT = 16
+"""Steps of different lengths that are kept discretised: setpoints and samples divide each tick in the same few ways."""
 
 
 class Body:
@@ -18,21 +23,22 @@ class Body:
     def __init__(
         self,
         plant: Plant,
-        start_m: tuple[float, float],
+        start_m: Pair,
         altitude_m: float,
-        disturbance_m_s2: tuple[float, float],
+        disturbance_m_s2: Pair,
         imperfections: Imperfections,
         random: np.random.Generator,
     ) -> None:
         """Put it at rest at `start_m`, at time 0."""
-        self._motion: Vector = np.array([*start_m, 0.0, 0.0])
-        self._plant = plant
-        self._disturbance = np.array(disturbance_m_s2)
-        self._aim_m: Vector = np.array(start_m)
-        self._off_m: Vector = np.zeros(2)
-        self._pending: list[tuple[float, Vector]] = []
+        x, y = start_m
+        self._motion: Motion = (x, y, 0.0, 0.0)
+        self._disturbance = disturbance_m_s2
+        self._aim_m, self._off_m = start_m, (0.0, 0.0)
+        self._delay_s = plant.delay_s
+        self._pending: deque[tuple[float, Pair]] = deque()
+        self._exact_step = lru_cache(_STEPS_KEPT)(partial(NumericStep, plant))
         self._shaped = None if imperfections.shape is None else ShapedStep(plant, STEP_S, imperfections.shape)
-        self._acceleration: Vector = np.zeros(2)
+        self._acceleration = (0.0, 0.0)
         windy = imperfections.gusts or imperfections.wind_m_s != (0.0, 0.0)
         gusts = low_altitude(float(np.hypot(*imperfections.wind_m_s)), altitude_m) if imperfections.gusts else None
         self._wind = Wind(imperfections.wind_m_s, gusts, STEP_S, random) if windy else None
@@ -41,67 +47,72 @@ class Body:
         self._now_s = self._flown_s = 0.0
 
     @property
-    def motion(self) -> Vector:
-        """The true motion (4,) now; since the last whole physics step it goes on straight."""
+    def motion(self) -> Motion:
+        """The true motion now; since the last whole physics step it goes on straight."""
         ahead_s = self._now_s - self._flown_s
         if not self._in_steps or ahead_s <= 0.0:
             return self._motion
-        motion = self._motion.copy()
-        motion[POSITION] += motion[VELOCITY] * ahead_s
-        return motion
+        x, y, x_rate, y_rate = self._motion
+        return x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate
 
-    def command(self, now_s: float, aim_m: Vector) -> None:
-        """Send an aim (2,) on its way: a setpoint, with the velocity beside it where the plant takes one."""
-        self._pending.append((now_s + self._plant.delay_s, aim_m))
+    def command(self, now_s: float, aim_m: Pair) -> None:
+        """Send an aim on its way: a setpoint, with the velocity beside it where the plant takes one."""
+        self._pending.append((now_s + self._delay_s, aim_m))
 
-    def rest(self, at_m: tuple[float, float] | None = None) -> None:
+    def rest(self, at_m: Pair | None = None) -> None:
         """Let the autopilot hold it where it is, or put it at rest at a place; setpoints on their way are lost."""
         if at_m is not None:
-            self._motion = np.array([*at_m, 0.0, 0.0])
+            self._motion = (*at_m, 0.0, 0.0)
         self._pending.clear()
-        self._aim_m = self._motion[POSITION] + self._off_m
+        (x, y, _, _), (off_x, off_y) = self._motion, self._off_m
+        self._aim_m = x + off_x, y + off_y
 
-    def advance(self, from_s: float, to_s: float, off_m: tuple[float, float]) -> None:
+    def advance(self, from_s: float, to_s: float, off_m: Pair) -> None:
         """Move on while the vehicle's own estimate is off by `off_m`: what it steers to a setpoint is its estimate.
 
         An exact motion changes setpoints exactly when they take effect, any other at its next step.
         """
-        self._off_m = np.array(off_m)
+        self._off_m = off_m
         self._now_s = to_s
         if self._in_steps:
             self._advance_in_steps(to_s)
             return
         while self._pending and self._pending[0][0] <= to_s:
-            acts_s, aim_m = self._pending.pop(0)
-            self._fly_exactly(max(acts_s, from_s) - from_s)
-            from_s = max(acts_s, from_s)
+            acts_s, aim_m = self._pending.popleft()
+            if acts_s > from_s:
+                self._fly_exactly(acts_s - from_s)
+                from_s = acts_s
             self._aim_m = aim_m
         self._fly_exactly(to_s - from_s)
 
     def _fly_exactly(self, step_s: float) -> None:
         step_s = round(step_s, 9)
         if step_s > 0.0:
-            step = exact_step(self._plant, step_s)
-            self._motion = step.advance(self._motion, self._aim_m - self._off_m, self._disturbance)
+            self._motion = self._exact_step(step_s).advance(self._motion, self._steered_m, self._disturbance)
+
+    @property
+    def _steered_m(self) -> Pair:
+        """Where the autopilot steers it: its aim, less what its estimate is off."""
+        (x, y), (off_x, off_y) = self._aim_m, self._off_m
+        return x - off_x, y - off_y
 
     def _advance_in_steps(self, to_s: float) -> None:
         while self._flown_s + STEP_S <= to_s + 1e-9:
             while self._pending and self._pending[0][0] <= self._flown_s + 1e-9:
-                self._aim_m = self._pending.pop(0)[1]
-            self._step(self._disturbance + self._push())
+                self._aim_m = self._pending.popleft()[1]
+            self._step(self._disturbance if self._wind is None else self._pushed(self._wind))
             self._flown_s = round(self._flown_s + STEP_S, 9)
 
-    def _push(self) -> Vector:
-        if self._wind is None:
-            return np.zeros(2)
-        x, y = self._wind.blow()
-        x_rate, y_rate = self._motion[VELOCITY].tolist()
-        return np.array([self._drag_per_s * (x - x_rate), self._drag_per_s * (y - y_rate)])
+    def _pushed(self, wind: Wind) -> Pair:
+        """Return the disturbance in the wind of the next step."""
+        (x, y), (push_x, push_y) = wind.blow(), self._disturbance
+        _, _, x_rate, y_rate = self._motion
+        return push_x + self._drag_per_s * (x - x_rate), push_y + self._drag_per_s * (y - y_rate)
 
-    def _step(self, push: Vector) -> None:
-        before, aim_m = self._motion, self._aim_m - self._off_m
+    def _step(self, push: Pair) -> None:
+        before = self._motion
         if self._shaped is None:
-            self._motion = exact_step(self._plant, STEP_S).advance(before, aim_m, push)
-        else:
-            self._motion = self._shaped.advance(before, self._acceleration, aim_m, push)
-            self._acceleration = (self._motion[VELOCITY] - before[VELOCITY]) / STEP_S
+            self._motion = self._exact_step(STEP_S).advance(before, self._steered_m, push)
+            return
+        self._motion = self._shaped.advance(before, self._acceleration, self._steered_m, push)
+        self._acceleration = (self._motion[2] - before[2]) / STEP_S, (self._motion[3] - before[3]) / STEP_S

@@ -6,6 +6,8 @@ from math import cos, exp, inf, pi, sin, sqrt
 
 import numpy as np
 
+from sitl.draws import AHEAD, normals
+
 _REMEMBERED = 512
 """Errors that are kept: of five seconds, as late as a sensor may be, at 100 Hz."""
 
@@ -30,8 +32,9 @@ class EstimatorDrift:
         """Start at time 0 with an error of the stationary distribution."""
         self._model = model
         self._random = random
-        x, y = (model.sigma_m * random.standard_normal(2)).tolist()
-        self._error_m: tuple[float, float] = (x, y)
+        # Times and directions of jumps are drawn from the same generator.
+        self._normals = normals(random, AHEAD if model.jumps_every_s == inf else 1)
+        self._error_m = model.sigma_m * next(self._normals), model.sigma_m * next(self._normals)
         self._time_s = 0.0
         self._jumps_s = self._next_jump_s(0.0)
         self._past: deque[tuple[float, tuple[float, float]]] = deque(maxlen=_REMEMBERED)
@@ -41,9 +44,9 @@ class EstimatorDrift:
         if time_s > self._time_s:
             self._past.append((self._time_s, self._error_m))
             kept = exp((self._time_s - time_s) / self._model.correlation_s)
-            push_x, push_y = (self._model.sigma_m * sqrt(1.0 - kept**2) * self._random.standard_normal(2)).tolist()
+            push_m = self._model.sigma_m * sqrt(1.0 - kept**2)
             x, y = self._error_m
-            self._error_m = kept * x + push_x, kept * y + push_y
+            self._error_m = kept * x + push_m * next(self._normals), kept * y + push_m * next(self._normals)
             self._time_s = time_s
         while self._jumps_s <= time_s:
             self._jump()

@@ -5,10 +5,8 @@ A small motion is the linear plant's own, exactly; a large one is as fast as the
 
 from dataclasses import dataclass, fields
 
-import numpy as np
-
-from estimation.plant.model import Plant, PlantStep, exact_step
-from estimation.state import POSITION, VELOCITY, Vector
+from estimation.plant.model import Plant
+from sitl.vehicle.plant_step import Motion, NumericStep, Pair
 
 SPEED_KEPT = 0.98
 """The share of the speed limit that is steered for: the jerk limit lets the speed swing over by less than the rest."""
@@ -33,38 +31,47 @@ class ShapedStep:
     """The plant over one time step, with bounded speed, acceleration and jerk."""
 
     def __init__(self, plant: Plant, step_s: float, limits: ShapeLimits) -> None:
-        self._linear: PlantStep = exact_step(plant, step_s)
-        self._a0_per_s2, self._a1_per_s = plant.a0_per_s2, plant.a1_per_s
+        self._linear = NumericStep(plant, step_s)
+        self._stiffness = plant.x.a0_per_s2, plant.y.a0_per_s2
+        self._damping = plant.x.a1_per_s, plant.y.a1_per_s
         self._step_s = step_s
         self._limits = limits
 
-    def advance(self, state: Vector, before_m_s2: Vector, aim_m: Vector, disturbance_m_s2: Vector) -> Vector:
-        """Return the state (4,) one step later; `before_m_s2` (2,) is the acceleration over the step before."""
-        aim_m = self._nearer(state[POSITION], aim_m, disturbance_m_s2)
-        linear = self._linear.advance(state, aim_m, disturbance_m_s2)
-        wanted = (linear[VELOCITY] - state[VELOCITY]) / self._step_s
-        bounded = _shortened(wanted, self._limits.acceleration_m_s2)
-        change = bounded - before_m_s2
-        allowed = _shortened(change, self._limits.jerk_m_s3 * self._step_s)
+    def advance(self, motion: Motion, before_m_s2: Pair, aim_m: Pair, disturbance_m_s2: Pair) -> Motion:
+        """Return the motion one step later; `before_m_s2` is the acceleration over the step before."""
+        step_s, limits = self._step_s, self._limits
+        x, y, x_rate, y_rate = motion
+        linear = self._linear.advance(motion, self._nearer(x, y, aim_m, disturbance_m_s2), disturbance_m_s2)
+        wanted = (linear[2] - x_rate) / step_s, (linear[3] - y_rate) / step_s
+        bounded = _shortened(wanted, limits.acceleration_m_s2)
+        change = bounded[0] - before_m_s2[0], bounded[1] - before_m_s2[1]
+        allowed = _shortened(change, limits.jerk_m_s3 * step_s)
         if bounded is wanted and allowed is change:
             return linear
-        velocity = state[VELOCITY] + (before_m_s2 + allowed) * self._step_s
-        position = state[POSITION] + (state[VELOCITY] + velocity) / 2.0 * self._step_s
-        return np.concatenate([position, velocity])
+        later_x_rate = x_rate + (before_m_s2[0] + allowed[0]) * step_s
+        later_y_rate = y_rate + (before_m_s2[1] + allowed[1]) * step_s
+        later_x = x + (x_rate + later_x_rate) / 2.0 * step_s
+        later_y = y + (y_rate + later_y_rate) / 2.0 * step_s
+        return later_x, later_y, later_x_rate, later_y_rate
 
-    def _nearer(self, position_m: Vector, aim_m: Vector, disturbance_m_s2: Vector) -> Vector:
+    def _nearer(self, x: float, y: float, aim_m: Pair, disturbance_m_s2: Pair) -> Pair:
         """Draw the aim nearer, until the speed that the plant tends to is one allowed."""
-        tended = (self._a0_per_s2 * (aim_m - position_m) + disturbance_m_s2) / self._a1_per_s
+        (aim_x, aim_y), (push_x, push_y) = aim_m, disturbance_m_s2
+        (stiff_x, stiff_y), (damped_x, damped_y) = self._stiffness, self._damping
+        tended = (stiff_x * (aim_x - x) + push_x) / damped_x, (stiff_y * (aim_y - y) + push_y) / damped_y
         bounded = _shortened(tended, SPEED_KEPT * self._limits.speed_m_s)
         if bounded is tended:
             return aim_m
-        return np.asarray(position_m + (self._a1_per_s * bounded - disturbance_m_s2) / self._a0_per_s2)
+        return x + (damped_x * bounded[0] - push_x) / stiff_x, y + (damped_y * bounded[1] - push_y) / stiff_y
 
 
-def _shortened(vector: Vector, longest: float) -> Vector:
-    """Return what `estimation.vectors.clipped` does, with numpy's `hypot` for the length.
+def _shortened(vector: Pair, longest: float) -> Pair:
+    """Return what `estimation.vectors.clipped` does, with the length of complex numbers, which is that of C's `hypot`.
 
-    The two differ in the last digit of one length in 170, and the simulations recorded so far were made with this one.
+    That of `math` differs in the last digit of one length in 170, and the simulations recorded so far were made with C.
     """
-    length = float(np.hypot(*vector))
-    return vector if length <= longest else vector * (longest / length)
+    length = abs(complex(*vector))
+    if length <= longest:
+        return vector
+    share = longest / length
+    return vector[0] * share, vector[1] * share

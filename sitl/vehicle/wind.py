@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 
 import numpy as np
-from scipy.linalg import expm
-
-from estimation.state import Vector
 
 FEET_M = 0.3048
 SPEED_LEAST_M_S = 1.0
@@ -62,6 +59,8 @@ class _Shaping:
     """White noise through Dryden's filters, discretised exactly: one state along, two across."""
 
     def __init__(self, gusts: Turbulence, step_s: float, random: np.random.Generator) -> None:
+        from scipy.linalg import expm  # noqa: PLC0415 - slow to import, and most flights are without gusts
+
         span_s = gusts.length_m / gusts.speed_m_s
         flow = np.array([[-1.0 / span_s, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0 / span_s**2, -2.0 / span_s]])
         # White noise of unit density enters the last state of each chain; the outputs make of it the spectra above.
@@ -78,7 +77,8 @@ class _Shaping:
             ]
         )
         stationary = np.diag([span_s / 2.0, span_s**3 / 4.0, span_s / 4.0])
-        self._state: Vector = np.sqrt(stationary) @ random.standard_normal(3)
+        along, across, slope = (np.sqrt(stationary) @ random.standard_normal(3)).tolist()
+        self._state: tuple[float, float, float] = (along, across, slope)
         self._random = random
         self._ahead: list[list[float]] = []
 
@@ -91,8 +91,15 @@ class _Shaping:
     def _block(self) -> list[list[float]]:
         """Return gusts of many steps at once, the last one first."""
         pushes = self._random.standard_normal((_BLOCK, 3)) @ self._root.T
-        states = np.empty((_BLOCK, 3))
-        for row, push in enumerate(pushes):
-            self._state = self._step @ self._state + push
-            states[row] = self._state
-        return list((states @ self._output.T)[::-1].tolist())
+        (aa, _, _), (_, bb, bc), (_, cb, cc) = self._step.tolist()  # no entry couples along and across
+        along, across, slope = self._state
+        states = []
+        for along_push, across_push, slope_push in pushes.tolist():
+            along, across, slope = (
+                aa * along + along_push,
+                bb * across + bc * slope + across_push,
+                cb * across + cc * slope + slope_push,
+            )
+            states.append((along, across, slope))
+        self._state = along, across, slope
+        return list((np.array(states) @ self._output.T)[::-1].tolist())

@@ -80,7 +80,7 @@ def wander_into(vehicle: SimulatedVehicle[TickOutput], wander: Wander) -> None:
         return x, y
 
     def sample(at_s: float) -> Telemetry:
-        x, y, x_rate, y_rate = (vehicle.motion + wander.at(at_s)).tolist()
+        x, y, x_rate, y_rate = (np.array(vehicle.motion) + wander.at(at_s)).tolist()
         return Telemetry(at_s, (x, y, 0.0), (x_rate, y_rate, 0.0))
 
     def sensed(now_s: float) -> tuple[list[Telemetry], Sighting | None]:

@@ -46,12 +46,13 @@ ACCEPTED, FAILED = 0, 4
 def flown(setpoints: np.ndarray, wind: np.ndarray = CALM) -> tuple[np.ndarray, np.ndarray]:
     """Return the states (T + 1, 4) and the accelerations (T, 2) of a vehicle at rest that follows setpoints (T, 2)."""
     step = ShapedStep(PLANT, STEP_S, LIMITS)
-    state, acceleration = np.zeros(4), np.zeros(2)
+    state, acceleration = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0)
     states, accelerations = [state], []
-    for setpoint in setpoints:
+    push_x, push_y = wind.tolist()
+    for aim_x, aim_y in setpoints.tolist():
         before = state
-        state = step.advance(before, acceleration, setpoint, wind)
-        acceleration = (state[2:] - before[2:]) / STEP_S
+        state = step.advance(before, acceleration, (aim_x, aim_y), (push_x, push_y))
+        acceleration = (state[2] - before[2]) / STEP_S, (state[3] - before[3]) / STEP_S
         states.append(state)
         accelerations.append(acceleration)
     return np.array(states), np.array(accelerations)

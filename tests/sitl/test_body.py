@@ -17,7 +17,7 @@ def flown(
 ) -> Vector:
     """Return the motions (T, 4) over 40 s at 10 Hz, from rest at (1, 2)."""
     body = Body(PLANT, (1.0, 2.0), 8.0, (0.0, 0.0), imperfections, np.random.default_rng(0))
-    body.command(0.0, np.array(setpoint_m))
+    body.command(0.0, setpoint_m)
     motions = []
     for tick in range(400):
         body.advance(tick * 0.1, (tick + 1) * 0.1, off_m)
@@ -51,7 +51,7 @@ def test_still_air_damps_as_much_as_the_drag() -> None:
     dragged = flown(Imperfections(wind_m_s=(1e-9, 0.0), drag_per_s=0.3), (4.0, -1.0))
     damped = Plant(PlantAxis(0.8, 0.9 + 0.3), PlantAxis(0.5, 1.2 + 0.3), 0.1)
     body = Body(damped, (1.0, 2.0), 8.0, (0.0, 0.0), IDEAL, np.random.default_rng(0))
-    body.command(0.0, np.array([4.0, -1.0]))
+    body.command(0.0, (4.0, -1.0))
     for tick in range(20):
         body.advance(tick * 0.1, (tick + 1) * 0.1, (0.0, 0.0))
     assert dragged[19] == pytest.approx(body.motion, abs=0.03)

@@ -30,8 +30,10 @@ class Wanted:
 @dataclass
 class Packet:
     payload: bytes
+    decoded: int = 0
 
     def received(self) -> bytes:
+        self.decoded += 1
         return self.payload
 
 
@@ -57,6 +59,7 @@ class Recorder:
         self.sightings: list[Sighting] = []
         self.heard: list[tuple[float, bytes]] = []
         self.presence: list[tuple[int, bool]] = []
+        self.packed: list[Packet] = []
         self.sent = 0
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
@@ -75,6 +78,7 @@ class Recorder:
         place = self.course(now_s)
         messages = [Packet(f"{self.sent + number}".encode()) for number in range(self.packets)]
         self.sent += self.packets
+        self.packed += messages
         return Asked(None if place is None else Wanted((*place, 8.0), self.velocity(now_s)), messages)
 
 
@@ -216,6 +220,44 @@ def test_the_radio_reaches_as_far_as_it_does_and_never_oneself() -> None:
     cores = [Recorder(still, packets=1) for _ in places]
     fly([vehicle(core, start_m=place) for core, place in zip(cores, places, strict=True)], 1.0, NetworkModel(10.0))
     assert [len(core.heard) for core in cores] == [10, 10, 0]
+
+
+def test_copies_are_lost_as_the_networks_generator_draws_them() -> None:
+    """One draw for each copy: sender by sender, receiver by receiver, message by message."""
+    loss, ticks, cores = 0.4, 50, [Recorder(still, packets=count) for count in (2, 0, 1)]
+    fly([vehicle(core) for core in cores], (ticks - 1) / RATE_HZ, NetworkModel(100.0, loss=loss), seed=9)
+    random = np.random.default_rng([9, 0])
+    expected: list[list[tuple[int, bytes]]] = [[], [], []]
+    for tick in range(1, ticks):  # what is sent in the last tick arrives no more
+        for sender, count in ((0, 2), (2, 1)):
+            for receiver in range(3):
+                for number in range(count if receiver != sender else 0):
+                    if random.random() >= loss:
+                        expected[receiver].append((tick, f"{(tick - 1) * count + number}".encode()))
+    assert [[(round(at_s * RATE_HZ), payload) for at_s, payload in core.heard] for core in cores] == expected
+
+
+def test_a_message_is_decoded_once_however_many_hear_it_and_not_at_all_where_nobody_does() -> None:
+    cores = [Recorder(still, packets=1) for _ in range(4)]
+    places = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (500.0, 0.0)]
+    fly([vehicle(core, start_m=place) for core, place in zip(cores, places, strict=True)], 2.0, NetworkModel(10.0))
+    assert [{packet.decoded for packet in core.packed} for core in cores] == [{1}, {1}, {1}, {0}]
+    assert [len(core.heard) for core in cores] == [40, 40, 40, 0]
+
+
+def test_who_hears_whom_follows_the_vehicles() -> None:
+    """The first flies away from the second, which hears it up to the last tick in range."""
+
+    def away(_: float) -> tuple[float, float]:
+        return 80.0, 0.0
+
+    goer, stayer = Recorder(away, packets=1), Recorder(still, packets=1)
+    flight = fly([vehicle(goer, start_m=(0.0, 0.0)), vehicle(stayer, start_m=(0.0, 0.0))], 20.0, NetworkModel(30.0))
+    apart_m = np.hypot(*(flight.motion[:, 0, :2] - flight.motion[:, 1, :2]).T)
+    expected = [tick + 1 for tick in np.flatnonzero(apart_m <= 30.0).tolist() if tick < 200]
+    assert 10 < len(expected) < 190
+    for core in (goer, stayer):
+        assert [round(at_s * RATE_HZ) for at_s, _ in core.heard] == expected
 
 
 def test_the_same_seed_gives_the_same_flight_and_another_one_does_not() -> None:

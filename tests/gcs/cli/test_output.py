@@ -1,6 +1,8 @@
 """What a command leaves behind: JSON for scripts, text for people, a figure where it was asked for."""
 
 import json
+import subprocess
+import sys
 from io import StringIO
 from pathlib import Path
 
@@ -149,3 +151,13 @@ def test_progress_on_a_terminal_names_the_mission_as_it_is(name: str, monkeypatc
         for flown_s in range(8):
             progress.update(float(flown_s))
     assert f"{name}: 7 of 10 s flown" in screen.getvalue()
+
+
+def test_a_simulation_imports_no_link_no_bus_and_no_viewer() -> None:
+    """Each takes longer to import than a short mission takes to fly."""
+    heavy = ("mavsdk", "zenoh", "foxglove", "mcap", "psutil", "matplotlib", "pymavlink")
+    program = (
+        f"import sys, gcs.cli.output, gcs.flight.simulated; print([name for name in {heavy} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout == "[]\n"

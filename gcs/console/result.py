@@ -1,0 +1,22 @@
+"""The result of a flight, as it is shown to people and to the shell."""
+
+from gcs.console.live import summary
+from gcs.console.terminal import STDERR
+from gcs.errors import Exit
+from gcs.metrics.metrics import evaluate
+from gcs.metrics.record import FlightRecord
+from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
+from gcs.metrics.result import FlightResult
+from gcs.mission.mission import Mission
+
+
+def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
+    """Evaluate a flight against its mission and print the summary."""
+    result = evaluate(record, ring_reference(mission), formation_reference(mission), verdict_tolerances(mission))
+    STDERR.print(summary(result))
+    return result
+
+
+def verdict_of(result: FlightResult) -> Exit:
+    """Return the exit code of a flight that was flown to its end."""
+    return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED

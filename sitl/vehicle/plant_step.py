@@ -1,0 +1,44 @@
+"""The plant over one time step on plain numbers: for two axes arrays cost more than their arithmetic."""
+
+from estimation.plant.model import Plant, PlantStep, exact_step
+
+Pair = tuple[float, float]
+Motion = tuple[float, float, float, float]
+"""[x y x' y'] in the mission frame."""
+_Axis = tuple[float, float, float, float, float, float, float, float]
+
+
+class NumericStep:
+    """Does what `estimation.plant.model.PlantStep` does, to the last bit: none of its entries couples the axes."""
+
+    def __init__(self, plant: Plant, step_s: float) -> None:
+        """Discretise the plant exactly."""
+        step = exact_step(plant, step_s)
+        self._x, self._y = _axis(step, 0), _axis(step, 1)
+
+    def advance(self, motion: Motion, aim_m: Pair, disturbance_m_s2: Pair) -> Motion:
+        """Return the motion one step later."""
+        x, y, x_rate, y_rate = motion
+        (aim_x, aim_y), (push_x, push_y) = aim_m, disturbance_m_s2
+        a_pp, a_pv, b_p, e_p, a_vp, a_vv, b_v, e_v = self._x
+        later_x = a_pp * x + a_pv * x_rate + (b_p * aim_x + e_p * push_x)
+        later_x_rate = a_vp * x + a_vv * x_rate + (b_v * aim_x + e_v * push_x)
+        a_pp, a_pv, b_p, e_p, a_vp, a_vv, b_v, e_v = self._y
+        later_y = a_pp * y + a_pv * y_rate + (b_p * aim_y + e_p * push_y)
+        later_y_rate = a_vp * y + a_vv * y_rate + (b_v * aim_y + e_v * push_y)
+        return later_x, later_y, later_x_rate, later_y_rate
+
+
+def _axis(step: PlantStep, position: int) -> _Axis:
+    """Return one axis: for its position and then its velocity the gains of position, velocity, aim and disturbance."""
+    velocity = position + 2
+    rows = (
+        (
+            *step.transition[row, [position, velocity]],
+            step.input_gain[row, position],
+            step.disturbance_gain[row, position],
+        )
+        for row in (position, velocity)
+    )
+    a_pp, a_pv, b_p, e_p, a_vp, a_vv, b_v, e_v = (float(gain) for row in rows for gain in row)
+    return a_pp, a_pv, b_p, e_p, a_vp, a_vv, b_v, e_v

@@ -1,0 +1,167 @@
+"""Measure what a vehicle costs in simulation, from 4 vehicles on one ring to 64: a table, and the figure of the docs.
+
+Each team starts a metre outside of its ring, 6 m apart. Teams take turns over several rounds, and the cheapest round
+of each counts, because machines that others work on as well are fast and slow by turns. What a core costs in a period
+is all that it does: messages, telemetry, sightings and the tick; around it is what the simulation adds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, pi, sin
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from gcs.flight.simulated import simulated_vehicles
+from gcs.mission.mission import Mission
+from gcs.style import COLOURS, INK, STYLE
+from sitl.simulation.simulation import NetworkModel, simulate
+from tests.experiments.arguments import parser
+from tests.experiments.benchmark import Reference
+from tests.support.mission_text import content, parsed
+
+COUNTS = (4, 8, 16, 32, 64)
+RATE_HZ, SPACING_M, SPEED_M_S, OUTSIDE_M = 20.0, 6.0, 1.0, 1.0
+ROUNDS, DURATION_S, SETTLED_S = 3, 20.0, 10.0
+FACTOR_MAX = 1.5
+"""By how much the dearest vehicle of a team of any size may exceed the cheapest."""
+
+
+def ring(count: int) -> Mission:
+    """Return a mission of vehicles that encircle a target at rest from the start."""
+    radius_m = max(10.0, SPACING_M * count / (2.0 * pi))
+    mission = content()
+    mission["mission"] |= {"name": f"ring{count}", "rate_hz": RATE_HZ, "duration_s": DURATION_S}
+    mission["formation"] |= {"spacing_m": SPACING_M, "speed_m_s": 0.0, "leader": 1}
+    mission["encirclement"] |= {"radius_m": radius_m, "angular_rate_rad_s": SPEED_M_S / radius_m}
+    mission["tuning"] = {"encirclement": {"radius_far_m": 3.0 * radius_m}}
+    mission["decision"] |= {"distance_max_m": 2.0 * radius_m}
+    mission["target"] |= {"start_m": [0.0, 0.0], "velocity_m_s": [0.0, 0.0]}
+    mission["target"]["sensor"] |= {"range_m": 2.0 * radius_m, "rate_hz": 5.0, "noise_m": 0.1}
+    mission["network"] = {"range_m": 4.0 * radius_m}
+    mission["vehicles"] = [_vehicle(number, 2.0 * pi * number / count, radius_m) for number in range(count)]
+    return parsed(mission)
+
+
+def _vehicle(number: int, bearing_rad: float, radius_m: float) -> dict[str, object]:
+    away_m = radius_m + OUTSIDE_M
+    x, y = away_m * cos(bearing_rad), away_m * sin(bearing_rad)
+    return {
+        "id": number + 1,
+        "url": f"udpin://127.0.0.1:{14540 + number}",
+        "endpoint": f"tcp/127.0.0.1:{7461 + number}",
+        "start_m": [x, y],
+        "slot_m": [x - away_m, y],
+    }
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one vehicle of a team of `count` costs in a tick [us], the median over settled ticks."""
+
+    count: int
+    core_us: float
+    around_us: float
+    reference_us: float
+
+    @property
+    def whole_us(self) -> float:
+        """The core and what is around it."""
+        return self.core_us + self.around_us
+
+    @property
+    def real_time_factor(self) -> float:
+        """How many times faster than real time the whole team is simulated."""
+        return 1e6 / (self.whole_us * self.count * RATE_HZ)
+
+
+def measured(count: int) -> Cost:
+    """Fly a team, and measure."""
+    mission, reference = ring(count), Reference()
+    ends_s: list[float] = []
+
+    def progress(now_s: float) -> None:
+        ends_s.append(perf_counter())
+        reference(now_s)
+
+    flight = simulate(
+        simulated_vehicles(mission, 0),
+        NetworkModel(mission.network.range_m),
+        rate_hz=RATE_HZ,
+        duration_s=DURATION_S,
+        seed=0,
+        observe=lambda *_: None,
+        progress=progress,
+    )
+    settled = flight.time_s[1:] > SETTLED_S
+    core_us = flight.tick_us[1:].mean(axis=1)[settled]
+    whole_us = np.diff(ends_s)[settled] * 1e6 / count
+    core, around = float(np.median(core_us)), float(np.median(whole_us - core_us))
+    return Cost(count, core, around, reference.us)
+
+
+def cheapest(counts: Sequence[int], rounds: int) -> list[Cost]:
+    """Return the cheapest of several rounds for each team, by its ratio to the reference of the same flight."""
+    costs = [[measured(count) for count in counts] for _ in range(rounds)]
+    return [min(each, key=lambda cost: cost.whole_us / cost.reference_us) for each in zip(*costs, strict=True)]
+
+
+def table(costs: Sequence[Cost]) -> str:
+    """Return the figures as a table for the docs."""
+    heads = "vehicles", "core [us]", "around it [us]", "whole, in references", "times real time at 20 Hz"
+    rows = [
+        (
+            f"{cost.count}",
+            f"{cost.core_us:.0f}",
+            f"{cost.around_us:.1f}",
+            f"{cost.whole_us / cost.reference_us:.1f}",
+            f"{cost.real_time_factor:.1f}",
+        )
+        for cost in costs
+    ]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
+
+
+def draw(costs: Sequence[Cost], path: Path) -> None:
+    """Draw what a vehicle costs over the size of its team."""
+    count = [cost.count for cost in costs]
+    with rc_context(STYLE):
+        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.add_subplot()
+        axes.plot(count, [cost.whole_us for cost in costs], "o-", color=INK, label="whole")
+        axes.plot(count, [cost.core_us for cost in costs], "o-", color=COLOURS[0], label="core")
+        axes.plot(count, [cost.around_us for cost in costs], "o-", color=COLOURS[1], label="around it")
+        axes.set_xscale("log", base=2)
+        axes.set_xticks(count, [str(each) for each in count])
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel("vehicles on one ring")
+        axes.set_ylabel("cost of a vehicle and tick [µs]")
+        axes.legend(frameon=False)
+        figure.savefig(path, dpi=160)
+
+
+def main() -> int:
+    """Measure all teams, print the table and draw the figure; 1 if the cost of a vehicle grows with its team."""
+    reader = parser("scaling", __doc__)
+    reader.add_argument("--rounds", type=int, default=ROUNDS, help="flights of each team (default: %(default)s)")
+    reader.add_argument(
+        "--counts", type=int, nargs="+", default=COUNTS, help="sizes of the teams (default: %(default)s)"
+    )
+    reader.add_argument("--plot", type=Path, help="figure to draw, as docs/scaling.png")
+    arguments = reader.parse_args()
+    costs = cheapest(arguments.counts, arguments.rounds)
+    print(table(costs))
+    if arguments.plot is not None:
+        draw(costs, arguments.plot)
+    ratios = [cost.whole_us / cost.reference_us for cost in costs]
+    print(f"dearest over cheapest: {max(ratios) / min(ratios):.2f} (at most {FACTOR_MAX})")
+    return 0 if max(ratios) <= FACTOR_MAX * min(ratios) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
