@@ -26,7 +26,7 @@ from estimation.filters.axial import (
 from estimation.filters.consistency import Consistency
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.settings import OwnFilterSettings
-from estimation.state import STEP_DIGITS, OwnEstimate, Telemetry, Vector
+from estimation.state import STEP_DIGITS, AxisSpread, OwnEstimate, Telemetry, Vector
 
 _HISTORY_S = 2.0
 _MEASURED = 4
@@ -125,7 +125,9 @@ class OwnFilter:
         time_s = max(now_s, self._time_s)
         x, y = self._axes_at(time_s)
         w_x, w_y = self._disturbance(x.c + x.s, y.c + y.s)
-        return OwnEstimate(time_s, np.array((x.p, y.p, x.v, y.v, w_x, w_y)), _covariance(x.covariance, y.covariance))
+        spread_x = _spread(x.covariance)
+        spread_y = spread_x if y.covariance is x.covariance else _spread(y.covariance)
+        return OwnEstimate(time_s, np.array((x.p, y.p, x.v, y.v, w_x, w_y)), (spread_x, spread_y))
 
     def predicted(self, at_s: float, unsent_s: float) -> Vector:
         """Return the mean (6,) at `at_s` under the setpoints already sent: the state at which the next one acts.
@@ -247,19 +249,11 @@ def _with_oscillator_covariance(covariance: AxisCovariance, prior_m_s2: float) -
     )
 
 
-def _covariance(x: AxisCovariance, y: AxisCovariance) -> Vector:
-    """Return the covariance (6, 6) of [x y x' y' w_x w_y], where w is the sum of the disturbance's parts."""
-    x_w, x_vw, x_ww = x.pc + x.ps, x.vc + x.vs, x.cc + 2.0 * x.cs + x.ss
-    y_w, y_vw, y_ww = y.pc + y.ps, y.vc + y.vs, y.cc + 2.0 * y.cs + y.ss
-    rows = (
-        (x.pp, 0.0, x.pv, 0.0, x_w, 0.0),
-        (0.0, y.pp, 0.0, y.pv, 0.0, y_w),
-        (x.pv, 0.0, x.vv, 0.0, x_vw, 0.0),
-        (0.0, y.pv, 0.0, y.vv, 0.0, y_vw),
-        (x_w, 0.0, x_vw, 0.0, x_ww, 0.0),
-        (0.0, y_w, 0.0, y_vw, 0.0, y_ww),
-    )
-    return np.array(rows)
+def _spread(covariance: AxisCovariance) -> AxisSpread:
+    """Return the covariance of [p v w], where w is the sum of the disturbance's parts."""
+    pw, vw = covariance.pc + covariance.ps, covariance.vc + covariance.vs
+    ww = covariance.cc + 2.0 * covariance.cs + covariance.ss
+    return covariance.pp, covariance.pv, pw, covariance.vv, vw, ww
 
 
 def _is_jump(before: Telemetry, after: Telemetry) -> bool:
