@@ -73,31 +73,64 @@ class Sighting(msgspec.Struct, frozen=True):
                 raise ValueError(f"frame error {self.frame_sigma_m} m, {self.frame_correlation_s} s of a sighting")
 
 
+AxisSpread = tuple[float, float, float, float, float, float]
+"""The upper triangle (pp, pv, pw, vv, vw, ww) of the covariance of position, velocity and disturbance along an axis."""
+PlanarSpread = tuple[float, float, float, float, float, float, float, float, float, float]
+"""The upper triangle (xx, xy, xu, xv, yy, yu, yv, uu, uv, vv) of the covariance of [x y x' y'] = [x y u v]."""
+
+
 class OwnEstimate(msgspec.Struct, frozen=True):
-    """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] and covariance (6, 6) at `time_s`."""
+    """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] at `time_s`, and its spread along x and y.
+
+    Most ticks need one number of the covariance: the matrix is made where it is asked for.
+    """
 
     time_s: float
     mean: Vector
-    covariance: Vector
+    spread: tuple[AxisSpread, AxisSpread]
+
+    @property
+    def covariance(self) -> Vector:
+        """The covariance (6, 6); the axes are not correlated."""
+        covariance = np.zeros((6, 6))
+        for axis, (pp, pv, pw, vv, vw, ww) in enumerate(self.spread):
+            covariance[axis::2, axis::2] = (pp, pv, pw), (pv, vv, vw), (pw, vw, ww)
+        return covariance
+
+    @property
+    def position_sigma_m(self) -> float:
+        """The standard deviation of the position, in the worse direction of the axes."""
+        return sqrt(max(self.spread[0][0], self.spread[1][0]))
 
 
 class TargetEstimate(msgspec.Struct, frozen=True):
-    """A vehicle's belief about the target: mean (4,) = [x y x' y'] and covariance (4, 4) at `time_s`.
+    """A vehicle's belief about the target: mean (4,) = [x y x' y'] at `time_s`, and its spread.
 
     `sighted_s` is the time of the newest sighting behind it; importance and threat are that sighting's.
     """
 
     time_s: float
     mean: Vector
-    covariance: Vector
+    spread: PlanarSpread
     sighted_s: float
     importance: float
     threat: float
 
+    @property
+    def covariance(self) -> Vector:
+        """The covariance (4, 4)."""
+        xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = self.spread
+        return np.array([(xx, xy, xu, xv), (xy, yy, yu, yv), (xu, yu, uu, uv), (xv, yv, uv, vv)])
 
-def position_sigma_m(covariance: Vector) -> float:
-    """Return the standard deviation of a position, in the worse direction of the axes, from a covariance (n, n)."""
-    return sqrt(max(covariance.item(0, 0), covariance.item(1, 1)))
+    @property
+    def position_variance_m2(self) -> tuple[float, float]:
+        """The variances of the position along x and y."""
+        return self.spread[0], self.spread[4]
+
+    @property
+    def position_sigma_m(self) -> float:
+        """The standard deviation of the position, in the worse direction of the axes."""
+        return sqrt(max(self.position_variance_m2))
 
 
 def _require_finite(what: str, *values: float) -> None:

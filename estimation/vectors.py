@@ -1,10 +1,17 @@
-"""Vectors of two components clipped to a length: the one place where this is computed."""
+"""Numbers limited to a range, and vectors of two components to a length: the one place where this is computed."""
 
 from math import hypot
 
 from estimation.state import Vector
 
 Pair = tuple[float, float]
+
+
+def limited(value: float, limit: float) -> float:
+    """Return the number nearest to `value` in [-limit, limit]; NaN becomes -limit."""
+    if value > limit:
+        return limit
+    return value if value >= -limit else -limit
 
 
 def clipped(vector: Vector, length_max: float) -> Vector:

@@ -71,12 +71,8 @@ class EncirclementPlanner:
         self._clearance_rad = config.clearance_rad
         self._lmpc = ring_lmpc(self._settings)
         self._along_m = self._settings.radius_m
-        self._units = np.array([1.0, self._along_m, 1.0, self._along_m])
         self._times_s = self._settings.prediction_step_s * np.arange(1, self._settings.horizon + 1)
-        decay_per_s = max(self._settings.spacing_gain_per_s, 1e-3)
-        self._eased_s = -np.expm1(-decay_per_s * self._times_s) / decay_per_s
-        self._eased_s2 = (self._times_s - self._eased_s) / decay_per_s
-        self._zeros = np.zeros((self._settings.horizon, 4))
+        self._reference_gain = _reference_gain(self._settings, self._times_s)
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         # The bounds of a plan, filled anew for each: what does not change stands in them from the beginning.
         self._pushes = self._settings.acceleration_max_m_s2 * np.array([[-1.0, -1.0], [1.0, 1.0]])
@@ -105,16 +101,17 @@ class EncirclementPlanner:
             aim = self._radial_aim(motion, polar, task)
             return EncirclementPlan(aim, approach, wanted, QpStatus.INTERIOR)
         state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, self._along_m * polar.angular_rate_rad_s])
-        reference = self._reference(task, polar) * self._units
-        plan = self._lmpc.solve(state, reference, self._acceleration, self._bounds(polar, task.place))
+        reference, bounds = self._reference(task, polar), self._bounds(polar, task.place)
+        plan = self._lmpc.solve(state, reference, self._acceleration, bounds)
         self._acceleration = plan.first_input
-        acceleration = plan.first_input / self._units[:2]
-        aim = aim_for(motion, polar, acceleration, task.compensation_m_s2, self._plant)
+        radial, along = self._acceleration.tolist()
+        aim = aim_for(motion, polar, (radial, along / self._along_m), task.compensation_m_s2, self._plant)
         return EncirclementPlan(aim, approach, wanted, plan.status)
 
     def _take(self, orbit: Orbit) -> None:
         self._orbit = orbit
         self._drift_rad: Vector = np.asarray(orbit.angular_rate_rad_s * self._times_s, dtype=np.float64)
+        self._drift_m: Vector = self._along_m * self._drift_rad
 
     def _approach(self, radius_m: float) -> Approach:
         if radius_m < self._settings.radius_min_m:
@@ -132,22 +129,18 @@ class EncirclementPlanner:
         return aim_for_acceleration(motion, (x, y), task.compensation_m_s2, self._plant)
 
     def _reference(self, task: RingTask, polar: Polar) -> Vector:
-        """Return the reference (horizon, 4) in [r phi r' phi'].
+        """Return the reference (horizon, 4) in [r R phi r' R phi'].
 
-        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser. The acceleration
-        of a transition fades as the law (22) lets it.
+        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser.
         """
         radius, bearing = task.reference.radius, task.reference.bearing
         ahead_rad = wrap_signed_rad(bearing.value - polar.bearing_rad)
-        reference = self._zeros.copy()
-        reference[:, 0] = radius.value + radius.rate * self._times_s + radius.acceleration * self._eased_s2
-        reference[:, 2] = radius.rate + radius.acceleration * self._eased_s
+        points = (radius.value, radius.rate, radius.acceleration, ahead_rad, bearing.rate, bearing.acceleration)
+        reference: Vector = self._reference_gain.dot(np.array(points)).reshape(-1, 4)
         if task.obstacles:
             bearings_rad = polar.bearing_rad + self._drift_rad
             bent_m = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, polar.radius_m)
             reference[:, 0] += bent_m - task.radius_m
-        reference[:, 1] = ahead_rad + bearing.rate * self._times_s + bearing.acceleration * self._eased_s2
-        reference[:, 3] = bearing.rate + bearing.acceleration * self._eased_s
         return reference
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
@@ -158,12 +151,28 @@ class EncirclementPlanner:
         self._rates_min.fill(-fastest_m_s)
         self._rates_max.fill(fastest_m_s)
         if place.lead_rad is None or place.lag_rad is None:
-            self._bearings_min[:], self._bearings_max[:] = -_FREE, _FREE
+            self._bearings_min.fill(-_FREE)
+            self._bearings_max.fill(_FREE)
         else:
-            np.add(self._drift_rad, self._clearance_rad - place.lag_rad, out=self._bearings_min)
-            np.add(self._drift_rad, place.lead_rad - self._clearance_rad, out=self._bearings_max)
-            self._limits[..., 0] *= self._along_m
+            np.add(self._drift_m, self._along_m * (self._clearance_rad - place.lag_rad), out=self._bearings_min)
+            np.add(self._drift_m, self._along_m * (place.lead_rad - self._clearance_rad), out=self._bearings_max)
         return Bounds(self._pushes, self._limits)
+
+
+def _reference_gain(settings: EncirclementSettings, times_s: Vector) -> Vector:
+    """Return what takes radius and bearing, each with rate and acceleration (6,), to the reference at all samples.
+
+    Shape (horizon * 4, 6), a sample in [r R phi r' R phi']. The acceleration of a transition fades as the law (22) lets
+    it.
+    """
+    decay_per_s = max(settings.spacing_gain_per_s, 1e-3)
+    eased_s = -np.expm1(-decay_per_s * times_s) / decay_per_s
+    gain = np.zeros((len(times_s), 4, 6))
+    for row, column, unit in ((0, 0, 1.0), (1, 3, settings.radius_m)):
+        gain[:, row, column], gain[:, row, column + 1] = unit, unit * times_s
+        gain[:, row, column + 2] = unit * (times_s - eased_s) / decay_per_s
+        gain[:, row + 2, column + 1], gain[:, row + 2, column + 2] = unit, unit * eased_s
+    return gain.reshape(-1, 6)
 
 
 def damped_motion(task: RingTask) -> Vector:

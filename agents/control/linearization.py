@@ -10,11 +10,12 @@ import numpy as np
 from estimation.plant.model import Plant
 from estimation.polar import Polar
 from estimation.state import Vector
+from estimation.vectors import Pair
 
 
-def aim_for(motion: Vector, polar: Polar, acceleration: Vector, disturbance_m_s2: Vector, plant: Plant) -> Vector:
+def aim_for(motion: Vector, polar: Polar, acceleration: Pair, disturbance_m_s2: Vector, plant: Plant) -> Vector:
     """Return the aim (2,) that gives the plant the polar acceleration (r'', phi'') - (11), (12)."""
-    radial, angular = acceleration.tolist()
+    radial, angular = acceleration
     cosine, sine = cos(polar.bearing_rad), sin(polar.bearing_rad)
     outward = radial - polar.radius_m * polar.angular_rate_rad_s**2
     sideways = polar.radius_m * angular + 2.0 * polar.radial_speed_m_s * polar.angular_rate_rad_s
@@ -22,9 +23,7 @@ def aim_for(motion: Vector, polar: Polar, acceleration: Vector, disturbance_m_s2
     return aim_for_acceleration(motion, wanted, disturbance_m_s2, plant)
 
 
-def aim_for_acceleration(
-    motion: Vector, acceleration_m_s2: tuple[float, float], disturbance_m_s2: Vector, plant: Plant
-) -> Vector:
+def aim_for_acceleration(motion: Vector, acceleration_m_s2: Pair, disturbance_m_s2: Vector, plant: Plant) -> Vector:
     """Solve the plant for its input: the aim (2,) under which it has the acceleration given - X_d of section 4."""
     x, y, x_rate, y_rate = motion.tolist()
     w_x, w_y = disturbance_m_s2.tolist()

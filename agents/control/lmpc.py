@@ -125,7 +125,7 @@ class Lmpc:
         outcome = self._outcome.dot(given)
         np.subtract(outcome, self._lower, out=room[0])
         np.subtract(self._upper, outcome, out=room[1])
-        if np.minimum.reduce(room, axis=None) >= -_FEASIBLE_SLACK:
+        if room.item(room.argmin()) >= -_FEASIBLE_SLACK:  # NaN is the least
             return Solution(outcome[:size].reshape(-1, self._inputs), QpStatus.INTERIOR)
         optimum, status = self._bounded(outcome[:size])
         return Solution(optimum.reshape(-1, self._inputs), status)

@@ -13,10 +13,11 @@ import msgspec
 
 from agents.ring.feasibility import Orbit
 from agents.ring.shaped_coordinate import ShapedCoordinate
-from agents.ring.transition import braked_rate, transition_rate_rad_s
+from agents.ring.transition import braked_rate, transition_of, transition_rate_rad_s
 from agents.settings.sections import EncirclementSettings
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
+from estimation.vectors import limited
 
 _RADIAL_GAIN_PER_S = 0.5
 _BRAKED_WITHIN_M = 0.25
@@ -56,6 +57,7 @@ class RingReference:
 
     def __init__(self, settings: EncirclementSettings) -> None:
         self._settings = settings
+        self._transition = transition_of(settings)
         self._point: RingPoint | None = None
 
     def reset(self) -> None:
@@ -91,19 +93,19 @@ class RingReference:
         return self._point
 
     def _moved(self, before: RingPoint, way: RingWay, step_s: float) -> tuple[ShapedCoordinate, ShapedCoordinate]:
-        settings = self._settings
+        settings, transition = self._settings, self._transition
         radius, bearing = before.radius, before.bearing
         if step_s <= 0.0:
             return radius, bearing
         size_m = max(radius.value, settings.radius_min_m)
-        fastest_m_s = abs(way.orbit.angular_rate_rad_s) * way.orbit.radius_m + settings.transition_speed_m_s
+        fastest_m_s = abs(way.orbit.angular_rate_rad_s) * way.orbit.radius_m + transition.speed_m_s
         fastest_rad_s = min(way.fastest_rad_s, min(fastest_m_s, settings.speed_max_m_s) / size_m)
-        rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, settings)
-        rate_rad_s = max(-fastest_rad_s, min(rate_rad_s, fastest_rad_s))
+        rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, transition)
+        rate_rad_s = limited(rate_rad_s, fastest_rad_s)
         speed_m_s = self._radial_speed_m_s(way.radius_m - radius.value)
         acceleration, jerk = self._bounds(_beyond(radius.rate, speed_m_s), step_s)
         along_m_s = abs(bearing.rate - way.orbit.angular_rate_rad_s) * size_m
-        turning, turning_jerk = self._bounds(along_m_s if along_m_s > settings.transition_speed_m_s else 0.0, step_s)
+        turning, turning_jerk = self._bounds(along_m_s if along_m_s > transition.speed_m_s else 0.0, step_s)
         return (
             radius.follow(speed_m_s, acceleration, jerk, step_s),
             bearing.follow(rate_rad_s, turning / size_m, turning_jerk / size_m, step_s),
@@ -111,9 +113,8 @@ class RingReference:
 
     def _radial_speed_m_s(self, missing_m: float) -> float:
         """Return the speed at which the radius changes: from afar as fast as the vehicle may, and gently braked."""
-        settings = self._settings
-        fastest_m_s = braked_rate(missing_m, settings.transition_acceleration_m_s2)
-        return copysign(min(_RADIAL_GAIN_PER_S * abs(missing_m), settings.speed_max_m_s, fastest_m_s), missing_m)
+        fastest_m_s = braked_rate(missing_m, self._transition.acceleration_m_s2)
+        return copysign(min(_RADIAL_GAIN_PER_S * abs(missing_m), self._settings.speed_max_m_s, fastest_m_s), missing_m)
 
     def _bounds(self, too_fast_m_s: float, step_s: float) -> tuple[float, float]:
         """Return acceleration and jerk: those of a transition, and more where a vehicle is too fast for these.
@@ -121,8 +122,9 @@ class RingReference:
         So is one that begins to follow a fast target: gently, it would fall behind. The acceleration brakes within
         `_BRAKED_WITHIN_M`, so it fades into that of a transition as the vehicle slows down.
         """
-        settings = self._settings
-        gentle_m_s2 = settings.transition_acceleration_m_s2
+        settings, gentle_m_s2 = self._settings, self._transition.acceleration_m_s2
+        if too_fast_m_s == 0.0:
+            return gentle_m_s2, settings.spacing_jerk_max_m_s3
         braking_m_s2 = min(too_fast_m_s**2 / (2.0 * _BRAKED_WITHIN_M), settings.acceleration_max_m_s2)
         more_m_s2 = max(0.0, braking_m_s2 - gentle_m_s2)
         return gentle_m_s2 + more_m_s2, settings.spacing_jerk_max_m_s3 + more_m_s2 / step_s

@@ -4,6 +4,8 @@ from math import ceil, copysign, sqrt
 
 import msgspec
 
+from estimation.vectors import limited
+
 
 class ShapedCoordinate(msgspec.Struct, frozen=True):
     """A value, its rate and its acceleration; the units are the value's, per second."""
@@ -21,12 +23,12 @@ class ShapedCoordinate(msgspec.Struct, frozen=True):
         endable = due / steps + change_max * (steps - 1) / 2.0
         wanted = copysign(min(acceleration_max, endable), missing)
         # Braking from beyond the bounds ends at once: it would overshoot while the jerk takes it back.
-        before = max(-acceleration_max, min(self.acceleration, acceleration_max))
-        acceleration = before + max(-change_max, min(wanted - before, change_max))
+        before = limited(self.acceleration, acceleration_max)
+        acceleration = before + limited(wanted - before, change_max)
         rate = self.rate + acceleration * step_s
         return ShapedCoordinate(self.value + (self.rate + rate) / 2.0 * step_s, rate, acceleration)
 
     def near(self, value: float, rate: float, off_max: float, share: float) -> "ShapedCoordinate":
         """Return it at most `off_max` from a value, and of what is left off that and off its rate only a share."""
-        off = max(-off_max, min(self.value - value, off_max))
+        off = limited(self.value - value, off_max)
         return ShapedCoordinate(value + share * off, rate + share * (self.rate - rate), self.acceleration)

@@ -1,7 +1,10 @@
 """How vehicles change places on the ring: as (22) asks, within the bounds of a transition."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import copysign, sqrt
+
+import msgspec
 
 from agents.ring.feasibility import Orbit
 from agents.ring.place import scaled_gain_per_s
@@ -15,7 +18,20 @@ _BRAKING_SHARE = 0.5
 """A speed is at most what this share of the acceleration can brake: the rest is a margin for what comes meanwhile."""
 
 
-def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: EncirclementSettings) -> float:
+class Transition(msgspec.Struct, frozen=True):
+    """How vehicles change places: at most so much faster than the ring, so accelerated, with the spacing gain gamma."""
+
+    speed_m_s: float
+    acceleration_m_s2: float
+    gain_per_s: float
+
+
+def transition_of(settings: EncirclementSettings) -> Transition:
+    """Return the transition that the settings ask for."""
+    return Transition(settings.transition_speed_m_s, settings.transition_acceleration_m_s2, settings.spacing_gain_per_s)
+
+
+def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, transition: Transition) -> float:
     """Return the angular rate of the first of the vehicles on a ring whose spacing errors are `errors_rad` (n,).
 
     It is (22), `w_i = w_D + 2 gamma / 3 e_i`, as long as no bound is active. A bound on one vehicle scales the
@@ -23,11 +39,11 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: E
     ring is too slow for one to wait, all fly faster by the same amount. Every vehicle computes the share from the same
     bearings, so they agree on it without a message.
     """
-    ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, correction_gain_per_s(len(errors_rad), settings)
+    ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, correction_gain_per_s(len(errors_rad), transition.gain_per_s)
     furthest_rad = max(map(abs, errors_rad))
     if furthest_rad * gain_per_s == 0.0:
         return ring_rad_s
-    fastest_rad_s = TRACKED_SHARE * settings.transition_speed_m_s / orbit.radius_m
+    fastest_rad_s = TRACKED_SHARE * transition.speed_m_s / orbit.radius_m
     slowest_rad_s = fastest_rad_s if ring_rad_s == 0.0 else min(fastest_rad_s, (1.0 - SLOWEST_SHARE) * abs(ring_rad_s))
     forwards_per_s = copysign(gain_per_s, ring_rad_s)
     forwards = [forwards_per_s * error_rad for error_rad in errors_rad]
@@ -35,15 +51,16 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, settings: E
     share = min(
         1.0,
         (fastest_rad_s + slowest_rad_s) / (most - least),
-        braked_rate(furthest_rad, settings.transition_acceleration_m_s2 / orbit.radius_m) / (gain_per_s * furthest_rad),
+        braked_rate(furthest_rad, transition.acceleration_m_s2 / orbit.radius_m) / (gain_per_s * furthest_rad),
     )
     common = max(0.0, -slowest_rad_s - share * least) - max(0.0, share * most - fastest_rad_s)
     return ring_rad_s + copysign(1.0, ring_rad_s) * (share * forwards[0] + common)
 
 
-def correction_gain_per_s(members: int, settings: EncirclementSettings) -> float:
+@lru_cache(maxsize=256)
+def correction_gain_per_s(members: int, gain_per_s: float) -> float:
     """Return `2 gamma / 3` of (22): the correction of the rate for each radian of the spacing error."""
-    return 2.0 / 3.0 * scaled_gain_per_s(members, settings.spacing_gain_per_s) if members > 1 else 0.0
+    return 2.0 / 3.0 * scaled_gain_per_s(members, gain_per_s) if members > 1 else 0.0
 
 
 def braked_rate(missing: float, acceleration_max: float) -> float:

@@ -10,7 +10,7 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from estimation.frames import wrap_signed_rad
-from estimation.state import POSITION, VELOCITY, position_sigma_m
+from estimation.state import POSITION, VELOCITY
 
 STRAYS_M_S, RETURNS_M_S = 0.6, 0.3
 """A vehicle whose velocity is this far off the formation's flies off the line, until it is this near again."""
@@ -62,5 +62,5 @@ class Yaw:
         if situation.target is None or situation.acting_target is None:
             return None
         x, y = (situation.acting_target - situation.acting_motion)[POSITION].tolist()
-        unsure_m = SURE_SIGMAS * position_sigma_m(situation.target.covariance)
+        unsure_m = SURE_SIGMAS * situation.target.position_sigma_m
         return atan2(y, x) if hypot(x, y) > max(self._near_m, unsure_m) else None

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.tactics import Tactic
 from estimation.polar import Polar
-from estimation.state import OwnEstimate, TargetEstimate, Vector, position_sigma_m
+from estimation.state import OwnEstimate, TargetEstimate, Vector
 
 
 class Situation(msgspec.Struct, frozen=True):
@@ -41,7 +41,7 @@ class Situation(msgspec.Struct, frozen=True):
     @property
     def position_sigma_m(self) -> float:
         """The standard deviation of the own position, in the worse direction of the axes."""
-        return sqrt(position_sigma_m(self.own.covariance) ** 2 + self.offset_variance_m2)
+        return sqrt(self.own.position_sigma_m**2 + self.offset_variance_m2)
 
 
 class Task(msgspec.Struct, frozen=True):

@@ -92,7 +92,7 @@ class TeamFrame:
         if target is None:
             offsets.predict(now_s, 0.0)
             return sightings
-        offsets.predict(now_s, (target.covariance.item(0, 0) + target.covariance.item(1, 1)) / 2.0)
+        offsets.predict(now_s, sum(target.position_variance_m2) / 2.0)
         x, y, x_rate, y_rate = target.mean.tolist()
         for each in sightings:
             ahead_s = each.time_s - target.time_s

@@ -17,6 +17,10 @@ Rotation = tuple[float, float]
 """Cosine and sine of the oscillator's phase advance in a step."""
 Column = tuple[float, float, float, float, float]
 """A vector (5,) in the order of the state."""
+Axes = tuple["AxisEstimate", "AxisEstimate"]
+"""The estimates along x and y."""
+_Gain = tuple[float, float, Column, Column, "AxisCovariance"]
+"""With the innovation covariance S = L L': the diagonal of L, both columns of the gain times L, what is left of P."""
 
 
 class AxisCovariance(msgspec.Struct, frozen=True):
@@ -91,7 +95,26 @@ def predicted_mean(
 
 def predicted(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float) -> AxisEstimate:
     """Return the estimate after a step under an aim: `P' = F P F' + Q`."""
-    covariance = axis.covariance
+    mean = predicted_mean(axis, step, rotation, aim_m)
+    return AxisEstimate(*mean, _predicted_covariance(axis.covariance, step, rotation))
+
+
+def predicted_axes(axes: Axes, steps: tuple[Step, Step], rotation: Rotation, aim_m: tuple[float, float]) -> Axes:
+    """Return the same of both axes.
+
+    Where they have one plant they have one covariance as well, the same object, which is computed once.
+    """
+    x, y = axes
+    if y.covariance is not x.covariance or steps[1] is not steps[0]:
+        return predicted(x, steps[0], rotation, aim_m[0]), predicted(y, steps[1], rotation, aim_m[1])
+    covariance = _predicted_covariance(x.covariance, steps[0], rotation)
+    return (
+        AxisEstimate(*predicted_mean(x, steps[0], rotation, aim_m[0]), covariance),
+        AxisEstimate(*predicted_mean(y, steps[1], rotation, aim_m[1]), covariance),
+    )
+
+
+def _predicted_covariance(covariance: AxisCovariance, step: Step, rotation: Rotation) -> AxisCovariance:
     pp, pv, pc, ps, pq = covariance.pp, covariance.pv, covariance.pc, covariance.ps, covariance.pq
     vv, vc, vs, vq, cc = covariance.vv, covariance.vc, covariance.vs, covariance.vq, covariance.cc
     cs, cq, ss, sq, qq = covariance.cs, covariance.cq, covariance.ss, covariance.sq, covariance.qq
@@ -107,25 +130,22 @@ def predicted(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float) 
     p_w, v_w = p_c + p_s, v_c + v_s
     s_s, s_q = cosine * ss - sine * sq, cosine * sq - sine * qq
     q_s, q_q = sine * ss + cosine * sq, sine * sq + cosine * qq
-    return AxisEstimate(
-        *predicted_mean(axis, step, rotation, aim_m),
-        AxisCovariance(
-            a * p_p + b * p_v + g * p_w + noise_pp,
-            d * p_p + e * p_v + h * p_w + noise_pv,
-            p_c,
-            cosine * p_s - sine * p_q,
-            sine * p_s + cosine * p_q,
-            d * v_p + e * v_v + h * v_w + noise_vv,
-            v_c,
-            cosine * v_s - sine * v_q,
-            sine * v_s + cosine * v_q,
-            cc + walk_c,
-            cosine * cs - sine * cq,
-            sine * cs + cosine * cq,
-            cosine * s_s - sine * s_q + walk_s,
-            sine * s_s + cosine * s_q,
-            sine * q_s + cosine * q_q + walk_s,
-        ),
+    return AxisCovariance(
+        a * p_p + b * p_v + g * p_w + noise_pp,
+        d * p_p + e * p_v + h * p_w + noise_pv,
+        p_c,
+        cosine * p_s - sine * p_q,
+        sine * p_s + cosine * p_q,
+        d * v_p + e * v_v + h * v_w + noise_vv,
+        v_c,
+        cosine * v_s - sine * v_q,
+        sine * v_s + cosine * v_q,
+        cc + walk_c,
+        cosine * cs - sine * cq,
+        sine * cs + cosine * cq,
+        cosine * s_s - sine * s_q + walk_s,
+        sine * s_s + cosine * s_q,
+        sine * q_s + cosine * q_q + walk_s,
     )
 
 
@@ -138,19 +158,23 @@ def updated(
     The innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
     covariance stays symmetric.
     """
-    covariance = axis.covariance
-    pp, pv, vv = covariance.pp, covariance.pv, covariance.vv
-    vc, vs, vq = covariance.vc, covariance.vs, covariance.vq
-    first = sqrt(pp + noise[0])
-    g = gp, gv, gc, gs, gq = pp / first, pv / first, covariance.pc / first, covariance.ps / first, covariance.pq / first
-    second = sqrt(max(vv - gv * gv, 0.0) + noise[1])
-    h = hp, hv, hc, hs, hq = (
-        (pv - gv * gp) / second,
-        (vv - gv * gv) / second,
-        (vc - gv * gc) / second,
-        (vs - gv * gs) / second,
-        (vq - gv * gq) / second,
-    )
+    return _corrected(axis, position_m, rate_m_s, _gain(axis.covariance, noise))
+
+
+def updated_axes(
+    axes: Axes, position_m: tuple[float, float], rate_m_s: tuple[float, float], noise: tuple[float, float]
+) -> tuple[Axes, float]:
+    """Return the same of both axes, and the sum of their squared innovations; equal axes have one gain."""
+    x, y = axes
+    gain = _gain(x.covariance, noise)
+    gain_y = gain if y.covariance is x.covariance else _gain(y.covariance, noise)
+    x, x_squared = _corrected(x, position_m[0], rate_m_s[0], gain)
+    y, y_squared = _corrected(y, position_m[1], rate_m_s[1], gain_y)
+    return (x, y), x_squared + y_squared
+
+
+def _corrected(axis: AxisEstimate, position_m: float, rate_m_s: float, gain: _Gain) -> tuple[AxisEstimate, float]:
+    first, second, (gp, gv, gc, gs, gq), (hp, hv, hc, hs, hq), left = gain
     x = (position_m - axis.p) / first
     y = (rate_m_s - axis.v - gv * x) / second
     after = AxisEstimate(
@@ -159,29 +183,41 @@ def updated(
         axis.c + gc * x + hc * y,
         axis.s + gs * x + hs * y,
         axis.q + gq * x + hq * y,
-        _reduced(covariance, g, h),
+        left,
     )
     return after, x * x + y * y
 
 
-def _reduced(covariance: AxisCovariance, g: Column, h: Column) -> AxisCovariance:
-    """Return `P - g g' - h h'`, where g and h are the columns of the gain times L."""
-    gp, gv, gc, gs, gq = g
-    hp, hv, hc, hs, hq = h
-    return AxisCovariance(
-        covariance.pp - gp * gp - hp * hp,
-        covariance.pv - gp * gv - hp * hv,
-        covariance.pc - gp * gc - hp * hc,
-        covariance.ps - gp * gs - hp * hs,
-        covariance.pq - gp * gq - hp * hq,
-        covariance.vv - gv * gv - hv * hv,
-        covariance.vc - gv * gc - hv * hc,
-        covariance.vs - gv * gs - hv * hs,
-        covariance.vq - gv * gq - hv * hq,
-        covariance.cc - gc * gc - hc * hc,
-        covariance.cs - gc * gs - hc * hs,
-        covariance.cq - gc * gq - hc * hq,
-        covariance.ss - gs * gs - hs * hs,
-        covariance.sq - gs * gq - hs * hq,
-        covariance.qq - gq * gq - hq * hq,
+def _gain(covariance: AxisCovariance, noise: tuple[float, float]) -> _Gain:
+    """Return the gain; what is left of the covariance is `P - g g' - h h'`."""
+    pp, pv, pc, ps, pq = covariance.pp, covariance.pv, covariance.pc, covariance.ps, covariance.pq
+    vv, vc, vs, vq, cc = covariance.vv, covariance.vc, covariance.vs, covariance.vq, covariance.cc
+    cs, cq, ss, sq, qq = covariance.cs, covariance.cq, covariance.ss, covariance.sq, covariance.qq
+    first = sqrt(pp + noise[0])
+    gp, gv, gc, gs, gq = pp / first, pv / first, pc / first, ps / first, pq / first
+    second = sqrt(max(vv - gv * gv, 0.0) + noise[1])
+    hp, hv, hc, hs, hq = (
+        (pv - gv * gp) / second,
+        (vv - gv * gv) / second,
+        (vc - gv * gc) / second,
+        (vs - gv * gs) / second,
+        (vq - gv * gq) / second,
     )
+    left = AxisCovariance(
+        pp - gp * gp - hp * hp,
+        pv - gp * gv - hp * hv,
+        pc - gp * gc - hp * hc,
+        ps - gp * gs - hp * hs,
+        pq - gp * gq - hp * hq,
+        vv - gv * gv - hv * hv,
+        vc - gv * gc - hv * hc,
+        vs - gv * gs - hv * hs,
+        vq - gv * gq - hv * hq,
+        cc - gc * gc - hc * hc,
+        cs - gc * gs - hc * hs,
+        cq - gc * gq - hc * hq,
+        ss - gs * gs - hs * hs,
+        sq - gs * gq - hs * hq,
+        qq - gq * gq - hq * hq,
+    )
+    return first, second, (gp, gv, gc, gs, gq), (hp, hv, hc, hs, hq), left

@@ -13,11 +13,20 @@ from math import cos, hypot, inf, sin
 import msgspec
 import numpy as np
 
-from estimation.filters.axial import AxisCovariance, AxisEstimate, Rotation, Step, predicted, predicted_mean, updated
+from estimation.filters.axial import (
+    Axes,
+    AxisCovariance,
+    AxisEstimate,
+    Rotation,
+    Step,
+    predicted_axes,
+    predicted_mean,
+    updated_axes,
+)
 from estimation.filters.consistency import Consistency
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.settings import OwnFilterSettings
-from estimation.state import STEP_DIGITS, OwnEstimate, Telemetry, Vector
+from estimation.state import STEP_DIGITS, AxisSpread, OwnEstimate, Telemetry, Vector
 
 _HISTORY_S = 2.0
 _MEASURED = 4
@@ -30,7 +39,6 @@ JUMP_M, ACCELERATION_MAX_M_S2 = 1.0, 10.0
 """A position jumps if it moves between two samples by more than this beyond what velocity and thrust allow."""
 
 _Pair = tuple[float, float]
-_Axes = tuple[AxisEstimate, AxisEstimate]
 
 
 class OwnFilter:
@@ -45,7 +53,7 @@ class OwnFilter:
         self._gate_squared = settings.gate_sigma**2 * _MEASURED
         self._steps = lru_cache(maxsize=1024)(partial(_steps, plant, settings))
         self._inputs = _InputHistory(plant.delay_s)
-        self._axes: _Axes | None = None
+        self._axes: Axes | None = None
         self._time_s = -inf
         self._consistency = Consistency()
         self._turning_rad_s = 0.0
@@ -66,9 +74,7 @@ class OwnFilter:
         if rate_rad_s == self._turning_rad_s:
             return
         if self._axes is not None and 0.0 in (rate_rad_s, self._turning_rad_s):
-            x, y = self._axes
-            oscillating_m_s2 = self._prior_m_s2 if rate_rad_s else 0.0
-            self._axes = _with_oscillator(x, oscillating_m_s2), _with_oscillator(y, oscillating_m_s2)
+            self._axes = _with_oscillator(self._axes, self._prior_m_s2 if rate_rad_s else 0.0)
         self._turning_rad_s = rate_rad_s
 
     def measure(self, telemetry: Telemetry) -> None:
@@ -82,17 +88,15 @@ class OwnFilter:
             self.refused += 1
             return
         step_s = time_s - self._time_s
-        prior_x, prior_y = self._axes_at(time_s)
-        x, x_squared = updated(prior_x, x_m, x_rate, self._noise)
-        y, y_squared = updated(prior_y, y_m, y_rate, self._noise)
-        squared = x_squared + y_squared
+        prior = self._axes_at(time_s)
+        axes, squared = updated_axes(prior, (x_m, y_m), (x_rate, y_rate), self._noise)
         self._consistency.see(squared / _MEASURED, step_s, self._settings.gate_sigma**2)
         self._time_s = time_s
         if squared <= self._gate_squared:  # NaN is no innovation
-            self._accept(x, y)
+            self._accept(axes)
             self._refused_since_s = inf
             return
-        self._accept(prior_x, prior_y)
+        self._accept(prior)
         self.refused += 1
         if self._refused_since_s == inf:
             self._refused_since_s = time_s
@@ -121,7 +125,9 @@ class OwnFilter:
         time_s = max(now_s, self._time_s)
         x, y = self._axes_at(time_s)
         w_x, w_y = self._disturbance(x.c + x.s, y.c + y.s)
-        return OwnEstimate(time_s, np.array((x.p, y.p, x.v, y.v, w_x, w_y)), _covariance(x.covariance, y.covariance))
+        spread_x = _spread(x.covariance)
+        spread_y = spread_x if y.covariance is x.covariance else _spread(y.covariance)
+        return OwnEstimate(time_s, np.array((x.p, y.p, x.v, y.v, w_x, w_y)), (spread_x, spread_y))
 
     def predicted(self, at_s: float, unsent_s: float) -> Vector:
         """Return the mean (6,) at `at_s` under the setpoints already sent: the state at which the next one acts.
@@ -156,15 +162,13 @@ class OwnFilter:
         """Return the mean (x, y) of the aims that acted from one time to another, within the last two seconds [m]."""
         return self._inputs.mean(from_s, to_s)
 
-    def _axes_at(self, to_s: float) -> _Axes:
+    def _axes_at(self, to_s: float) -> Axes:
         assert self._axes is not None
         step_s = round(to_s - self._time_s, STEP_DIGITS)
         if step_s <= 0.0:
             return self._axes
-        (x_step, y_step), rotation = self._steps(self._is_oscillating, step_s), self._rotation(step_s)
-        aim_x, aim_y = self._inputs.mean(self._time_s, to_s)
-        x, y = self._axes
-        return predicted(x, x_step, rotation, aim_x), predicted(y, y_step, rotation, aim_y)
+        steps, rotation = self._steps(self._is_oscillating, step_s), self._rotation(step_s)
+        return predicted_axes(self._axes, steps, rotation, self._inputs.mean(self._time_s, to_s))
 
     @property
     def _is_oscillating(self) -> bool:
@@ -190,10 +194,10 @@ class OwnFilter:
         self._refused_since_s = inf
         self._inputs.start(telemetry.time_s, (x, y))
 
-    def _accept(self, x: AxisEstimate, y: AxisEstimate) -> None:
+    def _accept(self, axes: Axes) -> None:
         """Keep each part of the disturbance within the bound (anti-windup): no more than that is compensated."""
         limit = self._settings.disturbance_max_m_s2
-        self._axes = _bounded(x, limit), _bounded(y, limit)
+        self._axes = _bounded(axes[0], limit), _bounded(axes[1], limit)
 
     def _disturbance(self, x_m_s2: float, y_m_s2: float) -> _Pair:
         """Return the sum of the disturbance's parts, limited to the bound."""
@@ -219,10 +223,20 @@ def _bounded(axis: AxisEstimate, limit: float) -> AxisEstimate:
     return msgspec.structs.replace(axis, c=c, s=s, q=q)
 
 
-def _with_oscillator(axis: AxisEstimate, prior_m_s2: float) -> AxisEstimate:
-    """Return the estimate with all disturbance in its steady part and an oscillator at its prior."""
-    covariance, prior = axis.covariance, prior_m_s2**2
-    covariance = msgspec.structs.replace(
+def _with_oscillator(axes: Axes, prior_m_s2: float) -> Axes:
+    """Return the estimates with all disturbance in its steady part and an oscillator at its prior."""
+    x, y = axes
+    spread_x = _with_oscillator_covariance(x.covariance, prior_m_s2)
+    spread_y = spread_x if y.covariance is x.covariance else _with_oscillator_covariance(y.covariance, prior_m_s2)
+    return (
+        AxisEstimate(x.p, x.v, x.c + x.s, 0.0, 0.0, spread_x),
+        AxisEstimate(y.p, y.v, y.c + y.s, 0.0, 0.0, spread_y),
+    )
+
+
+def _with_oscillator_covariance(covariance: AxisCovariance, prior_m_s2: float) -> AxisCovariance:
+    prior = prior_m_s2**2
+    return msgspec.structs.replace(
         _NO_COVARIANCE,
         pp=covariance.pp,
         pv=covariance.pv,
@@ -233,22 +247,13 @@ def _with_oscillator(axis: AxisEstimate, prior_m_s2: float) -> AxisEstimate:
         ss=prior,
         qq=prior,
     )
-    return AxisEstimate(axis.p, axis.v, axis.c + axis.s, 0.0, 0.0, covariance)
 
 
-def _covariance(x: AxisCovariance, y: AxisCovariance) -> Vector:
-    """Return the covariance (6, 6) of [x y x' y' w_x w_y], where w is the sum of the disturbance's parts."""
-    x_w, x_vw, x_ww = x.pc + x.ps, x.vc + x.vs, x.cc + 2.0 * x.cs + x.ss
-    y_w, y_vw, y_ww = y.pc + y.ps, y.vc + y.vs, y.cc + 2.0 * y.cs + y.ss
-    rows = (
-        (x.pp, 0.0, x.pv, 0.0, x_w, 0.0),
-        (0.0, y.pp, 0.0, y.pv, 0.0, y_w),
-        (x.pv, 0.0, x.vv, 0.0, x_vw, 0.0),
-        (0.0, y.pv, 0.0, y.vv, 0.0, y_vw),
-        (x_w, 0.0, x_vw, 0.0, x_ww, 0.0),
-        (0.0, y_w, 0.0, y_vw, 0.0, y_ww),
-    )
-    return np.array(rows)
+def _spread(covariance: AxisCovariance) -> AxisSpread:
+    """Return the covariance of [p v w], where w is the sum of the disturbance's parts."""
+    pw, vw = covariance.pc + covariance.ps, covariance.vc + covariance.vs
+    ww = covariance.cc + 2.0 * covariance.cs + covariance.ss
+    return covariance.pp, covariance.pv, pw, covariance.vv, vw, ww
 
 
 def _is_jump(before: Telemetry, after: Telemetry) -> bool:
@@ -317,7 +322,7 @@ class _InputHistory:
 
 
 def _steps(plant: Plant, settings: OwnFilterSettings, is_oscillating: bool, step_s: float) -> tuple[Step, Step]:
-    """Return one step along x and along y."""
+    """Return one step along x and along y: the same object where both axes have one plant."""
     exact = exact_step(plant, step_s)
     density, walk = settings.acceleration_noise_m_s2**2, settings.disturbance_noise_m_s2**2 * step_s
 
@@ -342,7 +347,8 @@ def _steps(plant: Plant, settings: OwnFilterSettings, is_oscillating: bool, step
             walk_s=OSCILLATOR_WALK_SHARE**2 * walk if is_oscillating else 0.0,
         )
 
-    return along(plant.x, 0, 2), along(plant.y, 1, 3)
+    x = along(plant.x, 0, 2)
+    return x, x if plant.y == plant.x else along(plant.y, 1, 3)
 
 
 def _ramp_gain(axis: PlantAxis, aimed_p: float, aimed_v: float, step_s: float) -> _Pair:

@@ -9,9 +9,6 @@ from math import sqrt
 from typing import NamedTuple
 
 import msgspec
-import numpy as np
-
-from estimation.state import Vector
 
 _LEAST_M2 = 1e-9
 """Lower bound of an innovation's variance: rounding must not make it negative."""
@@ -41,17 +38,6 @@ class Motion(msgspec.Struct, frozen=True):
     u: float
     v: float
     spread: PlanarCovariance
-
-    @property
-    def mean(self) -> Vector:
-        """The mean (4,)."""
-        return np.array((self.x, self.y, self.u, self.v))
-
-    @property
-    def covariance(self) -> Vector:
-        """The covariance (4, 4)."""
-        xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = msgspec.structs.astuple(self.spread)
-        return np.array([(xx, xy, xu, xv), (xy, yy, yu, yv), (xu, yu, uu, uv), (xv, yv, uv, vv)])
 
 
 class MotionStep(NamedTuple):

@@ -11,7 +11,8 @@ from functools import lru_cache
 from math import exp, inf, sqrt
 
 import msgspec
-from msgspec.structs import replace
+import numpy as np
+from msgspec.structs import astuple, replace
 
 from estimation.filters.planar import Innovation, Motion, MotionStep, PlanarCovariance, predicted, updated
 from estimation.settings import TargetFilterSettings
@@ -125,9 +126,8 @@ class TargetFilter:
         if track is None or now_s - track.accepted_s > self._settings.stale_after_s:
             return None
         motion = self._motion_at(track, max(now_s, track.motion.time_s))
-        return TargetEstimate(
-            motion.time_s, motion.mean, motion.covariance, track.accepted_s, track.importance, track.threat
-        )
+        mean, spread = np.array((motion.x, motion.y, motion.u, motion.v)), astuple(motion.spread)
+        return TargetEstimate(motion.time_s, mean, spread, track.accepted_s, track.importance, track.threat)
 
     @property
     def sighted_s(self) -> float:

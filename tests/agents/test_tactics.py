@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from agents.settings.sections import DecisionSettings
 from agents.tactics import TRANSITIONS, Event, Tactic, decides_to_encircle, diagram, mixing_share, next_tactic
 from estimation.state import TargetEstimate
+from tests.support.estimates import target_spread
 
 # One line for each tactic, one letter for each event in the order below; '.' changes nothing.
 EVENTS = (
@@ -84,7 +85,7 @@ def test_the_decision_at_its_thresholds(
 ) -> None:
     position = np.array([35.0, -5.0])
     place = position + distance * np.array([np.cos(bearing), np.sin(bearing)])
-    target = TargetEstimate(0.0, np.array([*place, 9.0, 9.0]), np.eye(4), 0.0, importance, threat)
+    target = TargetEstimate(0.0, np.array([*place, 9.0, 9.0]), target_spread(1.0), 0.0, importance, threat)
     assert decides_to_encircle(target, position, THRESHOLDS) is engages
 
 

@@ -90,7 +90,7 @@ def test_next_to_the_centre_nothing_is_divided_by_zero() -> None:
 @pytest.mark.parametrize("wanted", [(0.0, 0.0), (0.7, 0.0), (0.0, -0.2), (-1.1, 0.15)])
 def test_the_plant_answers_with_the_polar_acceleration_wanted(polar: Polar, wanted: tuple[float, float]) -> None:
     motion = motion_from_polar(polar, TARGET)
-    setpoint = aim_for(motion, polar, np.array(wanted), WIND, PLANT)
+    setpoint = aim_for(motion, polar, wanted, WIND, PLANT)
 
     def mean_acceleration(step_s: float) -> Vector:
         # The target goes on in a straight line, and so does not accelerate.
@@ -108,7 +108,7 @@ def test_a_vehicle_on_its_circle_keeps_to_it_about_a_moving_target() -> None:
     polar, step_s = Polar(10.0, 0.0, 0.0, 0.15), 1e-3
     motion, target = motion_from_polar(polar, TARGET), TARGET.copy()
     for _ in range(10_000):
-        setpoint = aim_for(motion, polar_from_motion(motion, target), np.zeros(2), WIND, PLANT)
+        setpoint = aim_for(motion, polar_from_motion(motion, target), (0.0, 0.0), WIND, PLANT)
         motion = exact_step(PLANT, step_s).advance(motion, setpoint, WIND)
         target[:2] += target[2:] * step_s
     after = polar_from_motion(motion, target)

@@ -9,7 +9,7 @@ import pytest
 from agents.ring.feasibility import Orbit
 from agents.ring.place import scaled_gain_per_s, spacing_errors_rad
 from agents.ring.reference import RingReference, RingWay
-from agents.ring.transition import transition_rate_rad_s
+from agents.ring.transition import transition_of, transition_rate_rad_s
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
 from estimation.state import Vector
@@ -91,14 +91,16 @@ def test_a_transition_keeps_its_bounds_and_no_spacing_overshoots(
 def test_without_a_bound_the_rate_is_that_of_the_paper(make_config: Maker) -> None:
     settings = make_config(encirclement={"spacing_gain_per_s": 0.3}).encirclement
     # (22) by hand: 0.05 + 0.3 / 3 (lead - lag), with lead - lag twice the error.
-    assert transition_rate_rad_s([0.1, -0.06, -0.04], ORBIT, settings) == pytest.approx(0.05 + 0.1 * 0.2)
-    assert transition_rate_rad_s([0.0, 0.0], ORBIT, settings) == 0.05
+    assert transition_rate_rad_s([0.1, -0.06, -0.04], ORBIT, transition_of(settings)) == pytest.approx(0.05 + 0.1 * 0.2)
+    assert transition_rate_rad_s([0.0, 0.0], ORBIT, transition_of(settings)) == 0.05
 
 
 def test_a_bound_on_one_vehicle_scales_the_corrections_of_all(make_config: Maker) -> None:
     settings = make_config(encirclement={"spacing_speed_max_m_s": 0.5, "spacing_gain_per_s": 0.3}).encirclement
     errors = [1.0, -0.4, -0.6]
-    wanted = np.array([transition_rate_rad_s(np.roll(errors, -k).tolist(), ORBIT, settings) for k in range(3)])
+    wanted = np.array(
+        [transition_rate_rad_s(np.roll(errors, -k).tolist(), ORBIT, transition_of(settings)) for k in range(3)]
+    )
     shares = np.diff(wanted) / np.diff(errors)
     assert shares == pytest.approx(shares[0])
     assert shares[0] < 0.2  # 2 gamma / 3 without the bound

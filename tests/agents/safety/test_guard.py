@@ -17,6 +17,7 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import OwnEstimate, TargetEstimate, Vector
+from tests.support.estimates import own_spread, target_spread
 from tests.support.solver import slsqp
 
 Maker = Callable[..., AgentConfig]
@@ -34,9 +35,9 @@ def situation(
     sigma_m: float = 0.0,
 ) -> Situation:
     mean = np.array([*place, *velocity, *wind])
-    own = OwnEstimate(10.0, mean, np.diag([sigma_m**2] * 2 + [0.0] * 4))
+    own = OwnEstimate(10.0, mean, own_spread(sigma_m))
     seen = None if target is None else np.array([*target, *target_velocity])
-    estimate = None if seen is None else TargetEstimate(10.0, seen, np.zeros((4, 4)), 10.0, 0.8, 0.2)
+    estimate = None if seen is None else TargetEstimate(10.0, seen, target_spread(), 10.0, 0.8, 0.2)
     return Situation(10.0, 10.05, own, mean[:4], mean[4:], estimate, None, seen)
 
 
@@ -381,7 +382,7 @@ def meet(config: AgentConfig, starts: Sequence[Pair], goals: Sequence[Pair], sha
         for index, motion in enumerate(motions):
             other = motions[1 - index]
             there = Body(tuple(other[:2]), tuple(other[2:]), STILL, 3.0, shares[1 - index])
-            own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), np.zeros((6, 6)))
+            own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), own_spread())
             seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
             goal = np.array(goals[index])
             lead = goal - motion[:2]
@@ -427,7 +428,7 @@ def test_a_vehicle_flies_to_the_fence_without_crossing_it(make_config: Maker) ->
     for plant, (one, other) in zip(PERTURBED, pairwise([(0.0, 0.0), (3.0, -9.0), (9.5, 9.5)]), strict=True):
         motion, guard = np.array([*one, 2.0, 1.0]), Guard(config)
         for _ in range(300):
-            own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), np.zeros((6, 6)))
+            own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), own_spread())
             seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
             aim = motion[:2] + np.array(other) / hypot(*other) * 6.0
             motion = exact_step(plant, 0.1).advance(motion, guard.check(seen, aim, []).aim_m, np.zeros(2))

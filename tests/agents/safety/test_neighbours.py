@@ -19,6 +19,7 @@ from agents.team.messages import MemberState
 from estimation.plant.model import exact_step
 from estimation.state import OwnEstimate, Telemetry
 from tests.conftest import CONFIG, STUB
+from tests.support.estimates import own_spread
 from tests.support.team import a_team
 
 Maker = Callable[..., AgentConfig]
@@ -28,7 +29,7 @@ STILL = (0.0, 0.0)
 
 def situation(now_s: float, acts_after_s: float = 0.05, sigma_m: float = 0.0) -> Situation:
     mean = np.zeros(6)
-    own = OwnEstimate(now_s, mean, np.diag([sigma_m**2, (sigma_m / 2.0) ** 2, 0.0, 0.0, 0.0, 0.0]))
+    own = OwnEstimate(now_s, mean, own_spread(sigma_m, sigma_m / 2.0))
     return Situation(now_s, now_s + acts_after_s, own, mean[:4], mean[4:], None, None, None, height_m=HEIGHT_M)
 
 

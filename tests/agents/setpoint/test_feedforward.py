@@ -25,6 +25,7 @@ from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Decision
 from gcs.mission.mission import Mission
 from gcs.replay.cores import replay
+from tests.support.estimates import own_spread
 from tests.support.flight_logs import engaging, record_simulation
 from tests.support.mission_text import Place
 
@@ -39,7 +40,7 @@ pairs, rates = st.tuples(metres, metres), st.tuples(speeds, speeds)
 
 def seen(place: Pair = STILL, speed: Pair = STILL, wind: Pair = STILL) -> Situation:
     mean = np.array([*place, *speed, *wind])
-    return Situation(1.0, 1.1, OwnEstimate(1.0, mean, np.eye(6)), mean[:4], mean[4:], None, None, None)
+    return Situation(1.0, 1.1, OwnEstimate(1.0, mean, own_spread(1.0)), mean[:4], mean[4:], None, None, None)
 
 
 def split(

@@ -18,6 +18,7 @@ from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
+from tests.support.estimates import own_spread, target_spread
 from tests.support.mission_text import content, faults, parsed, put
 
 Maker = Callable[..., AgentConfig]
@@ -35,11 +36,11 @@ def seen(
     target_sigma_m: float = 0.1,
 ) -> Situation:
     mean = np.array([*position_m, *velocity_m_s, 0.0, 0.0])
-    own = OwnEstimate(1.0, mean, np.eye(6) * 1e-4)
+    own = OwnEstimate(1.0, mean, own_spread(0.01))
     if target_m is None:
         return Situation(1.0, 1.1, own, mean[:4], mean[4:], None, None, None)
     motion = np.array([*target_m, 0.0, 0.0])
-    target = TargetEstimate(1.0, motion, np.eye(4) * target_sigma_m**2, 1.0, 0.8, 0.2)
+    target = TargetEstimate(1.0, motion, target_spread(target_sigma_m), 1.0, 0.8, 0.2)
     return Situation(1.0, 1.1, own, mean[:4], mean[4:], target, None, motion)
 
 

@@ -9,6 +9,7 @@ import pytest
 from agents.settings.config import AgentConfig
 from agents.situation.target_blend import TargetBlend
 from estimation.state import TargetEstimate, Vector
+from tests.support.estimates import target_spread
 
 Maker = Callable[..., AgentConfig]
 PERIOD_S = 0.1
@@ -16,7 +17,7 @@ GONE_S, BACK_S = 10.0, 30.0
 
 
 def estimate(now_s: float, sighted_s: float, motion: Vector) -> TargetEstimate:
-    return TargetEstimate(now_s, motion, np.eye(4), sighted_s, 0.8, 0.2)
+    return TargetEstimate(now_s, motion, target_spread(1.0), sighted_s, 0.8, 0.2)
 
 
 def centres(blend: TargetBlend, until_s: float = 120.0) -> list[tuple[float, Vector]]:

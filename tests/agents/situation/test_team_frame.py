@@ -10,6 +10,7 @@ from agents.situation.team_frame import TeamFrame
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, TargetFilterSettings
 from estimation.state import VELOCITY, Sighting, TargetEstimate, Telemetry
+from tests.support.estimates import target_spread
 
 Maker = Callable[..., AgentConfig]
 WANDERING = OwnFilterSettings(wander_m=0.25)
@@ -20,7 +21,7 @@ def sighting(time_s: float, sensor_id: int, x: float, sigma_m: float = 0.25) -> 
 
 
 def target(time_s: float) -> TargetEstimate:
-    return TargetEstimate(time_s, np.zeros(4), 0.01 * np.eye(4), time_s, 0.8, 0.2)
+    return TargetEstimate(time_s, np.zeros(4), target_spread(0.1), time_s, 0.8, 0.2)
 
 
 def watched(frame: TeamFrame, own_m: float, seconds: float = 20.0) -> None:

@@ -17,6 +17,7 @@ from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
+from tests.support.estimates import own_spread, target_spread
 
 START_S = 1_700_000_000.0  # a mission starts somewhere on the Unix clock
 Motion = Callable[[float], tuple[float, float, float, float]]
@@ -58,7 +59,7 @@ def status(
 
 
 def situation(time_s: float, mean: Vector) -> Situation:
-    own = OwnEstimate(time_s, mean, np.eye(6))
+    own = OwnEstimate(time_s, mean, own_spread(1.0))
     return Situation(time_s, time_s, own, mean[:4], mean[4:], None, None, None)
 
 
@@ -314,7 +315,7 @@ def test_each_track_has_the_target_as_its_vehicle_estimates_it(mission: Mission)
     for time_s in np.arange(0.0, 10.05, 0.1).tolist():
         known = status(1, time_s)
         assert known.situation is not None
-        target = TargetEstimate(START_S + time_s, seen(time_s), np.eye(4), START_S + time_s, 1.0, 0.0)
+        target = TargetEstimate(START_S + time_s, seen(time_s), target_spread(1.0), START_S + time_s, 1.0, 0.0)
         sees = target if time_s > 3.95 else None
         journal.note(
             msgspec.structs.replace(known, situation=msgspec.structs.replace(known.situation, target=sees)), 80.0
