@@ -31,7 +31,6 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
-from agents.team.codec import encode
 from agents.team.messages import CommandAnswer, NeighbourAngle, OperatorCommand, StartProposal, TargetPackage
 from estimation.state import Sighting, Telemetry
 from gcs.cli import main
@@ -387,21 +386,19 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
     LateTicks(3): ("3 ticks",),
     Bus(alive=False): ("bus",),
     Drops(too_many=7, unknown_key=1): ("too many 7", "unknown key 1"),
-    Message(101.0, encode(StartProposal(3, 100.5, None)), "start/2"): ("dropped", "start/2", "start/3"),
     Computer("memory"): ("computer", "memory"),
     Telemetry(101.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.5)): ("1.000 s", "(1.000, 2.000, 3.000) m", "0.500) m/s"),
     Sighting(101.0, 2, (1.0, 2.0), (0.25, 0.0, 0.04), 0.8, 0.2): ("(1.000, 2.000) m", "0.50 m", "importance 0.800"),
     Sighting(101.0, 2, (1.0, 2.0), (0.2, 0.0, 0.2), 0.8, 0.2, 7.5, 0.4): ("altitude 7.500 m", "0.40 m"),
-    Message(101.0, b"\xff"): ("1.000 s", "1 bytes"),
-    Message(101.0, encode(NeighbourAngle(3, 100.5, 1.0, 0.05, 10.0))): ("vehicle 3", "0.500 s", "1.000 rad"),
-    Message(101.0, encode(TargetPackage(3, 100.5, (1.0, 2.0), (1.0, 0.0, 1.0), 0.8, 0.2, ()))): (
+    Message(101.0, NeighbourAngle(3, 100.5, 1.0, 0.05, 10.0)): ("vehicle 3", "0.500 s", "1.000 rad"),
+    Message(101.0, TargetPackage(3, 100.5, (1.0, 2.0), (1.0, 0.0, 1.0), 0.8, 0.2, ())): (
         "vehicle 3",
         "0.500 s",
         "(1.000, 2.000) m",
     ),
-    Message(101.0, encode(StartProposal(3, 100.5, None))): ("vehicle 3", "start"),
-    Message(101.0, encode(CommandAnswer(3, 100.5, 7, "holds"))): ("vehicle 3", "command 7", "holds"),
-    Message(101.0, encode(OperatorCommand(100.5, "hold", None, "ground", 7))): ("ground", "all vehicles", "hold"),
+    Message(101.0, StartProposal(3, 100.5, None)): ("vehicle 3", "start"),
+    Message(101.0, CommandAnswer(3, 100.5, 7, "holds")): ("vehicle 3", "command 7", "holds"),
+    Message(101.0, OperatorCommand(100.5, "hold", None, "ground", 7)): ("ground", "all vehicles", "hold"),
     Command(101.0, OperatorCommand(100.5, "land", 2, "ground", 7)): ("ground", "vehicle 2", "land", "command 7"),
     Command(101.0, OperatorCommand(100.5, "formation", None, "ground", 7, "wedge")): ("formation wedge",),
     Killed(101.0, "it flies on"): ("motors", "it flies on"),
