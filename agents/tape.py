@@ -151,7 +151,7 @@ class TapedCore(VehicleCore):
 
     def on_vehicle(self, status: VehicleStatus) -> None:
         """See VehicleCore."""
-        if status != self._autopilot:
+        if status is not self._autopilot and status != self._autopilot:
             self._autopilot = status
             self._write(Autopilot(status))
         super().on_vehicle(status)

@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from tests.support.loop_stages import STAGES, methods
 from tests.support.paths import ROOT
 
 PROGRAMS = sorted(
@@ -28,3 +29,8 @@ def test_experiments_describe_themselves(capsys: pytest.CaptureFixture[str], mon
         if ended.value.code != 0 or f"python -m {module}" not in usage or not description[0].isupper():
             faults.append(f"{name}: {shown}")
     assert faults == []
+
+
+def test_the_stages_of_a_flight_that_are_timed_exist() -> None:
+    """A method that is renamed would drop out of the profile unnoticed."""
+    assert {stage for stage, _, _ in methods()} == set(STAGES)
