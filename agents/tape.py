@@ -15,9 +15,7 @@ from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event
-from agents.team.admission import refusal
-from agents.team.codec import decode, encode
-from agents.team.messages import BusMessage, OperatorCommand, key_of
+from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Sighting, Telemetry
 
 
@@ -64,11 +62,10 @@ class Computer(msgspec.Struct, frozen=True):
 
 
 class Message(msgspec.Struct, frozen=True):
-    """`on_message`: what came over the bus, when, and on which key below the team's; the oldest logs have none."""
+    """`on_message`: what came over the bus, the same object for all cores of a process, and when."""
 
     now_s: float
-    payload: bytes
-    key: str = ""
+    message: BusMessage
 
 
 class Command(msgspec.Struct, frozen=True):
@@ -154,7 +151,7 @@ class TapedCore(VehicleCore):
 
     def on_vehicle(self, status: VehicleStatus) -> None:
         """See VehicleCore."""
-        if status != self._autopilot:
+        if status is not self._autopilot and status != self._autopilot:
             self._autopilot = status
             self._write(Autopilot(status))
         super().on_vehicle(status)
@@ -199,7 +196,7 @@ class TapedCore(VehicleCore):
 
     def on_message(self, message: BusMessage, now_s: float) -> None:
         """See VehicleCore."""
-        self._write(Message(now_s, encode(message), key_of(message)))
+        self._write(Message(now_s, message))
         super().on_message(message, now_s)
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
@@ -233,21 +230,6 @@ def play(core: VehicleCore, item: CoreInput) -> TickOutput | None:
     return None
 
 
-def taped_message(item: Message) -> BusMessage | None:
-    """Return the message of an input, None where older logs hold one that was not admitted."""
-    try:
-        message = decode(item.payload)
-    except ValueError:
-        return None
-    return None if item.key and refusal(item.key, message) is not None else message
-
-
-def _play_message(core: VehicleCore, item: Message) -> None:
-    message = taped_message(item)
-    if message is not None:
-        core.on_message(message, item.now_s)
-
-
 _CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     TimeScale: lambda core, item: core.set_time_scale(item.factor),
     Start: lambda core, item: core.start(item.at_s),
@@ -259,7 +241,7 @@ _CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     Computer: lambda core, item: core.on_computer(item.short_of),
     Telemetry: lambda core, item: core.on_telemetry(item),
     Sighting: lambda core, item: core.on_sighting(item),
-    Message: _play_message,
+    Message: lambda core, item: core.on_message(item.message, item.now_s),
     Command: lambda core, item: core.on_command(item.command, item.now_s),
     Killed: lambda core, item: core.on_killed(item.refusal, item.now_s),
     Presence: lambda core, item: core.on_presence(item.vehicle_id, item.present),

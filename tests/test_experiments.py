@@ -13,6 +13,7 @@ from estimation.state import Vector
 from tests.experiments import planner_rivals
 from tests.experiments.planner_rivals import CORDON, approach, ring_config
 from tests.experiments.planner_solvers import Rival, unsolved
+from tests.support.loop_stages import STAGES, methods
 from tests.support.paths import ROOT
 
 PROGRAMS = sorted(
@@ -86,3 +87,8 @@ def test_only_a_rival_that_solves_the_same_problem_is_compared(
 
 def test_the_time_of_an_import_is_measured() -> None:
     assert 0.0 < planner_rivals.import_s("math") < planner_rivals.import_s("asyncio")
+
+
+def test_the_stages_of_a_flight_that_are_timed_exist() -> None:
+    """A method that is renamed would drop out of the profile unnoticed."""
+    assert {stage for stage, _, _ in methods()} == set(STAGES)

@@ -6,7 +6,7 @@ from agents.outputs import TickOutput
 from agents.ports import TargetSensor
 from agents.shell.outcome import LoopReport
 from agents.shell.parts import AgentParts
-from agents.shell.ticker import Ticker, TickerStatistics
+from agents.shell.ticker import Ticker, TickerStatistics, first_deadline_s
 from agents.team.admission import Admission
 
 
@@ -30,9 +30,15 @@ class ControlLoop:
         return LoopReport(statistics.ticks, statistics.missed)
 
     def ticker(self) -> Ticker:
-        """Return a ticker at the core's rate that begins now."""
-        clock = self._parts.clock
-        return Ticker(self.period_s, clock.now_s, speed=clock.speed)
+        """Return a ticker at the core's rate that begins within a period.
+
+        The ticks of a team's vehicles are spread evenly over the period, in the order of their ids: at the same instant
+        the last vehicle of a process would be late by the ticks of all others.
+        """
+        clock, config = self._parts.clock, self._parts.config
+        phase = sorted(config.slots).index(config.vehicle_id) / len(config.slots)
+        start_s = first_deadline_s(clock.now_s(), self.period_s, phase)
+        return Ticker(self.period_s, clock.now_s, speed=clock.speed, start_s=start_s)
 
     def control_ticker(self) -> Ticker:
         """Return the same for ticks with control of the vehicle: these are counted."""

@@ -6,7 +6,7 @@ A tick that comes a whole period late is counted and skipped, never made up in a
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from math import floor, isfinite
+from math import ceil, floor, isfinite
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,14 @@ class TickerStatistics:
     late_max_s: float = 0.0
 
 
+def first_deadline_s(now_s: float, period_s: float, phase: float) -> float:
+    """Return the first time from `now_s` on that is `phase` periods (0 to 1) after a whole number of periods [s]."""
+    return (ceil(now_s / period_s - phase) + phase) * period_s
+
+
 class Ticker:
-    """Ticks every `period_s` of the mission clock, from its first use on: `async for tick in ticker`.
+    """Ticks every `period_s` of the mission clock: `async for tick in ticker`. The first deadline is `start_s`, by
+    default the first use.
 
     `now_s` gives mission seconds, which pass `speed` times as fast as wall seconds; `sleep` takes wall
     seconds and may return early or late (asyncio's is up to a millisecond late). Deadlines lie on one grid:
@@ -44,9 +50,9 @@ class Ticker:
         now_s: Callable[[], float],
         *,
         speed: float = 1.0,
+        start_s: float | None = None,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
-        """Take the rate; the first deadline is the first time somebody waits."""
         for name, value in (("period_s", period_s), ("speed", speed)):
             if not (isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} = {value}: it must be positive")
@@ -54,7 +60,7 @@ class Ticker:
         self._now_s = now_s
         self._speed = speed
         self._sleep = sleep
-        self._start_s: float | None = None
+        self._start_s = start_s
         self._next_index = 0
         self._ticks = 0
         self._missed = 0

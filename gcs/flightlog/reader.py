@@ -12,12 +12,16 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 from mcap.records import Channel, Schema
 
+from agents.tape import Message as BusInput
+from agents.team.admission import refusal
+from agents.team.codec import decode
+from agents.team.messages import BusMessage
 from estimation.plain_file import open_plain
 from gcs.flightlog.container import Container, Entry, Message, NoContainerError
 from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.record_counter import RecordCounter
-from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Run, RunEnd
+from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, FormerMessage, Run, RunEnd, Taken
 from gcs.flightlog.schema import PACKAGE, Decoder
 
 KINDS: Mapping[str, type[Any]] = {name: kind for kind, name in VEHICLE_TOPICS.items()}
@@ -95,6 +99,29 @@ class FlightLog:
         """How the run ended, None where nobody lived to say so."""
         return next((each.read(RunEnd) for each in reversed(self.run_records) if each.kind is RunEnd), None)
 
+    @cached_property
+    def carried(self) -> dict[int, BusMessage]:
+        """The messages that cores of its process took, by place; those that cannot be decoded are left out."""
+        carried = (each.message() for each in self.run_records if each.kind is Carried)
+        decoded = ((each.number, _decoded(each.payload)) for each in carried)
+        return {place: message for place, message in decoded if message is not None}
+
+    def messages(self, record: LogRecord) -> list[BusInput]:
+        """Return what a record says that a core took from the bus; raises LogError where a message is lost.
+
+        In logs before format 3 a record may be of a message that was not admitted: then there is none.
+        """
+        if record.kind is FormerMessage:
+            former = record.read(FormerMessage)
+            message = _decoded(former.payload)
+            dropped = message is None or (former.key and refusal(former.key, message) is not None)
+            return [] if message is None or dropped else [BusInput(former.now_s, message)]
+        taken = record.read(Taken)
+        lost = [place for place in taken.places if place not in self.carried]
+        if lost:
+            raise LogError([f"{self.path}: message {lost[0]} of the bus is missing or damaged"])
+        return [BusInput(now_s, self.carried[at]) for at, now_s in zip(taken.places, taken.times_s, strict=True)]
+
     def of_kind(self, vehicle_id: int, kind: type[RecordT]) -> Iterator[RecordT]:
         """Return a vehicle's records of one kind, in order."""
         return (each.read(kind) for each in self.vehicles.get(vehicle_id, ()) if each.kind is kind)
@@ -128,6 +155,13 @@ def read_log(path: Path) -> FlightLog:
         log.faults.append(f"it was written by a newer version of cordon (format {log.run.format}, known is {FORMAT})")
         _leave_out_unknown(log)
     return log
+
+
+def _decoded(payload: bytes) -> BusMessage | None:
+    try:
+        return decode(payload)
+    except ValueError:
+        return None
 
 
 @contextmanager

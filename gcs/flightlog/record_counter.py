@@ -4,7 +4,7 @@ from collections import defaultdict
 
 
 class RecordCounter:
-    """The counts of a log's records. A vehicle's records are numbered, so that missing ones are detected."""
+    """The counts of a log's records. Those of a vehicle and the bus messages are numbered: missing ones show."""
 
     def __init__(self) -> None:
         self.records: defaultdict[int, int] = defaultdict(int)
@@ -16,11 +16,11 @@ class RecordCounter:
 
     def note(self, vehicle_id: int, time_ns: int, payload: bytes) -> bool:
         """Count a record, encoded; vehicle 0 is the run as a whole. Return whether it is one."""
-        if vehicle_id:
-            number = _number(payload)
-            if not number:
-                self.damaged += 1
-                return False
+        number = _number(payload)
+        if vehicle_id and not number:
+            self.damaged += 1
+            return False
+        if number:
             last, last_ns = self._seen.get(vehicle_id, (0, time_ns))
             if number != last + 1:
                 self._miss(vehicle_id, number - last - 1, last_ns, time_ns)
@@ -68,7 +68,8 @@ class RecordCounter:
         order = f", {missing_range.disordered} are out of order" if missing_range.disordered else ""
         places = f" in {missing_range.places} places" if missing_range.places > 1 else ""
         when = f"between {begin_s:.1f} and {end_s:.1f} s of the log"
-        return f"vehicle {vehicle_id}: {missing_range.missing} records are missing{places}{order}, {when}"
+        whose = f"vehicle {vehicle_id}" if vehicle_id else "messages of the bus"
+        return f"{whose}: {missing_range.missing} records are missing{places}{order}, {when}"
 
 
 class _MissingRange:

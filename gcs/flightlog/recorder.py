@@ -12,9 +12,11 @@ from types import TracebackType
 from typing import Self
 
 from agents.outputs import TickOutput
-from agents.tape import CoreInput
+from agents.tape import CoreInput, Message
+from agents.team.codec import encode
+from agents.team.messages import BusMessage, OperatorCommand
 from gcs.flightlog.audit.trail import AuditTrail
-from gcs.flightlog.records import Decision, recorded
+from gcs.flightlog.records import Carried, Decision, Taken, recorded
 from gcs.flightlog.writer import LogWriter, Picture
 
 CLOSING_TIMEOUT_S = 10.0
@@ -22,7 +24,10 @@ DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 0.8
 """A killed process loses the records since the last flush, which may be late by one drain: less than a second."""
 QUEUE_MAX = 100_000
 """Items, several minutes of a team. The queue is full only if the disk hangs; further items are lost and detected."""
-
+TOGETHER_MAX = 256
+"""Messages in one record."""
+CARRIED_KEPT = 8192
+"""Messages whose places are known: cores take a message within a tick of one another, here within seconds."""
 
 _Item = tuple[int, int, float, object]
 """A vehicle's id (0: the run's), the number and time of the record, and the record or what makes one."""
@@ -49,6 +54,8 @@ class Recorder:
         self._speed = speed
         self._picture = picture
         self._queue: deque[_Item] = deque()
+        self._tapes: list[VehicleTape] = []
+        self._carried = _CarriedMessages()
         self._eventful = False
 
     @property
@@ -58,7 +65,9 @@ class Recorder:
 
     def tape(self, vehicle_id: int) -> "VehicleTape":
         """Return the tape of a vehicle's core."""
-        return VehicleTape(vehicle_id, self._queue, self._now_s, self._overflow)
+        tape = VehicleTape(vehicle_id, self._queue, self._now_s, self._overflow)
+        self._tapes.append(tape)
+        return tape
 
     def note(self, vehicle_id: int, number: int, record: object, time_s: float | None = None) -> None:
         """Add a record, with the present time by default; never blocks, never raises."""
@@ -92,6 +101,8 @@ class Recorder:
 
     def close(self) -> None:
         """Write the remaining records and close the log."""
+        for tape in self._tapes:
+            tape.end()
         self._drain()
         if self._audit is not None:
             self.note(0, 0, self._audit.closed(self._now_s()))
@@ -99,12 +110,13 @@ class Recorder:
         self._writer.close()
 
     def _write(self, vehicle_id: int, number: int, time_s: float, time_ns: int, item: object) -> None:
-        record = recorded(item)
+        record = self._taken(time_ns, item) if isinstance(item, list) else recorded(item)
         self._eventful |= type(record) is Decision and bool(record.notes)
         self._writer.write(vehicle_id, number, time_ns, record)
         if self._audit is not None:
-            for entry in self._audit.take(vehicle_id, time_s, item):
-                self._writer.write(0, 0, time_ns, entry)
+            for each in _commands(item) if isinstance(item, list) else (item,):
+                for entry in self._audit.take(vehicle_id, time_s, each):
+                    self._writer.write(0, 0, time_ns, entry)
         if self._picture is None:
             return
         try:
@@ -113,8 +125,37 @@ class Recorder:
             self._picture = None
             self.fail(f"what only viewers need ended: {_error_text(error)}")
 
+    def _taken(self, time_ns: int, messages: list[Message]) -> Taken:
+        """Return the record of messages that a core took; those that no core took before are written first."""
+        places = []
+        for each in messages:
+            place, is_new = self._carried.place(each.message)
+            if is_new:
+                self._writer.write(0, place, time_ns, Carried(encode(each.message)))
+            places.append(place)
+        return Taken(tuple(places), tuple([each.now_s for each in messages]))
+
     def _overflow(self) -> None:
         self.fail("its disk is too slow: records are missing")
+
+
+class _CarriedMessages:
+    """The places of the newest messages that cores took. A message is one object for all cores of a process."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._places: dict[int, tuple[int, BusMessage]] = {}
+
+    def place(self, message: BusMessage) -> tuple[int, bool]:
+        """Return the place of a message among all, from 1 on, and whether it is a new one."""
+        known = self._places.get(id(message))
+        if known is not None:
+            return known[0], False
+        self._count += 1
+        if len(self._places) == CARRIED_KEPT:
+            del self._places[next(iter(self._places))]
+        self._places[id(message)] = self._count, message  # while it is kept, no other object has its id
+        return self._count, True
 
 
 class RecorderThread:
@@ -159,7 +200,7 @@ class RecorderThread:
 
 
 class VehicleTape:
-    """The tape of one vehicle's core, with further records of the vehicle."""
+    """The tape of one vehicle's core, with further records of the vehicle. Messages in a row become one record."""
 
     def __init__(
         self,
@@ -173,24 +214,38 @@ class VehicleTape:
         self._now_s = now_s
         self._overflow = overflow
         self._number = 0
+        self._messages: list[Message] = []
 
     def write(self, item: CoreInput | TickOutput) -> None:
         """Add the next item; never blocks, never raises."""
-        self._number += 1
-        queue = self._queue
-        if len(queue) < QUEUE_MAX:
-            queue.append((self._vehicle_id, self._number, self._now_s(), item))
+        if type(item) is Message:
+            self._messages.append(item)
+            if len(self._messages) == TOGETHER_MAX:
+                self.end()
         else:
-            self._overflow()
+            self.note(item)
 
     def note(self, record: object, time_s: float | None = None) -> None:
         """Add any record, with the present time by default."""
+        self.end()
+        self._add(record, self._now_s() if time_s is None else time_s)
+
+    def end(self) -> None:
+        """Add the record of the messages that came last."""
+        if self._messages:
+            messages, self._messages = self._messages, []
+            self._add(messages, self._now_s())
+
+    def _add(self, record: object, time_s: float) -> None:
         self._number += 1
         if len(self._queue) < QUEUE_MAX:
-            time_s = self._now_s() if time_s is None else time_s
             self._queue.append((self._vehicle_id, self._number, time_s, record))
         else:
             self._overflow()
+
+
+def _commands(messages: list[Message]) -> list[Message]:
+    return [each for each in messages if isinstance(each.message, OperatorCommand)]
 
 
 def _error_text(error: BaseException) -> str:

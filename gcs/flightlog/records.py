@@ -17,7 +17,6 @@ from agents.tape import (
     Computer,
     Killed,
     LateTicks,
-    Message,
     Presence,
     Start,
     TacticEvent,
@@ -30,8 +29,8 @@ from gcs.flightlog.audit.entry import AuditEntry
 
 PROFILE = "cordon"
 """The word by which an MCAP file says whose it is."""
-FORMAT = 2
-"""Of the log: a reader knows all up to its own."""
+FORMAT = 3
+"""Of the log: a reader knows all up to its own. Before 3 each vehicle's records held the messages themselves."""
 
 
 class PlantText(msgspec.Struct, frozen=True):
@@ -81,6 +80,27 @@ class Vehicle(msgspec.Struct, frozen=True):
     autopilot: str
     firmware: str
     parameters: tuple[Parameter, ...]
+
+
+class Carried(msgspec.Struct, frozen=True):
+    """A message of the bus that cores of this process took; its number is its place among them, from 1 on."""
+
+    payload: bytes
+
+
+class Taken(msgspec.Struct, frozen=True):
+    """`on_message`, one or more times in a row: the places of the messages among all `Carried`, and when each came."""
+
+    places: tuple[int, ...]
+    times_s: tuple[float, ...]
+
+
+class FormerMessage(msgspec.Struct, frozen=True):
+    """`on_message` in logs before format 3: what came over the bus, when, and on which key; the oldest have no key."""
+
+    now_s: float
+    payload: bytes
+    key: str = ""
 
 
 class LocalCommand(msgspec.Struct, frozen=True):
@@ -209,7 +229,7 @@ class RunEnd(msgspec.Struct, frozen=True):
     wall_time_s: float
 
 
-RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end", AuditEntry: "audit"}
+RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end", AuditEntry: "audit", Carried: "carried"}
 VEHICLE_TOPICS: dict[type, str] = {
     TimeScale: "time_scale",
     Start: "start",
@@ -221,7 +241,8 @@ VEHICLE_TOPICS: dict[type, str] = {
     Computer: "computer",
     Telemetry: "telemetry",
     Sighting: "sighting",
-    Message: "message",
+    Taken: "taken",
+    FormerMessage: "message",
     LocalCommand: "command",
     Killed: "killed",
     Presence: "presence",

@@ -10,7 +10,7 @@ from foxglove.mcap import MCAPWriteOptions
 
 from gcs.flightlog.disk import Disk
 from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS, Run
-from gcs.flightlog.schema import Codec
+from gcs.flightlog.schema import Codec, codec_of
 
 SIZE_MAX_BYTES = 2_000_000_000
 """The largest log; it ends there. Eight hours of three vehicles at 20 Hz."""
@@ -95,7 +95,7 @@ class LogWriter:
 
     def _open_channel(self, kind: type[Any], vehicle_id: int) -> tuple[Channel, Codec]:
         topic = f"/vehicle/{vehicle_id}/{VEHICLE_TOPICS[kind]}" if vehicle_id else f"/{RUN_TOPICS[kind]}"
-        codec = Codec(kind)
+        codec = codec_of(kind)  # type: ignore[arg-type]  # mypy holds that type[Any] has no hash
         schema = Schema(name=codec.name, encoding="protobuf", data=codec.schema)
         channel = Channel(topic, schema=schema, message_encoding="protobuf", context=self.context)
         self._channels[kind, vehicle_id] = channel, codec

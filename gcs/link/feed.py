@@ -178,10 +178,10 @@ class VehicleFeed:
         # On MAVSDK's thread: the time of reception is now, not when the event loop runs.
         times_s = (time.monotonic(), attitude.timestamp_us * 1e-6)
         with suppress(RuntimeError):  # the loop is closed already
-            self._loop.call_soon_threadsafe(self._take_clock, times_s)
-            self._loop.call_soon_threadsafe(self._take_tilt, attitude.roll_deg, attitude.pitch_deg)
+            self._loop.call_soon_threadsafe(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
 
-    def _take_tilt(self, roll_deg: float, pitch_deg: float) -> None:
+    def _take_attitude(self, times_s: tuple[float, float], roll_deg: float, pitch_deg: float) -> None:
+        self._take_clock(times_s)
         if isfinite(roll_deg) and isfinite(pitch_deg):
             self._update(tilt_deg=tilt_deg(roll_deg, pitch_deg))
 

@@ -13,7 +13,7 @@ from estimation.state import Sighting, Telemetry
 from gcs.flightlog.records import Decision
 from gcs.replay.input_text import place
 from gcs.replay.playback import Turn
-from gcs.replay.surroundings import Neighbour, Surroundings, received_message
+from gcs.replay.surroundings import Neighbour, Surroundings
 
 TELEMETRY_GAP_S = 0.5
 """Wall seconds: at this gap several samples are missing."""
@@ -324,8 +324,8 @@ def _sighted_by(turn: Turn) -> str:
     """Return the source of the sightings in a turn."""
     if any(isinstance(item, Sighting) for item in turn.inputs):
         return "own sensor"
-    messages = (received_message(item) for item in turn.inputs if isinstance(item, Message))
-    senders = {package.sender for message in messages if message is not None for package in sightings_of(message)}
+    messages = (item.message for item in turn.inputs if isinstance(item, Message))
+    senders = {package.sender for message in messages for package in sightings_of(message)}
     return f"sighted by {_vehicles(sorted(senders))}" if senders else "earlier sightings"
 
 

@@ -19,9 +19,8 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
-from agents.team.admission import refusal
-from agents.team.codec import decode
 from agents.team.messages import (
+    BusMessage,
     CommandAnswer,
     MemberState,
     NeighbourAngle,
@@ -29,7 +28,6 @@ from agents.team.messages import (
     PeerMessage,
     StartProposal,
     TargetPackage,
-    key_of,
 )
 from estimation.state import Sighting, Telemetry
 
@@ -70,16 +68,10 @@ def _target(item: Sighting | TargetPackage) -> str:
 
 
 def _message(item: Message, time: Time) -> str:
-    return f"received at {time(item.now_s)}: {_payload(item.payload, item.key, time)}"
+    return f"received at {time(item.now_s)}: {_bus_message(item.message, time)}"
 
 
-def _payload(payload: bytes, key: str, time: Time) -> str:
-    try:
-        message = decode(payload)
-    except ValueError as error:
-        return f"{len(payload)} bytes that are not a message: {error}"
-    if key and refusal(key, message) is not None:
-        return f"dropped, on the key {key}, which is not that of its sender: {key_of(message)}"
+def _bus_message(message: BusMessage, time: Time) -> str:
     if isinstance(message, OperatorCommand):
         return _command(message)
     return f"vehicle {message.sender} at {time(message.time_s)}: {_peer_message(message)}"

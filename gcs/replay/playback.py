@@ -1,6 +1,6 @@
 """A log's records of one vehicle as the inputs of its core and the recorded decisions."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -15,7 +15,6 @@ from agents.tape import (
     CoreInput,
     Killed,
     LateTicks,
-    Message,
     Presence,
     Start,
     TacticEvent,
@@ -26,8 +25,8 @@ from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.log_error import LogError
-from gcs.flightlog.reader import FlightLog
-from gcs.flightlog.records import Decision, LocalCommand
+from gcs.flightlog.reader import FlightLog, LogRecord
+from gcs.flightlog.records import Decision, FormerMessage, LocalCommand, Taken
 from gcs.mission.mission import Mission
 
 _CORE_RECORDS = {
@@ -41,7 +40,8 @@ _CORE_RECORDS = {
     Computer,
     Telemetry,
     Sighting,
-    Message,
+    Taken,
+    FormerMessage,
     LocalCommand,
     Killed,
     Presence,
@@ -130,7 +130,7 @@ def _core_records(log: FlightLog, vehicle_id: int) -> Iterator[_ReplayRecord | M
         try:
             fields = record.plain()
             number = int(fields["number"])
-            item = _item(record.kind, fields) if record.kind in _CORE_RECORDS else None
+            items = _items(log, record, fields) if record.kind in _CORE_RECORDS else ()
         except (LogError, msgspec.ValidationError, KeyError, ValueError, TypeError) as error:
             yield MissingRecords(f"record {expected} ({record.kind.__name__.lower()}) cannot be read: {error}")
             expected += 1
@@ -138,19 +138,21 @@ def _core_records(log: FlightLog, vehicle_id: int) -> Iterator[_ReplayRecord | M
         if number != expected:
             yield MissingRecords(_missing(expected, number))
         expected = number + 1
-        if item is not None:
+        for item in items:
             yield _ReplayRecord(number, item, record.payload)
 
 
-def _item(kind: type[Any], fields: dict[str, Any]) -> CoreInput | Decision:
-    if kind is not LocalCommand:
-        item: CoreInput | Decision = msgspec.convert(fields, kind)
-        return item
-    record = msgspec.convert(fields, LocalCommand)
-    command = decode(record.payload)
+def _items(log: FlightLog, record: LogRecord, fields: dict[str, Any]) -> Sequence[CoreInput | Decision]:
+    """Return what stands in a record: messages that came in a row have one record, anything else has its own."""
+    if record.kind in (Taken, FormerMessage):
+        return log.messages(record)
+    if record.kind is not LocalCommand:
+        return (msgspec.convert(fields, record.kind),)
+    local = msgspec.convert(fields, LocalCommand)
+    command = decode(local.payload)
     if not isinstance(command, OperatorCommand):
         raise ValueError("its payload is not an operator command")
-    return Command(record.now_s, command)
+    return (Command(local.now_s, command),)
 
 
 def _missing(expected: int, number: int) -> str:

@@ -4,8 +4,8 @@ from math import hypot, inf
 from typing import NamedTuple
 
 from agents.tactics import Tactic
-from agents.tape import CoreInput, LateTicks, Message, Start, TimeScale, taped_message
-from agents.team.messages import BusMessage, MemberState
+from agents.tape import LateTicks, Message, Start, TimeScale
+from agents.team.messages import MemberState
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision
 from gcs.replay.playback import Turn
@@ -41,9 +41,8 @@ class Surroundings:
                     self.late_ticks = item.count
                 case Telemetry():
                     self.height_m = item.position_m[2]
-            message = received_message(item)
-            if isinstance(message, MemberState):
-                self.members[message.sender] = message
+                case Message(message=MemberState() as state):
+                    self.members[state.sender] = state
         if self.last is not None and self.last.tactic == Tactic.LAND.value:
             self.late_ticks = 0  # ticks during a landing have no fixed rate: late ones are not counted
         self.last = turn.decision or self.last
@@ -64,8 +63,3 @@ class Surroundings:
             if distance_m < (nearest.distance_m if nearest else inf):
                 nearest = Neighbour(member.sender, distance_m)
         return nearest
-
-
-def received_message(item: CoreInput) -> BusMessage | None:
-    """Return the bus message of an input, None where the input is none, or not admitted."""
-    return taped_message(item) if isinstance(item, Message) else None

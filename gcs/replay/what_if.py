@@ -16,7 +16,7 @@ from agents.broadcast import received_sighting
 from agents.settings.config import AgentConfig
 from agents.situation.team_frame import TeamFrame
 from agents.tactics import Tactic
-from agents.tape import Command, Message, Start, TacticEvent, TimeScale, taped_message
+from agents.tape import Command, Message, Start, TacticEvent, TimeScale
 from agents.team.clock_watch import ClockWatch
 from agents.team.inbox import Inbox
 from agents.team.messages import OperatorCommand, sightings_of
@@ -168,8 +168,8 @@ class Feed:
                     yield from self._received(item)
 
     def _received(self, item: Message) -> Iterator[FilterInput]:
-        message = taped_message(item)
-        if message is None or not self._inbox.accepts(message, item.now_s, self._time_scale):
+        message = item.message
+        if not self._inbox.accepts(message, item.now_s, self._time_scale):
             return
         if isinstance(message, OperatorCommand):
             yield message

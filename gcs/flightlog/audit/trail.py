@@ -2,12 +2,11 @@
 
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import suppress
 
 from agents.outputs import TickOutput
 from agents.tape import Command, Message
 from agents.team.codec import decode
-from agents.team.messages import OPERATOR_TOPIC, TOPICS, CommandAnswer, OperatorCommand, key_of
+from agents.team.messages import TOPICS, CommandAnswer, OperatorCommand, key_of
 from gcs.flightlog.audit.entry import AuditEntry, Event, Source, sealed
 
 _REMEMBERED = 1000
@@ -26,11 +25,8 @@ class AuditTrail:
     def take(self, vehicle_id: int, time_s: float, item: object) -> Iterator[AuditEntry]:
         """Return the entries that an item on a vehicle's tape makes."""
         match item:
-            case Message(key=str(key), payload=payload) if key.startswith(f"{OPERATOR_TOPIC}/"):
-                with suppress(ValueError):
-                    message = decode(payload)
-                    if isinstance(message, OperatorCommand) and message.vehicle in (None, vehicle_id):
-                        yield from self._received(vehicle_id, time_s, message, "bus", key)
+            case Message(message=OperatorCommand() as command) if command.vehicle in (None, vehicle_id):
+                yield from self._received(vehicle_id, time_s, command, "bus", key_of(command))
             case Command(command=command):
                 yield from self._received(vehicle_id, time_s, command, "keyboard", key_of(command))
             case TickOutput(messages=messages):

@@ -11,14 +11,12 @@ import numpy as np
 
 from agents.drops import Drops
 from agents.notes import Note
-from agents.tape import Autopilot, LateTicks, Message, Start
-from agents.team.admission import refusal
-from agents.team.codec import decode
-from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, angle_of
+from agents.tape import Autopilot, LateTicks, Start
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Cost, Decision, Run, Truth, VehicleEnd
+from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, VehicleEnd
 from gcs.flightlog.run import mission_of
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.mission.mission import Mission
@@ -153,7 +151,8 @@ class _VehicleReader:
         takers: dict[type[Any], Callable[[LogRecord], None]] = {
             Decision: self._decision,
             Telemetry: self._sample,
-            Message: self._message,
+            Taken: self._message,
+            FormerMessage: self._message,
             Truth: self._position,
             Autopilot: self._autopilot,
         }
@@ -262,24 +261,23 @@ class _VehicleReader:
         self._telemetry.append((received_s, sample.time_s, *sample.position_m))
 
     def _message(self, record: LogRecord) -> None:
-        received = record.message()
-        with suppress(ValueError):
-            message = decode(received.payload)
-            key = getattr(received, "key", "")  # older logs have none
-            if key and refusal(key, message) is not None:
-                return
-            if isinstance(message, MemberState):
-                self._received[message.sender].append((received.now_s, message.time_s))
-                newest = self._peers.get(message.sender)
-                if newest is None or message.time_s > newest.time_s:
-                    self._peers[message.sender] = message
-            angle = angle_of(message)
-            if angle is not None:
-                before = self._angles.get(angle.sender)
-                if before is None or angle.time_s > before.time_s:
-                    self._angles[angle.sender] = angle
-            if isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
-                self._journal.event_log.add_answer(message)
+        with suppress(LogError):  # a message is lost: the log's faults say so
+            for received in self._log.messages(record):
+                self._receive(received.message, received.now_s)
+
+    def _receive(self, message: BusMessage, now_s: float) -> None:
+        if isinstance(message, MemberState):
+            self._received[message.sender].append((now_s, message.time_s))
+            newest = self._peers.get(message.sender)
+            if newest is None or message.time_s > newest.time_s:
+                self._peers[message.sender] = message
+        angle = angle_of(message)
+        if angle is not None:
+            before = self._angles.get(angle.sender)
+            if before is None or angle.time_s > before.time_s:
+                self._angles[angle.sender] = angle
+        if isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
+            self._journal.event_log.add_answer(message)
 
     def _position(self, record: LogRecord) -> None:
         truth = record.message()

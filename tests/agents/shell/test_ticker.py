@@ -1,8 +1,10 @@
 """The ticker on a fake clock: nothing here sleeps."""
 
+from itertools import pairwise
+
 import pytest
 
-from agents.shell.ticker import Ticker, TickerStatistics
+from agents.shell.ticker import Ticker, TickerStatistics, first_deadline_s
 
 
 class FakeClock:
@@ -136,3 +138,21 @@ def test_statistics_before_the_first_tick_are_zero() -> None:
 def test_impossible_rates_are_refused(period_s: float, speed: float) -> None:
     with pytest.raises(ValueError, match="must be positive"):
         Ticker(period_s, lambda: 0.0, speed=speed)
+
+
+async def test_ticks_begin_at_the_start_that_is_given() -> None:
+    clock = FakeClock()
+    ticker = Ticker(0.1, clock.now_s, start_s=100.03, sleep=clock.sleep)
+    times_s = [(await ticker.next(), clock.time_s)[1] for _ in range(3)]
+    assert times_s == pytest.approx([100.03, 100.13, 100.23])
+
+
+@pytest.mark.parametrize("now_s", [0.0, 1.7640e9, 1.7640e9 + 0.0123, 20.0])
+def test_the_vehicles_of_a_team_begin_evenly_over_one_period(now_s: float) -> None:
+    """Whenever each of them begins, their deadlines have the same distances."""
+    count, period_s = 32, 0.05
+    first_s = [first_deadline_s(now_s + 0.31 * row, period_s, row / count) for row in range(count)]
+    assert all(0.0 <= first - now_s - 0.31 * row < period_s + 1e-6 for row, first in enumerate(first_s))
+    offsets_s = sorted((first - first_s[0]) % period_s for first in first_s)
+    turned_s = sorted((offset + period_s / 2 / count) % period_s for offset in offsets_s)
+    assert [after - before for before, after in pairwise(turned_s)] == pytest.approx([period_s / count] * 31, abs=1e-6)

@@ -3,11 +3,11 @@
 import msgspec
 import pytest
 
-from agents.tape import Message, TacticEvent
+from agents.tape import TacticEvent
 from agents.team.codec import decode
 from agents.team.messages import MemberState, StartProposal
 from gcs.flightlog.reader import read_log, topic_of
-from gcs.flightlog.records import Decision
+from gcs.flightlog.records import Decision, FormerMessage
 from gcs.flightlog.schema import Codec, Decoder
 from tests.support.paths import DATA
 
@@ -34,8 +34,8 @@ def test_a_recorded_flight_of_format_1_is_read_in_todays_words() -> None:
 
 
 def test_messages_to_peers_are_renewed_and_nothing_else_in_them_changes() -> None:
-    received = reread(Message(1.0, msgspec.msgpack.encode(MEMBER)))
-    assert isinstance(received, Message)
+    received = reread(FormerMessage(1.0, msgspec.msgpack.encode(MEMBER)))
+    assert isinstance(received, FormerMessage)
     state = decode(received.payload)
     assert isinstance(state, MemberState)
     assert (state.tactic, state.alert) == ("pilot override", "pilot took over")
@@ -43,14 +43,14 @@ def test_messages_to_peers_are_renewed_and_nothing_else_in_them_changes() -> Non
 
 
 def test_start_proposals_keep_their_fields() -> None:
-    received = reread(Message(1.0, msgspec.msgpack.encode(["muster", 2, 5.0, 7.5, True])))
-    assert isinstance(received, Message)
+    received = reread(FormerMessage(1.0, msgspec.msgpack.encode(["muster", 2, 5.0, 7.5, True])))
+    assert isinstance(received, FormerMessage)
     assert decode(received.payload) == StartProposal(2, 5.0, 7.5, ready=True)
 
 
 @pytest.mark.parametrize("payload", [b"foreign mode", b"\xa9come down", b"\x91" * 100_000 + b"stood down"])
 def test_what_is_no_message_is_left_as_it_is(payload: bytes) -> None:
-    assert reread(Message(1.0, payload)) == Message(1.0, payload)
+    assert reread(FormerMessage(1.0, payload)) == FormerMessage(1.0, payload)
 
 
 def test_topics_of_format_1_are_known() -> None:

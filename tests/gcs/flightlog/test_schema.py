@@ -13,10 +13,10 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from agents.ports import FlightMode, Setpoint, VehicleStatus
-from agents.tape import Autopilot, Message
+from agents.tape import Autopilot
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
-from gcs.flightlog.records import Decision, Place
+from gcs.flightlog.records import Decision, FormerMessage, Place
 from gcs.flightlog.schema import Codec, Decoder
 from tests.support.flight_logs import engaging, record_simulation
 
@@ -46,7 +46,7 @@ def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> 
 
 @given(st.binary(max_size=300), NUMBERS)
 def test_payloads_keep_every_byte(payload: bytes, now_s: float) -> None:
-    assert back(Message(now_s, payload)) == Message(now_s, payload)
+    assert back(FormerMessage(now_s, payload)) == FormerMessage(now_s, payload)
 
 
 def test_nothing_is_told_from_nought(subtests: pytest.Subtests) -> None:

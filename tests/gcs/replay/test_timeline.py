@@ -15,7 +15,6 @@ from agents.notes import Note
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
 from agents.tape import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
-from agents.team.codec import encode
 from agents.team.messages import MemberState
 from estimation.state import Telemetry
 from gcs.cli import main
@@ -162,7 +161,7 @@ def states(text: str, *facts: str) -> bool:
 
 def member(time_s: float, x: float) -> Message:
     state = MemberState(3, time_s, "encircle", (x, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 0.0), altitude_m=0.0)
-    return Message(time_s, encode(state))
+    return Message(time_s, state)
 
 
 def test_an_intervention_is_told_once_with_the_nearest_that_anybody_came() -> None:

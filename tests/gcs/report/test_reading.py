@@ -7,12 +7,12 @@ import pytest
 from msgspec.structs import replace
 
 from agents.core import VehicleCore
-from agents.tape import Message, play
+from agents.tape import play
 from agents.team.codec import decode, encode
 from agents.team.messages import MemberState
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import Cost, Decision, RunEnd, Truth, VehicleEnd
+from gcs.flightlog.records import Carried, Cost, Decision, RunEnd
 from gcs.flightlog.run import mission_of
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.metrics import evaluate
@@ -21,11 +21,9 @@ from gcs.metrics.references import formation_reference, ring_reference, verdict_
 from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from gcs.replay.playback import Turn, turns
 from gcs.report.evidence.reading import read_flight
 from tests.support.flight_logs import engaging, record_simulation, reencoded
-
-AFTERWARDS = (Cost, Decision, Truth, VehicleEnd)
-"""Records that are no input of a core."""
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +109,8 @@ def test_the_log_of_one_process_gives_the_tracks_that_its_flight_had(flown: tupl
     log = part(read_log(flown[1]), 2)
     mission = mission_of(log)
     core, journal = VehicleCore(mission.agent_config(mission.vehicle(2))), Journal(mission)
-    for record in log.vehicles[2]:
-        output = None if record.kind in AFTERWARDS else play(core, record.read(record.kind))
+    for item in (item for turn in turns(log, 2) if isinstance(turn, Turn) for item in turn.inputs):
+        output = play(core, item)
         if output is not None:
             journal.note(output.status, 100.0)
     of_flight = journal.record(0.0, 40.0, RunTotals("flight", 401, 0, 1.0))
@@ -130,16 +128,16 @@ def test_what_peers_do_after_the_own_control_loop_has_ended_is_an_event(flown: t
     """Vehicle 2's loop ends after 10 s; vehicle 1 publishes from 20 s on that it lands."""
 
     def landing(record: LogRecord) -> LogRecord:
-        if record.kind is not Message:
+        if record.kind is not Carried:
             return record
-        heard = record.read(Message)
-        message = decode(heard.payload)
+        carried = record.read(Carried)
+        message = decode(carried.payload)
         lands = isinstance(message, MemberState) and message.sender == 1 and message.time_s > 20.0
-        return reencoded(record, replace(heard, payload=encode(replace(message, tactic="land")))) if lands else record
+        return reencoded(record, replace(carried, payload=encode(replace(message, tactic="land")))) if lands else record
 
     log = part(read_log(flown[1]), 2)
-    ended = [landing(each) for each in log.vehicles[2] if each.kind is not Cost or each.time_ns < 10e9]
-    alone = FlightLog(log.path, log.run_records, {2: ended})
+    ended = [each for each in log.vehicles[2] if each.kind is not Cost or each.time_ns < 10e9]
+    alone = FlightLog(log.path, [landing(each) for each in log.run_records], {2: ended})
     alone.__dict__["run"] = log.run
     record = read_flight([alone]).evidence.record
     (event,) = [each for each in record.events if each.vehicle == 1]

@@ -309,7 +309,7 @@ def test_the_log_is_read_as_if_there_were_no_pictures(flight: Seen) -> None:
     assert log.faults == []
     kinds = {f"/vehicle/{i}/{VEHICLE_TOPICS[each.kind]}" for i, records in log.vehicles.items() for each in records}
     pictures = {f"/vehicle/{i}/{name}" for i in VEHICLES for name in ("pose", "location")}
-    assert set(flight.topics) - kinds == pictures | {"/run", "/end", "/scene", "/points", "/tf", "/log"}
+    assert set(flight.topics) - kinds == pictures | {"/run", "/end", "/carried", "/scene", "/points", "/tf", "/log"}
 
 
 def test_a_picture_that_fails_does_not_cost_the_log(tmp_path: Path) -> None:

@@ -1,0 +1,219 @@
+"""Profile flights of stub vehicles: processor by process, thread and stage, lateness of ticks, memory, start-up.
+
+Each flight is `cordon fly` with default settings, recorded. The stubs are a process of their own, and are told apart.
+The stages are measured in a flight of their own, because measuring costs something.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import psutil
+
+from agents.tape import Tick
+from gcs.flight.supervision.supervisor import is_supervised
+from gcs.flightlog.reader import FlightLog, read_log
+from gcs.flightlog.records import Cost
+from tests.experiments.arguments import parser
+from tests.support.paths import ROOT
+from tests.support.ring_mission import ring_mission
+from tests.support.wire import free_ports
+
+INSIDE = "--inside"
+RATE_HZ = 20.0
+SETTLED_S = 5.0
+"""The stages are measured from this time after the first tick in control on."""
+
+COLUMNS = (
+    "vehicles",
+    "cores",
+    "stubs' cores",
+    "missed",
+    "late p50, ms",
+    "late p99, ms",
+    "tick, us",
+    "memory, MB",
+    "threads",
+    "start-up, s",
+    "log, MB",
+)
+
+
+@dataclass
+class Usage:
+    """What a process used at the last look: processor seconds, memory [MB] and threads."""
+
+    cpu_s: float = 0.0
+    memory_mb: float = 0.0
+    threads: int = 0
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One flight: `flying` is the process of the agents; times are wall seconds."""
+
+    vehicles: int
+    cores: float
+    stub_cores: float
+    memory_mb: float
+    threads: int
+    missed: int
+    ticks: int
+    late_p50_ms: float
+    late_p99_ms: float
+    tick_p50_us: float
+    start_up_s: float
+    log_mb: float
+    inside: Mapping[str, Any]
+
+    def row(self) -> str:
+        """Return the row of the table."""
+        share = self.missed / max(self.missed + self.ticks, 1)
+        return (
+            f"| {self.vehicles} | {self.cores:.2f} | {self.stub_cores:.2f} | {share:.2%} | {self.late_p50_ms:.1f} |"
+            f" {self.late_p99_ms:.1f} | {self.tick_p50_us:.0f} | {self.memory_mb:.0f} | {self.threads} |"
+            f" {self.start_up_s:.1f} | {self.log_mb:.1f} |"
+        )
+
+
+def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Profile:
+    """Fly a team and return its profile, with the stages of its event loop if a file for them is given."""
+    with TemporaryDirectory() as folder:
+        mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")
+        ports = free_ports(2 * vehicles)
+        mission.write_text(ring_mission(vehicles, duration_s, ports[:vehicles], ports[vehicles:]), encoding="utf-8")
+        options = ["fly", str(mission), "--sitl", "--speed", "1", "--json", "--log", str(log)]
+        inside = [] if stages is None else [INSIDE, str(stages), str(duration_s)]
+        program = "gcs" if stages is None else "tests.experiments.flight_profile"
+        began_s = time.time()
+        output, supervisor_log = Path(folder, "result.json"), Path(folder, "messages.txt")
+        with output.open("wb") as result, supervisor_log.open("wb") as messages:
+            command = [sys.executable, "-m", program, *inside, *options]
+            flight = subprocess.Popen(command, cwd=ROOT, stdout=result, stderr=messages)
+            usage, cores = followed(flight)
+        if not output.read_bytes():
+            raise RuntimeError(f"the flight of {vehicles} vehicles failed:\n{supervisor_log.read_text()}")
+        loop = json.loads(output.read_bytes())["loop"]
+        flown = read_log(log)
+        late_ms = np.concatenate([lateness_ms(flown, each) for each in flown.vehicles])
+        return Profile(
+            vehicles,
+            cores["flying"],
+            cores["stubs"],
+            usage["flying"].memory_mb,
+            usage["flying"].threads,
+            loop["missed"],
+            loop["ticks"],
+            float(np.percentile(late_ms, 50)),
+            float(np.percentile(late_ms, 99)),
+            loop["tick_p50_us"],
+            min(next(flown.of_kind(each, Tick)).now_s for each in flown.vehicles) - began_s,
+            log.stat().st_size / 1e6,
+            {} if stages is None else json.loads(stages.read_text(encoding="utf-8")),
+        )
+
+
+def lateness_ms(log: FlightLog, vehicle_id: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return how late a vehicle's ticks in control came, against the earliest of them on their grid [ms]."""
+    in_control = {cost.time_s for cost in log.of_kind(vehicle_id, Cost)}
+    times_s = np.array([tick.now_s for tick in log.of_kind(vehicle_id, Tick) if tick.now_s in in_control])
+    phases_s = (times_s - times_s[0] + 0.5 / RATE_HZ) % (1.0 / RATE_HZ)
+    offset_s = phases_s - 0.5 / RATE_HZ
+    earliest_s = np.percentile(offset_s, 1)  # the first tick may have been late itself
+    late_s = (offset_s - earliest_s) % (1.0 / RATE_HZ)
+    return np.where(late_s > 0.98 / RATE_HZ, 0.0, late_s) * 1e3
+
+
+def followed(flight: "subprocess.Popen[bytes]") -> tuple[dict[str, Usage], dict[str, float]]:
+    """Follow the processes of a flight to its end; return what each used, and its processor time a second in flight."""
+    usage = {name: Usage() for name in ("supervisor", "flying", "stubs")}
+    looks: list[tuple[float, dict[str, float]]] = []
+    while flight.poll() is None:
+        for name, process in processes(flight.pid):
+            try:
+                with process.oneshot():
+                    times, memory = process.cpu_times(), process.memory_info().rss / 1e6
+                    usage[name] = Usage(
+                        times.user + times.system, max(memory, usage[name].memory_mb), process.num_threads()
+                    )
+            except psutil.Error:
+                continue
+        looks.append((time.monotonic(), {name: each.cpu_s for name, each in usage.items()}))
+        time.sleep(0.5)
+    # The middle of the flight: neither start-up nor the result's computation.
+    first, last = looks[len(looks) // 2], looks[len(looks) * 4 // 5]
+    lasted_s = max(last[0] - first[0], 1e-3)
+    return usage, {name: (last[1][name] - first[1][name]) / lasted_s for name in usage}
+
+
+def processes(root: int) -> Iterator[tuple[str, psutil.Process]]:
+    """Yield the processes of a flight by name."""
+    try:
+        supervisor = psutil.Process(root)
+        yield "supervisor", supervisor
+        for flying in supervisor.children():
+            yield "flying", flying
+            for child in flying.children():
+                if "spawn_main" in " ".join(child.cmdline()):
+                    yield "stubs", child
+    except psutil.Error:
+        return
+
+
+def stage_table(inside: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines of the tables of threads and stages."""
+    lasted_s = inside["lasted_s"]
+    yield "\n| thread | cores |\n|---|---|"
+    for name, cpu_s in sorted(inside["threads"].items(), key=lambda each: -each[1]):
+        if cpu_s / lasted_s >= 0.001:
+            yield f"| {name} | {cpu_s / lasted_s:.3f} |"
+    yield "\n| in the event loop | a second | cores | us each | waits, us each |\n|---|---|---|---|---|"
+    for name, (cpu_s, wall_s, count) in sorted(inside["stages"].items(), key=lambda each: -each[1][0]):
+        if count and cpu_s / lasted_s >= 0.0005:
+            waits_us = max(wall_s - cpu_s, 0.0) / count * 1e6
+            yield (
+                f"| {name} | {count / lasted_s:.0f} | {cpu_s / lasted_s:.3f} | {cpu_s / count * 1e6:.0f} |"
+                f" {waits_us:.0f} |"
+            )
+
+
+def inside(path: str, duration_s: str, *arguments: str) -> None:
+    """Be `cordon`, measured where this is the flying process."""
+    from gcs.cli import main as cordon
+
+    if is_supervised():
+        from tests.support.loop_stages import measure
+
+        measure(Path(path), 12.0 + SETTLED_S, max(float(duration_s) - 2.0 * SETTLED_S, SETTLED_S))
+    sys.argv = ["cordon", *arguments]
+    cordon()
+
+
+def main() -> None:
+    """Fly teams of the given sizes and print their profiles."""
+    reader = parser("flight_profile", __doc__ or "")
+    reader.add_argument("vehicles", nargs="*", type=int, default=[3, 8, 16, 32], help="team sizes (default: 3 8 16 32)")
+    reader.add_argument("--duration", type=float, default=60.0, help="of each mission, s (default: %(default)s)")
+    reader.add_argument("--stages", action="store_true", help="fly each once more and print its threads and stages")
+    chosen = reader.parse_args()
+    print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)
+    for count in chosen.vehicles:
+        print(profile(count, chosen.duration).row(), flush=True)
+    for count in chosen.vehicles if chosen.stages else ():
+        with TemporaryDirectory() as folder:
+            measured = profile(count, chosen.duration, Path(folder, "stages.json")).inside
+        print(f"\n{count} vehicles", *stage_table(measured), sep="\n", flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == [INSIDE]:
+        inside(*sys.argv[2:])
+    else:
+        main()
