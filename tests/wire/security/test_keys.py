@@ -17,9 +17,10 @@ import pytest
 import zenoh
 
 from agents.shell.bus_security import BusSecurity
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import MemberState, OperatorCommand
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, key_of
 from agents.team.participant import Role
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.certificates import CertificateAuthority, KeyPair
@@ -48,7 +49,7 @@ SAID: Mapping[str, bytes] = {
     "member/1": member(1, "forged"),
     "member/2": member(2, "forged"),
     "member/3": member(3, "forged"),
-    "answer/1": b"x",
+    "answer/1": encode(CommandAnswer(1, 1.0, 1, "forged")),
     "command/hold/anna": command("hold", "anna"),
     "command/kill/anna": command("kill", "anna"),
     "command/hold/bob": command("hold", "bob"),
@@ -88,14 +89,18 @@ class Peers:
         self.heard: list[set[str]] = [set(), set()]
         self.forged: set[str] = set()
         self.present: list[set[int]] = [set(), set()]
-        self.buses: list[ZenohBus] = []
+        self.buses: list[ParticipantBus] = []
 
     def forget(self) -> None:
         for heard in (*self.heard, self.forged):
             heard.clear()
 
-    def receive(self, own: int, key: str, payload: bytes) -> None:
-        (self.forged if SAID.get(key) == payload else self.heard[own]).add(key)
+    def receive(self, own: int, message: BusMessage) -> None:
+        key = key_of(message)
+        (self.forged if SAID.get(key) == encode(message) else self.heard[own]).add(key)
+
+    def perceive(self, _payload: bytes) -> None:
+        self.forged.add("perception/mast")
 
     def note_presence(self, own: int, vehicle_id: int, present: bool) -> None:
         (self.present[own].add if present else self.present[own].discard)(vehicle_id)
@@ -108,9 +113,9 @@ async def peers(folder: AuthorityFolder | None) -> AsyncIterator[Peers]:
         for k in (0, 1):
             identity = keys.identity("vehicle", str(k + 1))
             listen, other = (f"tcp/{team.endpoints[i]}" for i in (k, 1 - k))
-            bus = ZenohBus(identity.participant, TEAM, (1, 2, 3), listen, [other], security=identity.security)
+            bus = single_bus(identity.participant, BusTeam(TEAM, (1, 2, 3)), listen, [other], identity.security)
             stack.push_async_callback(bus.close)
-            await bus.open(partial(team.receive, k), partial(team.note_presence, k))
+            await bus.open(partial(team.receive, k), team.perceive, partial(team.note_presence, k))
             team.buses.append(bus)
         await until(lambda: team.present == [{2}, {1}], 5.0)
         yield team
