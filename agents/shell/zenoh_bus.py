@@ -88,26 +88,27 @@ class ZenohBus:
     async def join(self, bus: "ParticipantBus") -> None:
         """Open the sessions if they are not, and hand over messages to a participant from now on."""
         self._joined.append(bus)
+        for peer_id in self._present - {bus.vehicle_id}:
+            bus.on_presence(peer_id, True)
         if self._opening is None:
             self._loop = asyncio.get_running_loop()
             self._opening = asyncio.ensure_future(asyncio.to_thread(self._open_blocking))
             self._opening.add_done_callback(lambda opening: opening.cancelled() or opening.exception())
         await asyncio.shield(self._opening)
-        for peer_id in self._present - {bus.vehicle_id}:
-            bus.on_presence(peer_id, True)
 
     def leave(self, bus: "ParticipantBus") -> "asyncio.Future[None] | None":
-        """Hand over nothing more to a participant; after the last one, return what closes the sessions.
-
-        Where a thread is still opening them it sees this, and closes what it has opened.
-        """
+        """Hand over nothing more to a participant; after the last one, return what closes the sessions."""
         if bus not in self._joined:
             return None
         self._joined.remove(bus)
         self._closed = not self._joined
-        if not self._closed or self._opening is None or not self._opening.done():
-            return None
-        return asyncio.ensure_future(asyncio.to_thread(self._close_blocking))
+        return asyncio.ensure_future(self._close()) if self._closed else None
+
+    async def _close(self) -> None:
+        """Close the sessions; a thread that is opening them meanwhile closes them as well, if this is cancelled."""
+        if self._opening is not None:
+            await asyncio.wait([self._opening])
+        await asyncio.to_thread(self._close_blocking)
 
     def count(self, reason: Reason) -> None:
         """Count a message that was dropped."""

@@ -16,19 +16,19 @@ def unread() -> bytes:
     raise AssertionError("a payload was copied that is dropped")
 
 
-def test_the_newest_state_of_each_sender_waits() -> None:
+def test_the_newest_start_of_each_sender_waits() -> None:
     mailbox = Mailbox((1,), MEMBERS, 100.0)
-    calls = [put(mailbox, f"member/{sender}", b"%d" % number) for number in range(5) for sender in (2, 3)]
+    calls = [put(mailbox, f"start/{sender}", b"%d" % number) for number in range(5) for sender in (2, 3)]
     assert calls == [True] + [False] * 9, "one call until it is taken"
-    assert mailbox.take() == ({}, [("member/2", b"4"), ("member/3", b"4")])
+    assert mailbox.take() == ({}, [("start/2", b"4"), ("start/3", b"4")])
     assert mailbox.take() == ({}, [])
     assert mailbox.drops == Drops(superseded=8)
-    assert put(mailbox, "angle/2")
+    assert put(mailbox, "member/2")
 
 
-def test_sightings_answers_and_commands_wait_together_up_to_a_limit() -> None:
+def test_states_answers_and_commands_wait_together_up_to_a_limit() -> None:
     mailbox = Mailbox((1,), MEMBERS, 1000.0)
-    for key, kept in (("target/2", 16), ("answer/2", 16), ("command/hold/pat", 8), ("perception/camera", 32)):
+    for key, kept in (("member/2", 4), ("answer/2", 16), ("command/hold/pat", 8), ("perception/camera", 32)):
         for number in range(kept + 5):
             put(mailbox, key, b"%d" % number)
         assert mailbox.take()[1] == [(key, b"%d" % number) for number in range(5, kept + 5)]
@@ -44,8 +44,8 @@ def test_commands_of_an_operator_wait_in_order_whatever_their_verb() -> None:
 
 def test_what_cannot_be_a_message_is_dropped_unread() -> None:
     keys = {
-        "not_a_member": ("member/9", "answer/x", "angle/02", "member/"),
-        "own_id": ("member/1", "target/1"),
+        "not_a_member": ("member/9", "answer/x", "member/02", "member/"),
+        "own_id": ("member/1", "start/1"),
         "unknown_key": (
             *("", "member", "junk/2", "member/2/", "command/hold", "command/hold/a b", "command/fly/pat", "perception"),
             *(
