@@ -203,7 +203,6 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
             await spoken(stranger, orders, 0.5)
             assert scene.tactics == ["formation"] * 3
             assert scene.latest[2].drops.wrong_sender > 0, scene.latest[2].drops
-            assert scene.latest[2].drops.wrong_topic > 0, scene.latest[2].drops
 
         with subtests.test("clocks and answers of others do not reach an operator"):
             heard: list[OperatorCommand] = []
