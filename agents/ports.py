@@ -9,6 +9,7 @@ from typing import Protocol
 import msgspec
 
 from agents.drops import Drops
+from agents.team.messages import BusMessage
 from estimation.frames import Triple
 from estimation.state import Sighting, Telemetry
 
@@ -155,7 +156,7 @@ class VehicleLink(Protocol):
 
 
 class PeerBus(Protocol):
-    """Messages between vehicles: opaque bytes on named topics, and who is present."""
+    """The bus of a team as one participant uses it: messages to and from the others, and who is present."""
 
     @property
     def alive(self) -> bool:
@@ -164,22 +165,28 @@ class PeerBus(Protocol):
 
     @property
     def drops(self) -> Drops:
-        """The messages that it has dropped so far."""
+        """The messages that this process has dropped so far on receipt, and own ones that could not be sent."""
         ...
 
-    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
-        """Join; both callbacks run on the event loop.
+    async def open(
+        self,
+        on_message: Callable[[BusMessage], None],
+        on_perception: Callable[[bytes], None],
+        on_presence: Callable[[int, bool], None],
+    ) -> None:
+        """Join; the callbacks run on the event loop.
 
-        They take a message's key below the team's and its payload; a peer's id and whether it is present.
+        They take a message of another participant, which came on the key of its type and its sender; the payload of
+        a sighting from outside the team; another vehicle's id and whether it is present.
         """
         ...
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send to every peer, under the own name; never blocks."""
+        """Send to every other participant, under the own name; never blocks."""
         ...
 
     async def close(self) -> None:
-        """Leave; peers see it at once."""
+        """Leave; the others see it at once."""
         ...
 
 

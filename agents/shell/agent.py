@@ -15,9 +15,7 @@ from agents.shell.outcome import Ending, LoopReport, Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
-from agents.team.admission import Admission
-from agents.team.messages import OperatorCommand
-from agents.team.perception import is_perception_key
+from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Sighting, Telemetry
 
 ARMED_HEARD_AFTER_S = 2.5
@@ -38,8 +36,7 @@ class Agent:
         self._start_agreement = StartAgreement(
             parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
         )
-        self._admission = Admission()
-        self._loop = ControlLoop(parts, self._admission)
+        self._loop = ControlLoop(parts)
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
@@ -80,7 +77,7 @@ class Agent:
 
     async def connect(self) -> None:
         """Reach the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
-        await self._parts.bus.open(self._hear, self._note_presence)
+        await self._parts.bus.open(self._hear, self._perceive, self._note_presence)
         await self._link.connect(self._sense)
 
     def announce(self) -> None:
@@ -151,17 +148,15 @@ class Agent:
         if self._flew:
             self._core.on_telemetry(telemetry)
 
-    def _hear(self, key: str, payload: bytes) -> None:
-        if is_perception_key(key):
-            seen = self._parts.perception.take(payload, self._clock.now_s(), max(self._clock.speed, 1.0))
-            if seen is not None:
-                self.see(seen)
-            return
-        message = self._admission.admitted(key, payload)
-        if message is not None:
-            self._core.on_message(message, self._clock.now_s())
-            self._kill_if_commanded()
-            self._start_agreement.receive(message)
+    def _hear(self, message: BusMessage) -> None:
+        self._core.on_message(message, self._clock.now_s())
+        self._kill_if_commanded()
+        self._start_agreement.receive(message)
+
+    def _perceive(self, payload: bytes) -> None:
+        seen = self._parts.perception.take(payload, self._clock.now_s(), max(self._clock.speed, 1.0))
+        if seen is not None:
+            self.see(seen)
 
     def _kill_if_commanded(self) -> None:
         if self._core.kills:

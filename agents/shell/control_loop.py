@@ -7,15 +7,13 @@ from agents.ports import TargetSensor
 from agents.shell.outcome import LoopReport
 from agents.shell.parts import AgentParts
 from agents.shell.ticker import Ticker, TickerStatistics, first_deadline_s
-from agents.team.admission import Admission
 
 
 class ControlLoop:
     """Ticks a core with or without control of the vehicle."""
 
-    def __init__(self, parts: AgentParts, admission: Admission) -> None:
+    def __init__(self, parts: AgentParts) -> None:
         self._parts = parts
-        self._admission = admission
         self.period_s = 1.0 / parts.config.rate_hz
         """The period of a tick [mission s]."""
         self.sensor: TargetSensor | None = None
@@ -51,7 +49,7 @@ class ControlLoop:
         core.on_vehicle(link.status)
         core.on_loop(late_ticks)
         core.on_bus(self._parts.bus.alive)
-        core.on_drops(self._parts.bus.drops.plus(self._admission.drops))
+        core.on_drops(self._parts.bus.drops)
         now_s = self._parts.clock.now_s()
         sighting = self.sensor.sight(now_s, self.position_m) if self.sensor else None
         began = perf_counter()

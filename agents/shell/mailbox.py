@@ -86,17 +86,17 @@ class _Guests:
 class Mailbox:
     """Takes messages on any thread, and gives them out on another; `drops` counts what it dropped, by reason.
 
-    `members` are the team's vehicles, `vehicle_id` the own one, None for others; `rate_hz` is how many messages a
-    second each of them may send on each topic.
+    `members` are the team's vehicles, `own` those of them for which nobody else may speak; `rate_hz` is how many
+    messages a second each vehicle may send on each topic.
     """
 
-    def __init__(self, vehicle_id: int | None, members: Collection[int], rate_hz: float) -> None:
+    def __init__(self, own: Collection[int], members: Collection[int], rate_hz: float) -> None:
         self._lock = threading.Lock()
-        self._own = None if vehicle_id is None else str(vehicle_id)
-        self._ids = {str(member): member for member in members if member != vehicle_id}
-        self._peers = {
-            f"{topic}/{name}": _Box(_KEPT.get(topic, 1), rate_hz) for topic in PEER_TOPICS for name in self._ids
-        }
+        self._ids = {str(member): member for member in members}
+        self._own_names = frozenset(map(str, own))
+        boxes = {f"{topic}/{name}": _Box(_KEPT.get(topic, 1), rate_hz) for topic in PEER_TOPICS for name in self._ids}
+        self._own = {key: box for key, box in boxes.items() if key.partition("/")[2] in self._own_names}
+        self._peers = {key: box for key, box in boxes.items() if key not in self._own}
         self._operators = _Guests(_OPERATOR_KEPT, _OPERATOR_RATE_HZ)
         self._sensors = _Guests(_SENSOR_KEPT, _SENSOR_RATE_HZ)
         self._filled: dict[int, _Box] = {}
@@ -115,13 +115,14 @@ class Mailbox:
         with self._lock:
             self._dropped.add(reason)
 
-    def put(self, key: str, length: int, read: Read, now_s: float) -> bool:
+    def put(self, key: str, length: int, read: Read, now_s: float, *, own: bool = False) -> bool:
         """Take a message of `length` bytes on a key below the team's, or drop it; `read` returns its payload.
 
-        Returns whether `take` has to be called: once until then, whatever else comes.
+        It is one of the `own` vehicles' or of another sender. Returns whether `take` has to be called: once until then,
+        whatever else comes.
         """
         with self._lock:
-            box = self._peers.get(key) or self._guest_box(key, now_s)
+            box = (self._own if own else self._peers).get(key) or self._guest_box(key, now_s)
             if isinstance(box, Reason):
                 self._dropped.add(box)
             elif length > PAYLOAD_LIMIT_BYTES:
@@ -141,8 +142,7 @@ class Mailbox:
         with self._lock:
             vehicle_id = self._ids.get(name)
             if vehicle_id is None:
-                if name != self._own:
-                    self._dropped.add(Reason.NOT_A_MEMBER)
+                self._dropped.add(Reason.NOT_A_MEMBER)
                 return False
             self._presence[vehicle_id] = present
             return self._calls()
@@ -171,5 +171,5 @@ class Mailbox:
             case [topic, name] if topic == SENSOR_TOPIC and is_name(name):
                 return self._sensors.box(name, now_s) or Reason.TOO_MANY
             case [topic, name] if topic in PEER_TOPICS:
-                return Reason.OWN_ID if name == self._own else Reason.NOT_A_MEMBER
+                return Reason.OWN_ID if name in self._own_names else Reason.NOT_A_MEMBER
         return Reason.UNKNOWN_KEY

@@ -3,7 +3,6 @@
 import asyncio
 import time
 from collections.abc import Callable, Collection
-from contextlib import suppress
 from dataclasses import dataclass
 from random import randrange
 from statistics import median_low
@@ -14,9 +13,7 @@ import msgspec
 from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
-from agents.team.admission import refusal
-from agents.team.codec import decode
-from agents.team.messages import CommandAnswer, MemberState, OperatorCommand, Verb
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, Verb
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from gcs.console.team_bus import guest_bus, send_command
 from gcs.console.team_missions import TeamMissions
@@ -107,7 +104,7 @@ class CommandClient:
 
     async def _join(self, vehicles: Collection[int]) -> None:
         began_s = monotonic()
-        await self._bus.open(self._receive, self._on_presence)
+        await self._bus.open(self._receive, lambda _sighting: None, self._on_presence)
         await self._until(lambda: bool(self._clocks.members or self._present), _RECEIVED_TIMEOUT_S)
         if not (self._clocks.members or self._present):
             raise VehicleRefusedError(
@@ -157,18 +154,14 @@ class CommandClient:
     def _on_presence(self, vehicle_id: int, present: bool) -> None:
         (self._present.add if present else self._present.discard)(vehicle_id)
 
-    def _receive(self, key: str, payload: bytes) -> None:
-        with suppress(ValueError):
-            message = decode(payload)
-            if refusal(key, message) is not None:
-                return
-            self._missions.receive(message)
-            if isinstance(message, MemberState):
-                self._clocks.receive(message.sender, message.time_s, monotonic())
-            if isinstance(message, CommandAnswer) and message.number == self._number:
-                before = self._answers.get(message.sender)
-                if before is None or before.did != message.did:
-                    self._answers[message.sender] = CommandResult(message.did, monotonic() - self._first_sent_s)
+    def _receive(self, message: BusMessage) -> None:
+        self._missions.receive(message)
+        if isinstance(message, MemberState):
+            self._clocks.receive(message.sender, message.time_s, monotonic())
+        if isinstance(message, CommandAnswer) and message.number == self._number:
+            before = self._answers.get(message.sender)
+            if before is None or before.did != message.did:
+                self._answers[message.sender] = CommandResult(message.did, monotonic() - self._first_sent_s)
 
     async def _until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         end_s = monotonic() + timeout_s

@@ -3,7 +3,8 @@
 from contextlib import suppress
 
 from agents.ports import PeerBus
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import OperatorCommand, topic_of
 from gcs.errors import InputError
@@ -12,11 +13,12 @@ from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission
 
 
-def guest_bus(mission: Mission, identity: Identity) -> ZenohBus:
+def guest_bus(mission: Mission, identity: Identity) -> ParticipantBus:
     """Return the bus of an operator, a sensor or an observer, not yet open."""
     endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
-    network = mission.network
-    return ZenohBus(identity.participant, network.team, mission.ids, None, endpoints, security=identity.security)
+    return single_bus(
+        identity.participant, BusTeam(mission.network.team, mission.ids), None, endpoints, identity.security
+    )
 
 
 def observer(keys: TeamKeys) -> Identity:

@@ -5,9 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from agents.drops import NO_DROPS, Drops
-from agents.team.admission import refusal
-from agents.team.codec import decode
-from agents.team.messages import CommandAnswer, MemberState, OperatorCommand
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
 
 SILENT_AFTER_S = 1.0
 """Vehicles send ten messages per second of mission time, which is at least as fast as the wall clock."""
@@ -58,18 +56,8 @@ class TeamState:
         """Whether any vehicle has been received."""
         return bool(self._latest)
 
-    def receive(self, key: str, payload: bytes, now_s: float) -> None:
-        """Add a message received at `now_s` [wall s] on a key below the team's.
-
-        What is not a message, on another key than its own, or of another vehicle than the mission's is ignored.
-        """
-        try:
-            message = decode(payload)
-        except ValueError:
-            return
-        foreign = not isinstance(message, OperatorCommand) and message.sender not in self.vehicle_ids
-        if foreign or refusal(key, message) is not None:
-            return
+    def receive(self, message: BusMessage, now_s: float) -> None:
+        """Add a message received at `now_s` [wall s]."""
         match message:
             case MemberState():
                 self._receive_state(message, now_s)

@@ -9,8 +9,7 @@ from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from agents.team.admission import refusal
-from agents.team.codec import decode
+from agents.team.messages import BusMessage
 from gcs.console.live import TACTIC_STYLES, TableView, number
 from gcs.console.team_missions import TeamMissions
 from gcs.console.team_state import TeamState, WatchRow
@@ -58,12 +57,9 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     """
     team, missions, began_s = TeamState(mission.ids), TeamMissions(mission), monotonic()
 
-    def take(key: str, payload: bytes) -> None:
-        team.receive(key, payload, monotonic())
-        with suppress(ValueError):
-            message = decode(payload)
-            if refusal(key, message) is None:
-                missions.receive(message)
+    def take(message: BusMessage) -> None:
+        team.receive(message, monotonic())
+        missions.receive(message)
 
     async with WatchedBus(mission, take) as bus:
         while not stop.is_set():

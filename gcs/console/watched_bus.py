@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from agents.ports import PeerBus, VehicleRefusedError
+from agents.team.messages import BusMessage
 from gcs.console.team_bus import guest_bus, observer
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
@@ -18,7 +19,7 @@ _LOOKED_UP_EVERY_S = 1.0
 class WatchedBus:
     """Listens to the present flight of a team; use it as a context manager, and call `follow` again and again."""
 
-    def __init__(self, mission: Mission, on_message: Callable[[str, bytes], None]) -> None:
+    def __init__(self, mission: Mission, on_message: Callable[[BusMessage], None]) -> None:
         """Take the mission; raises InputError when its team has no keys and needs them."""
         self._mission = mission
         self._keys = team_keys(mission)
@@ -57,7 +58,7 @@ class WatchedBus:
         if identity != self._identity:
             await self._leave()
             self._identity, self._bus = identity, guest_bus(self._mission, identity)
-            await self._bus.open(self._on_message, lambda _vehicle, _present: None)
+            await self._bus.open(self._on_message, lambda _sighting: None, lambda _vehicle, _present: None)
 
     async def _leave(self) -> None:
         bus, self._bus = self._bus, None

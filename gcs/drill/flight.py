@@ -14,8 +14,7 @@ from typing import Self
 import msgspec
 
 from agents.ports import VehicleRefusedError
-from agents.team.codec import decode
-from agents.team.messages import MemberState
+from agents.team.messages import BusMessage, MemberState
 from estimation.frames import Triple
 from estimation.profile.shelf import bundled_profiles
 from gcs.console.command_client import CommandClient
@@ -231,18 +230,17 @@ class DrillFlight:
 
     async def _listen(self) -> None:
         bus = guest_bus(self.mission, self._keys.identity("observer"))
-        await bus.open(self._receive, lambda *_: None)
+        await bus.open(self._receive, lambda _sighting: None, lambda *_: None)
         self._stack.push_async_callback(bus.close)
 
-    def _receive(self, _key: str, payload: bytes) -> None:
-        with suppress(ValueError):
-            message, now_s = decode(payload), self.now_s()
-            if isinstance(message, MemberState):
-                self.log.note_status(now_s, message.sender, message.tactic, message.alert)
-                self.positions_m[message.sender] = (*message.position_m, message.altitude_m)
-                if message.angle is not None:
-                    self.log.radii_m[message.sender].append((now_s, message.angle.radius_m))
-                    self.log.bearings_rad[message.sender] = (now_s, message.angle.bearing_rad)
+    def _receive(self, message: BusMessage) -> None:
+        now_s = self.now_s()
+        if isinstance(message, MemberState):
+            self.log.note_status(now_s, message.sender, message.tactic, message.alert)
+            self.positions_m[message.sender] = (*message.position_m, message.altitude_m)
+            if message.angle is not None:
+                self.log.radii_m[message.sender].append((now_s, message.angle.radius_m))
+                self.log.bearings_rad[message.sender] = (now_s, message.angle.bearing_rad)
 
     def stalled_s(self, since_s: float) -> float:
         """Return the longest time without an observation of the vehicles: this computer was too busy."""

@@ -7,15 +7,16 @@ import random
 import socket
 import threading
 import time
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Literal, TypeVar
 
 import msgspec
 
 from agents.drops import Drops
 from agents.ports import PeerBus, TargetSensor
 from agents.team.codec import decode, encode
-from agents.team.messages import PEER_TOPICS, TOPICS, CommandAnswer, MemberState
+from agents.team.messages import TOPICS, BusMessage, CommandAnswer, MemberState, OperatorCommand
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
 from gcs.keys.team_keys import TeamKeys
@@ -24,6 +25,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 HANG_S = 6
 """How long an injected hang of the process lasts: longer than a supervisor may wait."""
 
+_Received = TypeVar("_Received")
 Hang = Literal["", "interpreter", "event loop", "exit"]
 
 
@@ -103,21 +105,30 @@ class FailingBus:
         """What the real one has dropped."""
         return self._bus.drops
 
-    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
+    async def open(
+        self,
+        on_message: Callable[[BusMessage], None],
+        on_perception: Callable[[bytes], None],
+        on_presence: Callable[[int, bool], None],
+    ) -> None:
         """Join."""
-        loop = asyncio.get_running_loop()
 
-        def receive(key: str, payload: bytes) -> None:
-            faults = self._receiver.now
-            if self._chance.random() < faults.loss or _sender(key) in faults.unheard:
-                return
-            if faults.delay_s > 0.0:
-                loop.call_later(faults.delay_s, on_message, key, payload)
-            else:
-                on_message(key, payload)
+        def receive(message: BusMessage) -> None:
+            if _sender(message) not in self._receiver.now.unheard:
+                self._delayed(on_message, message)
 
-        await self._bus.open(receive, on_presence)
+        await self._bus.open(receive, partial(self._delayed, on_perception), on_presence)
         self._flooding = asyncio.create_task(self._flood())
+
+    def _delayed(self, receive: Callable[[_Received], None], received: _Received) -> None:
+        """Call a receiver after the present delay, unless what was received is lost."""
+        faults = self._receiver.now
+        if self._chance.random() < faults.loss:
+            return
+        if faults.delay_s > 0.0:
+            asyncio.get_running_loop().call_later(faults.delay_s, receive, received)
+        else:
+            receive(received)
 
     def publish(self, topic: str, payload: bytes) -> None:
         """Send: messages are lost at the receiver, and lies made here."""
@@ -162,10 +173,13 @@ class FailingEquipment(Equipment):
     def __init__(self, receiver: FaultReceiver) -> None:
         self._receiver = receiver
 
-    def bus(self, mission: Mission, vehicle: MissionVehicle, speed: float, keys: TeamKeys) -> PeerBus:
-        """Return a bus that can fail."""
+    def buses(
+        self, mission: Mission, vehicles: Sequence[MissionVehicle], speed: float, keys: TeamKeys
+    ) -> Mapping[int, PeerBus]:
+        """Return buses that can fail."""
         self._receiver.loop = asyncio.get_running_loop()
-        return FailingBus(super().bus(mission, vehicle, speed, keys), self._receiver, vehicle.id)
+        buses = super().buses(mission, vehicles, speed, keys)
+        return {each: FailingBus(bus, self._receiver, each) for each, bus in buses.items()}
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""
@@ -187,7 +201,6 @@ def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:
     return encode(elsewhere)
 
 
-def _sender(key: str) -> int | None:
-    """Return the vehicle whose key it is, None for others."""
-    topic, _, name = key.partition("/")
-    return int(name) if topic in PEER_TOPICS else None
+def _sender(message: BusMessage) -> int | None:
+    """Return the vehicle that has sent a message, None for an operator's."""
+    return None if isinstance(message, OperatorCommand) else message.sender

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
 
 from agents.ports import VehicleRefusedError
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import MemberState, NeighbourAngle, OperatorCommand
 from agents.team.participant import Participant, vehicle
@@ -35,16 +36,16 @@ class Stranger:
                 self._send(vehicles, operator)
                 await asyncio.sleep(_PERIOD_S)
 
-    async def _joined(self, stack: AsyncExitStack, participant: Participant) -> ZenohBus:
+    async def _joined(self, stack: AsyncExitStack, participant: Participant) -> ParticipantBus:
         mission = self._mission
         endpoints = [each.section.endpoint.replace("tls/", "tcp/") for each in mission.vehicles]
-        bus = ZenohBus(participant, mission.network.team, mission.ids, None, endpoints)
+        bus = single_bus(participant, BusTeam(mission.network.team, mission.ids), None, endpoints)
         stack.push_async_callback(bus.close)
         with suppress(VehicleRefusedError):
-            await bus.open(lambda *_: None, lambda *_: None)
+            await bus.open(lambda *_: None, lambda *_: None, lambda *_: None)
         return bus
 
-    def _send(self, vehicles: dict[int, ZenohBus], operator: ZenohBus) -> None:
+    def _send(self, vehicles: dict[int, ParticipantBus], operator: ParticipantBus) -> None:
         now_s = self._now_s()
         for i, bus in vehicles.items():
             angle = NeighbourAngle(i, now_s, 0.0, 0.0, self._mission.encirclement.radius_m)

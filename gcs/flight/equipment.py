@@ -1,7 +1,11 @@
-"""The equipment of an agent beside its link: the bus to its peers, and its sensor of the target."""
+"""The equipment of agents beside their links: the bus to their peers, and their sensors of the target."""
+
+from collections.abc import Mapping, Sequence
 
 from agents.ports import PeerBus, TargetSensor
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import Station, ZenohBus
+from agents.shell.zenoh_session import BusTeam
+from agents.team import participant
 from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import target_sensor
@@ -14,23 +18,27 @@ of a simulator may not be known yet."""
 class Equipment:
     """Creates the equipment that the mission specifies; a drill passes in one that can fail."""
 
-    def bus(self, mission: Mission, vehicle: MissionVehicle, speed: float, keys: TeamKeys) -> PeerBus:
-        """Return a vehicle's bus, not yet open; the mission's clock passes `speed` times as fast as the wall's.
+    def buses(
+        self, mission: Mission, vehicles: Sequence[MissionVehicle], speed: float, keys: TeamKeys
+    ) -> Mapping[int, PeerBus]:
+        """Return the bus of each vehicle that this process flies, by its id, not yet open.
 
-        Raises InputError when its keys are not here or do not count.
+        Vehicles with the same keys share a session, which listens at the endpoint of the first. The mission's clock
+        passes `speed` times as fast as the wall's. Raises InputError when keys are not here or do not count.
         """
-        identity = keys.identity("vehicle", str(vehicle.id))
-        others = [other.section.endpoint for other in mission.vehicles if other.id != vehicle.id]
+        here = {vehicle.id: vehicle for vehicle in vehicles}
+        stations = [
+            Station(
+                tuple(map(participant.vehicle, identity.vehicle_ids)),
+                here[identity.vehicle_ids[0]].section.endpoint,
+                identity.security,
+            )
+            for identity in keys.flying(tuple(here))
+        ]
+        elsewhere = [other.section.endpoint for other in mission.vehicles if other.id not in here]
         rate_hz = RATE_SHARE * mission.mission.rate_hz * max(speed, 1.0)
-        return ZenohBus(
-            identity.participant,
-            mission.network.team,
-            mission.ids,
-            vehicle.section.endpoint,
-            others,
-            rate_hz=rate_hz,
-            security=identity.security,
-        )
+        bus = ZenohBus(BusTeam(mission.network.team, mission.ids), stations, elsewhere, rate_hz)
+        return {each: bus.of(participant.vehicle(each)) for each in here}
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a vehicle's sensor; the mission starts at `start_s`."""

@@ -74,8 +74,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         stubs = await stack.enter_async_context(FlightStubs(plan.mission if plan.stubs else None, clock.speed))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
-        for vehicle in plan.vehicles:
-            team.add(vehicle, hub, supervisor.heartbeat(vehicle.id))
+        team.equip(hub, supervisor.heartbeat)
         for agent in team.agents:
             stack.push_async_callback(agent.close)
         target = TargetVehicle(plan.mission, hub, clock, team.agents, team.signing_keys)

@@ -1,12 +1,12 @@
 """The vehicles that one process flies, and what their agents share: clock, event journal, recording."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 from agents.outputs import CoreStatus
-from agents.ports import Heartbeat, TargetSensor, VehicleRefusedError
+from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Stop
@@ -67,12 +67,18 @@ class Team:
         """The mission's start on the shared clock, once the agents agreed on it."""
         return self.members[0].agent.start_s
 
-    def add(self, vehicle: MissionVehicle, hub: MavsdkHub, heartbeat: Heartbeat) -> Member:
-        """Create the link and the agent of a vehicle, not yet connected; return the new member."""
-        link = self._link(vehicle, hub)
-        member = Member(vehicle, link, self._agent(vehicle, link, heartbeat))
-        self.members.append(member)
-        return member
+    def equip(self, hub: MavsdkHub, heartbeat: Callable[[int], Heartbeat]) -> None:
+        """Create the links and the agents of all vehicles of this process, not yet connected.
+
+        `heartbeat` is called with a vehicle's id. Raises InputError when keys are not here or do not count.
+        """
+        plan = self.plan
+        equipment = plan.equipment or Equipment()
+        buses = equipment.buses(plan.mission, plan.vehicles, self.clock.speed, self.keys)
+        for vehicle in plan.vehicles:
+            link = self._link(vehicle, hub)
+            agent = self._agent(vehicle, link, buses[vehicle.id], heartbeat(vehicle.id))
+            self.members.append(Member(vehicle, link, agent))
 
     def _link(self, vehicle: MissionVehicle, hub: MavsdkHub) -> CheckedLink:
         mission, clock = self.plan.mission, self.clock
@@ -90,14 +96,14 @@ class Team:
             link.truth.on_sample = partial(self.recording.truth, vehicle.id)
         return link
 
-    def _agent(self, vehicle: MissionVehicle, link: CheckedLink, heartbeat: Heartbeat) -> Agent:
+    def _agent(self, vehicle: MissionVehicle, link: CheckedLink, bus: PeerBus, heartbeat: Heartbeat) -> Agent:
         mission, equipment = self.plan.mission, self.plan.equipment or Equipment()
         config = mission.agent_config(vehicle)
         parts = AgentParts(
             core=self.recording.core(config),
             config=config,
             link=link,
-            bus=equipment.bus(mission, vehicle, self.clock.speed, self.keys),
+            bus=bus,
             clock=self.clock,
             make_sensor=lambda start_s: _true_sensor(equipment.sensor(mission, vehicle.id, start_s), link),
             observe=self._observe,
@@ -123,7 +129,7 @@ class Team:
                 refused.append((member, result))
             elif isinstance(result, BaseException):
                 raise result
-        if len(refused) == 1:
+        if len({id(refusal) for _, refusal in refused}) == 1:  # of one vehicle, or of the bus that they share
             raise refused[0][1]
         if refused:
             raise VehicleRefusedError("\n".join(_line(member.vehicle, refusal) for member, refusal in refused), "")

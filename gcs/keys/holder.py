@@ -14,11 +14,12 @@ UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")
 """What an operator may whose verbs are not named: a kill drops vehicles, and is granted by name only."""
 
 
-class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The holder of a certificate: a vehicle's name is its id. `may` are the verbs that an operator may command.
 
     `expires_s` is Unix time. Who is issued a certificate again has the next `generation`, which the certificate's
-    common name states: what was issued before no longer counts. Raises ValueError for a name that is none.
+    common name states: what was issued before no longer counts. `speaks_for` are further vehicles that a vehicle's
+    keys may send as, in the keys of a run on one computer. Raises ValueError for a name that is none.
     """
 
     role: Role
@@ -27,6 +28,7 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     may: tuple[Verb, ...] = ()
     generation: int = 1
     revoked: bool = False
+    speaks_for: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.generation < 1:
@@ -53,8 +55,9 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """What the holder may send."""
         match self.role:
             case "vehicle":
-                topics = tuple(f"{topic}/{self.name}" for topic in sorted(PEER_TOPICS))
-                return Grant(self.common_name, topics, (f"alive/{self.name}",))
+                names = (self.name, *map(str, self.speaks_for))
+                topics = tuple(f"{topic}/{name}" for topic in sorted(PEER_TOPICS) for name in names)
+                return Grant(self.common_name, topics, tuple(f"alive/{name}" for name in names))
             case "operator":
                 return Grant(self.common_name, tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may))
             case "sensor":

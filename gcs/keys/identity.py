@@ -22,6 +22,14 @@ class Identity:
     may: tuple[Verb, ...] = VERBS
 
 
+@dataclass(frozen=True, slots=True)
+class FlyingIdentity:
+    """The vehicles of a process that send with the same keys; `security` is None on an insecure bus."""
+
+    vehicle_ids: tuple[int, ...]
+    security: BusSecurity | None = None
+
+
 def user_name() -> str:
     """Return the user and the computer of this process, as a name on the bus."""
     try:

@@ -1,5 +1,6 @@
 """A folder of keys, as a computer of the team has it: one folder for each holder that uses this computer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import time
@@ -8,7 +9,7 @@ from agents.shell.bus_security import BusSecurity
 from agents.team.participant import Role
 from gcs.errors import InputError
 from gcs.keys.holder import Holder
-from gcs.keys.identity import Identity
+from gcs.keys.identity import FlyingIdentity, Identity
 from gcs.keys.private_files import check_folder, make_folder, read, read_private, write
 from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
 
@@ -40,6 +41,10 @@ class KeyFolder:
             tuple(each.grant for each in roster.valid),
         )
         return Identity(holder.participant, security, holder.may)
+
+    def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
+        """Return the identities of a process that flies these vehicles: each has its own. Raises InputError."""
+        return [FlyingIdentity((each,), self.identity("vehicle", str(each)).security) for each in vehicle_ids]
 
     def put(self, holder: Holder, certificate_pem: bytes, private_key_pem: bytes, authority_pem: bytes) -> Path:
         """Write a holder's folder, all but the roster; return its path. Raises InputError."""

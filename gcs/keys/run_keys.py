@@ -6,7 +6,7 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from time import time
 from agents.ports import VehicleRefusedError
 from agents.team.participant import Role
 from gcs.keys.holder import VERBS, Holder
-from gcs.keys.identity import Identity, user_name
+from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.private_files import make_folder
 from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
@@ -28,6 +28,8 @@ _VALID_DAYS = 7.0
 class RunKeys:
     """The keys of a team's vehicles, and of this user as operator, sensor and observer.
 
+    The vehicles share one certificate: all keys of a run are in one folder of one user, so that whoever has one
+    vehicle's has them all, and a process needs one session for all that it flies.
     They are in use as long as a process holds a shared lock on their folder. The lock of the folder above it orders all
     that make, look up and remove keys. Locks end with their processes: what a killed one leaves is replaced.
     """
@@ -36,7 +38,7 @@ class RunKeys:
     ids: tuple[int, ...]
 
     def identity(self, role: Role, name: str | None = None) -> Identity:
-        """Return the identity of a vehicle, or of this user.
+        """Return the identity of the vehicles, or of this user.
 
         Raises VehicleRefusedError when no flight of the team runs on this computer, InputError for foreign folders.
         """
@@ -49,6 +51,10 @@ class RunKeys:
                     " from other computers, the mission needs [network.security]",
                 )
             return KeyFolder(folder).identity(role, name)
+
+    def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
+        """Return the one identity of a process that flies these vehicles; raises the same."""
+        return [FlyingIdentity(tuple(vehicle_ids), self.identity("vehicle").security)]
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -75,7 +81,8 @@ class RunKeys:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _require_own_vehicles(self, folder: Path) -> None:
-        flying = {each.name for each in read_roster(folder / ROSTER_FILE).valid if each.role == "vehicle"}
+        vehicles = (each for each in read_roster(folder / ROSTER_FILE).valid if each.role == "vehicle")
+        flying = {str(number) for each in vehicles for number in (each.name, *each.speaks_for)}
         if others := [vehicle_id for vehicle_id in self.ids if str(vehicle_id) not in flying]:
             raise VehicleRefusedError(
                 f"a flight of team {self.team} runs on this computer with vehicles {', '.join(sorted(flying))}, without"
@@ -97,7 +104,8 @@ class RunKeys:
         keys.put_roster(roster)
 
     def _holders(self, expires_s: float) -> Iterator[Holder]:
-        yield from (Holder("vehicle", str(vehicle_id), expires_s) for vehicle_id in self.ids)
+        first, *others = self.ids
+        yield Holder("vehicle", str(first), expires_s, speaks_for=tuple(others))
         yield Holder("operator", user_name(), expires_s, VERBS)
         yield Holder("sensor", user_name(), expires_s)
         yield Holder("observer", user_name(), expires_s)

@@ -1,13 +1,13 @@
 """The keys that a mission's team uses: those that `[network.security]` names, or those of this computer's flights."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from ipaddress import ip_address
 from typing import Protocol
 
 from agents.team.participant import Participant, Role
 from gcs.errors import InputError
-from gcs.keys.identity import Identity, user_name
+from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.run_keys import RunKeys
 from gcs.mission.mission import Mission
@@ -28,6 +28,10 @@ class TeamKeys(Protocol):
         """
         ...
 
+    def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
+        """Return the identities of a process that flies these vehicles; raises the same."""
+        ...
+
 
 class NoKeys:
     """The names on a bus without keys."""
@@ -35,6 +39,10 @@ class NoKeys:
     def identity(self, role: Role, name: str | None = None) -> Identity:
         """Return the identity of a vehicle, or of this user."""
         return Identity(Participant(role, name or user_name()))
+
+    def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
+        """Return the one identity of a process that flies these vehicles."""
+        return [FlyingIdentity(tuple(vehicle_ids))]
 
 
 def team_keys(mission: Mission) -> TeamKeys:

@@ -1,7 +1,7 @@
 """Measure what keys cost on the bus: the start, a message's way there and back, and computing time.
 
-All vehicles of a team are sessions of this process, as is one operator: figures compare the two kinds of bus; a flight
-has each vehicle's agent in one process, or each in its own.
+The vehicles of a team share one session, as in one process, or have one each, as in a process each. All sessions are in
+this process, and an operator's as well.
 """
 
 import asyncio
@@ -12,34 +12,41 @@ from functools import partial
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
+from agents.shell.zenoh_session import BusTeam
+from agents.team.codec import encode
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
+from agents.team.participant import vehicle
 from gcs.keys.run_keys import RunKeys
 from gcs.keys.team_keys import NoKeys, TeamKeys
 from tests.experiments.arguments import parser
 from tests.support.wire import free_ports
 
 TEAM = "measured"
-PAYLOAD = bytes(200)
 RATE_HZ = 20.0
-"""Messages of each vehicle: member and angle at 10 Hz."""
+"""Messages of each vehicle: twice as many as in a flight."""
 ROUND_TRIPS = 200
 LOADED_S = 5.0
 
 
 class Counter:
-    """What one bus has received: messages, and vehicles that are present."""
+    """What one participant has received: messages, and vehicles that are present. A vehicle answers commands."""
 
-    def __init__(self) -> None:
+    def __init__(self, bus: ParticipantBus) -> None:
+        self.bus = bus
         self.messages = 0
         self.present: set[int] = set()
-        self.bus: ZenohBus
 
-    def take(self, key: str, payload: bytes) -> None:
+    async def open(self) -> None:
+        """Join."""
+        await self.bus.open(self._take, lambda _sighting: None, self._note_presence)
+
+    def _take(self, message: BusMessage) -> None:
         self.messages += 1
-        if key.startswith("command/"):
-            self.bus.publish("answer", payload)
+        if isinstance(message, OperatorCommand) and self.bus.vehicle_id is not None:
+            self.bus.publish("answer", encode(CommandAnswer(self.bus.vehicle_id, 1.0, message.number, "holds")))
 
-    def note_presence(self, vehicle_id: int, present: bool) -> None:
+    def _note_presence(self, vehicle_id: int, present: bool) -> None:
         (self.present.add if present else self.present.discard)(vehicle_id)
 
 
@@ -51,32 +58,33 @@ async def until(condition: partial[bool]) -> None:
 
 
 async def opened(
-    stack: AsyncExitStack, keys: TeamKeys, ids: tuple[int, ...]
-) -> tuple[list[Counter], ZenohBus, Counter]:
+    stack: AsyncExitStack, keys: TeamKeys, ids: tuple[int, ...], processes: int
+) -> tuple[list[Counter], ParticipantBus, Counter]:
     """Open the buses of all vehicles at once, and then an operator's; return once all vehicles know each other."""
-    ends = {i: f"tcp/127.0.0.1:{port}" for i, port in zip(ids, free_ports(len(ids)), strict=True)}
+    team, ends = BusTeam(TEAM, ids), [f"tcp/127.0.0.1:{port}" for port in free_ports(processes)]
     counters = []
-    for i in ids:
-        identity, counter = keys.identity("vehicle", str(i)), Counter()
-        others = [end for k, end in ends.items() if k != i]
-        counter.bus = ZenohBus(identity.participant, TEAM, ids, ends[i], others, security=identity.security)
-        counters.append(counter)
-    await asyncio.gather(*(each.bus.open(each.take, each.note_presence) for each in counters))
+    for k, end in enumerate(ends):
+        own = ids[k::processes]
+        (identity,) = keys.flying(own)
+        others = [other for other in ends if other != end]
+        bus = ZenohBus(team, [Station(tuple(map(vehicle, own)), end, identity.security)], others)
+        counters += [Counter(bus.of(vehicle(i))) for i in own]
+    await asyncio.gather(*(each.open() for each in counters))
     for each in counters:
         stack.push_async_callback(each.bus.close)
     await until(partial(lambda: all(len(each.present) == len(ids) - 1 for each in counters)))
-    operator, received = keys.identity("operator"), Counter()
-    bus = ZenohBus(operator.participant, TEAM, ids, None, list(ends.values()), security=operator.security)
-    received.bus = bus
-    return counters, bus, received
+    operator = keys.identity("operator")
+    received = Counter(single_bus(operator.participant, team, None, ends, operator.security))
+    return counters, received.bus, received
 
 
-async def round_trip_s(bus: ZenohBus, received: Counter, vehicles: int) -> float:
+async def round_trip_s(bus: ParticipantBus, received: Counter, vehicles: int) -> float:
     """Return the median time from a command until all vehicles have answered."""
     times_s = []
     for number in range(ROUND_TRIPS):
         before, began_s = received.messages, time.perf_counter()
-        bus.publish("command/hold", b"%d" % number)
+        name = bus.participant.name
+        bus.publish("command/hold", encode(OperatorCommand(time.time(), "hold", None, name, number)))
         while received.messages < before + vehicles:
             assert time.perf_counter() < began_s + 5.0, "an answer is missing"
             await asyncio.sleep(0.0)
@@ -88,16 +96,17 @@ async def round_trip_s(bus: ZenohBus, received: Counter, vehicles: int) -> float
 async def loaded_share(counters: list[Counter]) -> float:
     """Return the share of a core that messages at their flight's rate take."""
     began_s, cpu_s = time.perf_counter(), time.process_time()
-    period_s, sent = 1.0 / RATE_HZ, 0
+    period_s, sent, still = 1.0 / RATE_HZ, 0, (0.0, 0.0)
     while time.perf_counter() < began_s + LOADED_S:
         for each in counters:
-            each.bus.publish("member" if sent % 2 else "angle", PAYLOAD)
+            state = MemberState(int(each.bus.participant.name), time.time(), "encircle", still, still, still, still)
+            each.bus.publish("member", encode(state))
         sent += 1
         await asyncio.sleep(max(0.0, began_s + sent * period_s - time.perf_counter()))
     return (time.process_time() - cpu_s) / (time.perf_counter() - began_s)
 
 
-async def measure(vehicles: int, *, secure: bool) -> str:
+async def measure(vehicles: int, processes: int, *, secure: bool) -> str:
     """Return a line of the table."""
     ids = tuple(range(1, vehicles + 1))
     async with AsyncExitStack() as stack:
@@ -108,10 +117,10 @@ async def measure(vehicles: int, *, secure: bool) -> str:
             stack.enter_context(run.held())
             keys = run
         made_s = time.perf_counter() - began_s
-        counters, operator, received = await opened(stack, keys, ids)
+        counters, operator, received = await opened(stack, keys, ids, processes)
         started_s = time.perf_counter() - began_s
         began_s = time.perf_counter()
-        await operator.open(received.take, received.note_presence)
+        await received.open()
         stack.push_async_callback(operator.close)
         await until(partial(lambda: len(received.present) == vehicles))
         joined_s = time.perf_counter() - began_s
@@ -120,7 +129,7 @@ async def measure(vehicles: int, *, secure: bool) -> str:
         share = await loaded_share(counters)
     name = "keys" if secure else "plain"
     return (
-        f"| {vehicles} | {name} | {made_s * 1e3:.0f} | {started_s * 1e3:.0f} | {joined_s * 1e3:.0f} |"
+        f"| {vehicles} | {processes} | {name} | {made_s * 1e3:.0f} | {started_s * 1e3:.0f} | {joined_s * 1e3:.0f} |"
         f" {trip_s * 1e3:.2f} | {share:.1%} |"
     )
 
@@ -132,14 +141,23 @@ def main() -> None:
     sizes = reader.parse_args().vehicles
     import gcs.keys.certificates  # noqa: F401  # so that it is not measured with the first keys
 
-    columns = ("vehicles", "bus", "keys [ms]", "team together [ms]", "operator joined [ms]", "answers [ms]", "core")
+    columns = (
+        "vehicles",
+        "sessions",
+        "bus",
+        "keys [ms]",
+        "team together [ms]",
+        "operator joined [ms]",
+        "answers [ms]",
+        "core",
+    )
     print(f"| {' | '.join(columns)} |")
-    print("|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|")
     with TemporaryDirectory() as folder:
         os.environ["XDG_RUNTIME_DIR"] = folder
         for vehicles in sizes:
-            for secure in (False, True):
-                print(asyncio.run(measure(vehicles, secure=secure)), flush=True)
+            for processes, secure in ((1, False), (1, True), (vehicles, False), (vehicles, True)):
+                print(asyncio.run(measure(vehicles, processes, secure=secure)), flush=True)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from agents.drops import NO_DROPS
-from agents.team.codec import encode
-from agents.team.messages import MemberState, OperatorCommand
+from agents.team.messages import BusMessage, MemberState, OperatorCommand
 from estimation.state import Sighting
 from gcs.drill.injected_faults import FailingBus, FailingSensor, FaultReceiver, InjectedFaults
 from sitl.faults import VehicleFaults
@@ -63,10 +62,16 @@ class Bus:
     drops = NO_DROPS
 
     def __init__(self) -> None:
-        self.deliver: Callable[[str, bytes], None] = lambda _key, _payload: None
+        self.deliver: Callable[[BusMessage], None] = lambda _message: None
+        self.sight: Callable[[bytes], None] = lambda _sighting: None
 
-    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
-        self.deliver = on_message
+    async def open(
+        self,
+        on_message: Callable[[BusMessage], None],
+        on_perception: Callable[[bytes], None],
+        on_presence: Callable[[int, bool], None],
+    ) -> None:
+        self.deliver, self.sight = on_message, on_perception
 
     def publish(self, topic: str, payload: bytes) -> None:
         pass
@@ -75,44 +80,51 @@ class Bus:
         pass
 
 
-def member(sender: int) -> bytes:
-    return encode(MemberState(sender, 1.0, "formation", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+def member(sender: int) -> MemberState:
+    return MemberState(sender, 1.0, "formation", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 
-COMMAND = encode(OperatorCommand(1.0, "hold", None, "somebody", 7))
+COMMAND = OperatorCommand(1.0, "hold", None, "somebody", 7)
+
+
+async def opened(bus: Bus) -> tuple[FaultReceiver, list[object]]:
+    """Open a failing bus; return its receiver of faults, and what comes through."""
+    receiver, heard = FaultReceiver(), list[object]()
+    await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, heard.append, lambda *_: None)
+    return receiver, heard
 
 
 async def test_a_bus_loses_the_share_it_is_told_to() -> None:
-    receiver, bus = FaultReceiver(), Bus()
-    heard: list[bytes] = []
-    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
+    bus = Bus()
+    receiver, heard = await opened(bus)
     for _ in range(1000):
-        bus.deliver("member/1", member(1))
+        bus.deliver(member(1))
     assert len(heard) == 1000
     receiver.now = InjectedFaults(loss=0.5)
     for _ in range(1000):
-        bus.deliver("member/1", member(1))
+        bus.deliver(member(1))
     assert 1450 < len(heard) < 1550
+    for _ in range(1000):
+        bus.sight(b"noise")
+    assert 400 < heard.count(b"noise") < 600
 
 
 async def test_who_is_unheard_is_and_operators_are_not() -> None:
-    receiver, bus = FaultReceiver(), Bus()
-    heard: list[bytes] = []
-    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
+    bus = Bus()
+    receiver, heard = await opened(bus)
     receiver.now = InjectedFaults(unheard=(1, 2))
     for sender in (1, 2, 3):
-        bus.deliver(f"member/{sender}", member(sender))
-    bus.deliver("command/hold/somebody", COMMAND)
-    bus.deliver("perception/1", b"noise")
+        bus.deliver(member(sender))
+    bus.deliver(COMMAND)
+    bus.sight(b"noise")
     assert heard == [member(3), COMMAND, b"noise"]
 
 
 async def test_what_is_late_comes_later() -> None:
-    receiver, bus = FaultReceiver(), Bus()
-    heard: list[bytes] = []
-    await FailingBus(bus, receiver, vehicle_id=3).open(lambda _key, payload: heard.append(payload), lambda *_: None)
+    bus = Bus()
+    receiver, heard = await opened(bus)
     receiver.now = InjectedFaults(delay_s=0.01)
-    bus.deliver("member/1", member(1))
+    bus.deliver(member(1))
     assert heard == []
     arrived = asyncio.Event()
     asyncio.get_running_loop().call_later(0.02, arrived.set)

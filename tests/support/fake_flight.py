@@ -20,8 +20,7 @@ from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.tactics import Event
 from agents.tape import CoreInput, TacticEvent, TapedCore
-from agents.team.codec import encode
-from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb, key_of
+from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb
 from agents.team.perception import Perception
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting, Telemetry
@@ -179,15 +178,16 @@ class FakeBus:
 
     def __init__(self) -> None:
         self.published: list[tuple[str, bytes]] = []
-        self._receive: Callable[[str, bytes], None] = lambda _key, _payload: None
+        self.deliver: Callable[[BusMessage], None] = lambda _message: None
         self.appear: Callable[[int, bool], None] = lambda _vehicle_id, _present: None
 
-    async def open(self, on_message: Callable[[str, bytes], None], on_presence: Callable[[int, bool], None]) -> None:
-        self._receive, self.appear = on_message, on_presence
-
-    def deliver(self, message: BusMessage) -> None:
-        """Let a message arrive on its own key."""
-        self._receive(key_of(message), encode(message))
+    async def open(
+        self,
+        on_message: Callable[[BusMessage], None],
+        on_perception: Callable[[bytes], None],
+        on_presence: Callable[[int, bool], None],
+    ) -> None:
+        self.deliver, self.appear = on_message, on_presence
 
     def publish(self, topic: str, payload: bytes) -> None:
         self.published.append((topic, payload))

@@ -16,7 +16,8 @@ from rich.console import Console
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team import participant
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, StartProposal
@@ -213,8 +214,8 @@ async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -
     """Let one vehicle be up and ready on a computer whose clock is ahead, and never propose a start."""
     others = [each.section.endpoint for each in mission.vehicles if each.id != vehicle.id]
     own, clock = participant.vehicle(vehicle.id), MissionClock(SPEED)
-    bus = ZenohBus(own, mission.network.team, mission.ids, vehicle.section.endpoint, others)
-    await bus.open(lambda _key, _payload: None, lambda _vehicle, _present: None)
+    bus = single_bus(own, BusTeam(mission.network.team, mission.ids), vehicle.section.endpoint, others)
+    await bus.open(lambda *_: None, lambda *_: None, lambda *_: None)
 
     async def speak() -> None:
         while True:

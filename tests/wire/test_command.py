@@ -139,7 +139,7 @@ async def test_a_target_is_pointed_out_and_encircled_but_not_where_no_sighting_c
         sensor = team_keys(team.mission).identity("sensor")
         camera = guest_bus(team.mission, sensor)
         seen: set[int] = set()
-        await camera.open(lambda *_: None, lambda vehicle_id, _: seen.add(vehicle_id))
+        await camera.open(lambda *_: None, lambda *_: None, lambda vehicle_id, _: seen.add(vehicle_id))
         await until(lambda: seen >= {1, 2, 3})
         payloads = [json.dumps(good | changes).encode() for changes, _ in bad]
         for payload in (*payloads, *payloads):

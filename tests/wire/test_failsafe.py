@@ -3,15 +3,13 @@
 import asyncio
 from collections.abc import Callable
 from io import StringIO
-from typing import Any
 
 import pytest
 from rich.console import Console
 
 from agents.outputs import CoreStatus
 from agents.shell.outcome import Ending
-from agents.shell.zenoh_bus import ZenohBus
-from agents.team.participant import Participant
+from agents.shell.zenoh_session import ZenohSession
 from gcs.console.live import LiveView
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
@@ -39,30 +37,34 @@ async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(
     mission: Mission, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = StubWatch(monkeypatch)
-    buses: dict[int, ZenohBus] = {}
+    sessions: dict[int, ZenohSession] = {}
     latest: dict[int, CoreStatus] = {}
     notes: list[str] = []
-    make, note = ZenohBus.__init__, Journal.note
+    appear, note = ZenohSession.appear, Journal.note
 
-    def made(bus: ZenohBus, participant: Participant, *rest: Any, **named: Any) -> None:
-        if participant.vehicle_id is not None:
-            buses[participant.vehicle_id] = bus
-        make(bus, participant, *rest, **named)
+    def appeared(session: ZenohSession, name: str) -> None:
+        sessions[int(name)] = session
+        appear(session, name)
 
     def noted(journal: Journal, status: CoreStatus, tick_us: float) -> None:
         latest[status.vehicle_id] = status
         notes.extend(f"{status.vehicle_id}: {each.text}" for each in status.notes if each.kind == "failsafe")
         note(journal, status, tick_us)
 
-    monkeypatch.setattr(ZenohBus, "__init__", made)
+    monkeypatch.setattr(ZenohSession, "appear", appeared)
     monkeypatch.setattr(Journal, "note", noted)
+
+    split = mission.vehicles[:1], mission.vehicles[1:]
 
     def tactics() -> list[str]:
         return [latest[i].tactic.value if i in latest else "" for i in (1, 2, 3)]
 
     async with served(stub_configs(mission), SPEED):
-        plan = FlightPlan(mission, 40.0, mission.vehicles, stubs=False, speed=SPEED)
-        flight: asyncio.Task[Flight] = asyncio.create_task(fly(plan, LiveView(Console(file=StringIO()))))
+        # The vehicles of one process share a session: the first is flown by itself.
+        plans = (FlightPlan(mission, 40.0, each, stubs=False, speed=SPEED) for each in split)
+        flights: asyncio.Future[list[Flight]] = asyncio.gather(
+            *(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans)
+        )
         try:
             await until(lambda: tactics() == ["formation"] * 3)
             await asyncio.sleep(0.5)
@@ -71,17 +73,16 @@ async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(
             await until(lambda: tactics() == ["formation", "formation", "return and land"], 5.0, "coming home")
             assert latest[3].alert == "battery low"
             await until(lambda: {each.sender: each.alert for each in latest[2].peers}.get(3) == "battery low", 1.0)
-            session = buses[1]._session
-            assert session is not None
-            session.close()  # type: ignore[no-untyped-call]
+            assert sessions[1] is not sessions[2] is sessions[3]
+            sessions[1].close()
             await until(lambda: tactics()[0] == "aside", 3.0, "stepping aside")
             assert latest[1].alert == "bus lost"
             await until(lambda: latest[2].alert == "peer silent", 3.0, "missing the other")
             assert tactics()[1] == "formation"
-            outcomes = (await flight).outcomes
+            outcomes = {i: outcome for flight in await flights for i, outcome in flight.outcomes.items()}
         finally:
-            flight.cancel()
-            await asyncio.gather(flight, return_exceptions=True)
+            flights.cancel()
+            await asyncio.gather(flights, return_exceptions=True)
     assert (outcomes[3].ending, outcomes[3].reason) == (Ending.STOPPED, "failsafe: battery low")
     assert [outcomes[i].ending for i in (1, 2)] == [Ending.COMPLETED] * 2
     assert not any(vehicle.armed for vehicle in watch.vehicles.values())

@@ -15,7 +15,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import MemberState
 from agents.team.participant import vehicle
@@ -68,8 +69,8 @@ async def watched(mission: Mission) -> AsyncIterator[tuple[StringIO, asyncio.Eve
 async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable[..., str]) -> None:
     mission = load_mission(mission_file("case2", INSECURE))
     heard: list[object] = []
-    bus = ZenohBus(vehicle(1), mission.network.team, mission.ids, mission.vehicle(1).section.endpoint)
-    await bus.open(lambda *message: heard.append(message), lambda *presence: heard.append(presence))
+    bus = single_bus(vehicle(1), BusTeam(mission.network.team, mission.ids), mission.vehicle(1).section.endpoint)
+    await bus.open(heard.append, heard.append, lambda *presence: heard.append(presence))
     try:
         async with watched(mission) as (output, _):
             began_s = time.monotonic()

@@ -5,8 +5,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from statistics import median
 
 import pytest
@@ -14,43 +15,59 @@ import pytest
 from agents.drops import NO_DROPS, Drops
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES
-from agents.shell.zenoh_bus import ZenohBus
-from agents.team.participant import vehicle
+from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
+from agents.shell.zenoh_session import BusTeam
+from agents.team import admission
+from agents.team.codec import decode, encode
+from agents.team.messages import BusMessage, CommandAnswer, StartProposal
+from agents.team.participant import Participant, vehicle
 from tests.support.paths import ROOT
 from tests.support.wire import free_ports
 
 PEER_PROCESS = """
 import asyncio, sys
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
+from agents.team.codec import decode, encode
+from agents.team.messages import CommandAnswer
 from agents.team.participant import vehicle
 
 async def main():
-    bus = ZenohBus(vehicle(9), "wire", (1, 9), sys.argv[1], sys.argv[2:])
+    bus = single_bus(vehicle(9), BusTeam("wire", (1, 2, 3, 9)), sys.argv[1], sys.argv[2:])
+
+    def answer(message):
+        bus.publish("answer", encode(CommandAnswer(9, 1.0, 1, message.did)))
+
     print("opening", flush=True)
-    await bus.open(lambda key, payload: bus.publish("answer", payload), lambda peer_id, present: None)
+    await bus.open(answer, lambda payload: None, lambda peer_id, present: None)
     await asyncio.Event().wait()
 
 asyncio.run(main())
 """
 
 
-MEMBERS = (1, 2, 3, 9)
+TEAM = BusTeam("wire", (1, 2, 3, 9))
 
 
 class Heard:
-    """What one peer heard, in order."""
+    """What one peer heard, in order: the texts of answers, sightings, and who came and went."""
 
     def __init__(self) -> None:
-        self.messages: list[bytes] = []
-        self.keys: list[str] = []
+        self.messages: list[str] = []
+        self.sightings: list[bytes] = []
         self.presence: list[tuple[int, bool]] = []
 
-    def on_message(self, key: str, payload: bytes) -> None:
-        self.keys.append(key)
-        self.messages.append(payload)
+    def on_message(self, message: BusMessage) -> None:
+        assert isinstance(message, CommandAnswer)
+        self.messages.append(message.did)
 
     def on_presence(self, peer_id: int, present: bool) -> None:
         self.presence.append((peer_id, present))
+
+
+def answer(bus: ParticipantBus, text: str) -> None:
+    """Send a message with a text."""
+    bus.publish("answer", encode(CommandAnswer(int(bus.participant.name), 1.0, 1, text)))
 
 
 async def until(condition: Callable[[], bool], timeout_s: float) -> float:
@@ -62,13 +79,23 @@ async def until(condition: Callable[[], bool], timeout_s: float) -> float:
     return time.monotonic() - start_s
 
 
-async def acquainted(buses: dict[int, ZenohBus], heard: dict[int, Heard]) -> None:
+async def sending(send: Callable[[], None], condition: Callable[[], bool]) -> None:
+    """Send again and again until a condition holds."""
+
+    def sent() -> bool:
+        send()
+        return condition()
+
+    await until(sent, 2.0)
+
+
+async def acquainted(buses: dict[int, ParticipantBus], heard: dict[int, Heard]) -> None:
     """Wait until everybody is heard by everybody: that a peer is there is known before what it listens to."""
-    greetings = {own: f"{own}:hello".encode() for own in buses}
+    greetings = {own: f"{own}:hello" for own in buses}
 
     def greeted() -> bool:
         for own, bus in buses.items():
-            bus.publish("answer", greetings[own])
+            answer(bus, greetings[own])
         return all(set(greetings.values()) - {greetings[own]} <= set(each.messages) for own, each in heard.items())
 
     await until(greeted, 2.0)
@@ -82,13 +109,35 @@ def free_endpoints(count: int) -> list[str]:
 
 
 @asynccontextmanager
-async def opened(vehicle_id: int, listen: str, connect: list[str]) -> AsyncIterator[tuple[ZenohBus, Heard]]:
-    bus, heard = ZenohBus(vehicle(vehicle_id), "wire", MEMBERS, listen, connect), Heard()
-    await bus.open(heard.on_message, heard.on_presence)
+async def opened(vehicle_id: int, listen: str, connect: list[str]) -> AsyncIterator[tuple[ParticipantBus, Heard]]:
+    bus, heard = single_bus(vehicle(vehicle_id), TEAM, listen, connect), Heard()
+    await bus.open(heard.on_message, heard.sightings.append, heard.on_presence)
     try:
         yield bus, heard
     finally:
         await bus.close()
+
+
+@asynccontextmanager
+async def shared(
+    vehicle_ids: Sequence[int], listen: str, connect: Sequence[str] = ()
+) -> AsyncIterator[tuple[dict[int, ParticipantBus], dict[int, Heard]]]:
+    """Open one session for several vehicles."""
+    participants = {each: vehicle(each) for each in vehicle_ids}
+    bus = ZenohBus(TEAM, [Station(tuple(participants.values()), listen)], connect)
+    buses = {each: bus.of(participant) for each, participant in participants.items()}
+    heard = {each: Heard() for each in vehicle_ids}
+    try:
+        await asyncio.gather(
+            *(
+                each.open(heard[i].on_message, heard[i].sightings.append, heard[i].on_presence)
+                for i, each in buses.items()
+            )
+        )
+        yield buses, heard
+    finally:
+        for each in buses.values():
+            await each.close()
 
 
 def peer_process(listen: str, connect: str) -> subprocess.Popen[str]:
@@ -104,14 +153,15 @@ def test_names_that_are_patterns_are_refused(subtests: pytest.Subtests) -> None:
     for name in ["", "a/", "*", "a b", "$", "a#"]:
         with subtests.test(name=name):
             with pytest.raises(ValueError, match="team"):
-                ZenohBus(vehicle(1), name, MEMBERS)
+                BusTeam(name, (1,))
             with pytest.raises(ValueError, match="topic"):
-                ZenohBus(vehicle(1), "team", MEMBERS).publish(name, b"")
+                single_bus(vehicle(1), TEAM, None).publish(name, b"")
 
 
 async def test_an_unopened_bus_drops_and_closes() -> None:
-    bus: PeerBus = ZenohBus(vehicle(1), "team", MEMBERS)
+    bus: PeerBus = single_bus(vehicle(1), TEAM, None)
     bus.publish("answer", b"not received")
+    assert not bus.alive
     await bus.close()
 
 
@@ -133,19 +183,19 @@ async def test_three_peers_hear_each_other_and_not_themselves() -> None:
             await acquainted(buses, heard)
             for number in range(20):
                 for own, bus in buses.items():
-                    bus.publish("answer", f"{own}:{number}".encode())
+                    answer(bus, f"{own}:{number}")
                 await asyncio.sleep(0.01)  # the bus may drop what comes faster than it can carry on a busy machine
             await until(lambda: all(len(each.messages) >= 40 for each in heard.values()), 2.0)
             for own, each in heard.items():
                 assert sorted(each.presence) == [(peer, True) for peer in buses if peer != own]
                 for peer in buses:
-                    mine = [text for text in each.messages if text.startswith(b"%d:" % peer)]
-                    expected = [] if peer == own else [b"%d:%d" % (peer, number) for number in range(20)]
+                    mine = [text for text in each.messages if text.startswith(f"{peer}:")]
+                    expected = [] if peer == own else [f"{peer}:{number}" for number in range(20)]
                     assert mine == expected
         lost_s = await until(lambda: (3, False) in heard_first.presence and (3, False) in heard_second.presence, 1.0)
         assert lost_s < 0.3
-        first.publish("answer", b"after")
-        await until(lambda: b"after" in heard_second.messages, 1.0)
+        answer(first, "after")
+        await until(lambda: "after" in heard_second.messages, 1.0)
 
 
 @pytest.mark.wire
@@ -183,14 +233,14 @@ async def test_a_frozen_peer_is_missed_after_its_lease_and_found_again() -> None
     assert 0.5 < lost_s < 2.0
 
 
-async def measure_round_trip(bus: ZenohBus, heard: Heard) -> float:
+async def measure_round_trip(bus: ParticipantBus, heard: Heard) -> float:
     """Return the median round trip of 50 messages to the other process and back [s]."""
     times_s = []
     for number in range(50):
-        payload = b"ping %d" % number
+        text = f"ping {number}"
         start_s = time.perf_counter()
-        bus.publish("answer", payload)
-        while payload not in heard.messages:
+        answer(bus, text)
+        while text not in heard.messages:
             assert time.perf_counter() - start_s < 1.0
             await asyncio.sleep(0)
         times_s.append(time.perf_counter() - start_s)
@@ -198,15 +248,19 @@ async def measure_round_trip(bus: ZenohBus, heard: Heard) -> float:
 
 
 @pytest.mark.wire
-async def test_a_payload_too_long_is_counted_and_dropped() -> None:
+async def test_what_is_not_admitted_is_counted_and_dropped() -> None:
     ends = free_endpoints(2)
     async with opened(1, ends[0], []) as (first, _), opened(2, ends[1], [ends[0]]) as (second, heard):
         await until(lambda: heard.presence == [(1, True)], 2.0)
         first.publish("answer", bytes(PAYLOAD_LIMIT_BYTES + 1))
         first.publish("answer", bytes(PAYLOAD_LIMIT_BYTES))
-        await until(lambda: len(heard.messages) == 1, 1.0)
-        assert len(heard.messages[0]) == PAYLOAD_LIMIT_BYTES
-        assert (second.drops, first.drops) == (Drops(too_long=1), NO_DROPS)
+        first.publish("answer", encode(CommandAnswer(2, 1.0, 1, "in another's name")))
+        first.publish("answer", encode(StartProposal(1, 1.0, None)))
+        answer(first, "heard")
+        await until(lambda: bool(heard.messages), 1.0)
+        assert heard.messages == ["heard"]
+        assert second.drops == Drops(too_long=1, malformed=1, wrong_sender=1, wrong_topic=1)
+        assert first.drops == NO_DROPS
 
 
 @pytest.mark.wire
@@ -215,21 +269,21 @@ async def test_a_raising_callback_does_not_stop_the_bus() -> None:
     failures: list[object] = []
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(lambda _loop, context: failures.append(context["exception"]))
-    second, present, received = ZenohBus(vehicle(2), "wire", MEMBERS, ends[1], [ends[0]]), [], []
+    second, present, received = single_bus(vehicle(2), TEAM, ends[1], [ends[0]]), [], []
 
-    def on_message(_key: str, payload: bytes) -> None:
-        received.append(payload)
+    def on_message(message: BusMessage) -> None:
+        received.append(message.did)  # type: ignore[union-attr]
         raise RuntimeError("a bug in the core")
 
     async with opened(1, ends[0], []) as (first, _):
-        await second.open(on_message, lambda peer_id, alive: present.append((peer_id, alive)))
+        await second.open(on_message, lambda _: None, lambda peer_id, alive: present.append((peer_id, alive)))
         await until(lambda: present == [(1, True)], 2.0)
-        first.publish("answer", b"one")
-        first.publish("answer", b"two")
+        answer(first, "one")
+        answer(first, "two")
         await until(lambda: len(failures) == 2, 1.0)
-        assert received == [b"one", b"two"]
+        assert received == ["one", "two"]
         await second.close()
-        first.publish("answer", b"three")
+        answer(first, "three")
         await asyncio.sleep(0.1)
         assert len(received) == 2
 
@@ -238,9 +292,9 @@ async def test_a_raising_callback_does_not_stop_the_bus() -> None:
 async def test_a_taken_port_is_refused_with_a_next_step() -> None:
     ends = free_endpoints(1)
     async with opened(1, ends[0], []):
-        late = ZenohBus(vehicle(2), "wire", MEMBERS, ends[0])
+        late = single_bus(vehicle(2), TEAM, ends[0])
         with pytest.raises(VehicleRefusedError, match="is taken") as refusal:
-            await late.open(lambda key, payload: None, lambda peer_id, present: None)
+            await late.open(lambda *_: None, lambda *_: None, lambda *_: None)
         assert ends[0] in refusal.value.reason
         assert "another port" in refusal.value.next_step
         await late.close()
@@ -249,10 +303,10 @@ async def test_a_taken_port_is_refused_with_a_next_step() -> None:
 @pytest.mark.wire
 async def test_opening_never_blocks_the_loop_and_can_be_cancelled() -> None:
     ends = free_endpoints(2)
-    bus = ZenohBus(vehicle(1), "wire", MEMBERS, ends[0], [ends[1]])
+    bus = single_bus(vehicle(1), TEAM, ends[0], [ends[1]])
     longest_s, opening = (
         0.0,
-        asyncio.create_task(bus.open(lambda key, payload: None, lambda peer_id, present: None)),
+        asyncio.create_task(bus.open(lambda *_: None, lambda *_: None, lambda *_: None)),
     )
     for _ in range(20):
         start_s = time.monotonic()
@@ -266,3 +320,94 @@ async def test_opening_never_blocks_the_loop_and_can_be_cancelled() -> None:
     await asyncio.sleep(0.8)
     async with opened(2, ends[0], []):
         pass
+
+
+@pytest.mark.wire
+async def test_a_message_is_decoded_once_for_all_vehicles_of_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = free_endpoints(2)
+    decoded: list[bytes] = []
+
+    def counted(payload: bytes) -> BusMessage:
+        decoded.append(payload)
+        return decode(payload)
+
+    monkeypatch.setattr(admission, "decode", counted)
+    with peer_process(ends[1], ends[0]) as process:
+        try:
+            async with shared((1, 2, 3), ends[0], [ends[1]]) as (buses, heard):
+                await until(lambda: all((9, True) in each.presence for each in heard.values()), 3.0)
+                await sending(lambda: answer(buses[1], "hello"), lambda: heard[2].messages.count("hello") > 3)
+                await asyncio.sleep(0.2)
+                decoded.clear()
+                for each in heard.values():
+                    each.messages.clear()
+                for number in range(10):
+                    answer(buses[1], f"{number}")
+                    await asyncio.sleep(0.01)
+                await until(lambda: all(each.messages.count("9") >= 1 for each in heard.values()), 2.0)
+                await asyncio.sleep(0.05)
+                texts = sorted(f"{number}" for number in range(10))
+                assert sorted(heard[1].messages) == texts, "of vehicle 9, which repeats what vehicle 1 sends"
+                assert sorted(heard[2].messages) == sorted(heard[3].messages) == sorted(2 * texts)
+                assert len(decoded) == 20
+        finally:
+            process.kill()
+
+
+@pytest.mark.wire
+async def test_vehicles_of_one_session_hear_each_other_once_and_leave_alone() -> None:
+    ends = free_endpoints(2)
+    async with (
+        opened(9, ends[1], [ends[0]]) as (peer, heard_peer),
+        shared((1, 2, 3), ends[0], [ends[1]]) as (buses, heard),
+    ):
+        everybody, all_heard = {**buses, 9: peer}, {**heard, 9: heard_peer}
+        for own, each in all_heard.items():
+            others = [(other, True) for other in sorted(all_heard) if other != own]
+            await until(partial(lambda each, others: sorted(each.presence) == others, each, others), 2.0)
+        await acquainted(everybody, all_heard)
+        for number in range(10):
+            for own, bus in everybody.items():
+                answer(bus, f"{own}:{number}")
+            await asyncio.sleep(0.01)
+        await until(lambda: all(len(each.messages) >= 30 for each in all_heard.values()), 2.0)
+        for own, each in all_heard.items():
+            expected = sorted(f"{other}:{number}" for other in all_heard if other != own for number in range(10))
+            assert sorted(each.messages) == expected
+
+        for each in all_heard.values():
+            each.presence.clear()
+        await buses[2].close()
+        await until(lambda: all(all_heard[i].presence for i in (1, 3, 9)), 1.0)
+        assert [buses[i].alive for i in (1, 2, 3)] == [True, False, True]
+        answer(buses[2], "from a closed one")
+        answer(buses[1], "from an open one")
+        answer(peer, "from outside")
+        await until(lambda: "from an open one" in heard_peer.messages and "from outside" in heard[3].messages, 1.0)
+        assert not any("from a closed one" in each.messages for each in all_heard.values())
+        assert len(heard[2].messages) == 30
+        assert [all_heard[i].presence for i in (1, 2, 3, 9)] == [[(2, False)], [], [(2, False)], [(2, False)]]
+        assert all(bus.drops == NO_DROPS for bus in everybody.values())
+
+
+@pytest.mark.wire
+async def test_nobody_else_speaks_for_the_vehicles_of_a_session_and_sightings_go_to_each() -> None:
+    ends = free_endpoints(1)
+    sensor, impostor = (
+        single_bus(Participant("sensor", "mast"), TEAM, None, ends),
+        single_bus(vehicle(2), TEAM, None, ends),
+    )
+    async with shared((1, 2), ends[0]) as (buses, heard):
+        present: set[int] = set()
+        try:
+            for bus in (sensor, impostor):
+                await bus.open(lambda *_: None, lambda *_: None, lambda peer_id, _: present.add(peer_id))
+            await until(lambda: present >= {1, 2}, 2.0)
+            seen = partial(sensor.publish, "perception", b"seen")
+            await sending(seen, lambda: all(heard[i].sightings for i in (1, 2)))
+            await sending(lambda: answer(impostor, "forged"), lambda: buses[1].drops.own_id > 0)
+            await asyncio.sleep(0.05)
+            assert heard[1].messages == heard[2].messages == []
+        finally:
+            await sensor.close()
+            await impostor.close()

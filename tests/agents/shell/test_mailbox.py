@@ -16,26 +16,26 @@ def unread() -> bytes:
     raise AssertionError("a payload was copied that is dropped")
 
 
-def test_the_newest_state_of_each_sender_waits() -> None:
-    mailbox = Mailbox(1, MEMBERS, 100.0)
-    calls = [put(mailbox, f"member/{sender}", b"%d" % number) for number in range(5) for sender in (2, 3)]
+def test_the_newest_start_of_each_sender_waits() -> None:
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
+    calls = [put(mailbox, f"start/{sender}", b"%d" % number) for number in range(5) for sender in (2, 3)]
     assert calls == [True] + [False] * 9, "one call until it is taken"
-    assert mailbox.take() == ({}, [("member/2", b"4"), ("member/3", b"4")])
+    assert mailbox.take() == ({}, [("start/2", b"4"), ("start/3", b"4")])
     assert mailbox.take() == ({}, [])
     assert mailbox.drops == Drops(superseded=8)
-    assert put(mailbox, "angle/2")
+    assert put(mailbox, "member/2")
 
 
-def test_sightings_answers_and_commands_wait_together_up_to_a_limit() -> None:
-    mailbox = Mailbox(1, MEMBERS, 1000.0)
-    for key, kept in (("target/2", 16), ("answer/2", 16), ("command/hold/pat", 8), ("perception/camera", 32)):
+def test_states_answers_and_commands_wait_together_up_to_a_limit() -> None:
+    mailbox = Mailbox((1,), MEMBERS, 1000.0)
+    for key, kept in (("member/2", 4), ("answer/2", 16), ("command/hold/pat", 8), ("perception/camera", 32)):
         for number in range(kept + 5):
             put(mailbox, key, b"%d" % number)
         assert mailbox.take()[1] == [(key, b"%d" % number) for number in range(5, kept + 5)]
 
 
 def test_commands_of_an_operator_wait_in_order_whatever_their_verb() -> None:
-    mailbox = Mailbox(1, MEMBERS, 100.0)
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
     keys = ["command/hold/pat", "command/resume/pat", "command/kill/pat"]
     for key in keys:
         put(mailbox, key)
@@ -44,8 +44,8 @@ def test_commands_of_an_operator_wait_in_order_whatever_their_verb() -> None:
 
 def test_what_cannot_be_a_message_is_dropped_unread() -> None:
     keys = {
-        "not_a_member": ("member/9", "answer/x", "angle/02", "member/"),
-        "own_id": ("member/1", "target/1"),
+        "not_a_member": ("member/9", "answer/x", "member/02", "member/"),
+        "own_id": ("member/1", "start/1"),
         "unknown_key": (
             *("", "member", "junk/2", "member/2/", "command/hold", "command/hold/a b", "command/fly/pat", "perception"),
             *(
@@ -59,18 +59,29 @@ def test_what_cannot_be_a_message_is_dropped_unread() -> None:
         ),
     }
     for reason, refused in keys.items():
-        mailbox = Mailbox(1, MEMBERS, 100.0)
+        mailbox = Mailbox((1,), MEMBERS, 100.0)
         assert not any(mailbox.put(key, 1, unread, 100.0) for key in refused)
         assert mailbox.drops == Drops(**{reason: len(refused)})
-    mailbox = Mailbox(1, MEMBERS, 100.0)
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
     assert not mailbox.put("member/2", 100_000_000, unread, 100.0)
     assert not mailbox.put("command/hold/pat", PAYLOAD_LIMIT_BYTES + 1, unread, 100.0)
     assert put(mailbox, "member/2", bytes(PAYLOAD_LIMIT_BYTES))
     assert mailbox.drops == Drops(too_long=2)
 
 
+def test_own_vehicles_are_heard_from_this_process_only() -> None:
+    mailbox = Mailbox((1, 2), MEMBERS, 100.0)
+    assert mailbox.put("member/1", 1, lambda: b"own", 100.0, own=True)
+    assert not mailbox.put("member/2", 1, unread, 100.0)
+    assert not mailbox.put("member/3", 1, unread, 100.0, own=True)
+    assert mailbox.take()[1] == [("member/1", b"own")]
+    assert mailbox.drops == Drops(own_id=1, not_a_member=1)
+    mailbox.put("member/3", 1, lambda: b"peer", 100.0)
+    assert mailbox.take()[1] == [("member/3", b"peer")]
+
+
 def test_a_sender_has_a_rate_and_takes_none_from_others() -> None:
-    mailbox = Mailbox(1, MEMBERS, 50.0)
+    mailbox = Mailbox((1,), MEMBERS, 50.0)
     taken = {"answer/2": 0, "answer/3": 0, "member/2": 0, "command/hold/pat": 0}
     for millisecond in range(10_000):
         now_s = 100.0 + millisecond * 1e-3
@@ -85,7 +96,7 @@ def test_a_sender_has_a_rate_and_takes_none_from_others() -> None:
 
 
 def test_operators_without_number_do_not_displace_one_that_is_known() -> None:
-    mailbox = Mailbox(1, MEMBERS, 100.0)
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
     put(mailbox, "command/hold/pat", now_s=100.0)
     assert len(mailbox.take()[1]) == 1
     waiting = 0
@@ -102,19 +113,20 @@ def test_operators_without_number_do_not_displace_one_that_is_known() -> None:
 
 
 def test_presence_is_of_members_and_the_newest_counts() -> None:
-    mailbox = Mailbox(1, MEMBERS, 100.0)
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
     assert mailbox.put_presence("2", True)
-    for name in ("1", "9", "x", "02", "２"):
+    for name in ("9", "x", "02", "２"):
         assert not mailbox.put_presence(name, True)
     assert not mailbox.put_presence("3", True)
     assert not mailbox.put_presence("3", False)
-    assert mailbox.take() == ({2: True, 3: False}, [])
+    assert not mailbox.put_presence("1", True), "the own vehicles as well: another of this process asks for it"
+    assert mailbox.take() == ({2: True, 3: False, 1: True}, [])
     assert mailbox.drops == Drops(not_a_member=4)
     assert mailbox.put_presence("3", True)
 
 
 def test_threads_lose_no_call_and_no_count() -> None:
-    mailbox, calls, taken = Mailbox(1, MEMBERS, 1e9), [0], [0]
+    mailbox, calls, taken = Mailbox((1,), MEMBERS, 1e9), [0], [0]
     called, ended = threading.Semaphore(0), threading.Event()
 
     def send(sender: int) -> None:

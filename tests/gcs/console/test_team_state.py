@@ -3,13 +3,11 @@
 from dataclasses import replace
 from io import StringIO
 
-import pytest
 from msgspec import structs
 from rich.console import Console
 
 from agents.drops import Drops
-from agents.team.codec import encode
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, key_of
+from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
 from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamState, WatchRow
 from gcs.console.watch import watch_line, watch_table
 
@@ -27,39 +25,27 @@ def state(
     return MemberState(sender, time_s, tactic, here, (0.0, 0.0), here, (0.0, 0.0), 8.0, 0.1, alert, angle=angle)
 
 
-def receive(team: TeamState, message: BusMessage, now_s: float) -> None:
-    """Let a message arrive on its own key."""
-    team.receive(key_of(message), encode(message), now_s)
-
-
 def test_who_has_said_nothing_has_an_empty_row() -> None:
     picture = TeamState((1, 2))
     assert picture.rows(0.0) == [WatchRow(1), WatchRow(2)]
     assert not picture.any_received
-    receive(picture, state(2), 0.0)
+    picture.receive(state(2), 0.0)
     assert [row.vehicle_id for row in picture.rows(0.0)] == [1, 2]
     assert picture.any_received
 
 
 def test_a_row_is_the_last_words_and_their_age() -> None:
     picture = TeamState((1,))
-    receive(picture, state(angle=NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5)), 5.0)
+    picture.receive(state(angle=NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5)), 5.0)
     assert picture.rows(5.25) == [WatchRow(1, 0.25, "formation", (1.0, -2.0), 8.0, 10.5, 0.05)]
-    receive(picture, state(time_s=101.5), 6.0)
+    picture.receive(state(time_s=101.5), 6.0)
     (row,) = picture.rows(6.0)
     assert (row.radius_m, row.angular_rate_rad_s) == (None, None), "it has left the ring"
 
 
-@pytest.mark.parametrize("payload", [b"", b"\xc1", b"hello", b"\x90"])
-def test_what_is_no_message_is_left_alone(payload: bytes) -> None:
-    picture = TeamState((1,))
-    picture.receive("member/1", payload, 0.0)
-    assert picture.rows(0.0) == [WatchRow(1)]
-
-
 def test_silence_is_news_once_and_so_is_its_end() -> None:
     picture = TeamState((1,))
-    receive(picture, state(), 0.0)
+    picture.receive(state(), 0.0)
     (connected,) = picture.new_events(0.0)
     assert connected.startswith("vehicle 1: ")
     assert "formation" in connected
@@ -69,7 +55,7 @@ def test_silence_is_news_once_and_so_is_its_end() -> None:
     assert "formation" in lost
     assert picture.new_events(SILENT_AFTER_S + 0.2) == []
     assert picture.rows(SILENT_AFTER_S + 0.2)[0].silent
-    receive(picture, state(tactic="hold"), 3.0)
+    picture.receive(state(tactic="hold"), 3.0)
     restored, changed = picture.new_events(3.0)
     assert restored.startswith("vehicle 1: ")
     assert changed == "vehicle 1: formation -> hold"
@@ -79,10 +65,10 @@ def test_silence_is_news_once_and_so_is_its_end() -> None:
 def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeated() -> None:
     picture = TeamState((1,))
     for _ in range(3):
-        receive(picture, state(alert="battery low"), 0.0)
-        receive(picture, OperatorCommand(100.0, "hold", None, "pat.here", 7), 0.0)
-        receive(picture, CommandAnswer(1, 100.0, 7, "holds"), 0.0)
-    receive(picture, state(), 0.1)
+        picture.receive(state(alert="battery low"), 0.0)
+        picture.receive(OperatorCommand(100.0, "hold", None, "pat.here", 7), 0.0)
+        picture.receive(CommandAnswer(1, 100.0, 7, "holds"), 0.0)
+    picture.receive(state(), 0.1)
     facts = (
         ("vehicle 1", "formation"),
         ("alert: battery low",),
@@ -123,22 +109,11 @@ def test_the_line_leaves_out_what_is_not_known() -> None:
     assert "=" not in unknown
 
 
-def test_other_vehicles_and_messages_on_other_keys_are_left_alone() -> None:
-    picture = TeamState((1,))
-    receive(picture, state(3), 0.0)
-    for key in ("member/2", "angle/1", "command/hold/1", "member/01", "member"):
-        picture.receive(key, encode(state(1)), 0.0)
-    for key in ("command/hold/eve", "command/land/pat", "answer/1"):
-        picture.receive(key, encode(OperatorCommand(100.0, "hold", None, "pat", 7)), 0.0)
-    assert picture.rows(0.0) == [WatchRow(1)]
-    assert picture.new_events(0.0) == []
-
-
 def test_a_flood_of_commands_is_shown_in_part_and_the_newest_are_kept() -> None:
     picture = TeamState((1,))
     for number in range(5000):
-        receive(picture, OperatorCommand(100.0, "hold", None, "pat", number), 0.0)
-    receive(picture, OperatorCommand(100.0, "kill", None, "pat", 5000), 0.0)
+        picture.receive(OperatorCommand(100.0, "hold", None, "pat", number), 0.0)
+    picture.receive(OperatorCommand(100.0, "kill", None, "pat", 5000), 0.0)
     events = picture.new_events(0.0)
     assert len(events) == EVENTS_KEPT
     assert "kill" in events[-1]
@@ -146,5 +121,5 @@ def test_a_flood_of_commands_is_shown_in_part_and_the_newest_are_kept() -> None:
 
 def test_what_a_vehicle_drops_is_shown_by_reason() -> None:
     picture = TeamState((1,))
-    receive(picture, structs.replace(state(), drops=Drops(too_many=12, wrong_sender=3)), 0.0)
+    picture.receive(structs.replace(state(), drops=Drops(too_many=12, wrong_sender=3)), 0.0)
     assert "too many 12, wrong sender 3" in watch_line(picture.rows(0.0), 1.0, "")

@@ -17,14 +17,16 @@ import pytest
 import zenoh
 
 from agents.shell.bus_security import BusSecurity
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import MemberState, OperatorCommand
-from agents.team.participant import Role
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, key_of
+from agents.team.participant import Role, vehicle
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.certificates import CertificateAuthority, KeyPair
 from gcs.keys.key_folder import KeyFolder
-from gcs.keys.team_keys import NoKeys
+from gcs.keys.run_keys import RunKeys
+from gcs.keys.team_keys import NoKeys, TeamKeys
 from tests.support.wire import free_ports, until
 
 pytestmark = pytest.mark.wire
@@ -45,10 +47,10 @@ def command(verb: str, name: str) -> bytes:
 
 
 SAID: Mapping[str, bytes] = {
-    "member/1": member(1, "forged"),
-    "member/2": member(2, "forged"),
-    "member/3": member(3, "forged"),
-    "answer/1": b"x",
+    "member/1": member(1, "land"),
+    "member/2": member(2, "land"),
+    "member/3": member(3, "land"),
+    "answer/1": encode(CommandAnswer(1, 1.0, 1, "forged")),
     "command/hold/anna": command("hold", "anna"),
     "command/kill/anna": command("kill", "anna"),
     "command/hold/bob": command("hold", "bob"),
@@ -88,14 +90,18 @@ class Peers:
         self.heard: list[set[str]] = [set(), set()]
         self.forged: set[str] = set()
         self.present: list[set[int]] = [set(), set()]
-        self.buses: list[ZenohBus] = []
+        self.buses: list[ParticipantBus] = []
 
     def forget(self) -> None:
         for heard in (*self.heard, self.forged):
             heard.clear()
 
-    def receive(self, own: int, key: str, payload: bytes) -> None:
-        (self.forged if SAID.get(key) == payload else self.heard[own]).add(key)
+    def receive(self, own: int, message: BusMessage) -> None:
+        key = key_of(message)
+        (self.forged if SAID.get(key) == encode(message) else self.heard[own]).add(key)
+
+    def perceive(self, _payload: bytes) -> None:
+        self.forged.add("perception/mast")
 
     def note_presence(self, own: int, vehicle_id: int, present: bool) -> None:
         (self.present[own].add if present else self.present[own].discard)(vehicle_id)
@@ -108,10 +114,28 @@ async def peers(folder: AuthorityFolder | None) -> AsyncIterator[Peers]:
         for k in (0, 1):
             identity = keys.identity("vehicle", str(k + 1))
             listen, other = (f"tcp/{team.endpoints[i]}" for i in (k, 1 - k))
-            bus = ZenohBus(identity.participant, TEAM, (1, 2, 3), listen, [other], security=identity.security)
+            bus = single_bus(identity.participant, BusTeam(TEAM, (1, 2, 3)), listen, [other], identity.security)
             stack.push_async_callback(bus.close)
-            await bus.open(partial(team.receive, k), partial(team.note_presence, k))
+            await bus.open(partial(team.receive, k), team.perceive, partial(team.note_presence, k))
             team.buses.append(bus)
+        await until(lambda: team.present == [{2}, {1}], 5.0)
+        yield team
+
+
+@asynccontextmanager
+async def process(keys: TeamKeys) -> AsyncIterator[Peers]:
+    """Fly the vehicles 1 and 2 from one process: over one session, or one for each certificate."""
+    team, others = Peers(), BusTeam(TEAM, (1, 2, 3))
+    stations = [
+        Station(tuple(map(vehicle, identity.vehicle_ids)), f"tcp/{endpoint}", identity.security)
+        for identity, endpoint in zip(keys.flying((1, 2)), team.endpoints, strict=False)
+    ]
+    bus = ZenohBus(others, stations)
+    team.buses = [bus.of(vehicle(each)) for each in (1, 2)]
+    async with AsyncExitStack() as stack:
+        for k, each in enumerate(team.buses):
+            stack.push_async_callback(each.close)
+            await each.open(partial(team.receive, k), team.perceive, partial(team.note_presence, k))
         await until(lambda: team.present == [{2}, {1}], 5.0)
         yield team
 
@@ -268,3 +292,51 @@ async def test_who_has_keys_is_heard_on_its_own_keys_only(keys: AuthorityFolder,
                 assert team.present == [{2}, {1}]
                 (found,) = await tried(team, with_keys(security_of(keys, role, name)))  # type: ignore[arg-type]
                 assert found == Tried(linked=True, said=said, heard=LISTENED)
+
+
+async def test_a_session_that_vehicles_share_admits_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    run = RunKeys(TEAM, (1, 2, 3))
+    with run.held():
+        operator, own = run.identity("operator").security, run.identity("vehicle").security
+        assert operator is not None
+        assert own is not None
+        async with process(run) as team:
+            with subtests.test(holder="operator"):
+                (found,) = await tried(team, with_keys(operator))
+                assert found == Tried(linked=True, said=set(), heard=LISTENED), "in its own name it said nothing"
+            with subtests.test(holder="no certificate"):
+                assert await tried(team, without_keys(own)) == [NOTHING]
+            with subtests.test(holder="the vehicles' certificate, elsewhere"):
+                (found,) = await tried(team, with_keys(own))
+                assert found == Tried(linked=True, said={"member/3"}, heard=LISTENED), "1 and 2 are flown here"
+
+
+async def test_certificates_of_several_vehicles_in_one_process(
+    keys: AuthorityFolder, subtests: pytest.Subtests
+) -> None:
+    folder = KeyFolder(keys.path)
+    async with process(folder) as team:
+        third = folder.identity("vehicle", "3")
+        ends, heard, present = [f"tcp/{each}" for each in team.endpoints], set[str](), set[int]()
+        bus = single_bus(third.participant, BusTeam(TEAM, (1, 2, 3)), None, ends, third.security)
+        try:
+            await bus.open(lambda each: heard.add(key_of(each)), lambda _: None, lambda each, _: present.add(each))
+
+            def said() -> bool:
+                for each in (*team.buses, bus):
+                    each.publish("member", member(int(each.participant.name), "hold"))
+                return heard >= {"member/1", "member/2"} and all("member/3" in each for each in team.heard)
+
+            with subtests.test("each hears the others, also over sessions of their own"):
+                await until(said, 5.0)
+                assert team.heard == [{"member/2", "member/3"}, {"member/1", "member/3"}]
+                assert (heard, present) == ({"member/1", "member/2"}, {1, 2})
+        finally:
+            await bus.close()
+        await until(lambda: team.present == [{2}, {1}], 5.0)
+        with subtests.test("a certificate is heard on its own keys only"):
+            (found,) = await tried(team, with_keys(security_of(keys, "vehicle", "3")))
+            assert found == Tried(linked=True, said={"member/3"}, heard=LISTENED)

@@ -187,8 +187,7 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
             drops = scene.latest[2].drops
             assert drops.unknown_key > 0, drops
             assert drops.not_a_member > 0, drops
-            assert drops.wrong_sender > 0, drops
-            assert drops.wrong_topic > 0, drops
+            assert drops.own_id > 0, drops
 
         with subtests.test("commands on other keys than those of verb and operator"):
             number = iter(range(1000, 9999))
@@ -203,6 +202,7 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
 
             await spoken(stranger, orders, 0.5)
             assert scene.tactics == ["formation"] * 3
+            assert scene.latest[2].drops.wrong_sender > 0, scene.latest[2].drops
 
         with subtests.test("clocks and answers of others do not reach an operator"):
             heard: list[OperatorCommand] = []

@@ -17,7 +17,8 @@ import pytest
 from rich.console import Console
 
 from agents.ports import VehicleRefusedError
-from agents.shell.zenoh_bus import ZenohBus
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import StartProposal
 from agents.team.participant import vehicle
@@ -118,8 +119,8 @@ async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missi
     flown = parse_mission(load_mission(missions[0]).text.replace(*INSECURE), None)
     changed = parse_mission(flown.text.replace("separation_m = ", "keep_out_m = 1.0\nseparation_m = "), None)
     assert changed.identity != flown.identity
-    bus = ZenohBus(vehicle(1), flown.network.team, flown.ids, flown.vehicle(1).section.endpoint)
-    await bus.open(lambda *_: None, lambda *_: None)
+    bus = single_bus(vehicle(1), BusTeam(flown.network.team, flown.ids), flown.vehicle(1).section.endpoint)
+    await bus.open(lambda *_: None, lambda *_: None, lambda *_: None)
 
     async def fly() -> None:
         while True:
