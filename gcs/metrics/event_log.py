@@ -22,7 +22,8 @@ class EventLog:
         """Add the notes of a vehicle in this process, and the changes in the messages that it received."""
         self.add_notes(status.vehicle_id, status.notes)
         for peer in status.peers:
-            self.add_peer(peer)
+            if peer.sender not in self._local_ids:
+                self.add_peer(peer)
         for answer in status.answers:
             self.add_answer(answer)
 

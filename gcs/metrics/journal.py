@@ -62,6 +62,7 @@ class Journal:
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
+        self._ids: set[int] = set()
         self._own: defaultdict[int, _Samples] = defaultdict(_Samples)
         self._received: defaultdict[int, _Samples] = defaultdict(_Samples)
         self._tick_us: list[float] = []
@@ -75,6 +76,7 @@ class Journal:
 
     def note(self, status: CoreStatus, tick_us: float | None) -> None:
         """Add one tick; outside the control loop, where `tick_us` is None, only its events."""
+        self._ids.add(status.vehicle_id)
         self.event_log.note(status)
         if tick_us is None:
             return
@@ -82,7 +84,9 @@ class Journal:
         self.latest[status.vehicle_id] = status
         if status.motion is not None:
             self.add_sample(status.vehicle_id, status.time_s, status.motion, status.tactic.value, status.target)
-        self.add_peers(status.peers, status.angles, status.target)
+        others = [peer for peer in status.peers if peer.sender not in self._ids]
+        if others:
+            self.add_peers(others, status.angles, status.target)
 
     def tick(self, tick_us: float, guarded: Sequence[str]) -> None:
         """Add the computing time of a tick, and the causes for which the guard moved its setpoint."""
