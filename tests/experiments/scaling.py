@@ -2,15 +2,16 @@
 
 Each team starts a metre outside of its ring, 6 m apart. Teams take turns over several rounds, and the cheapest round
 of each counts, because machines that others work on as well are fast and slow by turns. What a core costs in a period
-is all that it does: messages, telemetry, sightings and the tick; around it is what the simulation adds. The whole is
-processor time.
+is all that it does: messages, telemetry, sightings and the tick; around it is what the simulation adds. All times are
+processor time, which other work on the machine changes least.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, pi, sin
 from pathlib import Path
-from time import perf_counter, process_time
+from time import process_time
+from unittest.mock import patch
 
 import numpy as np
 from matplotlib import rc_context
@@ -82,46 +83,29 @@ class Cost:
 
 def measured(count: int) -> Cost:
     """Fly a team, and measure."""
-    mission, reference, clock = ring(count), Reference(), Clock()
+    mission, reference, ticks_s = ring(count), Reference(), list[float]()
+    began_s = process_time()
 
     def progress(now_s: float) -> None:
-        clock.tick()
+        nonlocal began_s
+        ticks_s.append(process_time() - began_s)
         reference(now_s)
-        clock.resume()
+        began_s = process_time()
 
-    flight = simulate(
-        simulated_vehicles(mission, 0),
-        NetworkModel(mission.network.range_m),
-        rate_hz=RATE_HZ,
-        duration_s=DURATION_S,
-        seed=0,
-        observe=lambda *_: None,
-        progress=progress,
-    )
+    with patch("sitl.simulation.simulation.perf_counter", process_time):
+        flight = simulate(
+            simulated_vehicles(mission, 0),
+            NetworkModel(mission.network.range_m),
+            rate_hz=RATE_HZ,
+            duration_s=DURATION_S,
+            seed=0,
+            observe=lambda *_: None,
+            progress=progress,
+        )
     settled = flight.time_s > SETTLED_S
-    whole_us = float(np.mean(np.array(clock.ticks_s)[settled])) * 1e6 / count
-    # The median leaves out the ticks that something else on the machine has interrupted.
-    beside_s = np.array(clock.wall_ticks_s) - flight.tick_us.sum(axis=1) / 1e6
-    around_us = float(np.median(beside_s[settled])) * 1e6 / count
-    return Cost(count, whole_us - around_us, around_us, reference.us)
-
-
-class Clock:
-    """Times the ticks of a flight, by the processor and by the wall, without what is between `tick` and `resume`."""
-
-    def __init__(self) -> None:
-        self.ticks_s: list[float] = []
-        self.wall_ticks_s: list[float] = []
-        self.resume()
-
-    def tick(self) -> None:
-        """End a tick."""
-        self.ticks_s.append(process_time() - self._began_s)
-        self.wall_ticks_s.append(perf_counter() - self._wall_began_s)
-
-    def resume(self) -> None:
-        """Begin the next tick."""
-        self._began_s, self._wall_began_s = process_time(), perf_counter()
+    core_us = float(flight.tick_us[settled].mean())
+    whole_us = float(np.array(ticks_s)[settled].mean()) * 1e6 / count
+    return Cost(count, core_us, whole_us - core_us, reference.us)
 
 
 def cheapest(counts: Sequence[int], rounds: int) -> list[Cost]:
