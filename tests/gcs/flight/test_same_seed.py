@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gcs.flightlog.reader import read_log
-from gcs.flightlog.records import Cost
+from gcs.flightlog.records import Cost, Run, RunEnd
 from gcs.mission.mission import Mission
 from tests.support.flight_logs import engaging, record_simulation
 
@@ -22,18 +22,26 @@ def imperfect() -> Mission:
     )
 
 
+WALL_CLOCK = (Run, RunEnd, Cost)
+"""The kinds of records that hold what the computer's clock said."""
+
+
 def recorded(path: Path, seed: int) -> dict[int, list[tuple[str, int, bytes]]]:
-    """Fly, and return each vehicle's records but what its ticks took: kinds, times and bytes."""
+    """Fly, and return each vehicle's records, and the run's as those of 0: kinds, times and bytes."""
     record_simulation(imperfect(), path, seed=seed, duration_s=12.0)
+    log = read_log(path)
     return {
-        vehicle_id: [(each.kind.__name__, each.time_ns, each.payload) for each in records if each.kind is not Cost]
-        for vehicle_id, records in read_log(path).vehicles.items()
+        vehicle_id: [
+            (each.kind.__name__, each.time_ns, each.payload) for each in records if each.kind not in WALL_CLOCK
+        ]
+        for vehicle_id, records in (log.vehicles | {0: log.run_records}).items()
     }
 
 
 def test_the_same_seed_gives_the_same_log_to_the_byte_and_another_does_not(tmp_path: Path) -> None:
     once, again, other = (recorded(tmp_path / f"{number}.mcap", seed) for number, seed in enumerate((3, 3, 4)))
-    kinds = {kind for records in once.values() for kind, _, _ in records}
-    assert kinds >= {"Telemetry", "Sighting", "Message", "Truth"}
+    kinds = {kind for kind, _, _ in once[1]}
+    assert kinds >= {"Telemetry", "Sighting", "Truth", "Decision"}
+    assert once[0]  # messages
     assert once == again
     assert once[1] != other[1]
