@@ -21,7 +21,7 @@ from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.safety.interventions import Interventions
-from agents.safety.neighbours import Neighbours
+from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.safety.reported_faults import LOST
 from agents.setpoint.altitude import Altitude
 from agents.setpoint.feedforward import FeedForward
@@ -110,8 +110,8 @@ class VehicleCore:
         sightings, self._sightings = self._sightings, []
         self._altitude.sight(*sightings)
         situation = self._estimator.estimate(now_s, sightings)
-        if situation is not None:
-            self._team.watch(self._neighbours.near(situation, self._team.members()))
+        if situation is not None and self._team.watch_due(now_s):
+            self._team.watch(self._neighbours.near(situation, self._team.members()), now_s + NEAR_FOR_S)
         return situation
 
     def _detect_faults(self, situation: Situation) -> Faults:
@@ -152,7 +152,7 @@ class VehicleCore:
     def _kept_apart(self, situation: Situation, aim_m: Vector) -> Guarded:
         """Check an aim against the vehicles that it could bring too close, and where it changes against all near."""
         lost, doubts = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s), self._team.doubts
-        near = self._team.near
+        near = self._team.near()
         exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubts) else near
         guarded = self._guard.check(situation, aim_m, self._neighbours.bodies(situation, exposed, lost, doubts))
         if guarded.aim_m is aim_m or len(exposed) == len(near):
@@ -336,6 +336,8 @@ class VehicleCore:
 
         Places on the ring and sightings are parts of their senders' states; in older logs they come by themselves.
         """
+        if isinstance(message, MemberState) and self._team.waits(message):
+            return
         if not self._inbox.accepts(message, now_s, self._time_scale):
             return
         for package in sightings_of(message):

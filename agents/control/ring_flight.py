@@ -150,7 +150,7 @@ class RingFlight:
         """Return how fast the vehicle may fly around the target behind others that encircle it."""
         others = [
             polar_from_motion(extrapolated(member, situation.acting_s).motion, centre)
-            for member in self._team.near
+            for member in self._team.near()
             if member.tactic == _ENCIRCLE
         ]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
@@ -159,7 +159,7 @@ class RingFlight:
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
         """Return what stands in the ring's way: peers that fell silent there, and those that do not fly on."""
-        standing = [member for member in self._team.near if member.tactic in _STANDING]
+        standing = [member for member in self._team.near() if member.tactic in _STANDING]
         lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
         if not (standing or lost):
             return []

@@ -5,8 +5,6 @@ from math import cos, sin, tau
 
 import msgspec
 
-from estimation.frames import wrap_turn_rad
-
 _FASTEST_MODE_PER_S = 3.0
 """References that are known late, and extrapolated, agree only while half of this times their age is less than 1: that
 leaves 0.6 s for messages that come late or are lost."""
@@ -31,7 +29,7 @@ class RingPlace(msgspec.Struct, frozen=True):
 
 def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingPlace:
     """Find the neighbours of a vehicle on the ring from the bearings of all about the target - (16)."""
-    ahead = [wrap_turn_rad(other - bearing_rad) for other in other_bearings_rad]
+    ahead = [(other - bearing_rad) % tau or tau for other in other_bearings_rad]
     if not ahead:
         return RingPlace(1, None, None)
     # A member at the vehicle's own bearing counts as a whole turn ahead, and a whole turn behind.
@@ -45,7 +43,7 @@ def spacing_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
     That is how far the middle between its neighbours lies ahead of a vehicle; alone on the ring it is none.
     """
     members = len(bearings_rad)
-    turned = [wrap_turn_rad(bearing) for bearing in bearings_rad]
+    turned = [bearing % tau or tau for bearing in bearings_rad]
     order = sorted(range(members), key=turned.__getitem__)
     ahead = [turned[order[rank - members + 1]] - turned[each] for rank, each in enumerate(order)]
     ahead[-1] += tau

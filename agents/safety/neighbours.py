@@ -15,6 +15,8 @@ UNPUBLISHED_ACCELERATION_M_S2 = 2.0
 GOING_ON_S = 1.0
 """For how long a silent vehicle is predicted to follow the plan that it published last."""
 A_FEW = 3
+NEAR_FOR_S = 0.2
+"""For so long the choice of those that are near holds."""
 _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 
 
@@ -31,7 +33,8 @@ class Neighbours:
         self._damping_per_s = max(axis.a1_per_s for axis in axes)
 
     def near(self, situation: Situation, heard: Sequence[MemberState]) -> Sequence[MemberState]:
-        """Return those that can matter to the guard: no aim within reach comes too close to the others.
+        """Return those that can matter to the guard until `NEAR_FOR_S` later: no aim within reach comes too close to
+        the others.
 
         Of a team of sixteen these are a few; a few cost less than to choose among them. The bound is
         `barriers.apart` solved for the distance, with everything that can be against the vehicle against it: closing
@@ -43,13 +46,15 @@ class Neighbours:
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         speed, turned = hypot(x_rate, y_rate), sqrt(2.0) * self._acceleration_max_m_s2
         reach = self._reach_m_s2 + hypot(*situation.disturbance.tolist()) + self._damping_per_s * speed
+        reach *= 1.0 + self._damping_per_s * NEAR_FOR_S
         still_m = 3.0 * safety.separation_m + 2.0 * (reach + max(reach, turned)) / rate**2
+        speed += reach * NEAR_FOR_S
         near = []
         for member in heard:
-            ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
+            ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S) + NEAR_FOR_S
             its_speed = hypot(*member.velocity_m_s)
             closing_m_s = speed + its_speed + turned * ahead_s
-            come_m = (its_speed + turned / 2.0 * ahead_s) * ahead_s
+            come_m = (its_speed + turned / 2.0 * ahead_s) * ahead_s + speed * NEAR_FOR_S
             place_x, place_y = member.position_m
             if hypot(place_x - x, place_y - y) < still_m + 4.0 * closing_m_s / rate + come_m:
                 near.append(member)
@@ -69,7 +74,7 @@ class Neighbours:
             plant_x[0] * (aim_x - x) - plant_x[1] * x_rate + w_x, plant_y[0] * (aim_y - y) - plant_y[1] * y_rate + w_y
         )
         safety, own_sigma_m = self._safety, situation.position_sigma_m
-        rate, separation_m = safety.barrier_rate_per_s, safety.separation_m
+        rate, separation_m, sigmas = safety.barrier_rate_per_s, safety.separation_m, safety.uncertainty_sigmas
         limit_m_s2 = sqrt(2.0) * self._acceleration_max_m_s2
         found = []
         for member in near:
@@ -79,9 +84,9 @@ class Neighbours:
             changed_m_s = limit_m_s2 * ahead_s
             away_m = hypot(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
             away_m -= changed_m_s / 2.0 * ahead_s
-            unsure = safety.uncertainty_sigmas * (own_sigma_m + member.position_sigma_m)
-            moved_m = UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s
-            keep_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
+            unsure = sigmas * (own_sigma_m + member.position_sigma_m)
+            keep_m = separation_m + min(unsure, separation_m)
+            keep_m += min(UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s, separation_m)
             closing_m_s = hypot(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
             evades = member.tactic not in _DOES_NOT_EVADE
             needed_m_s2 = 2.0 * answer_m_s2 if evades else answer_m_s2 + limit_m_s2

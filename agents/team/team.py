@@ -13,6 +13,8 @@ _AGE_MAX_S = TOPICS[MemberState].age_max_s
 _IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
 _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 """Peers whose last state had one of these tactics may fall silent."""
+_WATCHED_MAX_S = 1.0
+"""A choice of the near that seems to hold for longer is from before the clock stepped."""
 _FAR_PERIOD_S = 0.25
 """How often a state is taken in of a peer that is far away and flies on as before."""
 
@@ -32,45 +34,55 @@ class Team:
         self._waiting: dict[int, MemberState] = {}
         self._lost: dict[int, MemberState] = {}
         self._heard: set[int] = set()
-        self.near: Sequence[MemberState] = ()
-        """Those of the members that are near, as of `watch`."""
-        self._near_ids: frozenset[int] | None = None
+        self._near: tuple[MemberState, ...] | None = None
+        self._near_ids: set[int] | None = None
+        self._watched_until_s = -inf
         self._oldest_s = inf
         self.ring = RingMembers(self._engaged)
 
-    def hear(self, state: MemberState) -> None:
-        """Take in a peer's state and its place on the ring, at once or when it is its turn."""
+    def waits(self, state: MemberState) -> bool:
+        """Return whether a state has time: of a peer that is far away and flies on as before, without a sighting.
+
+        One that waits is taken in when a state is due again, or when the peer falls silent.
+        """
+        if self._near_ids is None or state.sender in self._near_ids or state.sightings:
+            return False
         known = self._members.get(state.sender)
         if (
-            known is not None
-            and self._near_ids is not None
-            and state.sender not in self._near_ids
-            and 0.0 < state.time_s - known.time_s < _FAR_PERIOD_S
-            and state.tactic == known.tactic
-            and state.alert == known.alert
+            known is None
+            or not 0.0 < state.time_s - known.time_s < _FAR_PERIOD_S
+            or state.tactic != known.tactic
+            or state.alert != known.alert
+            or state.shaped_s != known.shaped_s
         ):
-            self._waiting[state.sender] = state
-        else:
-            self._take(state)
+            return False
+        self._waiting[state.sender] = state
+        return True
 
-    def watch(self, near: Sequence[MemberState]) -> None:
-        """Take which of the members are near from now on."""
-        self.near = near
-        self._near_ids = frozenset([each.sender for each in near])
+    def watch_due(self, now_s: float) -> bool:
+        """Return whether those that are near have to be chosen anew."""
+        return not self._watched_until_s - _WATCHED_MAX_S <= now_s < self._watched_until_s
 
-    def _take(self, state: MemberState) -> None:
-        """Take in a state unless a newer one is known, or it contradicts what is."""
+    def watch(self, near: Sequence[MemberState], until_s: float) -> None:
+        """Take which of the members are near, until a moment less than a second from now."""
+        self._near_ids = None if len(near) == len(self._members) else {each.sender for each in near}
+        self._near, self._watched_until_s = None, until_s
+
+    def hear(self, state: MemberState) -> None:
+        """Take in a peer's state unless a newer one is known, or it contradicts what is; and its place on the ring."""
         sender = state.sender
         if self._waiting:
             self._waiting.pop(sender, None)
         known = self._members.get(sender)
         if self._credibility.accepts(state, known=known is not None) and (known is None or state.time_s > known.time_s):
             self._members[sender] = state
-            self._all = None
+            self._all = self._near = None
             self._oldest_s = min(self._oldest_s, state.time_s)
             if known is None:
                 self._lost.pop(sender, None)
                 self._heard.add(sender)
+                if self._near_ids is not None:
+                    self._near_ids.add(sender)
             if known is None or state.tactic != known.tactic:
                 self.ring.changed()
         if state.angle is not None:
@@ -83,7 +95,7 @@ class Team:
         self.ring.forget(vehicle_id)
         if member is not None:
             self._lost[vehicle_id] = member
-            self._all = None
+            self._all = self._near = None
 
     def expire(self, now_s: float, time_scale: float = 1.0) -> None:
         """Drop what has become too old to act on, which takes `time_scale` times as long as on the wall's clock."""
@@ -91,10 +103,10 @@ class Team:
         if self._oldest_s < before_s or self.ring.oldest_s < before_s:
             for sender in [s for s, m in self._members.items() if m.time_s < before_s]:
                 if sender in self._waiting:
-                    self._take(self._waiting[sender])
+                    self.hear(self._waiting[sender])
                 if self._members[sender].time_s < before_s:
                     self._lost[sender] = self._members.pop(sender)
-                    self._all = None
+                    self._all = self._near = None
                     self.ring.changed()
             self._oldest_s = min((m.time_s for m in self._members.values()), default=inf)
             self.ring.expire(before_s)
@@ -110,6 +122,14 @@ class Team:
         if self._all is None:
             self._all = tuple(self._members.values())
         return self._all
+
+    def near(self) -> tuple[MemberState, ...]:
+        """Return the newest states of those that are near."""
+        if self._near_ids is None:
+            return self.members()
+        if self._near is None:
+            self._near = tuple([member for sender, member in self._members.items() if sender in self._near_ids])
+        return self._near
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
         """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed.

@@ -101,8 +101,13 @@ def far_and_near() -> Team:
     team = a_team()
     for sender in (1, 3):
         team.hear(replace(member(sender, 10.0, "encircle"), angle=angle(sender, 10.0)))
-    team.watch([team.member(1)])
+    team.watch([team.member(1)], 11.0)
     return team
+
+
+def receive(team: Team, state: MemberState) -> None:
+    if not team.waits(state):
+        team.hear(state)
 
 
 def test_the_state_of_one_far_away_waits_for_its_turn() -> None:
@@ -110,26 +115,40 @@ def test_the_state_of_one_far_away_waits_for_its_turn() -> None:
     for tenth in range(1, 6):
         time_s = 10.0 + tenth / 10.0
         for sender in (1, 3):
-            team.hear(replace(member(sender, time_s, "encircle", x=tenth / 10.0), angle=angle(sender, time_s, time_s)))
+            receive(
+                team, replace(member(sender, time_s, "encircle", tenth / 10.0), angle=angle(sender, time_s, time_s))
+            )
         assert team.member(1).time_s == time_s
         assert time_s - team.member(3).time_s < 0.25 + 1e-9
     assert team.member(3).time_s == pytest.approx(10.3)
     assert sorted(team.ring.bearings_rad(10.5, 0.0)) == pytest.approx([10.3, 10.5])
 
 
-@pytest.mark.parametrize("changed", [{"tactic": "hold"}, {"alert": "battery low"}])
+@pytest.mark.parametrize(
+    "changed", [{"tactic": "hold"}, {"alert": "battery low"}, {"shape": "wedge", "shaped_s": 10.05}]
+)
 def test_what_is_new_about_one_far_away_counts_at_once(changed: dict[str, Any]) -> None:
     team = far_and_near()
-    team.hear(replace(member(3, 10.1, "encircle"), **changed))
+    receive(team, replace(member(3, 10.1, "encircle"), **changed))
     assert team.member(3).time_s == 10.1
 
 
 def test_one_far_away_is_as_fresh_as_its_last_state() -> None:
     team = far_and_near()
-    team.hear(member(1, 10.2, "encircle"))
-    team.hear(member(3, 10.2, "encircle"))
+    receive(team, member(1, 10.2, "encircle"))
+    receive(team, member(3, 10.2, "encircle"))
+    assert team.member(3).time_s == 10.0
     team.expire(11.1)
     assert [peer.time_s for peer in team.members()] == [10.2, 10.2]
     team.expire(11.3)
     assert team.members() == ()
     assert team.gone_s == {1: 10.2, 3: 10.2}
+
+
+def test_a_peer_that_is_new_is_near_until_the_next_choice() -> None:
+    team = far_and_near()
+    receive(team, member(4, 10.1))
+    assert [each.sender for each in team.near()] == [1, 4]
+    team.watch([team.member(1)], 11.0)
+    assert [each.sender for each in team.near()] == [1]
+    assert [team.watch_due(now_s) for now_s in (10.5, 10.99, 11.0, 3.0)] == [False, False, True, True]
