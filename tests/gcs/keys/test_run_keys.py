@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from cryptography import x509
+from cryptography.x509.oid import NameOID
 
 from agents.ports import VehicleRefusedError
 from gcs.errors import InputError
@@ -79,6 +81,23 @@ def test_what_a_killed_process_leaves_counts_for_nothing_and_is_replaced(runtime
         KEYS.identity("operator")
     with KEYS.held():
         assert authority() != made
+
+
+def test_all_processes_of_a_run_fly_its_vehicles_with_one_certificate(runtime: Path) -> None:
+    with KEYS.held():
+        (both,), (second,) = KEYS.flying((1, 2)), KEYS.flying((2,))
+        assert (both.vehicle_ids, second.vehicle_ids) == ((1, 2), (2,))
+        assert both.security is not None
+        assert both.security == second.security
+        assert [path.name for path in (runtime / "team").glob("vehicle-*")] == ["vehicle-1"]
+        certificate = x509.load_pem_x509_certificate(both.security.certificate_pem)
+        grants = {grant.common_name: grant for grant in both.security.grants}
+        (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        own = grants.pop(str(name.value))
+        assert own.presence == ("alive/1", "alive/2")
+        assert sorted(own.topics) == sorted(f"{topic}/{i}" for topic in ("answer", "member", "start") for i in (1, 2))
+        others = [topic for grant in grants.values() for topic in (*grant.topics, *grant.presence)]
+        assert not [topic for topic in others if not topic.startswith(("command/", "perception/"))]
 
 
 def test_other_vehicles_under_the_same_name_are_refused() -> None:
