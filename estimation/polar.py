@@ -22,7 +22,11 @@ def polar_from_motion(motion: Vector, target: Vector) -> Polar:
 
     At the centre itself the bearing is taken as zero and the angular rate as none.
     """
-    x, y, x_rate, y_rate = (motion - target).tolist()
+    return polar_of(*(motion - target).tolist())
+
+
+def polar_of(x: float, y: float, x_rate: float, y_rate: float) -> Polar:
+    """Return the same of a motion relative to the target."""
     radius = hypot(x, y)
     if radius**2 == 0.0:
         return Polar(0.0, 0.0, hypot(x_rate, y_rate), 0.0)

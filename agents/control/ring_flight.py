@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import atan2, copysign, hypot, tau
 
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
-from agents.control.plan import Plan, RingReport, extrapolated
+from agents.control.plan import Plan, RingReport
 from agents.ring.detour import Obstacle, bend_m
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.headway import headway_rate_rad_s
@@ -16,8 +16,9 @@ from agents.safety.neighbours import Neighbours
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
+from agents.team.messages import MemberState
 from agents.team.team import Team
-from estimation.polar import Polar, polar_from_motion
+from estimation.polar import Polar, polar_from_motion, polar_of
 from estimation.state import POSITION, VELOCITY, Vector
 
 _STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
@@ -148,10 +149,9 @@ class RingFlight:
 
     def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
         """Return how fast the vehicle may fly around the target behind others that encircle it."""
+        about = centre.tolist()
         others = [
-            polar_from_motion(extrapolated(member, situation.acting_s).motion, centre)
-            for member in self._team.near()
-            if member.tactic == _ENCIRCLE
+            _polar(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
@@ -170,3 +170,16 @@ class RingFlight:
             Obstacle(atan2(y, x), max(hypot(x, y), self._radius_min_m), body.distance_m)
             for body, (x, y) in zip(bodies, away_m, strict=True)
         ]
+
+
+def _polar(member: MemberState, at_s: float, centre: Sequence[float]) -> Polar:
+    """Return a peer's polar state about the centre's motion (4,) at a moment, going on at its published velocity."""
+    ahead_s = at_s - member.time_s
+    (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
+    centre_x, centre_y, centre_x_rate, centre_y_rate = centre
+    return polar_of(
+        x + x_rate * ahead_s - centre_x,
+        y + y_rate * ahead_s - centre_y,
+        x_rate - centre_x_rate,
+        y_rate - centre_y_rate,
+    )
