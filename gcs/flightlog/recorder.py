@@ -7,7 +7,7 @@ missing disk does not disturb it.
 import threading
 from collections import deque
 from collections.abc import Callable
-from time import monotonic
+from time import monotonic, sleep
 from types import TracebackType
 from typing import Self
 
@@ -24,6 +24,9 @@ DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 0.8
 """A killed process loses the records since the last flush, which may be late by one drain: less than a second."""
 QUEUE_MAX = 100_000
 """Items, several minutes of a team. The queue is full only if the disk hangs; further items are lost and detected."""
+SLICE_ITEMS, SLICE_PAUSE_S = 25, 2e-4
+"""The thread pauses after so many items: a control loop that waits for the interpreter lock gets it within a
+millisecond, where the interpreter itself would take it from this thread after five."""
 TOGETHER_MAX = 256
 """Messages in one record."""
 CARRIED_KEPT = 8192
@@ -77,16 +80,17 @@ class Recorder:
         """Store the reason why the log will be incomplete; the first one is kept."""
         self._writer.fail(reason)
 
-    def drain(self) -> None:
-        """Write all records so far, and flush after a decision with notes."""
-        self._drain()
+    def drain(self, most: int = QUEUE_MAX) -> bool:
+        """Write `most` of the records so far, and flush after a decision with notes; return whether some wait."""
+        self._drain(most)
         if self._eventful:
             self._eventful = False
             self._writer.flush()
+        return bool(self._queue)
 
-    def _drain(self) -> None:
+    def _drain(self, most: int = QUEUE_MAX) -> None:
         queue, speed = self._queue, self._speed()
-        while queue:
+        for _ in range(min(most, len(queue))):
             vehicle_id, number, time_s, item = queue.popleft()
             try:
                 self._write(vehicle_id, number, time_s, round(max(time_s, 0.0) / speed * 1e9), item)
@@ -192,7 +196,8 @@ class RecorderThread:
     def _record(self) -> None:
         flushed_s = monotonic()
         while not self._ended.wait(DRAIN_PERIOD_S):
-            self._recorder.drain()
+            while self._recorder.drain(SLICE_ITEMS) and not self._ended.is_set():
+                sleep(SLICE_PAUSE_S)
             if monotonic() - flushed_s >= FLUSH_PERIOD_S:
                 self._recorder.flush()
                 flushed_s = monotonic()

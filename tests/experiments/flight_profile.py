@@ -121,14 +121,11 @@ def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Pro
 
 
 def lateness_ms(log: FlightLog, vehicle_id: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return how late a vehicle's ticks in control came, against the earliest of them on their grid [ms]."""
+    """Return how late a vehicle's ticks in control came after their deadlines, which lie on a grid of its own [ms]."""
     in_control = {cost.time_s for cost in log.of_kind(vehicle_id, Cost)}
     times_s = np.array([tick.now_s for tick in log.of_kind(vehicle_id, Tick) if tick.now_s in in_control])
-    phases_s = (times_s - times_s[0] + 0.5 / RATE_HZ) % (1.0 / RATE_HZ)
-    offset_s = phases_s - 0.5 / RATE_HZ
-    earliest_s = np.percentile(offset_s, 1)  # the first tick may have been late itself
-    late_s = (offset_s - earliest_s) % (1.0 / RATE_HZ)
-    return np.where(late_s > 0.98 / RATE_HZ, 0.0, late_s) * 1e3
+    phase = sorted(log.vehicles).index(vehicle_id) / len(log.vehicles)
+    return (times_s * RATE_HZ - phase) % 1.0 / RATE_HZ * 1e3
 
 
 def followed(flight: "subprocess.Popen[bytes]") -> tuple[dict[str, Usage], dict[str, float]]:

@@ -270,12 +270,12 @@ def _opened(family: int, kind: int, prepare: Callable[[socket.socket], object]) 
     return opened
 
 
-def wait_readable(descriptors: Sequence[int], timeout_s: float) -> None:
-    """Wait until one of the descriptors can be read, or has been closed."""
+def wait_readable(descriptors: Sequence[int], timeout_s: float) -> set[int]:
+    """Wait until one of the descriptors can be read, or has been closed; return those."""
     poll = select.poll()
     for descriptor in descriptors:
         poll.register(descriptor, select.POLLIN)
-    poll.poll(timeout_s * 1e3)
+    return {descriptor for descriptor, _ in poll.poll(timeout_s * 1e3)}
 
 
 _CARRIERS: dict[str, Callable[[str, int], Carrier]] = {

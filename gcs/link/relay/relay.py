@@ -107,11 +107,15 @@ class Relay:
     def _run(self, inner: InnerConnection) -> None:
         """Pass on what arrives, until closed."""
         while not self._closing:
-            wait_readable((self._woken.fileno(), inner.descriptor, *self._carrier.watched()), WAKE_PERIOD_S)
+            descriptors = (self._woken.fileno(), inner.descriptor, *self._carrier.watched())
+            readable = wait_readable(descriptors, WAKE_PERIOD_S)
             self._carrier.call_again()
-            with suppress(BlockingIOError):
-                self._woken.recv(WAKES_MAX)
-            for frame, address in (*self._outbound(inner.read() or b""), *self._calls()):
+            if self._woken.fileno() in readable:
+                with suppress(BlockingIOError):
+                    self._woken.recv(WAKES_MAX)
+            # Each call to the system gives the interpreter lock away, and waits to get it again.
+            sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
+            for frame, address in (*sent, *self._calls()):
                 self._carrier.send(frame, address)
             for frames in (b"", *self._inbound(list(self._carrier.receive()))):
                 inner.write(frames)
