@@ -18,18 +18,29 @@ from pathlib import Path
 
 PACKAGES = ("agents", "estimation")
 COMPILED = (
+    "agents/broadcast.py",
     "agents/control",
+    "agents/core.py",
     "agents/ring",
     "agents/safety",
     "agents/setpoint",
     "agents/situation",
+    "agents/team/clock_watch.py",
+    "agents/team/credibility.py",
+    "agents/team/team.py",
     "estimation/filters",
     "estimation/polar.py",
     "estimation/vectors.py",
 )
-"""What is compiled: whole folders, and single files. Not what is encoded, or subclassed by what is not compiled."""
+"""What is compiled: whole folders, and single files. Nothing that is encoded."""
 STAY_STRUCTS = frozenset({"_Track"})
 """Structs that `msgspec.structs.replace` takes."""
+SUBCLASSED = frozenset({"VehicleCore"})
+"""Classes with subclasses that are not compiled."""
+OPEN = (
+    "if TYPE_CHECKING: from mypy_extensions import mypyc_attr",
+    "@mypyc_attr(allow_interpreted_subclasses=True)",
+)
 FLAGS = "-ffp-contract=off -fno-builtin"
 """No arithmetic that Python does not do: a compiled flight is bit for bit the same."""
 SETUP = """
@@ -69,8 +80,8 @@ def _sources(directory: Path) -> Iterator[Path]:
 
 def native_source(source: str) -> str:
     """Return a module's source with plain classes in place of its structs, and all else on the line where it was."""
-    lines = source.splitlines()
-    for node in ast.parse(source).body:
+    lines, tree = source.splitlines(), ast.parse(source)
+    for node in tree.body:
         if isinstance(node, ast.ClassDef) and node.name not in STAY_STRUCTS and _is_struct(node):
             fields = [each for each in node.body if isinstance(each, ast.AnnAssign)]
             first, last = node.body[0].lineno, fields[-1].end_lineno or 0  # from the docstring to the last field
@@ -78,6 +89,9 @@ def native_source(source: str) -> str:
             assert len(members) <= last - first + 1, f"{node.name} needs a docstring"
             lines[first - 1 : last] = [*members, *[""] * (last - first + 1 - len(members))]
             lines[node.lineno - 1] = f"class {node.name}:"
+        elif isinstance(node, ast.ClassDef) and node.name in SUBCLASSED:
+            lines[node.lineno - 3 : node.lineno - 1] = OPEN  # in place of the two blank lines before the class
+            lines[(tree.body[0].end_lineno or 1) - 1] += "; from typing import TYPE_CHECKING"
     return "\n".join(lines) + "\n"
 
 
