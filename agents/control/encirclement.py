@@ -72,7 +72,7 @@ class EncirclementPlanner:
         self._lmpc = ring_lmpc(self._settings)
         self._along_m = self._settings.radius_m
         samples = np.arange(1, self._settings.horizon + 1, dtype=np.float64)
-        self._times_s = self._settings.prediction_step_s * samples
+        self._times_s: Vector = self._settings.prediction_step_s * samples
         self._reference_gain = _reference_gain(self._settings, self._times_s)
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         # The bounds of a plan, filled anew for each: what does not change stands in them from the beginning.

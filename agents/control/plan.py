@@ -65,9 +65,9 @@ def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
     return goal_m if reached is way else position_m + reached
 
 
-def resting(place_m: Vector) -> Plan:
+def resting(place_m: Vector, ring: RingReport | None = None) -> Plan:
     """Return the plan to stay at a place (2,)."""
-    return Plan(place_m, place_m, np.zeros(2), velocity_m_s=(0.0, 0.0))
+    return Plan(place_m, place_m, np.zeros(2), velocity_m_s=(0.0, 0.0), ring=ring)
 
 
 def extrapolated(member: MemberState, at_s: float) -> Predecessor:

@@ -2,7 +2,6 @@
 
 from math import cos, sin
 
-import msgspec
 import numpy as np
 
 from agents.control.excitation_planner import Exciter
@@ -95,13 +94,13 @@ class Planner:
             return resting(situation.own.mean[POSITION])
         if tactic is Tactic.RETURN_AND_LAND:
             return self._homing.plan(situation)
-        return self._step_aside(situation) if tactic is Tactic.ASIDE else self._hold(situation)
+        return self._step_aside(situation) if tactic is Tactic.ASIDE else resting(self._held_m(situation))
 
     def _encircle(self, situation: Situation) -> Plan:
         """Fly about the centre, mixed with what the vehicle leaves; without a target, hold."""
         mixing = mixing_share(situation.now_s - self._engaged_s, self._smoothing_time_s)
         if situation.acting_centre is None:
-            return msgspec.structs.replace(self._hold(situation), ring=self._ring.report(mixing))
+            return resting(self._held_m(situation), self._ring.report(mixing))
         ring = self._ring.plan(situation, situation.acting_centre, mixing)
         return ring if mixing >= 1.0 else mixed(self._left_behind(situation), ring, mixing)
 
@@ -120,9 +119,9 @@ class Planner:
             bearing_rad = situation.polar.bearing_rad
             if short_m > 0.0:
                 self._hold_m = situation.own.mean[POSITION] + short_m * np.array([cos(bearing_rad), sin(bearing_rad)])
-        return self._hold(situation)
+        return resting(self._held_m(situation))
 
-    def _hold(self, situation: Situation) -> Plan:
+    def _held_m(self, situation: Situation) -> Vector:
         if self._hold_m is None:
             self._hold_m = situation.own.mean[POSITION].copy()
-        return resting(self._hold_m)
+        return self._hold_m

@@ -79,7 +79,7 @@ class Guard:
         missed = [row for row in rows if row.plane.missing(reached) > _KEPT_M]
         if missed:
             return self._kept(position, lead, reached, rows, missed)
-        return Guarded(aim_m) if reached is lead else self._guarded(position, lead, reached, [], None)
+        return Guarded(aim_m) if reached == lead else self._guarded(position, lead, reached, [], None)
 
     def altitude_m(self, planned_m: float) -> float:
         """Return the altitude nearest to `planned_m` that is inside the band."""

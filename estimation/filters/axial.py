@@ -26,21 +26,21 @@ _Gain = tuple[float, float, Column, Column, "AxisCovariance"]
 class AxisCovariance(msgspec.Struct, frozen=True):
     """The upper triangle of the symmetric covariance (5, 5) of [p v c s q]."""
 
-    pp: float
-    pv: float
-    pc: float
-    ps: float
-    pq: float
-    vv: float
-    vc: float
-    vs: float
-    vq: float
-    cc: float
-    cs: float
-    cq: float
-    ss: float
-    sq: float
-    qq: float
+    pp: float = 0.0
+    pv: float = 0.0
+    pc: float = 0.0
+    ps: float = 0.0
+    pq: float = 0.0
+    vv: float = 0.0
+    vc: float = 0.0
+    vs: float = 0.0
+    vq: float = 0.0
+    cc: float = 0.0
+    cs: float = 0.0
+    cq: float = 0.0
+    ss: float = 0.0
+    sq: float = 0.0
+    qq: float = 0.0
 
 
 class AxisEstimate(msgspec.Struct, frozen=True):

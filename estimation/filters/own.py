@@ -30,7 +30,6 @@ from estimation.state import STEP_DIGITS, AxisSpread, OwnEstimate, Telemetry, Ve
 
 _HISTORY_S = 2.0
 _MEASURED = 4
-_NO_COVARIANCE = AxisCovariance(*[0.0] * 15)
 PRIOR_M_S2 = 0.3
 """Prior standard deviation of each part of the disturbance."""
 OSCILLATOR_WALK_SHARE = 0.5
@@ -112,7 +111,7 @@ class OwnFilter:
         self._inputs.shift(x_m, y_m)
         if self._axes is not None:
             x, y = self._axes
-            self._axes = msgspec.structs.replace(x, p=x.p + x_m), msgspec.structs.replace(y, p=y.p + y_m)
+            self._axes = _shifted(x, x_m), _shifted(y, y_m)
         if self._before is not None:
             x_before, y_before, z_before = self._before.position_m
             place = x_before + x_m, y_before + y_m, z_before
@@ -183,9 +182,7 @@ class OwnFilter:
         position_m2, rate_m2_s2 = self._noise
         prior = self._prior_m_s2**2
         is_oscillating = prior if self._turning_rad_s else 0.0
-        covariance = msgspec.structs.replace(
-            _NO_COVARIANCE, pp=position_m2, vv=rate_m2_s2, cc=prior, ss=is_oscillating, qq=is_oscillating
-        )
+        covariance = AxisCovariance(pp=position_m2, vv=rate_m2_s2, cc=prior, ss=is_oscillating, qq=is_oscillating)
         self._axes = (
             AxisEstimate(x, x_rate, 0.0, 0.0, 0.0, covariance),
             AxisEstimate(y, y_rate, 0.0, 0.0, 0.0, covariance),
@@ -215,12 +212,16 @@ def _predicted_on_ramp(
     return p + unsent.aimed_p * ahead_m, v + unsent.aimed_v * ahead_m, c + s
 
 
+def _shifted(axis: AxisEstimate, by_m: float) -> AxisEstimate:
+    return AxisEstimate(axis.p + by_m, axis.v, axis.c, axis.s, axis.q, axis.covariance)
+
+
 def _bounded(axis: AxisEstimate, limit: float) -> AxisEstimate:
     c, s, q = axis.c, axis.s, axis.q
     if -limit <= c <= limit and -limit <= s <= limit and -limit <= q <= limit:
         return axis
-    c, s, q = (min(max(part, -limit), limit) for part in (c, s, q))
-    return msgspec.structs.replace(axis, c=c, s=s, q=q)
+    c, s, q = [min(max(part, -limit), limit) for part in (c, s, q)]
+    return AxisEstimate(axis.p, axis.v, c, s, q, axis.covariance)
 
 
 def _with_oscillator(axes: Axes, prior_m_s2: float) -> Axes:
@@ -236,8 +237,7 @@ def _with_oscillator(axes: Axes, prior_m_s2: float) -> Axes:
 
 def _with_oscillator_covariance(covariance: AxisCovariance, prior_m_s2: float) -> AxisCovariance:
     prior = prior_m_s2**2
-    return msgspec.structs.replace(
-        _NO_COVARIANCE,
+    return AxisCovariance(
         pp=covariance.pp,
         pv=covariance.pv,
         pc=covariance.pc + covariance.ps,

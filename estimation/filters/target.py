@@ -12,9 +12,9 @@ from math import exp, inf, sqrt
 
 import msgspec
 import numpy as np
-from msgspec.structs import astuple, replace
+from msgspec.structs import replace
 
-from estimation.filters.planar import Innovation, Motion, MotionStep, PlanarCovariance, predicted, updated
+from estimation.filters.planar import Innovation, Motion, MotionStep, PlanarCovariance, faster, predicted, updated
 from estimation.settings import TargetFilterSettings
 from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
 
@@ -126,7 +126,7 @@ class TargetFilter:
         if track is None or now_s - track.accepted_s > self._settings.stale_after_s:
             return None
         motion = self._motion_at(track, max(now_s, track.motion.time_s))
-        mean, spread = np.array((motion.x, motion.y, motion.u, motion.v)), astuple(motion.spread)
+        mean, spread = np.array((motion.x, motion.y, motion.u, motion.v)), motion.spread.upper
         return TargetEstimate(motion.time_s, mean, spread, track.accepted_s, track.importance, track.threat)
 
     @property
@@ -259,9 +259,7 @@ class TargetFilter:
         since = since[min(bisect_right(since, manoeuvre_s - _ONSET_S, key=_begin_of), len(since) - 1) :]
         if not since or (before := since[0].before) is None:
             return track
-        spread = before.motion.spread
-        spread = replace(spread, uu=spread.uu + speed_m2_s2, vv=spread.vv + speed_m2_s2)
-        motion = replace(before.motion, spread=spread)
+        motion = faster(before.motion, speed_m2_s2)
         again = replace(before, motion=motion, fading_innovation=_FadingInnovation(), manoeuvre_s=manoeuvre_s)
         for segment in since:
             for sighting in segment.sightings:

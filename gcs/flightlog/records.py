@@ -24,6 +24,7 @@ from agents.tape import (
     TimeScale,
 )
 from agents.team.codec import encode
+from estimation.polar import Polar
 from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
 from gcs.flightlog.audit.entry import AuditEntry
 
@@ -281,8 +282,8 @@ def decision_of(output: TickOutput) -> Decision:
         output.setpoint,
         None if own is None else _own_state(own),
         None if target is None else _target_state(target),
-        None if polar is None else PolarMotion(*msgspec.structs.astuple(polar)),
-        None if place is None else Place(*msgspec.structs.astuple(place)),
+        None if polar is None else _polar_motion(polar),
+        None if place is None else Place(place.members, place.lead_rad, place.lag_rad),
         None if status.approach is None else status.approach.value,
         None if status.qp is None else status.qp.value,
         None
@@ -304,6 +305,10 @@ def decision_of(output: TickOutput) -> Decision:
         status.turning_rad_s,
         status.drops,
     )
+
+
+def _polar_motion(polar: Polar) -> PolarMotion:
+    return PolarMotion(polar.radius_m, polar.bearing_rad, polar.radial_speed_m_s, polar.angular_rate_rad_s)
 
 
 def _own_state(own: OwnEstimate) -> OwnState:

@@ -5,7 +5,6 @@ from math import nan
 import numpy as np
 import pytest
 from filterpy import kalman
-from msgspec.structs import astuple
 
 from estimation.filters.planar import Motion, MotionStep, PlanarCovariance, predicted, updated
 from estimation.state import Vector
@@ -28,7 +27,7 @@ def mean_of(motion: Motion) -> Vector:
 
 def covariance_of(motion: Motion) -> Vector:
     half = np.zeros((4, 4))
-    half[UPPER] = astuple(motion.spread)
+    half[UPPER] = motion.spread.upper
     return half + np.triu(half, 1).T
 
 

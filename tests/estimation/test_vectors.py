@@ -27,4 +27,4 @@ def test_a_vector_short_enough_is_the_argument_itself(x: float, y: float, more: 
     vector, pair = np.array([x, y]), (x, y)
     length_max = more * (1.0 + 1e-9) * abs(complex(x, y))
     assert clipped(vector, length_max) is vector
-    assert clipped_pair(pair, length_max) is pair
+    assert clipped_pair(pair, length_max) == pair

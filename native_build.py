@@ -1,0 +1,119 @@
+"""Compile the floors of the tick with mypyc: the same sources, for whoever asks for it at installation.
+
+`python native_build.py DIRECTORY` puts a compiled copy of `agents` and `estimation` into a directory; `hatch_build.py`
+puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older than its source.
+
+mypyc compiles classes of its own, whose attributes are machine numbers, but not the structs of msgspec. So the copy has
+plain classes in place of the structs of the modules below. These have the same attributes, methods and defaults, and
+compare and show as structs do. `msgspec.structs` and encoders do not take them.
+"""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGES = ("agents", "estimation")
+COMPILED = (
+    "agents/broadcast.py",
+    "agents/control",
+    "agents/core.py",
+    "agents/ring",
+    "agents/safety",
+    "agents/setpoint",
+    "agents/situation",
+    "agents/team/clock_watch.py",
+    "agents/team/credibility.py",
+    "agents/team/team.py",
+    "estimation/filters",
+    "estimation/polar.py",
+    "estimation/vectors.py",
+)
+"""What is compiled: whole folders, and single files. Nothing that is encoded."""
+STAY_STRUCTS = frozenset({"_Track"})
+"""Structs that `msgspec.structs.replace` takes."""
+SUBCLASSED = frozenset({"VehicleCore"})
+"""Classes with subclasses that are not compiled."""
+OPEN = (
+    "if TYPE_CHECKING: from mypy_extensions import mypyc_attr",
+    "@mypyc_attr(allow_interpreted_subclasses=True)",
+)
+FLAGS = "-ffp-contract=off -fno-builtin"
+"""No arithmetic that Python does not do: a compiled flight is bit for bit the same."""
+SETUP = """
+from mypyc.build import mypycify
+from setuptools import setup
+modules = mypycify([*{files!r}, "--ignore-missing-imports", "--follow-imports=silent"], opt_level="{level}")
+setup(name="cordon-compiled", ext_modules=modules, script_args=["-q", "build_ext", "--inplace"])
+"""
+
+
+def compiled_copy(root: Path, directory: Path, level: int = 3) -> list[Path]:
+    """Copy the packages of a source tree into a directory, compile the copy there, and return its compiled modules.
+
+    `level` is the C compiler's level of optimisation. Raises RuntimeError with the compiler's words when it fails.
+    """
+    for package in PACKAGES:
+        shutil.copytree(root / package, directory / package, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+    files = [str(path.relative_to(directory)) for path in _sources(directory)]
+    for file in files:
+        path = directory / file
+        path.write_text(native_source(path.read_text()))
+    flags = "" if os.name == "nt" else f"{FLAGS} {os.environ.get('CFLAGS', '')}"
+    command = [sys.executable, "-c", SETUP.format(files=files, level=level)]
+    environment = {**os.environ, "CFLAGS": flags, "MYPYPATH": str(directory)}
+    result = subprocess.run(command, cwd=directory, env=environment, check=False, capture_output=True, text=True)
+    if result.returncode != 0:
+        raise RuntimeError(f"mypyc or the C compiler failed:\n{result.stdout}{result.stderr}")
+    shutil.rmtree(directory / "build")
+    return sorted(path for path in directory.rglob("*") if path.suffix in (".so", ".pyd"))
+
+
+def _sources(directory: Path) -> Iterator[Path]:
+    for name in COMPILED:
+        path = directory / name
+        yield from [path] if path.is_file() else sorted(p for p in path.glob("*.py") if p.name != "__init__.py")
+
+
+def native_source(source: str) -> str:
+    """Return a module's source with plain classes in place of its structs, and all else on the line where it was."""
+    lines, tree = source.splitlines(), ast.parse(source)
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef) and node.name not in STAY_STRUCTS and _is_struct(node):
+            fields = [each for each in node.body if isinstance(each, ast.AnnAssign)]
+            first, last = node.body[0].lineno, fields[-1].end_lineno or 0  # from the docstring to the last field
+            members = _members(node, fields)
+            assert len(members) <= last - first + 1, f"{node.name} needs a docstring"
+            lines[first - 1 : last] = [*members, *[""] * (last - first + 1 - len(members))]
+            lines[node.lineno - 1] = f"class {node.name}:"
+        elif isinstance(node, ast.ClassDef) and node.name in SUBCLASSED:
+            lines[node.lineno - 3 : node.lineno - 1] = OPEN  # in place of the two blank lines before the class
+            lines[(tree.body[0].end_lineno or 1) - 1] += "; from typing import TYPE_CHECKING"
+    return "\n".join(lines) + "\n"
+
+
+def _is_struct(node: ast.ClassDef) -> bool:
+    return any(ast.unparse(base) == "msgspec.Struct" for base in node.bases)
+
+
+def _members(node: ast.ClassDef, fields: list[ast.AnnAssign]) -> list[str]:
+    names = [ast.unparse(field.target) for field in fields]
+    arguments = [
+        f"{ast.unparse(field.target)}: {ast.unparse(field.annotation)}"
+        + ("" if field.value is None else f" = {ast.unparse(field.value)}")
+        for field in fields
+    ]
+    equal = " and ".join(f"self.{name} == other.{name}" for name in names)
+    shown = ", ".join(f"{name}={{self.{name}!r}}" for name in names)
+    return [
+        f"    def __init__(self, {', '.join(arguments)}) -> None: " + "; ".join(f"self.{n} = {n}" for n in names),
+        f"    def __eq__(self, other: object) -> bool: return isinstance(other, {node.name}) and {equal}",
+        f'    def __repr__(self) -> str: return f"{node.name}({shown})"',
+    ]
+
+
+if __name__ == "__main__":
+    compiled_copy(Path(__file__).parent, Path(sys.argv[1]))
