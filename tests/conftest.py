@@ -37,6 +37,19 @@ CONFIG = AgentConfig(
 )
 
 
+WHOLLY_WIRE = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.wire\b", re.MULTILINE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no file that `-m wire` or `-m "not wire"` selects nothing of: every worker imports what it collects."""
+    expression = config.getoption("markexpr")
+    if expression not in {"wire", "not wire"} or not re.fullmatch(r"test_.*\.py", collection_path.name):
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    selects_nothing = "mark.wire" not in text if expression == "wire" else WHOLLY_WIRE.search(text) is not None
+    return selects_nothing or None
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _logs_elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """No flight of a test, nor of a process that it starts, leaves its log in somebody's home."""

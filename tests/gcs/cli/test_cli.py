@@ -18,6 +18,7 @@ import pytest
 from gcs.cli import app, main
 from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE
 from tests.support.paths import MISSIONS, ROOT
+from tests.support.result_keys import RESULT_KEYS
 
 # It warns that these tests run main() itself, as the console script does.
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
@@ -25,25 +26,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked wit
 COMMANDS = [name for name in app if not name.startswith("-")]
 CASE1 = (MISSIONS / "case1.toml").read_text(encoding="utf-8")
 HEAVY = ("numpy", "scipy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink", "pydantic", "foxglove")
-
-RESULT_KEYS = {
-    "": (
-        "mission seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
-        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate truth_missing"
-    ),
-    "vehicles": (
-        "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
-        "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"
-    ),
-    "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg",
-    "transitions": (
-        "begins_at_s members settling_time_s speed_max_m_s forwards_min_m_s acceleration_max_m_s2 "
-        "spacing_overshoot_deg spacing_monotonic"
-    ),
-    "reynolds": "formation ring flight",
-    "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
-    "verdicts": "C1 C2 C3 formation separation",
-}
 
 
 @dataclass(frozen=True)
@@ -508,18 +490,6 @@ def test_a_peers_endpoint_that_is_taken_is_a_refusal(own_ports: str, taken: Call
     assert reason == f"peer endpoint tcp/127.0.0.1:{port} is taken"
     assert "[" in following, "where in the mission file"
     assert "]" in following
-
-
-@pytest.mark.wire
-def test_a_team_flies_with_stubs_of_its_own(own_ports: str) -> None:
-    ran = cordon("fly", own_ports, "--sitl", "--speed", "10", "--duration", "20", "--json")
-    assert "fit to fly" not in ran.err, "the vehicles that it brings along give no cause for warnings"
-    assert ran.code == 0, ran.err
-    result = json.loads(ran.out)
-    assert list(result) == RESULT_KEYS[""].split()
-    assert (result["source"], result["reference"]) == ("sitl", "truth")
-    assert result["duration_s"] == pytest.approx(20.0, abs=0.2)
-    assert [vehicle["tactic"] for vehicle in result["vehicles"]] == ["formation"] * 3
 
 
 @pytest.mark.wire
