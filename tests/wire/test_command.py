@@ -212,6 +212,7 @@ async def test_a_kill_cuts_the_motors_whatever_the_vehicle_is_doing(
     assert all(outcome.flew for outcome in outcomes.values())
 
 
+@pytest.mark.long
 async def test_on_its_way_up_one_vehicle_is_told_to_land_and_another_is_killed(fly_team: FlyTeam) -> None:
     # Nobody has told a time yet: the operator has the wall's, so the team has to fly at the wall's pace.
     async with fly_team(speed=1.0, until_tactic="", altitude_m=HIGH_M) as team:
@@ -226,6 +227,7 @@ async def test_on_its_way_up_one_vehicle_is_told_to_land_and_another_is_killed(f
     assert not any(vehicle.armed for vehicle in vehicles.values())
 
 
+@pytest.mark.long
 async def test_a_team_holds_within_200_ms_of_the_word(fly_team: FlyTeam) -> None:
     async with fly_team(speed=1.0) as team:
         answers = await CommandClient(team.mission).command("hold", team.mission.ids, None)

@@ -57,6 +57,7 @@ async def looking_at(port: int) -> Onlooker:
     raise AssertionError("nobody listened")
 
 
+@pytest.mark.long
 async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_nobody(
     mission_file: Callable[..., str],
 ) -> None:

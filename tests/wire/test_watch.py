@@ -105,6 +105,7 @@ def test_with_nobody_there_it_says_so_and_waits_until_it_is_told_to_end(
         assert "Traceback" not in err
 
 
+@pytest.mark.long
 def test_watches_that_come_and_are_killed_disturb_nobody(mission_file: Callable[..., str]) -> None:
     mission = mission_file("case2", *SOON, LOW)
     with cordon("fly", mission, "--sitl", "--speed", "4", "--duration", "72", "--json") as flight:
