@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +20,7 @@ from agents.tape import Command, Tick, play
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import Cost, Decision, LocalCommand, Truth, Vehicle, VehicleEnd, decision_of
+from gcs.flightlog.records import Cost, Decision, LocalCommand, Taken, Truth, Vehicle, VehicleEnd, decision_of
 from gcs.flightlog.run import mission_of
 from tests.support.mission_text import LOW
 from tests.support.paths import ROOT
@@ -149,17 +149,20 @@ def played_again(log: FlightLog, vehicle_id: int) -> int:
             assert record.read(Decision) == as_read(output)
             decisions += 1
         elif record.kind not in (Cost, Truth, Vehicle, VehicleEnd):
-            output = play(core, item_of(record)) or output
+            for item in items_of(log, record):
+                output = play(core, item) or output
     return decisions
 
 
-def item_of(record: LogRecord) -> Any:
+def items_of(log: FlightLog, record: LogRecord) -> Sequence[Any]:
+    if record.kind is Taken:
+        return log.messages(record)
     item = record.read(record.kind)
     if not isinstance(item, LocalCommand):
-        return item
+        return [item]
     command = decode(item.payload)
     assert isinstance(command, OperatorCommand)
-    return Command(item.now_s, command)
+    return [Command(item.now_s, command)]
 
 
 def as_read(output: TickOutput) -> Decision:
