@@ -21,20 +21,18 @@ CHECKS = (
     ("lint-imports", "--no-logo"),
 )
 
-DRILLS = "tests/wire/test_drill.py"
-"""Flies in processes that a watchdog kills when they are late: only other drills fly at the same time, one a core."""
-WORKERS = 1 + (os.cpu_count() or 1)
-ONE_EACH = ("--dist", "load", "--maxschedchunk", "1")
-"""Each worker takes the next test."""
-SOCKETS = ("-m", "wire", f"--ignore={DRILLS}", *ONE_EACH, "-n", str(WORKERS))
-"""Tests on real sockets mostly wait: more of them than there are cores run side by side."""
+WORKERS = 1 + 2 * (os.cpu_count() or 1)
+SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))
+"""Tests on real sockets mostly wait: more than twice as many as there are cores run side by side."""
 AGAIN = ("--reruns", "2", "--reruns-delay", "3")
 """Watchdogs and leases run on the wall clock: a test that lacked the processor runs again; the summary counts it."""
 COMPUTING = ("-m", "not wire", "-n", "auto", "--dist", "loadfile")
 """Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
 GIVES_WAY = ("nice", "-n", "19")
-ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-"""Matrices here are small: more threads only spin, in the way of the other processes."""
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
+"""Matrices here are small: more threads only spin, in the way of the other processes. These are hundreds, and would
+each compile what they import.
+"""
 HANGS_AFTER_S = 1500.0
 """A test that hangs is ended by pytest's own bound; this one is for a process that hangs outside of its tests."""
 
@@ -46,12 +44,9 @@ def main() -> int:
         checks = _failing_checks()
         tests_fail = _run("pytest", *arguments) != 0
     else:
-        with _pytest(*COMPUTING, prefix=GIVES_WAY) as computing:
-            with _pytest(*SOCKETS, *AGAIN) as sockets:
-                checks = _failing_checks()
-                passed = [sockets()]
-            with _pytest(DRILLS, *ONE_EACH, "-n", "auto", *AGAIN) as drills:
-                passed += [drills(), computing()]
+        with _pytest(*COMPUTING, prefix=GIVES_WAY) as computing, _pytest(*SOCKETS, *AGAIN) as sockets:
+            checks = _failing_checks()
+            passed = [sockets(), computing()]
         tests_fail = not all(passed)
     for check in checks:
         print(f"failed: {check}", file=sys.stderr)

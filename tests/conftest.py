@@ -4,6 +4,7 @@ import re
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,30 @@ CONFIG = AgentConfig(
     formation=FormationSettings(spacing_m=5.0, speed_m_s=0.2, leader=2),
     encirclement=EncirclementSettings(radius_m=10.0, angular_rate_rad_s=0.05),
 )
+
+
+WHOLLY_WIRE = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.wire\b", re.MULTILINE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no file that `-m wire` or `-m "not wire"` selects nothing of: every worker imports what it collects."""
+    expression = config.getoption("markexpr")
+    if expression not in {"wire", "not wire"} or not re.fullmatch(r"test_.*\.py", collection_path.name):
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    selects_nothing = "mark.wire" not in text if expression == "wire" else WHOLLY_WIRE.search(text) is not None
+    return selects_nothing or None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what takes long, so that no worker is left alone with it; each is followed by one of the last.
+
+    A worker is handed two tests to begin with: two long ones in a row would be flown one after the other.
+    """
+    long = [item for item in items if item.get_closest_marker("long") is not None]
+    others = [item for item in items if item.get_closest_marker("long") is None]
+    first, last = others[: -len(long) or None], others[::-1][: len(long)]
+    items[:] = [item for pair in zip_longest(long, last) for item in pair if item is not None] + first
 
 
 @pytest.fixture(autouse=True, scope="session")

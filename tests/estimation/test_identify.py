@@ -108,14 +108,10 @@ def test_several_flights_are_one_identification() -> None:
     assert max(interval.relative for interval in intervals_of(found)[:4]) < 0.06
 
 
-def test_a_good_flight_is_called_good() -> None:
-    identified = identify([recorded(TRUTH, 5, noise_m=0.05)])
-    assert (identified.verdict, identified.reasons) == (PlantGrade.GOOD, ())
-
-
-def test_progress_rises_to_the_end() -> None:
+def test_a_good_flight_is_called_good_and_progress_rises_to_the_end() -> None:
     shares: list[float] = []
-    identify([recorded(TRUTH, 5, noise_m=0.05)], shares.append)
+    identified = identify([recorded(TRUTH, 5, noise_m=0.05)], shares.append)
+    assert (identified.verdict, identified.reasons) == (PlantGrade.GOOD, ())
     assert shares == sorted(shares)
     assert shares[0] < 0.3
     assert shares[-1] == pytest.approx(1.0)

@@ -20,6 +20,9 @@ Place = tuple[str | int, ...]
 
 INSECURE = ("[target]\n", "[network.security]\ninsecure = true\n\n[target]\n")
 """A change of a mission's text: its bus is plain, and whatever connects takes part."""
+LOW_M = 3.0
+LOW = ("endpoint =", f"altitude_m = {LOW_M}\nendpoint =")
+"""Another change: all vehicles fly low, where they arrive soon and from where they land soon."""
 CASE2 = (MISSIONS / "case2.toml").read_text(encoding="utf-8")
 
 

@@ -30,7 +30,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
-from tests.support.mission_text import INSECURE
+from tests.support.mission_text import INSECURE, LOW, LOW_M
 from tests.support.paths import ROOT
 from tests.support.wire import served
 
@@ -85,7 +85,7 @@ class Watched:
 async def test_a_second_mission_right_after_the_first(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mission = load_mission(mission_file("case2"))
+    mission = load_mission(mission_file("case2", LOW))
     watched, told = Watched(monkeypatch), list[Finding]()
     async with served(stub_configs(mission), SPEED):
         for _ in range(2):
@@ -134,19 +134,19 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
 async def test_vehicles_too_near_to_land_together_land_one_by_one(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mission = load_mission(mission_file("case2", ("separation_m = 3.0", "separation_m = 3.6")))
+    mission = load_mission(mission_file("case2", LOW, ("separation_m = 3.0", "separation_m = 3.6")))
     watched, told = Watched(monkeypatch), list[Finding]()
     async with served(stub_configs(mission), SPEED):
         flight = await flown(mission, 5.0, told)
     assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
     assert watched.ids(watched.disarmed) == [1, 2, 3]
-    assert watched.still_up_m == [pytest.approx([8.0] * waiting, abs=0.5) for waiting in (2, 1, 0)]
+    assert watched.still_up_m == [pytest.approx([LOW_M] * waiting, abs=0.5) for waiting in (2, 1, 0)]
 
 
 async def test_vehicles_return_on_layers_of_their_own_and_land_in_order(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mission = load_mission(mission_file("case2", RETURN))
+    mission = load_mission(mission_file("case2", LOW, RETURN))
     watched, told = Watched(monkeypatch), list[Finding]()
     highest: dict[int, float] = {}
     async with served(stub_configs(mission), SPEED):
@@ -158,7 +158,9 @@ async def test_vehicles_return_on_layers_of_their_own_and_land_in_order(
         outcomes = (await flight).outcomes
     assert [outcome.ending for outcome in outcomes.values()] == [Ending.COMPLETED] * 3
     assert watched.ids(watched.disarmed) == [3, 1, 2]
-    assert highest == pytest.approx({1: 14.0, 2: 17.0, 3: 14.0}, abs=0.5), "3 took off to its layer there"
+    assert highest == pytest.approx({1: LOW_M + 6.0, 2: LOW_M + 9.0, 3: LOW_M + 6.0}, abs=0.5), (
+        "3 took off to its layer there"
+    )
     for vehicle, place in zip(watched.vehicles, mission.vehicles, strict=True):
         assert dist(vehicle.airframe.position_m[:2], place.section.start_m) < 1.0
 

@@ -28,12 +28,15 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
+from tests.support.mission_text import LOW_M
 from tests.support.paths import ROOT
 from tests.support.wire import StubWatch, served, until
 
 pytestmark = pytest.mark.wire
 
 SPEED = 5.0
+HIGH_M = 8.0
+"""High enough that a vehicle is still in the air when the next command arrives while it climbs or lands."""
 
 
 class Team:
@@ -65,9 +68,13 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
 
     @asynccontextmanager
     async def flying(
-        *, speed: float = SPEED, until_tactic: str = "formation", hover_s: float = 5.0
+        *, speed: float = SPEED, until_tactic: str = "formation", hover_s: float = 5.0, altitude_m: float = LOW_M
     ) -> AsyncIterator[Team]:
-        changes = ('name = "case2"', 'name = "commanded"'), ("[safety]\n", f"[safety]\nabort_hover_s = {hover_s}\n")
+        changes = (
+            ('name = "case2"', 'name = "commanded"'),
+            ("[safety]\n", f"[safety]\nabort_hover_s = {hover_s}\n"),
+            ("endpoint =", f"altitude_m = {altitude_m}\nendpoint ="),
+        )
         mission = load_mission(mission_file("case2", *changes))
         team = Team(mission, StubWatch(monkeypatch))
         view = LiveView(Console(file=StringIO()))
@@ -90,26 +97,66 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
     return flying
 
 
-async def test_every_command_is_answered_by_what_the_vehicle_does(fly_team: FlyTeam) -> None:
-    async with fly_team() as team:
-        changes = dict.fromkeys((1, 2, 3), "takes its place in the shape 'wedge'")
-        assert await team.command("formation", shape="wedge") == changes
-        assert await team.command("hold") == dict.fromkeys((1, 2, 3), "holds")
-        assert await team.command("hold", 2) == {2: "was holding already"}
-        await asyncio.sleep(0.5)
-        assert team.tactics == dict.fromkeys((1, 2, 3), "hold")
-        assert await team.command("resume", 1) == {1: "resumes its mission"}
-        await asyncio.sleep(0.5)
-        assert team.tactics == {1: "formation", 2: "hold", 3: "hold"}
-        assert await team.command("land", 3) == {3: "lands"}
-        assert await team.command("rtl") == {
-            1: "returns and lands",
-            2: "returns and lands",
-            3: "refused: it is landing",
-        }
-        await team.outcomes()
+async def test_a_team_obeys_commands_and_encircles_a_target_that_is_pointed_out(
+    fly_team: FlyTeam, subtests: pytest.Subtests
+) -> None:
+    async with fly_team(altitude_m=HIGH_M) as team:
+        with subtests.test("nobody follows a sighting that cannot be"):
+            await _point_out_what_cannot_be(team)
+        with subtests.test("every command is answered by what the vehicle does"):
+            changes = dict.fromkeys((1, 2, 3), "takes its place in the shape 'wedge'")
+            assert await team.command("formation", shape="wedge") == changes
+            assert await team.command("hold") == dict.fromkeys((1, 2, 3), "holds")
+            assert await team.command("hold", 2) == {2: "was holding already"}
+            await asyncio.sleep(0.5)
+            assert team.tactics == dict.fromkeys((1, 2, 3), "hold")
+            assert await team.command("resume", 1) == {1: "resumes its mission"}
+            await asyncio.sleep(0.5)
+            assert team.tactics == {1: "formation", 2: "hold", 3: "hold"}
+            assert await team.command("resume") == {
+                1: "was on its mission already",
+                2: "resumes its mission",
+                3: "resumes its mission",
+            }
+        with subtests.test("a target that is pointed out is encircled"):
+            sensor, unsure = team_keys(team.mission).identity("sensor"), (0.25, 0.0, 0.25)
+            sighting = ExternalSighting("mission", (8.0, 0.0), unsure, 0.8, 0.2)
+            assert set(await CommandClient(team.mission, sensor).send_sighting(sighting, 0.0)) == {1, 2, 3}
+            await until(lambda: list(team.tactics.values()) == ["encircle"] * 3, 20.0)
+        with subtests.test("who returns, and who lands already"):
+            assert await team.command("land", 3) == {3: "lands"}
+            assert await team.command("rtl") == {
+                1: "returns and lands",
+                2: "returns and lands",
+                3: "refused: it is landing",
+            }
+            assert {outcome.ending for outcome in (await team.outcomes()).values()} == {Ending.STOPPED}
     for line in ("vehicle 2: formation by", "vehicle 2: hold by", "vehicle 3: land by"):
         assert any(line in said for said in team.said), team.said
+
+
+async def _point_out_what_cannot_be(team: Team) -> None:
+    """Let a sensor send sightings that cannot be, twice: each vehicle tells why it drops one, once."""
+    good: dict[str, object] = {"frame": "mission", "position": [8.0, 0.0], "covariance_m2": [0.25, 0.0, 0.25]}
+    good |= {"importance": 0.8, "threat": 0.2}
+    bad: tuple[tuple[dict[str, object], str], ...] = (
+        ({"frame": "utm"}, "unknown frame ('utm'"),
+        ({"time_s": 1e11}, "in the future"),
+        ({"covariance_m2": [1.0, 1.0, 1.0]}, "not positive definite"),
+        ({"covariance_m2": [1e200, 1e200, 1e200]}, "see docs/target.md"),
+        ({"position": [1e7, 0.0]}, "too far away (10000 km"),
+    )
+    camera = guest_bus(team.mission, team_keys(team.mission).identity("sensor"))
+    seen: set[int] = set()
+    await camera.open(lambda *_: None, lambda *_: None, lambda vehicle_id, _: seen.add(vehicle_id))
+    await until(lambda: seen >= {1, 2, 3})
+    payloads = [json.dumps(good | changes).encode() for changes, _ in bad]
+    for payload in (*payloads, *payloads):
+        camera.publish(TOPIC, payload)
+    await until(lambda: sum(words in said for said in team.said for _, words in bad) >= 3 * len(bad))
+    await camera.close()
+    assert [sum(words in said for said in team.said) for _, words in bad] == [3] * len(bad), team.said
+    assert set(team.tactics.values()) == {"formation"}
 
 
 async def test_an_abort_hovers_then_lands_by_itself_unless_resumed(fly_team: FlyTeam) -> None:
@@ -125,82 +172,19 @@ async def test_an_abort_hovers_then_lands_by_itself_unless_resumed(fly_team: Fly
         assert any("vehicle 3: abort by" in line and "lands, no resume" in line for line in team.said), team.said
 
 
-async def test_a_target_is_pointed_out_and_encircled_but_not_where_no_sighting_can_be(fly_team: FlyTeam) -> None:
-    good: dict[str, object] = {"frame": "mission", "position": [8.0, 0.0], "covariance_m2": [0.25, 0.0, 0.25]}
-    good |= {"importance": 0.8, "threat": 0.2}
-    bad: tuple[tuple[dict[str, object], str], ...] = (
-        ({"frame": "utm"}, "unknown frame ('utm'"),
-        ({"time_s": 1e11}, "in the future"),
-        ({"covariance_m2": [1.0, 1.0, 1.0]}, "not positive definite"),
-        ({"covariance_m2": [1e200, 1e200, 1e200]}, "see docs/target.md"),
-        ({"position": [1e7, 0.0]}, "too far away (10000 km"),
-    )
-    async with fly_team() as team:
-        sensor = team_keys(team.mission).identity("sensor")
-        camera = guest_bus(team.mission, sensor)
-        seen: set[int] = set()
-        await camera.open(lambda *_: None, lambda *_: None, lambda vehicle_id, _: seen.add(vehicle_id))
-        await until(lambda: seen >= {1, 2, 3})
-        payloads = [json.dumps(good | changes).encode() for changes, _ in bad]
-        for payload in (*payloads, *payloads):
-            camera.publish(TOPIC, payload)
-        await until(lambda: sum(words in said for said in team.said for _, words in bad) >= 3 * len(bad))
-        await camera.close()
-        assert [sum(words in said for said in team.said) for _, words in bad] == [3] * len(bad), team.said
-        assert set(team.tactics.values()) == {"formation"}
-        unsure = (0.25, 0.0, 0.25)
-        heard = await CommandClient(team.mission, sensor).send_sighting(
-            ExternalSighting("mission", (8.0, 0.0), unsure, 0.8, 0.2), 0.0
-        )
-        assert set(heard) == {1, 2, 3}
-        await until(lambda: list(team.tactics.values()) == ["encircle"] * 3, 20.0)
+async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...]) -> None:
+    """Kill a vehicle in the air; the others that are armed stay so."""
+    killed = team.watch.vehicles[vehicle_id]
+    assert killed.armed
+    assert not killed.landed, "it has to be in the air, or this shows nothing"
+    fell = asyncio.create_task(until(lambda: not killed.armed, 3.0))
+    assert await team.command("kill", vehicle_id) == {vehicle_id: "motors cut"}
+    await fell
+    await until(lambda: any(f"vehicle {vehicle_id}: kill by" in line for line in team.said), 2.0)
+    assert all(team.watch.vehicles[i].armed for i in armed), "nobody else was meant"
 
 
-@pytest.mark.parametrize("when", ["rising", "flying", "landing", "taken"])
-async def test_a_kill_cuts_the_motors_whatever_the_vehicle_is_doing(when: str, fly_team: FlyTeam) -> None:
-    # On the way up nobody has told a time yet: the operator has the wall's.
-    rising = when == "rising"
-    async with fly_team(speed=1.0 if rising else SPEED, until_tactic="" if rising else "formation") as team:
-        if rising:
-            await until(lambda: 3 in team.watch.vehicles and not team.watch.vehicles[3].landed)
-        killed = team.watch.vehicles[3]
-        if when == "landing":
-            assert await team.command("land", 3) == {3: "lands"}
-            await until(lambda: killed.mode is NavMode.LAND)
-        if when == "taken":
-            killed.select(NavMode.HOLD)
-            await until(lambda: team.tactics[3] == "pilot override")
-        assert killed.armed
-        assert not killed.landed, "it has to be in the air, or this shows nothing"
-        fell = asyncio.create_task(until(lambda: not killed.armed, 3.0))
-        assert await team.command("kill", 3) == {3: "motors cut"}
-        await fell
-        await until(lambda: any("vehicle 3: kill by" in line for line in team.said), 2.0)
-        others = [team.watch.vehicles[i] for i in (1, 2)]
-        assert all(each.armed for each in others), "nobody else was meant"
-        if not rising:  # where the mission never began, they come down without being told
-            await team.command("land", 1)
-            await team.command("land", 2)
-        outcomes = await team.outcomes()
-        assert {i: outcome.ending for i, outcome in outcomes.items()} == {
-            1: Ending.STOPPED,
-            2: Ending.STOPPED,
-            3: Ending.KILLED,
-        }
-        assert outcomes[3].flew
-        assert not any(vehicle.armed for vehicle in team.watch.vehicles.values())
-
-
-async def test_a_vehicle_that_is_told_to_land_on_its_way_up_comes_down_from_there(fly_team: FlyTeam) -> None:
-    async with fly_team(speed=2.0, until_tactic="") as team:
-        await until(lambda: 3 in team.watch.vehicles and not team.watch.vehicles[3].landed)
-        assert await team.command("land", 3) == {3: "lands"}
-        await until(lambda: team.watch.vehicles[3].mode is NavMode.LAND, 6.0)
-        outcomes = await team.outcomes()
-    assert {outcome.ending for outcome in outcomes.values()} == {Ending.STOPPED}, "the mission needs everybody"
-
-
-async def test_a_kill_that_is_not_obeyed_is_tried_again_and_told(
+async def test_a_kill_cuts_the_motors_whatever_the_vehicle_is_doing(
     fly_team: FlyTeam, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disarm, refusals = Autopilot.disarm, 2
@@ -210,13 +194,40 @@ async def test_a_kill_that_is_not_obeyed_is_tried_again_and_told(
         refusals -= force
         return disarm(autopilot, force=force and refusals < 0)
 
-    async with fly_team() as team:
+    async with fly_team(altitude_m=HIGH_M) as team:
+        await _kill(team, 3, armed=(1, 2))
+        # On its way down.
+        assert await team.command("land", 2) == {2: "lands"}
+        await until(lambda: team.watch.vehicles[2].mode is NavMode.LAND)
+        await _kill(team, 2, armed=(1,))
+        # A pilot has taken it over; and it does not obey at once: the kill is repeated.
+        team.watch.vehicles[1].select(NavMode.HOLD)
+        await until(lambda: team.tactics[1] == "pilot override")
         monkeypatch.setattr(Autopilot, "disarm", stubborn)
         assert await team.command("kill", 1) == {1: "motors cut"}
         assert not team.watch.vehicles[1].armed
         assert refusals < 0
+        outcomes = await team.outcomes()
+    assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
+    assert all(outcome.flew for outcome in outcomes.values())
 
 
+@pytest.mark.long
+async def test_on_its_way_up_one_vehicle_is_told_to_land_and_another_is_killed(fly_team: FlyTeam) -> None:
+    # Nobody has told a time yet: the operator has the wall's, so the team has to fly at the wall's pace.
+    async with fly_team(speed=1.0, until_tactic="", altitude_m=HIGH_M) as team:
+        vehicles = team.watch.vehicles
+        await until(lambda: len(vehicles) == 3 and not any(vehicle.landed for vehicle in vehicles.values()))
+        assert await team.command("land", 2) == {2: "lands"}
+        await until(lambda: vehicles[2].mode is NavMode.LAND, 6.0)
+        await _kill(team, 3, armed=(1, 2))
+        outcomes = await team.outcomes()  # the mission needs everybody: vehicle 1 comes down without being told
+    assert [outcomes[i].ending for i in (1, 2, 3)] == [Ending.STOPPED, Ending.STOPPED, Ending.KILLED]
+    assert outcomes[3].flew
+    assert not any(vehicle.armed for vehicle in vehicles.values())
+
+
+@pytest.mark.long
 async def test_a_team_holds_within_200_ms_of_the_word(fly_team: FlyTeam) -> None:
     async with fly_team(speed=1.0) as team:
         answers = await CommandClient(team.mission).command("hold", team.mission.ids, None)

@@ -74,6 +74,7 @@ def without_failsafe(drill: Drill[StubFlight]) -> Drill[StubFlight]:
     return replace(drill, inject=inject)
 
 
+@pytest.mark.long
 async def test_every_drill_holds() -> None:
     drills = [
         drill for drill in DRILLS if not drill.ends_flight
@@ -99,6 +100,7 @@ async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen(
             assert (reacted_s(expected, flight.log, began_s) is None) is expected.is_reaction, drill.fault
 
 
+@pytest.mark.long
 async def test_control_with_the_reactions_switched_off_every_drill_fails() -> None:
     drills = [without_failsafe(drill) for drill in DRILLS if drill.fault in CONTROLLED]
     assert len(drills) == len(CONTROLLED)

@@ -17,6 +17,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.metrics.journal import Journal
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from tests.support.mission_text import LOW
 from tests.support.wire import StubWatch, served, until
 
 pytestmark = pytest.mark.wire
@@ -30,7 +31,7 @@ QUICK = (
 
 @pytest.fixture
 def mission(mission_file: Callable[..., str]) -> Mission:
-    return load_mission(mission_file("case2", QUICK))
+    return load_mission(mission_file("case2", QUICK, LOW))
 
 
 async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(

@@ -1,12 +1,13 @@
 """Flights that are killed, or whose disk is full: what is left of their logs, and that it can be flown again."""
 
+import json
 import os
 import resource
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,9 +20,11 @@ from agents.tape import Command, Tick, play
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import Cost, Decision, LocalCommand, Truth, Vehicle, VehicleEnd, decision_of
+from gcs.flightlog.records import Cost, Decision, LocalCommand, Taken, Truth, Vehicle, VehicleEnd, decision_of
 from gcs.flightlog.run import mission_of
+from tests.support.mission_text import LOW
 from tests.support.paths import ROOT
+from tests.support.result_keys import RESULT_KEYS
 
 pytestmark = pytest.mark.wire
 
@@ -40,7 +43,7 @@ def test_a_flight_killed_in_mid_air_leaves_all_but_its_last_second(
 ) -> None:
     log = tmp_path / "left.mcap"
     command = [sys.executable, "-m", "gcs"]
-    flight = ["fly", mission_file("case2"), "--sitl", "--speed", f"{SPEED:g}", "--log", str(log)]
+    flight = ["fly", mission_file("case2", LOW), "--sitl", "--speed", f"{SPEED:g}", "--log", str(log)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb"}
     with subprocess.Popen([*command, *flight], stderr=subprocess.PIPE, env=environment) as process:
         try:
@@ -72,11 +75,24 @@ def test_a_flight_killed_in_mid_air_leaves_all_but_its_last_second(
         assert played_again(recovered, vehicle_id) > ALOFT_TICKS
 
 
-def test_a_disk_that_is_full_is_told_and_ends_nothing(mission_file: Callable[..., str], tmp_path: Path) -> None:
+def test_a_disk_that_is_full_is_told_and_a_team_flies_on_with_stubs_of_its_own(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
     log = tmp_path / "short.mcap"
-    command = [sys.executable, "-m", "gcs", "fly", mission_file("case2"), "--sitl", "--speed", "10", "--duration", "20"]
+    command = [
+        sys.executable,
+        "-m",
+        "gcs",
+        "fly",
+        mission_file("case1", LOW),
+        "--sitl",
+        "--speed",
+        "10",
+        "--duration",
+        "20",
+    ]
     done = subprocess.run(
-        [*command, "--log", str(log)],
+        [*command, "--json", "--log", str(log)],
         capture_output=True,
         text=True,
         timeout=100,
@@ -90,6 +106,12 @@ def test_a_disk_that_is_full_is_told_and_ends_nothing(mission_file: Callable[...
     assert f"log: {log} (0.2 MB)" in done.stderr
     assert log.stat().st_size == FILE_MAX_BYTES
     assert all(len(records) > ALOFT_TICKS for records in read_log(log).vehicles.values())
+    assert "fit to fly" not in done.stderr, "the vehicles that it brings along give no cause for warnings"
+    result = json.loads(done.stdout)
+    assert list(result) == RESULT_KEYS[""].split()
+    assert (result["source"], result["reference"]) == ("sitl", "truth")
+    assert result["duration_s"] == pytest.approx(20.0, abs=0.2)
+    assert [vehicle["tactic"] for vehicle in result["vehicles"]] == ["formation"] * 3
 
 
 def wait_for(condition: Callable[[], ValueT], timeout_s: float, what: str) -> ValueT:
@@ -127,17 +149,20 @@ def played_again(log: FlightLog, vehicle_id: int) -> int:
             assert record.read(Decision) == as_read(output)
             decisions += 1
         elif record.kind not in (Cost, Truth, Vehicle, VehicleEnd):
-            output = play(core, item_of(record)) or output
+            for item in items_of(log, record):
+                output = play(core, item) or output
     return decisions
 
 
-def item_of(record: LogRecord) -> Any:
+def items_of(log: FlightLog, record: LogRecord) -> Sequence[Any]:
+    if record.kind is Taken:
+        return log.messages(record)
     item = record.read(record.kind)
     if not isinstance(item, LocalCommand):
-        return item
+        return [item]
     command = decode(item.payload)
     assert isinstance(command, OperatorCommand)
-    return Command(item.now_s, command)
+    return [Command(item.now_s, command)]
 
 
 def as_read(output: TickOutput) -> Decision:

@@ -13,6 +13,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission, MissionVehicle
+from tests.support.mission_text import LOW
 from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
@@ -44,7 +45,7 @@ class Terminal:
 async def test_an_agent_that_is_started_again_joins_the_mission_that_has_begun(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "joined"')))
+    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "joined"'), LOW))
     async with served(stub_configs(mission), SPEED):
         stay, leave = (Terminal(mission, some, monkeypatch) for some in (mission.vehicles[:2], mission.vehicles[2:]))
         try:

@@ -18,6 +18,7 @@ from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from sitl.server.process import unix_clock
 from sitl.server.server import serve
+from tests.support.mission_text import LOW
 from tests.support.wire import StubWatch, until
 
 pytestmark = pytest.mark.wire
@@ -28,16 +29,15 @@ SPEED = 4.0
 @pytest.fixture
 def mission(mission_file: Callable[..., str]) -> Mission:
     """Return case2 on ports of its own."""
-    return load_mission(mission_file("case2", ('name = "case2"', 'name = "stand-down"')))
+    return load_mission(mission_file("case2", ('name = "case2"', 'name = "stand-down"'), LOW))
 
 
-async def test_a_foreign_mode_is_obeyed_at_once_and_left_only_by_command(
+async def test_who_takes_a_vehicle_keeps_it_until_a_command_and_it_is_not_landed_at_the_end(
     mission: Mission, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = StubWatch(monkeypatch)
-    output = StringIO()
     rows: dict[int, str] = {}
-    view = LiveView(Console(file=output))
+    view = LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", lambda team, *_: rows.update({row.vehicle_id: row.tactic for row in team}))
     stop = asyncio.Event()
     stubs = asyncio.create_task(serve(stub_configs(mission), speed=SPEED, now_s=unix_clock(SPEED), stop=stop))
@@ -58,33 +58,17 @@ async def test_a_foreign_mode_is_obeyed_at_once_and_left_only_by_command(
         assert answers[3] is not None
         await until(lambda: taken.mode is NavMode.OFFBOARD, 3.0)
         assert watch.received_since(3, told_s) > 0
+
+        # The leader is taken as well, and nobody gives it back.
+        kept = watch.vehicles[2]
+        kept.select(NavMode.HOLD)
+        await until(lambda: rows[2] == "pilot override", 2.0)
         outcomes = (await flight).outcomes
     finally:
         flight.cancel()
         stop.set()
         await asyncio.gather(stubs, flight, return_exceptions=True)
-    assert [outcome.ending for outcome in outcomes.values()] == [Ending.COMPLETED] * 3
-
-
-async def test_a_vehicle_that_was_taken_is_not_landed_at_the_end(
-    mission: Mission, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    watch = StubWatch(monkeypatch)
-    rows: dict[int, str] = {}
-    view = LiveView(Console(file=StringIO()))
-    monkeypatch.setattr(view, "update", lambda team, *_: rows.update({row.vehicle_id: row.tactic for row in team}))
-    stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(stub_configs(mission), speed=SPEED, now_s=unix_clock(SPEED), stop=stop))
-    flight = asyncio.create_task(fly(FlightPlan(mission, 20.0, mission.vehicles, stubs=False, speed=SPEED), view))
-    try:
-        await until(lambda: list(rows.values()) == ["formation"] * 3)
-        taken = watch.vehicles[2]
-        taken.select(NavMode.HOLD)
-        outcomes = (await flight).outcomes
-    finally:
-        stop.set()
-        await asyncio.gather(stubs, flight, return_exceptions=True)
     endings = {vehicle_id: outcome.ending for vehicle_id, outcome in outcomes.items()}
     assert endings == {1: Ending.COMPLETED, 2: Ending.PILOT_OVERRIDE, 3: Ending.COMPLETED}
-    assert taken.armed, "left in the air to whoever took it"
+    assert kept.armed, "left in the air to whoever took it"
     assert "'hold'" in outcomes[2].reason

@@ -7,6 +7,7 @@ The controls fly the same process unsupervised: the test holds the other end of 
 import asyncio
 import fcntl
 import os
+import re
 import signal
 import socket
 import sys
@@ -182,7 +183,7 @@ def now_s() -> float:
     [
         (signal.SIGKILL, "ended by signal 9 before its vehicles had landed"),
         ("exit", "ended with exit code 0 before its vehicles had landed"),
-        (signal.SIGSTOP, "no tick of the control loop of vehicle 1 for 0.6 s, vehicle 2 for 0.6 s, vehicle 3 for"),
+        (signal.SIGSTOP, "no tick of the control loop of vehicle "),
         ("interpreter", "no tick of the control loop of vehicle "),
         ("event loop", "no tick of the control loop of vehicle "),
     ],
@@ -201,6 +202,8 @@ async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason
     assert code == 4
     assert f"{pid}" in told
     assert reason in told
+    if fault is signal.SIGSTOP:  # ticks are spread over the period: of one vehicle first, or of several at once
+        assert re.search(r"vehicle [123] for 0\.6 s", told)
     assert "vehicle 1, 2, 3: their autopilots are on their own" in told
     assert "next: " in told
     with pytest.raises(ProcessLookupError):  # a stopped process would fly on once it is continued

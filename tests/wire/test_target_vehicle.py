@@ -14,6 +14,7 @@ from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
+from tests.support.mission_text import LOW
 from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
@@ -26,7 +27,7 @@ NAMED = f'[target]\nsource = "mavlink"\nurl = "udpin://127.0.0.1:14550"\nsystem_
 async def test_a_vehicle_that_says_where_it_is_is_encircled(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mission = load_mission(mission_file("case2", ("[target]\n", NAMED)))
+    mission = load_mission(mission_file("case2", LOW, ("[target]\n", NAMED)))
     view = LiveView(Console(file=StringIO()))
     radii: dict[int, float] = {}
     monkeypatch.setattr(

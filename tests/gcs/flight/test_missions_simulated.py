@@ -6,7 +6,7 @@ Plan and plant never coincide in the manoeuvres: what the agents believe stays t
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import pi
 from typing import Any
 
@@ -161,6 +161,95 @@ def test_the_paths_alone_give_the_same_figures(case2: Flown) -> None:
     rms = np.sqrt(np.mean(errors.radius_m**2, axis=1))
     np.testing.assert_allclose(rms, [known(v.radius_error_rms_m) for v in case2.result.vehicles], rtol=1e-9)
     assert np.sqrt(np.mean(errors.spacing_deg**2)) == pytest.approx(known(case2.result.ring.spacing_error_rms_deg))
+
+
+# The guard in the paper's missions, and its control: what happens when it is switched off
+
+
+GUARDED1_S, GUARDED2_S = 300.0, 380.0
+
+
+def begun(record: FlightRecord, duration_s: float) -> FlightRecord:
+    """Return the beginning of a flight."""
+    kept = record.time_s <= duration_s + 1e-9
+    tracks = tuple(
+        replace(
+            track,
+            position_m=track.position_m[kept],
+            velocity_m_s=track.velocity_m_s[kept],
+            tactic=track.tactic[kept],
+        )
+        for track in record.vehicles
+    )
+    target_m, target_m_s = record.target_position_m[kept], record.target_velocity_m_s[kept]
+    return replace(
+        record,
+        time_s=record.time_s[kept],
+        target_position_m=target_m,
+        target_velocity_m_s=target_m_s,
+        vehicles=tracks,
+    )
+
+
+def unguarded(name: str, duration_s: float) -> FlightRecord:
+    return fly_simulated(section("safety", guard=False)(load_mission(name)), 0, duration_s, lambda _: None)
+
+
+def places_m(record: FlightRecord) -> Vector:
+    """The true positions, (T, N, 2)."""
+    return np.stack([track.position_m for track in record.vehicles], axis=1)
+
+
+def apart_m(record: FlightRecord) -> Vector:
+    """The distance of the closest pair, (T,)."""
+    places = places_m(record)
+    pairs = [places[:, one] - places[:, other] for one, other in combinations(range(places.shape[1]), 2)]
+    return np.asarray(np.linalg.norm(pairs, axis=-1).min(axis=0))
+
+
+def test_case1_keeps_three_metres_and_without_the_guard_not_two(case1: Flown) -> None:
+    assert apart_m(begun(case1.record, GUARDED1_S)).min() >= 3.0
+    assert apart_m(unguarded("case1", GUARDED1_S)).min() < 2.0
+
+
+def test_case1_recovers_from_its_encounters(case1: Flown) -> None:
+    """As exact as ever from 10 s after an encounter until 6 s before the next: the guard looks ahead."""
+    record = begun(case1.record, GUARDED1_S)
+    time_s, (first, second, third) = record.time_s, record.vehicles
+    engaged = first.tactic == "encircle"
+    met = engaged & (apart_m(record) < 4.0)
+    assert 50 < met.sum() < 300
+    since_s = time_s - np.maximum.accumulate(np.where(met, time_s, -np.inf))
+    until_s = np.minimum.accumulate(np.where(met, time_s, np.inf)[::-1])[::-1] - time_s
+    calm = engaged & (since_s > 10.0) & (until_s > 6.0) & (time_s > time_s[engaged][0] + 10.0)
+    assert calm.sum() > 1000
+    off_m = np.linalg.norm(first.position_m - record.target_position_m, axis=1) - 10.0
+    assert np.sqrt(np.mean(off_m[calm] ** 2)) <= 0.03
+    np.testing.assert_allclose(second.velocity_m_s[calm], np.tile((0.2, 0.0), (calm.sum(), 1)), atol=0.02)
+    np.testing.assert_allclose(
+        (second.position_m - third.position_m)[calm], np.tile((0.0, 5.0), (calm.sum(), 1)), atol=0.02
+    )
+
+
+def test_case2_is_flown_as_if_there_were_no_guard(case2: Flown) -> None:
+    guarded, free = begun(case2.record, GUARDED2_S), unguarded("case2", GUARDED2_S)
+    late = guarded.time_s >= 320.0
+    for track, twin in zip(guarded.vehicles, free.vehicles, strict=True):
+        assert (track.tactic == twin.tactic).all()  # the engagements, to the tick
+        off_m = [
+            np.linalg.norm(each.position_m[late] - guarded.target_position_m[late], axis=1) - 10.0
+            for each in (track, twin)
+        ]
+        rms_m = np.sqrt(np.mean(np.square(off_m), axis=1))
+        assert rms_m[0] == pytest.approx(rms_m[1], abs=1e-3)
+    spacings_rad = [_spacings_rad(record)[late] for record in (guarded, free)]
+    assert spacings_rad[0] == pytest.approx(spacings_rad[1], abs=1e-3)
+
+
+def _spacings_rad(record: FlightRecord) -> Vector:
+    offsets = places_m(record) - record.target_position_m[:, None]
+    turns = np.sort(np.arctan2(offsets[..., 1], offsets[..., 0]), axis=1)
+    return np.diff(turns, axis=1, append=turns[:, :1] + 2.0 * np.pi)
 
 
 # Determinism

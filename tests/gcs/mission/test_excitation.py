@@ -6,6 +6,7 @@ from math import hypot
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, lfilter
 
 from agents.control.excitation import BOX_RESERVE, Steps, preview, programme
 from agents.core import VehicleCore
@@ -50,16 +51,19 @@ def signal(config: AgentConfig) -> Vector:
 
 
 def answers(setpoints: Vector, a0: Vector, a1: Vector) -> tuple[Vector, Vector]:
-    """Integrate many plants at once in small steps: positions and velocities (T, 2, N)."""
-    place, speed = np.zeros((2, 2, a0.shape[-1]))
-    places, speeds = [], []
-    for setpoint in setpoints:
-        middle = speed + STEP_S / 2.0 * (a0 * (setpoint[:, None] - place) - a1 * speed)
-        place = place + STEP_S * middle
-        speed = (middle + STEP_S / 2.0 * a0 * (setpoint[:, None] - place)) / (1.0 + STEP_S / 2.0 * a1)
-        places.append(place)
-        speeds.append(speed)
-    return np.array(places), np.array(speeds)
+    """Let many plants, alike on both axes or (2, N), answer to setpoints held for a step: what they do after it.
+
+    Positions and velocities, (T, 2, N).
+    """
+    shape = (2, a0.shape[-1])
+    stiffness, damping = np.broadcast_to(a0, shape), np.broadcast_to(a1, shape)
+    places, speeds = np.empty((2, len(setpoints), *shape))
+    for axis, plant in np.ndindex(shape):
+        k, d = float(stiffness[axis, plant]), float(damping[axis, plant])
+        for numerator, motion in (([k], places), ([k, 0.0], speeds)):
+            (held,), denominator, _ = cont2discrete((numerator, [1.0, d, k]), STEP_S, method="zoh")
+            motion[:, axis, plant] = lfilter(held[1:], denominator, setpoints[:, axis])
+    return places, speeds
 
 
 NARROW = {"half_width_m": 1.5, "speed_max_m_s": 5.0}

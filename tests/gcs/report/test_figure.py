@@ -65,13 +65,14 @@ def panel(figure: Figure, title: str) -> Axes:
 
 
 @pytest.mark.parametrize(
-    ("name", "magic"), [("a.png", b"\x89PNG"), ("b.svg", b"<?xml"), ("c.pdf", b"%PDF"), ("d.PNG", b"\x89PNG")]
+    ("name", "again", "magic"),
+    [("a.png", "again.PNG", b"\x89PNG"), ("b.svg", "again.svg", b"<?xml"), ("c.pdf", "again.pdf", b"%PDF")],
 )
 def test_the_suffix_chooses_the_format_and_the_file_repeats_byte_for_byte(
-    tmp_path: Path, name: str, magic: bytes
+    tmp_path: Path, name: str, again: str, magic: bytes
 ) -> None:
     flown, result, formation = flight(3, 3)
-    paths = [tmp_path / name, tmp_path / f"again-{name}"]
+    paths = [tmp_path / name, tmp_path / again]
     for path in paths:
         save_figure(flown, result, RING, path, formation)
     assert paths[0].read_bytes().startswith(magic)

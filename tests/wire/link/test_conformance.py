@@ -46,6 +46,7 @@ def px4() -> Iterator[Client]:
         yield client
 
 
+@pytest.mark.long
 @pytest.mark.wire
 def test_the_stub_conforms(subtests: pytest.Subtests, stub: Client) -> None:
     for exercise in EXERCISES:

@@ -223,6 +223,7 @@ async def test_a_link_cut_for_five_seconds(team: Team) -> None:
     relay.close()
 
 
+@pytest.mark.long
 async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
     loop = asyncio.get_running_loop()
     duration_s = 100.0
