@@ -27,6 +27,7 @@ COMPILED = (
     "agents/situation",
     "agents/team/clock_watch.py",
     "agents/team/credibility.py",
+    "agents/team/ring_members.py",
     "agents/team/team.py",
     "estimation/filters",
     "estimation/polar.py",
