@@ -17,6 +17,7 @@ from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 from agents.ports import VehicleRefusedError
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
+from gcs.link.relay.relay_thread import RelayThread
 from gcs.link.relay.signing import Signing, Verdict
 from gcs.link.urls import require_usable
 
@@ -45,6 +46,7 @@ class MavsdkHub:
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
         self._mavsdk: Any = None
         self._relays: dict[str, tuple[Relay, Any]] = {}
+        self._relay_thread = RelayThread("relays")
         self._vehicles: dict[int, str] = {}
         self._adding: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
         self._making = threading.Lock()
@@ -104,6 +106,7 @@ class MavsdkHub:
         for relay, _ in self._relays.values():
             await asyncio.to_thread(relay.close)
         self._relays.clear()
+        await asyncio.to_thread(self._relay_thread.close)
 
     def _claim(self, system_id: int, url: str) -> None:
         if system_id in self._vehicles:
@@ -137,7 +140,7 @@ class MavsdkHub:
             if self._mavsdk is None:
                 self._mavsdk = _ground_station()
         try:
-            relay = Relay(url)
+            relay = Relay(url, self._relay_thread)
             try:
                 connection = self._mavsdk.add_any_connection_with_handle(relay.inner_url)
                 relay.start()

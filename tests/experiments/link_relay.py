@@ -16,6 +16,7 @@ from statistics import median, quantiles
 
 from gcs.link.relay.frames import MAGIC_V2, FrameStream, header
 from gcs.link.relay.relay import Relay
+from gcs.link.relay.relay_thread import RelayThread
 from gcs.link.relay.signing import Signing
 from tests.experiments.arguments import parser
 from tests.support.wire import LOOPBACK, free_ports
@@ -119,9 +120,10 @@ def lateness(ages_s: list[float]) -> str:
 
 def measure(count: int, *, signed: bool) -> str:
     """Return a line of the table."""
+    thread = RelayThread("relays")
     relays, vehicles = [], []
     for system_id, port in enumerate(free_ports(count), 1):
-        relay = Relay(f"udpin://{LOOPBACK}:{port}")
+        relay = Relay(f"udpin://{LOOPBACK}:{port}", thread)
         host, inner_port = relay.inner_url.removeprefix("tcpout://").split(":")
         inner = socket.create_connection((host, int(inner_port)))
         inner.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -144,6 +146,7 @@ def measure(count: int, *, signed: bool) -> str:
     process.join()
     for relay in relays:
         relay.close()
+    thread.close()
     frames, sent = len(ages_s["up"]) + len(ages_s["down"]), count * MEASURED_S * (UP_HZ + SETPOINTS_PER_S)
     return (
         f"| {count} | {'yes' if signed else 'no'} | {lateness(ages_s['up'])} | {lateness(ages_s['down'])} |"

@@ -5,7 +5,6 @@ thread uses a carrier.
 """
 
 import os
-import select
 import socket
 import termios
 import time
@@ -37,6 +36,11 @@ class Carrier(Protocol):
         """The address that is called; None where vehicles call."""
         ...
 
+    @property
+    def blocks(self) -> bool:
+        """Whether `call_again` may block for a moment."""
+        ...
+
     def watched(self) -> Sequence[int]:
         """Return the file descriptors that become readable."""
         ...
@@ -50,7 +54,7 @@ class Carrier(Protocol):
         ...
 
     def call_again(self) -> None:
-        """Call again, where the connection has ended; blocks for a moment."""
+        """Call again, where the connection has ended."""
         ...
 
     def close(self) -> None:
@@ -70,6 +74,8 @@ def open_carrier(url: str) -> Carrier:
 
 class _Udp:
     """One UDP socket: bound where vehicles send to, or calling one of them."""
+
+    blocks = False
 
     def __init__(self, bound: socket.socket, known: Address | None = None) -> None:
         self.known = known
@@ -142,6 +148,7 @@ class _TcpServer:
     """A listening TCP socket, and the connections of those that called."""
 
     known = None
+    blocks = False
 
     def __init__(self, host: str, port: int) -> None:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -190,6 +197,8 @@ class _TcpServer:
 
 class _Called:
     """A TCP server or a serial device that is called, and called again when the connection has ended."""
+
+    blocks = True
 
     def __init__(self, known: Address, call: Callable[[], Stream]) -> None:
         self.known: Address = known
@@ -268,14 +277,6 @@ def _opened(family: int, kind: int, prepare: Callable[[socket.socket], object]) 
         opened.close()
         raise
     return opened
-
-
-def wait_readable(descriptors: Sequence[int], timeout_s: float) -> set[int]:
-    """Wait until one of the descriptors can be read, or has been closed; return those."""
-    poll = select.poll()
-    for descriptor in descriptors:
-        poll.register(descriptor, select.POLLIN)
-    return {descriptor for descriptor, _ in poll.poll(timeout_s * 1e3)}
 
 
 _CARRIERS: dict[str, Callable[[str, int], Carrier]] = {

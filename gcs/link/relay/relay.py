@@ -3,45 +3,40 @@
 MAVSDK itself accepts any sender, and sends setpoints to each. So it has no connection to the outside.
 """
 
-import socket
 import threading
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Container, Iterable, Iterator
 from math import inf
 
-from gcs.link.relay.carriers import open_carrier, wait_readable
+from gcs.link.relay.carriers import open_carrier
 from gcs.link.relay.frames import MAGIC_V2, FrameStream, station_heartbeat
 from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
 from gcs.link.relay.inner import InnerConnection, InnerListener
+from gcs.link.relay.relay_thread import RelayThread
 from gcs.link.relay.signing import Signing, Verdict
 
-WAKE_PERIOD_S = 0.25
-"""Longest time without a look at what waits: bytes of a slow stream, a connection that has ended."""
 CALL_PERIOD_S = 0.5
-WAKES_MAX = 64
 
 
 class Relay:
     """One connection to the outside, by its url, and one to MAVSDK. Use it from any thread.
 
-    Raises OSError when the connection cannot be opened, ValueError for a url that is not understood.
+    It runs in the thread `shared`, or in one of its own where a call to the outside may block. Raises OSError when the
+    connection cannot be opened, ValueError for a url that is not understood.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, shared: RelayThread) -> None:
         self._carrier = open_carrier(url)
+        self._own_thread = RelayThread(f"relay {url}") if self._carrier.blocks else None
+        self._thread = self._own_thread or shared
         self._gate = Gate()
         self._lock = threading.Lock()
-        self._wake, self._woken = socket.socketpair()
-        self._woken.setblocking(False)
-        self._closing = False
         self._first: list[bytes] = []
         self._called = 0
         self._call_next_s = -inf
         self._outgoing = FrameStream()
         self._listener = InnerListener()
-        self._thread: threading.Thread | None = None
-        self._name = f"relay {url}"
+        self._inner: InnerConnection | None = None
 
     @property
     def inner_url(self) -> str:
@@ -50,9 +45,8 @@ class Relay:
 
     def start(self) -> None:
         """Begin to pass frames on; raises OSError when it is not MAVSDK that connected."""
-        inner = self._listener.accept()
-        self._thread = threading.Thread(target=self._run, args=(inner,), name=self._name, daemon=True)
-        self._thread.start()
+        self._inner = self._listener.accept()
+        self._thread.add(self)
 
     def claim(self, system_id: int, signing: Signing | None) -> None:
         """Wait for the heartbeats of a vehicle."""
@@ -87,7 +81,7 @@ class Relay:
             claim = self._gate.claims[system_id]
             claim.verify(address, time.monotonic())
             self._first.append(claim.candidates.pop(address))
-        self._wake.send(b"\0")
+        self._thread.wake()
 
     def report(self, system_id: int) -> LinkReport:
         """Return what arrived with the system id of a vehicle."""
@@ -97,29 +91,28 @@ class Relay:
 
     def close(self) -> None:
         """End both connections; the port is free afterwards."""
-        self._closing = True
-        self._wake.send(b"\0")
-        if self._thread is not None:
-            self._thread.join()
-        for each in (self._listener, self._carrier, self._wake, self._woken):
-            each.close()
+        self._thread.remove(self)
+        for each in (self._inner, self._listener, self._carrier, self._own_thread):
+            if each is not None:
+                each.close()
 
-    def _run(self, inner: InnerConnection) -> None:
-        """Pass on what arrives, until closed."""
-        while not self._closing:
-            descriptors = (self._woken.fileno(), inner.descriptor, *self._carrier.watched())
-            readable = wait_readable(descriptors, WAKE_PERIOD_S)
-            self._carrier.call_again()
-            if self._woken.fileno() in readable:
-                with suppress(BlockingIOError):
-                    self._woken.recv(WAKES_MAX)
-            # Each call to the system gives the interpreter lock away, and waits to get it again.
-            sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
-            for frame, address in (*sent, *self._calls()):
-                self._carrier.send(frame, address)
-            for frames in (b"", *self._inbound(list(self._carrier.receive()))):
-                inner.write(frames)
-        inner.close()
+    def watched(self) -> tuple[int, ...]:
+        """Return the file descriptors of both connections."""
+        assert self._inner is not None
+        return self._inner.descriptor, *self._carrier.watched()
+
+    def turn(self, readable: Container[int]) -> None:
+        """Pass on what has arrived."""
+        inner = self._inner
+        assert inner is not None
+        self._carrier.call_again()
+        # Each call to the system gives the interpreter lock away, and waits to get it again.
+        sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
+        for frame, address in (*sent, *self._calls()):
+            self._carrier.send(frame, address)
+        arrives = any(descriptor in readable for descriptor in self._carrier.watched())
+        for frames in (b"", *self._inbound(list(self._carrier.receive()) if arrives else [])):
+            inner.write(frames)
 
     def _inbound(self, received: Iterable[tuple[bytes, Address]]) -> list[bytes]:
         """Return what MAVSDK is passed of what has arrived."""

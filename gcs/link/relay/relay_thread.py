@@ -1,0 +1,111 @@
+"""A thread that runs relays: whatever arrives for any of them, it passes on.
+
+Each call to the system gives the interpreter lock away and has to get it back. One thread for all connections takes it
+once for all that has arrived meanwhile, where a thread for each of them would take it as often as there are vehicles.
+"""
+
+import select
+import socket
+import threading
+import time
+import traceback
+from collections.abc import Container, Iterable, Sequence
+from contextlib import suppress
+from itertools import chain
+from typing import Protocol
+
+WAKE_PERIOD_S = 0.25
+"""Longest time without a look at what waits: bytes of a slow stream, a connection that has ended."""
+GATHER_S, A_FEW = 0.001, 4
+"""With more than a few relays, what arrives within this time after the first is passed on together with it."""
+WAKES_MAX = 64
+
+
+class Turns(Protocol):
+    """What a relay thread runs."""
+
+    def watched(self) -> tuple[int, ...]:
+        """Return the file descriptors that become readable."""
+        ...
+
+    def turn(self, readable: Container[int]) -> None:
+        """Pass on what has arrived; called at least four times a second, then with all descriptors."""
+        ...
+
+
+class RelayThread:
+    """Runs relays from `add` to `remove`; the thread ends with the last of them. Use it from any other thread."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._relays: list[Turns] = []
+        self._running = threading.Lock()
+        """Held during turns, and while the list of relays changes."""
+        self._wake_end, self._woken_end = socket.socketpair()
+        self._woken_end.setblocking(False)
+        self._thread: threading.Thread | None = None
+
+    def add(self, relay: Turns) -> None:
+        """Run a relay from now on."""
+        with self._running:
+            self._relays.append(relay)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+                self._thread.start()
+        self.wake()
+
+    def remove(self, relay: Turns) -> None:
+        """Run a relay no more: once this returns, none of its turns is under way. One that is not run is no error."""
+        with self._running, suppress(ValueError):
+            self._relays.remove(relay)
+        self.wake()
+
+    def wake(self) -> None:
+        """Give every relay a turn now."""
+        self._wake_end.send(b"\0")
+
+    def close(self) -> None:
+        """Release what it has open; no relay may be left."""
+        thread = self._thread
+        if thread is not None:
+            thread.join()
+        self._wake_end.close()
+        self._woken_end.close()
+
+    def _run(self) -> None:
+        look_next_s = 0.0
+        while relays := self._next():
+            readable = self._wait_readable(relays)
+            if len(relays) > A_FEW:
+                time.sleep(GATHER_S)
+            now_s = time.monotonic()
+            everything = self._woken_end.fileno() in readable or now_s >= look_next_s
+            if everything:
+                look_next_s = now_s + WAKE_PERIOD_S
+                with suppress(BlockingIOError):
+                    self._woken_end.recv(WAKES_MAX)
+            with self._running:
+                for relay, descriptors in relays:
+                    if relay in self._relays and (everything or not readable.isdisjoint(descriptors)):
+                        self._turn(relay, descriptors if everything else readable)
+
+    def _next(self) -> Sequence[tuple[Turns, tuple[int, ...]]]:
+        """Return the relays to run and what they watch; without any the thread ends."""
+        with self._running:
+            if not self._relays:
+                self._thread = None
+            return [(relay, relay.watched()) for relay in self._relays]
+
+    def _turn(self, relay: Turns, readable: Container[int]) -> None:
+        try:
+            relay.turn(readable)
+        except Exception:  # a bug in one relay silences its vehicles; the others fly on
+            traceback.print_exc()
+            self._relays.remove(relay)
+
+    def _wait_readable(self, relays: Iterable[tuple[Turns, tuple[int, ...]]]) -> set[int]:
+        """Wait until one of the descriptors can be read, or has been closed; return those."""
+        poll = select.poll()
+        for descriptor in (self._woken_end.fileno(), *chain.from_iterable(each for _, each in relays)):
+            poll.register(descriptor, select.POLLIN)
+        return {descriptor for descriptor, _ in poll.poll(WAKE_PERIOD_S * 1e3)}
