@@ -1,0 +1,33 @@
+"""Sixteen that encircle one target at the same time: the crowd in which plans are on their bounds for longest."""
+
+from agents.control.lmpc import QpStatus
+from agents.core import VehicleCore
+from agents.outputs import TickOutput
+from agents.tactics import Tactic
+from gcs.flight.simulated import simulated_vehicles
+from sitl.simulation.simulation import NetworkModel, simulate
+from tests.experiments.membership_scenes import sixteen
+
+JOINING_S = 25.0
+
+
+def test_every_plan_of_a_crowd_is_solved_and_no_vehicle_steps_aside() -> None:
+    scene, unsolved, tactics = sixteen(2), 0, set[Tactic]()
+
+    def observe(_tick: int, _vehicle: int, output: TickOutput) -> None:
+        nonlocal unsolved
+        unsolved += output.status.qp is QpStatus.FALLBACK
+        tactics.add(output.status.tactic)
+
+    network = scene.mission.network
+    simulate(
+        simulated_vehicles(scene.mission, 2, VehicleCore),
+        NetworkModel(network.range_m, network.delay_s, network.loss),
+        rate_hz=scene.mission.mission.rate_hz,
+        duration_s=JOINING_S,
+        seed=2,
+        observe=observe,
+        progress=lambda _: None,
+    )
+    assert unsolved == 0
+    assert Tactic.ASIDE not in tactics
