@@ -18,7 +18,7 @@ from scipy.sparse import csc_matrix
 from estimation.state import Vector
 
 _FEASIBLE_SLACK = 1e-9
-_PRIMAL_MAX, _DUAL_MAX = 1e-3, 2e-2
+_PRIMAL_MAX, _DUAL_MAX = 1e-3, 0.1
 """Residuals up to which an optimum that OSQP has not reached in time is used: in m and m/s, and of the cost's gradient.
 
 They are far below what an estimate is off by; the substitute for a failed solve keeps no bound on states at all.
