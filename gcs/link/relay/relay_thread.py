@@ -19,6 +19,7 @@ WAKE_PERIOD_S = 0.25
 GATHER_S, A_FEW = 0.001, 4
 """With more than a few relays, what arrives within this time after the first is passed on together with it."""
 WAKES_MAX = 64
+REMOVED_WITHIN_S = 2.0
 
 
 class Turns(Protocol):
@@ -39,8 +40,9 @@ class RelayThread:
     def __init__(self, name: str) -> None:
         self._name = name
         self._relays: list[Turns] = []
-        self._running = threading.Lock()
-        """Held during turns, and while the list of relays changes."""
+        self._running = threading.Condition()
+        """Held during turns, and while the list of relays changes; notified after each wait for what arrives."""
+        self._waits = 0
         self._wake_end, self._woken_end = socket.socketpair()
         self._woken_end.setblocking(False)
         self._thread: threading.Thread | None = None
@@ -55,10 +57,18 @@ class RelayThread:
         self.wake()
 
     def remove(self, relay: Turns) -> None:
-        """Run a relay no more: once this returns, none of its turns is under way. One that is not run is no error."""
-        with self._running, suppress(ValueError):
+        """Run a relay no more; one that is not run is no error.
+
+        Once this returns, none of its turns is under way, and the thread does not wait for its descriptors: a socket
+        that is waited for stays open although it has been closed.
+        """
+        with self._running:
+            if relay not in self._relays:
+                return
             self._relays.remove(relay)
-        self.wake()
+            waits = self._waits
+            self.wake()
+            self._running.wait_for(lambda: self._waits > waits, REMOVED_WITHIN_S)
 
     def wake(self) -> None:
         """Give every relay a turn now."""
@@ -68,7 +78,7 @@ class RelayThread:
         """Release what it has open; no relay may be left."""
         thread = self._thread
         if thread is not None:
-            thread.join()
+            thread.join(REMOVED_WITHIN_S)
         self._wake_end.close()
         self._woken_end.close()
 
@@ -85,6 +95,8 @@ class RelayThread:
                 with suppress(BlockingIOError):
                     self._woken_end.recv(WAKES_MAX)
             with self._running:
+                self._waits += 1
+                self._running.notify_all()
                 for relay, descriptors in relays:
                     if relay in self._relays and (everything or not readable.isdisjoint(descriptors)):
                         self._turn(relay, descriptors if everything else readable)

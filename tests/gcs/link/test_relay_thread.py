@@ -1,0 +1,94 @@
+"""The thread that runs the relays, with sockets in their place."""
+
+import socket
+import threading
+from collections.abc import Container, Iterator
+
+import pytest
+
+from gcs.link.relay.relay_thread import RelayThread
+
+LOOPBACK = "127.0.0.1"
+
+
+class Echo:
+    """Receives datagrams on a socket; a "bug" raises."""
+
+    def __init__(self, port: int = 0) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind((LOOPBACK, port))
+        self.socket.setblocking(False)
+        self.port = int(self.socket.getsockname()[1])
+        self.received: list[bytes] = []
+        self.arrived = threading.Event()
+
+    def watched(self) -> tuple[int, ...]:
+        return (self.socket.fileno(),)
+
+    def turn(self, readable: Container[int]) -> None:
+        if self.socket.fileno() in readable:
+            try:
+                self.received.append(self.socket.recv(100))
+            except BlockingIOError:
+                return
+            self.arrived.set()
+            if self.received[-1] == b"bug":
+                raise ValueError("bug")
+
+    def told(self, data: bytes) -> bool:
+        """Send to it; return whether that arrives within a second."""
+        self.arrived.clear()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.sendto(data, (LOOPBACK, self.port))
+            return self.arrived.wait(1.0)
+
+
+@pytest.fixture
+def thread() -> Iterator[RelayThread]:
+    thread = RelayThread("relays")
+    yield thread
+    thread.close()
+
+
+def test_a_port_is_free_as_soon_as_its_relay_is_removed_and_closed(thread: RelayThread) -> None:
+    others = [Echo() for _ in range(6)]
+    for other in others:
+        thread.add(other)
+    port = 0
+    for _ in range(20):
+        each = Echo(port)
+        port = each.port
+        thread.add(each)
+        assert each.told(b"here")
+        thread.remove(each)
+        each.socket.close()
+    assert all(other.told(b"still here") for other in others)
+    for other in others:
+        thread.remove(other)
+        other.socket.close()
+
+
+def test_a_bug_in_one_relay_leaves_the_others_running(thread: RelayThread, capsys: pytest.CaptureFixture[str]) -> None:
+    broken, sound = Echo(), Echo()
+    for each in (broken, sound):
+        thread.add(each)
+    assert broken.told(b"bug")
+    assert sound.told(b"one")
+    assert not broken.told(b"two")
+    assert "ValueError: bug" in capsys.readouterr().err
+    for each in (broken, sound):
+        thread.remove(each)
+        each.socket.close()
+
+
+def test_the_thread_ends_with_its_last_relay_and_begins_again(thread: RelayThread) -> None:
+    for _ in range(3):
+        each = Echo()
+        thread.add(each)
+        assert each.told(b"here")
+        thread.remove(each)
+        each.socket.close()
+        for running in threading.enumerate():
+            if running.name == "relays":
+                running.join(1.0)
+                assert not running.is_alive()
