@@ -67,11 +67,13 @@ async def fly(
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -> Flight:
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.speed))
+    # First of all: what stubs cannot serve is bad input, whatever else is in use.
+    flight_stubs = FlightStubs(plan.mission if plan.stubs else None, clock.speed)
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
         claims = stack.enter_context(flight_claims(plan.mission, plan.vehicles, stubs=plan.stubs))
         supervisor.relay(lambda: loop.call_soon_threadsafe(team.stop.ask))
-        stubs = await stack.enter_async_context(FlightStubs(plan.mission if plan.stubs else None, clock.speed))
+        stubs = await stack.enter_async_context(flight_stubs)
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
         team.equip(hub, supervisor.heartbeat)
