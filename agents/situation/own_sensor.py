@@ -67,9 +67,9 @@ class OwnSensor:
             self._own.append(sighting)
         elif self._own and not self._agrees(sighting):
             return False
-        self._observed_s[sensor_id] = time_s
-        if time_s > self.team_saw_s and not SOURCES_FROM <= sensor_id <= SOURCES_TO:
-            self.team_saw_s = time_s
+        if not SOURCES_FROM <= sensor_id <= SOURCES_TO:
+            self._observed_s[sensor_id] = time_s
+            self.team_saw_s = max(self.team_saw_s, time_s)
         return True
 
     def due(self, now_s: float) -> Sighting | None:

@@ -78,6 +78,14 @@ def test_a_team_sends_thirty_sightings_a_second_however_many_see_the_target(
     assert [later - earlier for earlier, later in pairwise(sent_s)] == pytest.approx([period_s] * (len(sent_s) - 1))
 
 
+def test_sources_outside_of_the_team_do_not_slow_its_sightings_down(sensor: OwnSensor) -> None:
+    for source in range(1000, 1300):
+        sensor.accepts(sighting(source, 5.0, 10.0))
+    for time_s in (5.0, 5.2, 5.4):
+        sensor.accepts(sighting(OWN, time_s, 10.0))
+        assert sensor.due(time_s) is not None
+
+
 def test_a_sighting_is_sent_once(sensor: OwnSensor) -> None:
     sensor.accepts(sighting(OWN, 5.0, 10.0))
     assert sensor.due(5.0) is not None
