@@ -1,4 +1,4 @@
-"""Compile the floors of the tick with mypyc: the same sources, for whoever asks for it at installation.
+"""Compile the floors of the tick with mypyc: the same sources, on request at installation.
 
 `python native_build.py DIRECTORY` puts a compiled copy of `agents` and `estimation` into a directory; `hatch_build.py`
 puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older than its source.

@@ -86,7 +86,7 @@ class _Guests:
 class Mailbox:
     """Takes messages on any thread, and gives them out on another; `drops` counts what it dropped, by reason.
 
-    `members` are the team's vehicles, `own` those of them for which nobody else may speak; `rate_hz` is how many
+    `members` are the team's vehicles, `own` those of them that this process flies; `rate_hz` is how many
     messages a second each vehicle may send on each topic.
     """
 

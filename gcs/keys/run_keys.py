@@ -28,7 +28,7 @@ _VALID_DAYS = 7.0
 class RunKeys:
     """The keys of a team's vehicles, and of this user as operator, sensor and observer.
 
-    The vehicles share one certificate: all keys of a run are in one folder of one user, so that whoever has one
+    The vehicles share one certificate: all keys of a run are in one folder of one user, so that a user who has one
     vehicle's has them all, and a process needs one session for all that it flies.
     They are in use as long as a process holds a shared lock on their folder. The lock of the folder above it orders all
     that make, look up and remove keys. Locks end with their processes: what a killed one leaves is replaced.

@@ -65,7 +65,7 @@ def test_nothing_in_the_name_of_another_is_admitted(message: BusMessage) -> None
 
 
 def test_the_parts_of_a_state_are_its_senders() -> None:
-    """Whoever sends a state has no way to name another vehicle in its parts."""
+    """The sender of a state has no way to name another vehicle in its parts."""
     angle = NeighbourAngle(1, 4.0, 0.5, 0.05, 10.0)
     package = TargetPackage(1, 4.0, (8.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (2,))
     here = (9.0, 0.0)

@@ -1,4 +1,4 @@
-"""Messages of the bus in a log: each once, whoever took it, and what earlier versions wrote of them."""
+"""Messages of the bus in a log: each once for all vehicles that took it, and what earlier versions wrote of them."""
 
 from pathlib import Path
 
