@@ -3,8 +3,8 @@
 from contextlib import suppress
 
 from agents.ports import PeerBus
-from agents.shell.zenoh_bus import ParticipantBus, single_bus
-from agents.shell.zenoh_session import BusTeam
+from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.bus.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import OperatorCommand, topic_of
 from gcs.errors import InputError

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
 
 from agents.ports import VehicleRefusedError
-from agents.shell.zenoh_bus import ParticipantBus, single_bus
-from agents.shell.zenoh_session import BusTeam
+from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.bus.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import MemberState, NeighbourAngle, OperatorCommand
 from agents.team.participant import Participant, vehicle

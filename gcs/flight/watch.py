@@ -70,9 +70,10 @@ class Watch:
     def _report_clocks(self) -> None:
         """Report each other computer once whose clock differs too much from this one's."""
         for member in self._team.members:
-            for peer, lag_s in member.agent.clock_lags_s.items():
-                finding = clock_lag(member.vehicle.id, peer, lag_s)
-                if peer not in self._lags_reported and finding.grade is not Grade.PASS:
+            lags_s = member.agent.clock_lags_s
+            for peer in lags_s.keys() - self._lags_reported:
+                finding = clock_lag(member.vehicle.id, peer, lags_s[peer])
+                if finding.grade is not Grade.PASS:
                     self._lags_reported.add(peer)
                     self._report([finding])
 

@@ -4,7 +4,7 @@ from typing import get_args
 
 import msgspec
 
-from agents.shell.bus_security import Grant
+from agents.shell.bus.bus_security import Grant
 from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, Verb
 from agents.team.participant import Participant, Role
 from agents.team.perception import TOPIC as PERCEPTION

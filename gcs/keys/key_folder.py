@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import time
 
-from agents.shell.bus_security import BusSecurity
+from agents.shell.bus.bus_security import BusSecurity
 from agents.team.participant import Role
 from gcs.errors import InputError
 from gcs.keys.holder import Holder

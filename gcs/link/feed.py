@@ -4,7 +4,6 @@ import asyncio
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from math import isfinite
 from typing import Any
@@ -17,6 +16,7 @@ from agents.ports import FlightMode, VehicleStatus
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth
+from gcs.link.postbox import Postbox
 from gcs.link.self_reports import SelfReports, tilt_deg
 
 MODES = {
@@ -53,7 +53,12 @@ class VehicleFeed:
     """
 
     def __init__(
-        self, system: Any, frame: MissionFrame, now_s: Callable[[], float], truth: GroundTruth | None = None
+        self,
+        system: Any,
+        frame: MissionFrame,
+        now_s: Callable[[], float],
+        postbox: Postbox,
+        truth: GroundTruth | None = None,
     ) -> None:
         self.status = VehicleStatus()
         self.motion: Telemetry | None = None
@@ -77,7 +82,7 @@ class VehicleFeed:
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
         self._status_texts: deque[tuple[float, str]] = deque(maxlen=TEXTS_KEPT)
-        self._loop = asyncio.get_running_loop()
+        self._postbox = postbox
 
     def subscribe(self) -> None:
         """Subscribe to what the control loop uses, and to no more: MAVSDK drops callbacks near 1500 per second."""
@@ -166,8 +171,7 @@ class VehicleFeed:
         """Return a callback for MAVSDK's thread that runs `take` on the event loop."""
 
         def post(value: Any, _user_data: object = None) -> None:
-            with suppress(RuntimeError):  # the loop is closed already
-                self._loop.call_soon_threadsafe(take, value)
+            self._postbox.post(take, value)
 
         return post
 
@@ -177,8 +181,7 @@ class VehicleFeed:
     def _note_attitude(self, attitude: Any, _user_data: object) -> None:
         # On MAVSDK's thread: the time of reception is now, not when the event loop runs.
         times_s = (time.monotonic(), attitude.timestamp_us * 1e-6)
-        with suppress(RuntimeError):  # the loop is closed already
-            self._loop.call_soon_threadsafe(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
+        self._postbox.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
 
     def _take_attitude(self, times_s: tuple[float, float], roll_deg: float, pitch_deg: float) -> None:
         self._take_clock(times_s)

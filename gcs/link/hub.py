@@ -15,6 +15,7 @@ from mavsdk.component_type import ComponentType
 from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
+from gcs.link.postbox import Postbox
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
@@ -43,6 +44,8 @@ class MavsdkHub:
 
     def __init__(self) -> None:
         _redirect_log()
+        self.postbox = Postbox()
+        """Where what MAVSDK's threads receive goes to the event loop, of all vehicles together."""
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
         self._mavsdk: Any = None
         self._relays: dict[str, tuple[Relay, Any]] = {}

@@ -112,7 +112,7 @@ class MavsdkLink:
             signing_key=self._config.signing_key,
             speed=self._speed,
         )
-        feed = VehicleFeed(system, self._config.frame, self._now_s, self.truth)
+        feed = VehicleFeed(system, self._config.frame, self._now_s, self._hub.postbox, self.truth)
         calls = VehicleCalls(self._config.system_id, feed, self._speed)
         self._parts = _Parts(system, feed, calls, Action(system), Offboard(system))
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None

@@ -82,7 +82,7 @@ async def _facts(
         system = await hub.find(url, system_id, timeout_s, signing_key=signing_key)
     except VehicleRefusedError as refusal:
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
-    feed = VehicleFeed(system, frame, time.monotonic)
+    feed = VehicleFeed(system, frame, time.monotonic, hub.postbox)
     calls = VehicleCalls(system_id, feed, speed=1.0)
     try:
         feed.subscribe()

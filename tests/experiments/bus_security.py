@@ -12,8 +12,8 @@ from functools import partial
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
-from agents.shell.zenoh_session import BusTeam
+from agents.shell.bus.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
+from agents.shell.bus.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
 from agents.team.participant import vehicle

@@ -14,10 +14,10 @@ import pytest
 from rich.console import Console
 
 from agents.ports import VehicleRefusedError
+from agents.shell.bus.zenoh_bus import single_bus
+from agents.shell.bus.zenoh_session import BusTeam
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending
-from agents.shell.zenoh_bus import single_bus
-from agents.shell.zenoh_session import BusTeam
 from agents.team import participant
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, StartProposal

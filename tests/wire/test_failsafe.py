@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 from agents.outputs import CoreStatus
+from agents.shell.bus.zenoh_session import ZenohSession
 from agents.shell.outcome import Ending
-from agents.shell.zenoh_session import ZenohSession
 from gcs.console.live import LiveView
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan

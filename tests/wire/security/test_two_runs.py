@@ -17,8 +17,8 @@ import pytest
 from rich.console import Console
 
 from agents.ports import VehicleRefusedError
-from agents.shell.zenoh_bus import single_bus
-from agents.shell.zenoh_session import BusTeam
+from agents.shell.bus.zenoh_bus import single_bus
+from agents.shell.bus.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import StartProposal
 from agents.team.participant import vehicle

@@ -10,17 +10,16 @@ from time import monotonic
 
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.ports import VehicleRefusedError
-from agents.shell.bus_security import BusSecurity
-from agents.shell.mailbox import Mailbox
-from agents.shell.zenoh_session import BusTeam, ZenohSession
+from agents.shell.bus.bus_security import BusSecurity
+from agents.shell.bus.mailbox import Mailbox
+from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
+from agents.shell.handover import Handover
 from agents.team.admission import Admission
 from agents.team.messages import BusMessage, OperatorCommand
 from agents.team.participant import Participant, is_name
 from agents.team.perception import is_perception_key
 
 RATE_HZ = 100.0
-_HAND_OVER_PERIOD_S = 0.002
-"""The least time between two hand-overs to the event loop: messages wait that long at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +57,9 @@ class ZenohBus:
         self._stations = stations
         self._mailbox = Mailbox(stations[0].vehicle_ids, team.members, rate_hz)
         self._admission = Admission()
-        self._handed_over_s = 0.0
         self._present: set[int] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._handover: Handover | None = None
         self._opening: asyncio.Future[None] | None = None
         self._joined: list[ParticipantBus] = []
         self._closed = False
@@ -92,6 +91,7 @@ class ZenohBus:
             bus.on_presence(peer_id, True)
         if self._opening is None:
             self._loop = asyncio.get_running_loop()
+            self._handover = Handover(self._loop, self._hand_over)
             self._opening = asyncio.ensure_future(asyncio.to_thread(self._open_blocking))
             self._opening.add_done_callback(lambda opening: opening.cancelled() or opening.exception())
         await asyncio.shield(self._opening)
@@ -147,16 +147,8 @@ class ZenohBus:
 
     def _wake(self) -> None:
         """Have the event loop take what waits, unless that is gone; the mailbox calls once until it has."""
-        if not self._closed and self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._hand_over_in_time)
-
-    def _hand_over_in_time(self) -> None:
-        assert self._loop is not None
-        wait_s = self._handed_over_s + _HAND_OVER_PERIOD_S - monotonic()
-        if wait_s > 0.0:
-            self._loop.call_later(wait_s, self._hand_over)
-        else:
-            self._hand_over()
+        if not self._closed and self._handover is not None:
+            self._handover.ask()
 
     def _hand_over(self) -> None:
         """Give out what waits."""
@@ -170,7 +162,6 @@ class ZenohBus:
                 self._give([bus.on_perception for bus in self._joined], payload)
             else:
                 self._deliver(key, payload)
-        self._handed_over_s = monotonic()
 
     def _deliver(self, key: str, payload: bytes) -> None:
         """Decode a message, and give it to all but its sender, unless it came on another key than its own."""

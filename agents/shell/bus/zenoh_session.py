@@ -14,8 +14,8 @@ from typing import Protocol
 import zenoh
 
 from agents.ports import VehicleRefusedError
-from agents.shell.bus_security import BusSecurity, secured
-from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES
+from agents.shell.bus.bus_security import BusSecurity, secured
+from agents.shell.bus.mailbox import PAYLOAD_LIMIT_BYTES
 from agents.team.messages import TOPICS, MemberState, StartProposal
 from agents.team.participant import is_name
 
