@@ -81,7 +81,12 @@ class StubProcess:
 
     def start(self) -> None:
         """Start and wait until every vehicle can be reached; raises OSError when that fails."""
-        self._process.start()
+        # The first start in a process unblocks SIGINT and SIGTERM (multiprocessing's resource tracker).
+        held_back = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, held_back)
         self._theirs.close()
         try:
             answer = self._connection.recv()

@@ -5,6 +5,8 @@ import multiprocessing
 import os
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -405,3 +407,18 @@ def test_configurations_that_make_no_vehicle_are_refused(subtests: pytest.Subtes
     for changes in rows:
         with subtests.test(changes=changes), pytest.raises(ValueError, match=r"vehicle|client_port"):
             config(**changes)
+
+
+def test_a_process_that_starts_stubs_still_holds_signals_back() -> None:
+    program = """
+import signal
+from gcs.signals import ENDING, hold_back
+from sitl.server.process import StubProcess
+hold_back()
+stubs = StubProcess([], 1.0)
+stubs.start()
+print(ENDING <= signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+stubs.stop()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout == "True\n", "Ctrl-C would end the supervisor, or the flying process"
