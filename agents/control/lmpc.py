@@ -15,14 +15,10 @@ import numpy as np
 import osqp
 from scipy.sparse import csc_matrix
 
+from agents.control.active_set import ActiveSet
 from estimation.state import Vector
 
 _FEASIBLE_SLACK = 1e-9
-_PRIMAL_MAX, _DUAL_MAX = 1e-3, 0.1
-"""Residuals up to which an optimum that OSQP has not reached in time is used: in m and m/s, and of the cost's gradient.
-
-They are far below what an estimate is off by; the substitute for a failed solve keeps no bound on states at all.
-"""
 _SLACK_WEIGHT = 1e4
 _FREE = 1e20
 
@@ -184,6 +180,7 @@ class _SoftQp:
         cost = np.zeros((size + 1, size + 1))
         cost[:size, :size] = hessian
         cost[size, size] = slack_weight
+        self._active_set = ActiveSet(cost, rows)
         self._solver = osqp.OSQP()
         self._solver.setup(
             csc_matrix(np.triu(cost)),
@@ -195,7 +192,7 @@ class _SoftQp:
             eps_abs=1e-5,
             eps_rel=1e-5,
             max_iter=1000,
-            check_termination=5,
+            check_termination=1,
             # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
             adaptive_rho_interval=100,
         )
@@ -208,8 +205,10 @@ class _SoftQp:
         self._upper[size : size + states] = np.minimum(upper[size:], _FREE)
         self._lower[size + states : -1] = np.maximum(lower[size:], -_FREE)
         self._solver.update(q=self._gradient, l=self._lower, u=self._upper)
+        start = self._active_set.optimum(self._gradient, self._lower, self._upper)
+        if start is not None:
+            optimum, multipliers = start
+            self._solver.warm_start(x=optimum, y=multipliers)
         result = self._solver.solve(raise_error=False)
-        info = result.info
-        solved = info.status_val == osqp.SolverStatus.OSQP_SOLVED
-        solved = solved or (info.prim_res <= _PRIMAL_MAX and info.dual_res <= _DUAL_MAX)
-        return np.asarray(result.x[:size], dtype=np.float64) if solved and np.isfinite(result.x).all() else None
+        solved = result.info.status_val == osqp.SolverStatus.OSQP_SOLVED and np.isfinite(result.x).all()
+        return np.asarray(result.x[:size], dtype=np.float64) if solved else None
