@@ -34,9 +34,9 @@ class ActiveSet:
         self._active: list[int] = []
 
     def optimum(self, gradient: Vector, lower: Vector, upper: Vector) -> tuple[Vector, Vector] | None:
-        """Return the optimum (n,) and the multipliers (m,), positive on upper bounds; None if the search takes too long.
+        """Return the optimum (n,) and the multipliers (m,), positive on upper bounds and negative on lower ones.
 
-        It begins at the active set found last.
+        The search begins at the active set found last. None if it takes too long.
         """
         room = np.concatenate((upper, -lower)) * self._scale + self._responses.dot(gradient)
         multipliers = self._multipliers(room)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import osqp
 import pytest
 from scipy.optimize import minimize
 
@@ -154,8 +155,8 @@ def test_on_the_bounds_the_plan_is_what_slsqp_finds(subtests: pytest.Subtests) -
             plan = given.lmpc().solve(given.state, given.reference, given.previous, limits)
             assert plan.status is (QpStatus.INTERIOR if inside else QpStatus.BOUNDED)
             optimum = given.bounded_optimum(limits)
-            assert plan.first_input == pytest.approx(optimum[:2], abs=2e-3)
-            assert given.states(plan.inputs.ravel()) == pytest.approx(given.states(optimum), abs=2e-3)
+            assert plan.first_input == pytest.approx(optimum[:2], abs=1e-5)
+            assert given.states(plan.inputs.ravel()) == pytest.approx(given.states(optimum), abs=1e-5)
             assert (np.abs(plan.inputs) <= input_max).all()
 
 
@@ -167,6 +168,26 @@ def test_a_warm_start_leads_to_the_same_plan() -> None:
     warm = lmpc.solve(given.state, given.reference, given.previous, limits)
     assert fresh.status is warm.status is QpStatus.BOUNDED
     assert warm.first_input == pytest.approx(fresh.first_input, abs=1e-4)
+
+
+def test_osqp_begins_at_the_optimum_and_takes_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup = osqp.OSQP.setup
+    monkeypatch.setattr("osqp.OSQP.setup", lambda *given, **settings: setup(*given, **settings | {"max_iter": 1}))
+    for seed in range(5):
+        given = problem(seed, 2)
+        lmpc = given.lmpc()
+        for limits in (bounds(0.2), bounds(0.5, 1.0), crossed(), out_of_reach()):
+            plan = lmpc.solve(given.state, given.reference, given.previous, limits)
+            assert plan.status is QpStatus.BOUNDED
+
+
+def test_osqp_finds_the_plan_also_where_no_active_set_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, limits = problem(3, 2), bounds(0.5)
+    found = given.lmpc().solve(given.state, given.reference, given.previous, limits)
+    monkeypatch.setattr("agents.control.lmpc.ActiveSet.optimum", lambda *_: None)
+    alone = given.lmpc().solve(given.state, given.reference, given.previous, limits)
+    assert found.status is alone.status is QpStatus.BOUNDED
+    assert alone.first_input == pytest.approx(found.first_input, abs=2e-3)
 
 
 def crossed() -> Bounds:
