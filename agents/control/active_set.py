@@ -19,6 +19,7 @@ _EXCESS_MAX = 1e-9
 _RIDGE = 1e-12
 """On the diagonal of K, which is 1: so bounds that depend on each other have multipliers, and some of them leave."""
 _CHANGES_MAX = 50
+_ZERO = np.zeros(1)
 
 
 class ActiveSet:
@@ -41,7 +42,6 @@ class ActiveSet:
         room = np.concatenate((upper, -lower)) * self._scale + self._responses.dot(gradient)
         multipliers = self._multipliers(room)
         if multipliers is None:
-            self._active = []
             return None
         active = self._active
         optimum = -self._inverse.dot(gradient) - multipliers.dot(self._responses[active])
@@ -57,13 +57,13 @@ class ActiveSet:
             self._keep((multipliers >= 0.0).tolist())
             multipliers = self._stationary(room)
         for _ in range(_CHANGES_MAX):
-            excess = -room - multipliers.dot(self._coupling[self._active])
-            excess[self._active] = 0.0
-            worst = int(excess.argmax())
-            if not excess.item(worst) > _EXCESS_MAX:
+            left = room + multipliers.dot(self._coupling[self._active])
+            left[self._active] = 0.0
+            worst = int(left.argmin())
+            if not left.item(worst) < -_EXCESS_MAX:
                 return multipliers
             self._active.append(worst)
-            multipliers = self._with_newest(room, np.append(multipliers, 0.0))
+            multipliers = self._with_newest(room, np.concatenate((multipliers, _ZERO)))
         return None
 
     def _with_newest(self, room: Vector, multipliers: Vector) -> Vector:
@@ -83,5 +83,6 @@ class ActiveSet:
         self._active = [bound for bound, kept in zip(self._active, stays, strict=True) if kept]
 
     def _stationary(self, room: Vector) -> Vector:
-        active = self._active
-        return np.asarray(np.linalg.solve(self._coupling[active][:, active], -room[active]), dtype=np.float64)
+        active = np.array(self._active, dtype=np.intp)
+        coupling = self._coupling.take(active, axis=0).take(active, axis=1)
+        return np.asarray(-np.linalg.solve(coupling, room.take(active)), dtype=np.float64)
