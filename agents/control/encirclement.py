@@ -190,7 +190,7 @@ def damped_motion(task: RingTask) -> Vector:
 def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
     """Build the LMPC of two double integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12).
 
-    Angles are in metres along the ring of radius R: so one slack, in metres, fits all bounds.
+    Angles are in metres along the ring of radius R: so one slack fits all bounds.
 
     (24b) and (24c) weigh by rho and zeta how far the angles to the vehicles behind and in front are from those between
     the references. The neighbours are predicted on their references, as (25) and (26) do with the ring's rate. So both
