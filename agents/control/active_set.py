@@ -1,8 +1,7 @@
 """The active set of a small quadratic programme, from which its optimum follows: where OSQP starts.
 
-By itself OSQP takes hundreds of iterations where active bounds are nearly parallel, as those on a state at two samples
-in turn are: no scaling changes the angle between them. With the active set known, the optimum is that of a few linear
-equations.
+By itself OSQP takes hundreds of iterations where several bounds on states are active, however they are scaled
+(docs/control.md). With the active set known, the optimum is that of a few linear equations.
 
 The dual of  min x' P x / 2 + q' x,  G x <= b  is  min y' K y / 2 + d' y,  y >= 0,  with  K = G P^-1 G'  and
 d = b + G P^-1 q, the room that the unbounded optimum leaves. It is solved as Lawson and Hanson solve least squares with
