@@ -1,4 +1,4 @@
-"""Compile the floors of the tick with mypyc: the same sources, on request at installation.
+"""Compile the floors of the tick with mypyc: the same sources, at installation.
 
 `python native_build.py DIRECTORY` puts a compiled copy of `agents` and `estimation` into a directory; `hatch_build.py`
 puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older than its source.
@@ -10,11 +10,14 @@ compare and show as structs do. `msgspec.structs` and encoders do not take them.
 
 import ast
 import os
+import shlex
 import shutil
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 PACKAGES = ("agents", "estimation")
 COMPILED = (
@@ -47,16 +50,37 @@ FLAGS = "-ffp-contract=off -fno-builtin"
 SETUP = """
 from mypyc.build import mypycify
 from setuptools import setup
-modules = mypycify([*{files!r}, "--ignore-missing-imports", "--follow-imports=silent"], opt_level="{level}")
-setup(name="cordon-compiled", ext_modules=modules, script_args=["-q", "build_ext", "--inplace"])
+options = ["--ignore-missing-imports", "--follow-imports=silent"]
+libraries = [(files, f"cordon_{{number}}") for number, files in enumerate({halves!r})]
+modules = mypycify([*{files!r}, *options], opt_level="{level}", debug_level="0", separate=libraries)
+setup(name="cordon-compiled", ext_modules=modules, script_args=["-q", "build_ext", "--inplace", "--parallel=2"])
 """
+"""Two libraries, which are compiled side by side, with no debug information, which would take as long again."""
 
 
-def compiled_copy(root: Path, directory: Path, level: int = 3) -> list[Path]:
+def no_compiler() -> str:
+    """Return why nothing can be compiled here, or an empty string where the compiler of setuptools compiles."""
+    command = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
+    with TemporaryDirectory() as directory:
+        source = Path(directory, "probe.c")
+        source.write_text("#include <Python.h>\n")
+        arguments = ["-I", sysconfig.get_path("include"), "-c", str(source), "-o", str(source.with_suffix(".o"))]
+        try:
+            result = subprocess.run([*command, *arguments], check=False, capture_output=True, text=True)
+        except OSError as error:
+            return f"no C compiler: {error}"
+        if result.returncode != 0 or not source.with_suffix(".o").exists():
+            return f"the C compiler {shlex.join(command)} does not compile Python.h: {result.stderr.strip()}"
+    return ""
+
+
+def compiled_copy(root: Path, directory: Path, level: int = 2) -> list[Path]:
     """Copy the packages of a source tree into a directory, compile the copy there, and return its compiled modules.
 
     `level` is the C compiler's level of optimisation. Raises RuntimeError with the compiler's words when it fails.
     """
+    if missing := no_compiler():
+        raise RuntimeError(missing)
     for package in PACKAGES:
         shutil.copytree(root / package, directory / package, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     files = [str(path.relative_to(directory)) for path in _sources(directory)]
@@ -64,13 +88,23 @@ def compiled_copy(root: Path, directory: Path, level: int = 3) -> list[Path]:
         path = directory / file
         path.write_text(native_source(path.read_text()))
     flags = "" if os.name == "nt" else f"{FLAGS} {os.environ.get('CFLAGS', '')}"
-    command = [sys.executable, "-c", SETUP.format(files=files, level=level)]
+    program = SETUP.format(files=files, halves=_halves(directory, files), level=level)
     environment = {**os.environ, "CFLAGS": flags, "MYPYPATH": str(directory)}
+    command = [sys.executable, "-c", program]
     result = subprocess.run(command, cwd=directory, env=environment, check=False, capture_output=True, text=True)
     if result.returncode != 0:
         raise RuntimeError(f"mypyc or the C compiler failed:\n{result.stdout}{result.stderr}")
     shutil.rmtree(directory / "build")
     return sorted(path for path in directory.rglob("*") if path.suffix in (".so", ".pyd"))
+
+
+def _halves(directory: Path, files: list[str]) -> tuple[list[str], list[str]]:
+    """Return the files in two lists of about the same size in bytes, as compiling takes time by size."""
+    sizes = {file: (directory / file).stat().st_size for file in files}
+    halves: tuple[list[str], list[str]] = [], []
+    for file in sorted(files, key=sizes.__getitem__, reverse=True):
+        min(halves, key=lambda half: sum(map(sizes.__getitem__, half))).append(file)
+    return halves
 
 
 def _sources(directory: Path) -> Iterator[Path]:

@@ -6,6 +6,7 @@ It may import every folder of gcs; nothing imports it.
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 
 from cyclopts import App, CycloptsError
 
@@ -32,7 +33,7 @@ app = App(
     name="cordon",
     help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
     help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
-    version=lambda: version("cordon-gcs"),
+    version=lambda: f"{version('cordon-gcs')} ({_runs()})",
 )
 for _verb in VERBS:
     app.command(f"gcs.cli.{_verb}:{_verb}", name=_verb)
@@ -52,6 +53,12 @@ def main() -> None:
         sys.exit(Exit.BAD_INPUT)
     except KeyboardInterrupt:  # a flight handles Ctrl-C itself: here nothing has moved yet
         sys.exit(Exit.REFUSED)
+
+
+def _runs() -> str:
+    """Return how the tick's arithmetic runs: it is compiled at installation where there is a C compiler."""
+    core = find_spec("agents.core")
+    return "compiled" if core and core.origin and not core.origin.endswith(".py") else "pure Python"
 
 
 def _load_summaries(tokens: Sequence[str]) -> None:

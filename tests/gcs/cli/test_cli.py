@@ -147,9 +147,9 @@ def test_a_verb_is_imported_once_it_is_used() -> None:
     assert done.stdout.splitlines() == ["[]", "True False"]
 
 
-def test_the_version_is_the_distributions(run_here: Cordon) -> None:
+def test_the_version_is_the_distributions_and_says_that_its_sources_run(run_here: Cordon) -> None:
     ran = run_here("--version")
-    assert (ran.code, ran.out) == (0, f"{version('cordon-gcs')}\n")
+    assert (ran.code, ran.out) == (0, f"{version('cordon-gcs')} (pure Python)\n")
 
 
 def test_all_commands_are_listed_with_an_example_to_start_with(run_here: Cordon) -> None:
