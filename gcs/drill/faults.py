@@ -22,7 +22,7 @@ from gcs.drill.injections import (
     hang,
     impersonate,
     inject,
-    jump_inwards,
+    jump_aside,
     kill,
     lie,
     push_outwards,
@@ -249,7 +249,7 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         by_table(Condition.TELEMETRY_STALE, the_subject),
         by_wall=True,
     ),
-    Drill("GPS jump", _reaction(Condition.ESTIMATOR_JUMPED), jump_inwards, _jump, waits_for_estimate=True),
+    Drill("GPS jump", _reaction(Condition.ESTIMATOR_JUMPED), jump_aside, _jump, waits_for_estimate=True),
     Drill(
         "estimator degraded",
         _reaction(Condition.ESTIMATOR_DEGRADED),

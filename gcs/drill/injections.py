@@ -1,9 +1,10 @@
 """How the faults of drills are injected into a flight on stub vehicles."""
 
-from collections.abc import Callable
-from math import hypot
+from collections.abc import Callable, Sequence
+from math import cos, hypot, pi, sin
 from signal import SIGKILL, SIGSTOP
 
+from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
 from gcs.drill.injected_faults import InjectedFaults
 from gcs.drill.roles import Roles
@@ -13,6 +14,8 @@ from sitl.autopilot.modes import NavMode
 
 BUS_DELAY_S, LINK_DELAY_S = 0.3, 0.1
 JUMP_M, LIE_M = 10.0, 5.0
+LINES = 36
+"""Along how many lines through a vehicle its estimate may jump."""
 PUSHED_SHARE = 2.0
 """How far a vehicle is pushed from where it should be, as a share of what is tolerated."""
 ROOM_SHARE = 2.0
@@ -59,10 +62,18 @@ def cut_link(flight: StubFlight, roles: Roles) -> None:
     flight.stubs[roles.subject].faults.link_cut = True
 
 
-def jump_inwards(flight: StubFlight, roles: Roles) -> None:
-    """Offset its estimate towards the others: its correction leads away from them."""
-    away_x, away_y = _from_the_others(flight, roles)
-    flight.stubs[roles.subject].faults.estimate_offset_m = (-JUMP_M * away_x, -JUMP_M * away_y, 0.0)
+def jump_aside(flight: StubFlight, roles: Roles) -> None:
+    """Offset its estimate along the line on which neither the estimate nor its correction comes near the others."""
+    places = {i: stub.autopilot.airframe.position_m for i, stub in flight.stubs.items()}
+    x, y = clearest_line(places.pop(roles.subject), list(places.values()))
+    flight.stubs[roles.subject].faults.estimate_offset_m = (JUMP_M * x, JUMP_M * y, 0.0)
+
+
+def clearest_line(place_m: Triple, others_m: Sequence[Triple]) -> tuple[float, float]:
+    """Return the direction, of length 1, of the line through a place that passes the others the farthest away."""
+    away = [(x - place_m[0], y - place_m[1]) for x, y, _ in others_m]
+    lines = [(cos(turn), sin(turn)) for turn in (pi * step / LINES for step in range(LINES))]
+    return max(lines, key=lambda line: min((abs(line[0] * y - line[1] * x) for x, y in away), default=0.0))
 
 
 def _from_the_others(flight: StubFlight, roles: Roles) -> tuple[float, float]:
