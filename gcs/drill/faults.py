@@ -59,7 +59,7 @@ LOSS = 0.5
 TOLERATED_S = 20.0
 """How long the team has to fly on under a fault that requires no reaction [mission s]."""
 RESPACED_S = 60.0
-"""How long the others may take to close a gap [mission s]."""
+"""How long the vehicles on the ring may take to space themselves evenly [mission s]."""
 
 Flight = TypeVar("Flight", bound=DrillFlight)
 
@@ -79,7 +79,8 @@ class Drill(Generic[Flight]):
     It takes `vehicles_min` airborne vehicles. One that `ends_flight` is the flight's last; one that `lands_subject`
     leaves the others. Its times are in wall seconds with `by_wall`, otherwise in mission seconds. It is cleared after
     `undo_after_s` [wall s], or once the reaction was observed; where none is expected, the team is watched for
-    `watched_s` [mission s]. With `waits_for_estimate` the subject resumes once its estimate has settled.
+    `watched_s` [mission s]. With `waits_for_spacing` it begins once the ring is evenly spaced, and with
+    `waits_for_estimate` the subject resumes once its estimate has settled.
     """
 
     fault: str
@@ -92,6 +93,7 @@ class Drill(Generic[Flight]):
     lands_subject: bool = False
     watched_s: float = 0.0
     vehicles_min: int = 1
+    waits_for_spacing: bool = False
     waits_for_estimate: bool = False
 
     def unsuitable(self, mission: Mission) -> str:
@@ -249,7 +251,14 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         by_table(Condition.TELEMETRY_STALE, the_subject),
         by_wall=True,
     ),
-    Drill("GPS jump", _reaction(Condition.ESTIMATOR_JUMPED), jump_aside, _jump, waits_for_estimate=True),
+    Drill(
+        "GPS jump",
+        _reaction(Condition.ESTIMATOR_JUMPED),
+        jump_aside,
+        _jump,
+        waits_for_spacing=True,
+        waits_for_estimate=True,
+    ),
     Drill(
         "estimator degraded",
         _reaction(Condition.ESTIMATOR_DEGRADED),

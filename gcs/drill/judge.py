@@ -153,7 +153,7 @@ def failures(expected: Expectation, log: TeamLog, began_s: float, until_s: float
     if done_s is not None:
         found += _relapses(expected, log, done_s)
     found += _others(expected, log, began_s)
-    found += [] if respaced(expected, log) else ["the others did not close the gap on the ring"]
+    found += [] if respaced(expected.respacing, log) else ["the others did not close the gap on the ring"]
     found += _too_near(expected, log, began_s, until_s)
     found += _off_the_ring(expected, log, began_s)
     found += [
@@ -210,11 +210,11 @@ def _relapses(expected: Expectation, log: TeamLog, done_s: float) -> list[str]:
     return found
 
 
-def respaced(expected: Expectation, log: TeamLog) -> bool:
-    """Return whether the gaps between the respacing vehicles are even."""
-    if len(expected.respacing) < 2:
+def respaced(vehicles: tuple[int, ...], log: TeamLog) -> bool:
+    """Return whether the gaps between vehicles on the ring are even."""
+    if len(vehicles) < 2:
         return True
-    uneven_deg = log.uneven_deg(expected.respacing)
+    uneven_deg = log.uneven_deg(vehicles)
     return uneven_deg is not None and uneven_deg <= UNEVEN_MAX_DEG
 
 

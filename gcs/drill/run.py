@@ -125,6 +125,8 @@ class DrillRun(Generic[Flight]):
             return True
         self._progress.begin(drill.fault)
         stuck = ""
+        if drill.waits_for_spacing:
+            await flight.until(lambda: respaced(roles.on_ring, flight.log), RESPACED_S / self._speed)
         began_s = flight.now_s()
         drill.inject(flight, roles)
         await self._watch(drill, expected, flight, began_s)
@@ -160,7 +162,7 @@ class DrillRun(Generic[Flight]):
             if at_last is not None:
                 await flight.until(lambda: all(flight.log.tactic(i) == at_last for i in expected.reacting), BACK_S)
         if expected.respacing:
-            await flight.until(lambda: respaced(expected, flight.log), RESPACED_S / self._speed)
+            await flight.until(lambda: respaced(expected.respacing, flight.log), RESPACED_S / self._speed)
         await asyncio.sleep(LINGER_S)
 
     async def _stuck(self, flight: Flight, roles: Roles) -> str:

@@ -139,10 +139,10 @@ def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
     )
     log.note_mode(101.0, 3, "land")
     log.note_status(102.0, 3, "pilot override", "pilot took over")
-    assert not respaced(two, log)
+    assert not respaced(two.respacing, log)
     assert failures(two, log, BEGAN_S, UNTIL_S) == ["the others did not close the gap on the ring"]
     log.bearings_rad |= {1: (104.0, -0.1), 2: (104.0, pi + 0.2)}
-    assert respaced(two, log)
+    assert respaced(two.respacing, log)
     assert failures(two, log, BEGAN_S, UNTIL_S) == []
     log.note_status(103.0, 3, "hold", "")
     assert "vehicle 3 ended at 'hold', not at 'pilot override'" in failures(two, log, BEGAN_S, UNTIL_S)
