@@ -1,7 +1,5 @@
 """What a vehicle sends to its peers, made from its estimates and its plan."""
 
-from math import inf
-
 from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
 from agents.orders import Reshaping
@@ -11,6 +9,7 @@ from agents.situation.own_sensor import OwnSensor
 from agents.situation.situation import Situation, Task
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, TargetPackage
+from agents.team.send_rate import SendRate
 from agents.team.team import Team
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
@@ -18,29 +17,30 @@ from estimation.state import MOTION, POSITION, Sighting
 
 
 class Broadcast:
-    """Makes one vehicle's states for its peers, as often as their topic says."""
+    """Makes one vehicle's states for its peers, as often as they need them.
+
+    `often` is whether other vehicles are, or soon come, so close that they need them at the full rate.
+    """
 
     def __init__(self, config: AgentConfig, team: Team, own_sensor: OwnSensor) -> None:
         self._vehicle_id = config.vehicle_id
         self._communication_radius_m = config.communication_radius_m
         self._team, self._own_sensor = team, own_sensor
-        self._sent_s = -inf
-        # Half a tick less: a tick that comes a little early is due as well.
-        self._period_s = TOPICS[MemberState].period_s - 0.5 / config.rate_hz
+        self._rate = SendRate(config.rate_hz)
+        self.often = True
 
     def messages(
         self, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
     ) -> tuple[Outgoing, ...]:
         """Return what peers receive, when it is due: the state, with the place on the ring and an own sighting."""
         situation, ring = task.situation, sent.ring
-        if 0.0 <= situation.now_s - self._sent_s < self._period_s:
+        if not self._rate.may(situation.now_s):
             return ()
-        self._sent_s = situation.now_s
         angle = None
         if ring is not None and ring.joined and situation.polar is not None:
             angle = neighbour_angle(self._vehicle_id, situation, situation.polar, ring)
         state = self._state(task, sent, alert, reshaping, drops, angle)
-        return (Outgoing(TOPICS[MemberState].name, encode(state)),)
+        return (Outgoing(TOPICS[MemberState].name, encode(state)),) if self._rate.due(state, often=self.often) else ()
 
     def _state(
         self,

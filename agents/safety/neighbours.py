@@ -17,6 +17,8 @@ GOING_ON_S = 1.0
 A_FEW = 3
 NEAR_FOR_S = 0.2
 """For so long the choice of those that are near holds."""
+_MEETS_S, _MEETS = 2.5, 1.5
+"""So far ahead, and in separations: another vehicle that comes so close needs this one's states at the full rate."""
 _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 
 
@@ -59,6 +61,24 @@ class Neighbours:
             if hypot(place_x - x, place_y - y) < still_m + 4.0 * closing_m_s / rate + come_m:
                 near.append(member)
         return near
+
+    def meets(self, situation: Situation, near: Sequence[MemberState]) -> bool:
+        """Return whether one of the near is, or soon comes, about as close as the guard allows, if all fly on as now."""
+        x, y, x_rate, y_rate = situation.acting_motion.tolist()
+        safety, own_sigma_m = self._safety, situation.position_sigma_m
+        for member in near:
+            ahead_s = situation.acting_s - member.time_s
+            its_x_rate, its_y_rate = member.velocity_m_s
+            away_x = member.position_m[0] + its_x_rate * ahead_s - x
+            away_y = member.position_m[1] + its_y_rate * ahead_s - y
+            rate_x, rate_y = its_x_rate - x_rate, its_y_rate - y_rate
+            closing, speed2 = -(away_x * rate_x + away_y * rate_y), rate_x * rate_x + rate_y * rate_y
+            meeting_s = min(closing / speed2, _MEETS_S) if closing > 0.0 else 0.0
+            close_m = _MEETS * safety.separation_m
+            close_m += unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
+            if hypot(away_x + rate_x * meeting_s, away_y + rate_y * meeting_s) < close_m:
+                return True
+        return False
 
     def exposed(self, situation: Situation, near: Sequence[MemberState], aim_m: Vector) -> Sequence[MemberState]:
         """Return those of the near that an aim (2,) could bring too close.

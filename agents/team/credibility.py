@@ -32,7 +32,7 @@ DOUBTED_S = 5.0
 """How long after its last contradiction a peer is doubtful."""
 _KEPT = 0.98
 """The share kept, a state, of how far positions have gone beyond velocities: it fades within some seconds."""
-_SOON_S, _QUITE_M, _QUITE_M_S, _CRUISE_M_S, _CLIMBED_M = 0.3, 0.5, 1.0, 5.0, 0.3
+_SOON_S, _QUITE_M, _QUITE_M_S, _CRUISE_M_S, _CLIMBED_M = 1.0, 0.5, 1.0, 5.0, 0.3
 """What needs no closer look: within this time, and these changes along each axis."""
 _AGE_MAX_S = TOPICS[MemberState].age_max_s
 _PILOT = Tactic.PILOT_OVERRIDE.value

@@ -1,6 +1,6 @@
 """The peers on the ring about the target: their newest bearings and references, while they are engaged."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import inf
 
 from agents.team.messages import NeighbourAngle
@@ -14,7 +14,7 @@ class RingMembers:
         """Take what says whether a peer, by its id, is engaged: one that has left is so before its place is stale."""
         self._is_engaged = engaged
         self._angles: dict[int, NeighbourAngle] = {}
-        self._engaged: tuple[NeighbourAngle, ...] | None = None
+        self._engaged: dict[int, NeighbourAngle] | None = None
         self._shares = FULL_RING
         self.oldest_s = inf
         """No place is older than this; the oldest may be newer."""
@@ -22,10 +22,17 @@ class RingMembers:
     def hear(self, angle: NeighbourAngle) -> None:
         """Take in a place unless a newer one is known."""
         known = self._angles.get(angle.sender)
-        if known is None or angle.time_s > known.time_s:
-            self._angles[angle.sender] = angle
-            self.oldest_s = min(self.oldest_s, angle.time_s)
+        if known is not None and angle.time_s <= known.time_s:
+            return
+        self._angles[angle.sender] = angle
+        if angle.time_s < self.oldest_s:
+            self.oldest_s = angle.time_s
+        if self._engaged is None:
+            return
+        if known is None or angle.rate_share != known.rate_share or angle.radius_share != known.radius_share:
             self._engaged = None
+        elif angle.sender in self._engaged:
+            self._engaged[angle.sender] = angle
 
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer's place."""
@@ -64,12 +71,12 @@ class RingMembers:
         self._on_ring()
         return self._shares
 
-    def _on_ring(self) -> tuple[NeighbourAngle, ...]:
-        # Asked for several times a tick, and the same until the next message.
+    def _on_ring(self) -> Iterable[NeighbourAngle]:
+        # Asked for several times a tick, and the same until a peer engages or leaves, or the ring changes its size.
         if self._engaged is None:
-            self._engaged = tuple([angle for sender, angle in self._angles.items() if self._is_engaged(sender)])
+            self._engaged = {sender: angle for sender, angle in self._angles.items() if self._is_engaged(sender)}
             self._shares = FULL_RING
-            for angle in self._engaged:
+            for angle in self._engaged.values():
                 if angle.rate_share < self._shares.rate or angle.radius_share > self._shares.radius:
                     self._shares = self._shares.with_(RingScale(angle.rate_share, angle.radius_share))
-        return self._engaged
+        return self._engaged.values()

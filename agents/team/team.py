@@ -7,15 +7,19 @@ from agents.tactics import Tactic
 from agents.team.credibility import Credibility, Doubt
 from agents.team.messages import TOPICS, MemberState
 from agents.team.ring_members import RingMembers
+from agents.team.send_rate import place_goes_on
 from estimation.state import Vector
 
-_AGE_MAX_S = TOPICS[MemberState].age_max_s
+_SILENT_S = TOPICS[MemberState].age_max_s
+"""A peer that is not heard for so long is kept away from as one that does not evade."""
+GONE_S = 2.0
+"""After this it is no member any more, and its place is taken: ten of its states are missing by then."""
 _IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
 _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 """Peers whose last state had one of these tactics may fall silent."""
 _WATCHED_MAX_S = 1.0
 """A choice of the near that seems to hold for longer is from before the clock stepped."""
-_FAR_PERIOD_S = 0.25
+_FAR_PERIOD_S = 0.75
 """How often a state is taken in of a peer that is far away and flies on as before."""
 
 
@@ -32,6 +36,7 @@ class Team:
         self._members: dict[int, MemberState] = {}
         self._all: tuple[MemberState, ...] | None = None
         self._waiting: dict[int, MemberState] = {}
+        self._silent: dict[int, MemberState] = {}
         self._lost: dict[int, MemberState] = {}
         self._heard: set[int] = set()
         self._near: tuple[MemberState, ...] | None = None
@@ -54,6 +59,7 @@ class Team:
             or state.tactic != known.tactic
             or state.alert != known.alert
             or state.shaped_s != known.shaped_s
+            or not place_goes_on(known.angle, state.angle)
         ):
             return False
         self._waiting[state.sender] = state
@@ -74,9 +80,12 @@ class Team:
         if self._waiting:
             self._waiting.pop(sender, None)
         known = self._members.get(sender)
-        if self._credibility.accepts(state, known=known is not None) and (known is None or state.time_s > known.time_s):
+        fresh = known is not None and state.time_s - known.time_s <= _SILENT_S
+        if self._credibility.accepts(state, known=fresh) and (known is None or state.time_s > known.time_s):
             self._members[sender] = state
             self._all = self._near = None
+            if self._silent:
+                self._silent.pop(sender, None)
             self._oldest_s = min(self._oldest_s, state.time_s)
             if known is None:
                 self._lost.pop(sender, None)
@@ -91,6 +100,7 @@ class Team:
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer whose presence has ended: it is lost, at the altitude of its last state, be that the ground."""
         self._waiting.pop(vehicle_id, None)
+        self._silent.pop(vehicle_id, None)
         member = self._members.pop(vehicle_id, None)
         self.ring.forget(vehicle_id)
         if member is not None:
@@ -99,17 +109,23 @@ class Team:
 
     def expire(self, now_s: float, time_scale: float = 1.0) -> None:
         """Drop what has become too old to act on, which takes `time_scale` times as long as on the wall's clock."""
-        before_s = now_s - _AGE_MAX_S * time_scale
-        if self._oldest_s < before_s or self.ring.oldest_s < before_s:
-            for sender in [s for s, m in self._members.items() if m.time_s < before_s]:
+        silent_s, gone_s = now_s - _SILENT_S * time_scale, now_s - GONE_S * time_scale
+        if self._oldest_s < silent_s:
+            for sender in [s for s, m in self._members.items() if m.time_s < silent_s]:
                 if sender in self._waiting:
                     self.hear(self._waiting[sender])
-                if self._members[sender].time_s < before_s:
+                member = self._members[sender]
+                if member.time_s < gone_s:
                     self._lost[sender] = self._members.pop(sender)
-                    self._all = self._near = None
+                    self._silent.pop(sender, None)
+                    self._all = None
                     self.ring.changed()
+                elif member.time_s < silent_s:
+                    self._silent[sender] = member
+                self._near = None
             self._oldest_s = min((m.time_s for m in self._members.values()), default=inf)
-            self.ring.expire(before_s)
+        if self.ring.oldest_s < gone_s:
+            self.ring.expire(gone_s)
         if self._credibility.contested:
             self._credibility.expire(now_s, time_scale)
 
@@ -124,22 +140,23 @@ class Team:
         return self._all
 
     def near(self) -> tuple[MemberState, ...]:
-        """Return the newest states of those that are near."""
-        if self._near_ids is None:
+        """Return the newest states of those that are near, and not silent."""
+        if self._near_ids is None and not self._silent:
             return self.members()
         if self._near is None:
-            self._near = tuple([member for sender, member in self._members.items() if sender in self._near_ids])
+            near = self._members if self._near_ids is None else self._near_ids
+            self._near = tuple([m for s, m in self._members.items() if s in near and s not in self._silent])
         return self._near
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
-        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed.
+        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed, gone or not.
 
         So is where a peer may be beside its state, as other states in its name claim or as it was known before.
         """
-        if not self._lost and not self._credibility.contested:
+        if not (self._lost or self._silent or self._credibility.contested):
             return ()
-        silent = tuple(member for member in self._lost.values() if now_s - member.time_s < for_s)
-        return silent + self._credibility.elsewhere()
+        silent = [*self._silent.values(), *self._lost.values()]
+        return (*(each for each in silent if now_s - each.time_s < for_s), *self._credibility.elsewhere())
 
     @property
     def doubts(self) -> Mapping[int, Doubt]:

@@ -390,7 +390,7 @@ def test_what_is_told_to_the_peers(make_config: Maker) -> None:
 def test_followers_hear_the_setpoint_without_wind_compensation_at_the_time_of_the_message(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     wind = np.array([0.2, -0.1])
-    output = pilot.fly(40.0, wind=wind)[-1]
+    output = next(each for each in reversed(pilot.fly(40.0, wind=wind)) if each.messages)
     state = sent_by(output)[0]
     assert isinstance(state, MemberState)
     # In steady flight: the mission line's own setpoint, as of the message's time.
@@ -427,9 +427,11 @@ def test_a_vehicle_that_stood_down_asks_for_nothing_and_tells_its_peers_so(make_
         pilot.core.on_telemetry(telemetry(5.0 + tick * PERIOD_S, [tick * 0.3, 1.0, 3.0, 0.0]))
         output = pilot.core.tick(5.0 + tick * PERIOD_S)
         assert output.setpoint is None
-        (state,) = sent_by(output)
-        assert isinstance(state, MemberState)
-        assert state.tactic == "pilot override"
+        states = sent_by(output)
+        assert states or tick >= 5
+        for state in states:
+            assert isinstance(state, MemberState)
+            assert state.tactic == "pilot override"
 
 
 @pytest.mark.parametrize(("vehicle", "obeys"), [(2, True), (None, True), (3, False)])

@@ -105,8 +105,9 @@ class Flight:
 
     @property
     def told(self) -> MemberState:
-        """What the peers are told."""
-        message = decode(self.outputs[-1].messages[0].payload)
+        """What the peers were told last, which was lately."""
+        said = [each.messages[0] for each in self.outputs[-3:] if each.messages]
+        message = decode(said[-1].payload)
         assert isinstance(message, MemberState)
         return message
 

@@ -141,7 +141,9 @@ def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -
     team.expire(11.0)
     assert team.lost(11.0, 60.0) == ()
     team.expire(11.1)
-    assert (team.members(), team.lost(11.1, 60.0)) == ((), (member(10.0),))
+    assert (team.members(), team.near(), team.lost(11.1, 60.0)) == ((member(10.0),), (), (member(10.0),))
+    team.expire(12.1)
+    assert (team.members(), team.near(), team.lost(12.1, 60.0)) == ((), (), (member(10.0),))
     assert len(team.lost(69.9, 60.0)) == 1
     assert team.lost(70.0, 60.0) == ()
 
@@ -149,9 +151,12 @@ def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -
 def test_who_is_heard_again_is_lost_no_more() -> None:
     team = a_team()
     team.hear(member(10.0))
-    team.expire(12.0)
-    team.hear(member(12.1))
-    assert (team.lost(12.1, 60.0), team.members()) == ((), (member(12.1),))
+    for silent_s in (1.5, 2.5):
+        heard_s = team.members()[0].time_s + silent_s if team.members() else 10.0
+        team.expire(heard_s)
+        assert len(team.lost(heard_s, 60.0)) == 1
+        team.hear(member(heard_s))
+        assert (team.lost(heard_s, 60.0), team.members(), team.near()) == ((), (member(heard_s),), (member(heard_s),))
 
 
 @pytest.mark.parametrize("tactic", ["formation", "return and land", "land"])

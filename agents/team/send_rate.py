@@ -1,0 +1,92 @@
+"""When a vehicle's state is sent: in time with what its peers need, not with the clock.
+
+Peers let a state go on: the position at its velocity, the setpoint and the reference on the ring at their rates. While
+that is as good as a new state, a few a second are enough. They do not depend on the number of vehicles, and one that is
+lost does not matter.
+"""
+
+from math import hypot, inf
+
+from agents.tactics import Tactic
+from agents.team.messages import TOPICS, MemberState, NeighbourAngle
+from estimation.frames import wrap_signed_rad
+
+HEARTBEAT_S = 0.2
+"""How often a state is sent that goes on as before: ten times until its sender counts as silent."""
+_AGAIN_S = 0.5
+"""For so long what is new is repeated at the full rate: messages get lost."""
+_POSITION_M, _VELOCITY_M_S, _ALTITUDE_M, _SIGMA_M = 0.1, 0.2, 0.2, 0.1
+"""How far a state may be off the one before: three standard deviations and more of an estimate from noisy telemetry."""
+_FOLLOWED_M, _AIM_M = 0.1, 0.5
+"""The same of the setpoint, for one that others keep station on, and where only the guard weighs it."""
+_REFERENCE_M, _SHARE = 0.02, 0.01
+"""The same of the reference along the ring, and of the shares of the ring that a vehicle can fly."""
+_FORMATION = Tactic.FORMATION.value
+
+
+class SendRate:
+    """Decides whether the state of one vehicle is due."""
+
+    def __init__(self, rate_hz: float) -> None:
+        """Take how many states a second there are to decide on."""
+        # Half a tick less: a tick that comes a little early is due as well.
+        early_s = 0.5 / rate_hz
+        self._period_s, self._heartbeat_s = TOPICS[MemberState].period_s - early_s, HEARTBEAT_S - early_s
+        self._sent: MemberState | None = None
+        self._often_until_s = -inf
+
+    def may(self, now_s: float) -> bool:
+        """Return whether the full rate allows a state."""
+        return self._sent is None or not 0.0 <= now_s - self._sent.time_s < self._period_s
+
+    def due(self, state: MemberState, *, often: bool) -> bool:
+        """Return whether to send a state: `often`, with a sighting, when it is news, or when it is time for one."""
+        sent = self._sent
+        if sent is None or not goes_on(sent, state):
+            self._often_until_s = state.time_s + _AGAIN_S
+        elif not (
+            often
+            or state.sightings
+            or state.time_s < self._often_until_s
+            or not 0.0 <= state.time_s - sent.time_s < self._heartbeat_s
+        ):
+            return False
+        self._sent = state
+        return True
+
+
+def goes_on(before: MemberState, state: MemberState) -> bool:
+    """Return whether a state is what its peers take it for by the one before."""
+    step_s = state.time_s - before.time_s
+    if (
+        state.tactic != before.tactic
+        or state.alert != before.alert
+        or state.shaped_s != before.shaped_s
+        or abs(state.altitude_m - before.altitude_m) > _ALTITUDE_M
+        or abs(state.position_sigma_m - before.position_sigma_m) > _SIGMA_M
+    ):
+        return False
+    (x, y), (x_rate, y_rate) = state.position_m, state.velocity_m_s
+    (before_x, before_y), (before_x_rate, before_y_rate) = before.position_m, before.velocity_m_s
+    (aim_x, aim_y), (before_aim_x, before_aim_y) = state.setpoint_m, before.setpoint_m
+    aim_x_rate, aim_y_rate = before.setpoint_rate_m_s
+    return (
+        hypot(x - before_x - before_x_rate * step_s, y - before_y - before_y_rate * step_s) <= _POSITION_M
+        and hypot(x_rate - before_x_rate, y_rate - before_y_rate) <= _VELOCITY_M_S
+        and hypot(aim_x - before_aim_x - aim_x_rate * step_s, aim_y - before_aim_y - aim_y_rate * step_s)
+        <= (_FOLLOWED_M if state.tactic == _FORMATION else _AIM_M)
+        and place_goes_on(before.angle, state.angle)
+    )
+
+
+def place_goes_on(before: NeighbourAngle | None, place: NeighbourAngle | None) -> bool:
+    """Return whether a place on the ring, or off it (None), is what peers take it for by the one before."""
+    if place is None or before is None:
+        return place is before
+    if abs(place.rate_share - before.rate_share) > _SHARE or abs(place.radius_share - before.radius_share) > _SHARE:
+        return False
+    if place.reference_rad is None or before.reference_rad is None:
+        return place.reference_rad is before.reference_rad
+    moved_rad = before.reference_rate_rad_s * (place.time_s - before.time_s)
+    off_rad = wrap_signed_rad(place.reference_rad - before.reference_rad - moved_rad)
+    return abs(off_rad) * place.radius_m <= _REFERENCE_M
