@@ -111,9 +111,8 @@ class VehicleCore:
         self._altitude.sight(*sightings)
         situation = self._estimator.estimate(now_s, sightings)
         if situation is not None and self._team.watch_due(now_s):
-            near = self._neighbours.near(situation, self._team.members())
-            self._team.watch(near, now_s + NEAR_FOR_S)
-            self._broadcast.often = self._neighbours.meets(situation, near)
+            self._team.watch(self._neighbours.near(situation, self._team.members()), now_s + NEAR_FOR_S)
+            self._broadcast.often = self._neighbours.meets(situation, self._team.near())
         return situation
 
     def _detect_faults(self, situation: Situation) -> Faults:

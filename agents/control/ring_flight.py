@@ -1,13 +1,13 @@
 """The flight about the target: which ring is flown, the vehicle's place on it, and the task of its encirclement."""
 
 from collections.abc import Sequence
-from math import atan2, copysign, hypot, tau
+from math import atan2, copysign, cos, hypot, sin, tau
 
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.plan import Plan, RingReport
 from agents.ring.detour import Obstacle, bend_m
 from agents.ring.feasibility import Orbit, RingFeasibility
-from agents.ring.headway import headway_rate_rad_s
+from agents.ring.headway import headway_rate_rad_s, leads
 from agents.ring.joining import Joining
 from agents.ring.place import ring_place, spacing_errors_rad
 from agents.ring.reference import RingReference, RingWay
@@ -149,13 +149,15 @@ class RingFlight:
 
     def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
         """Return how fast the vehicle may fly around the target behind others that encircle it."""
-        about = centre.tolist()
-        others = [
-            _polar(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
+        about, unit = centre.tolist(), (cos(polar.bearing_rad), sin(polar.bearing_rad))
+        direction = copysign(1.0, orbit.angular_rate_rad_s)
+        motions = [
+            _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
+        others = [polar_of(*motion) for motion in motions if leads(unit, motion[:2], direction)]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
-        return headway_rate_rad_s(polar, others, copysign(1.0, orbit.angular_rate_rad_s), headway_m)
+        return headway_rate_rad_s(polar, others, direction, headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
         """Return what stands in the ring's way: peers that fell silent there, and those that do not fly on."""
@@ -172,12 +174,12 @@ class RingFlight:
         ]
 
 
-def _polar(member: MemberState, at_s: float, centre: Sequence[float]) -> Polar:
-    """Return a peer's polar state about the centre's motion (4,) at a moment, going on at its published velocity."""
+def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> tuple[float, float, float, float]:
+    """Return a peer's motion about the centre's (4,) at a moment, going on at its published velocity."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
     centre_x, centre_y, centre_x_rate, centre_y_rate = centre
-    return polar_of(
+    return (
         x + x_rate * ahead_s - centre_x,
         y + y_rate * ahead_s - centre_y,
         x_rate - centre_x_rate,

@@ -5,11 +5,18 @@ from math import inf
 
 from estimation.frames import wrap_turn_rad
 from estimation.polar import Polar
+from estimation.vectors import Pair
 
 _GAIN_PER_S = 0.5
 _ABREAST = 2.0
 """In headways: vehicles whose radii differ by more pass each other."""
 _QUARTER_RAD = 1.5708
+
+
+def leads(unit: Pair, place_m: Pair, direction: float) -> bool:
+    """Return whether a place about the target is up to a quarter turn ahead of a bearing, given as a unit vector."""
+    (x, y), (place_x, place_y) = unit, place_m
+    return direction * (x * place_y - y * place_x) > 0.0 and x * place_x + y * place_y > 0.0
 
 
 def headway_rate_rad_s(polar: Polar, others: Iterable[Polar], direction: float, headway_m: float) -> float:

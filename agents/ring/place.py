@@ -1,6 +1,7 @@
 """The ring: the neighbours ahead and behind, the spacing errors, and the gain that lets them decay - (15) to (22)."""
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from math import cos, sin, tau
 
 import msgspec
@@ -33,7 +34,9 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     if not ahead:
         return RingPlace(1, None, None)
     # A member at the vehicle's own bearing counts as a whole turn ahead, and a whole turn behind.
-    farthest_rad = max((angle for angle in ahead if angle < tau), default=0.0)
+    farthest_rad = max(ahead)
+    if farthest_rad == tau:
+        farthest_rad = max((angle for angle in ahead if angle < tau), default=0.0)
     return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
 
 
@@ -45,11 +48,13 @@ def spacing_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
     members = len(bearings_rad)
     turned = [bearing % tau or tau for bearing in bearings_rad]
     order = sorted(range(members), key=turned.__getitem__)
-    ahead = [turned[order[rank - members + 1]] - turned[each] for rank, each in enumerate(order)]
-    ahead[-1] += tau
-    errors = [0.0] * members
-    for rank, each in enumerate(order):
-        errors[each] = (ahead[rank] - ahead[rank - 1]) / 2.0
+    placed = [turned[each] for each in order]
+    ahead = [after - here for here, after in pairwise(placed)]
+    ahead.append(placed[0] - placed[-1] + tau)
+    errors, behind = [0.0] * members, ahead[-1]
+    for each, gap in zip(order, ahead, strict=True):
+        errors[each] = (gap - behind) / 2.0
+        behind = gap
     return errors
 
 

@@ -51,19 +51,21 @@ class Neighbours:
         reach *= 1.0 + self._damping_per_s * NEAR_FOR_S
         still_m = 3.0 * safety.separation_m + 2.0 * (reach + max(reach, turned)) / rate**2
         speed += reach * NEAR_FOR_S
-        near = []
+        still_m += (4.0 / rate + NEAR_FOR_S) * speed
+        near, until_s = [], situation.acting_s + NEAR_FOR_S
         for member in heard:
-            ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S) + NEAR_FOR_S
-            its_speed = hypot(*member.velocity_m_s)
-            closing_m_s = speed + its_speed + turned * ahead_s
-            come_m = (its_speed + turned / 2.0 * ahead_s) * ahead_s + speed * NEAR_FOR_S
+            ahead_s = min(until_s - member.time_s, GOING_ON_S + NEAR_FOR_S)
+            its_x_rate, its_y_rate = member.velocity_m_s
             place_x, place_y = member.position_m
-            if hypot(place_x - x, place_y - y) < still_m + 4.0 * closing_m_s / rate + come_m:
+            # By how much it comes closer until then, and how fast it closes then.
+            its_speed, gained = hypot(its_x_rate, its_y_rate), turned * ahead_s
+            come_m, closing_m_s = (its_speed + gained / 2.0) * ahead_s, its_speed + gained
+            if hypot(place_x - x, place_y - y) < still_m + 4.0 / rate * closing_m_s + come_m:
                 near.append(member)
         return near
 
     def meets(self, situation: Situation, near: Sequence[MemberState]) -> bool:
-        """Return whether one of the near is, or soon comes, about as close as the guard allows, if all fly on as now."""
+        """Return whether one of the near is, or soon comes, about as close as the guard allows; all fly on as now."""
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         safety, own_sigma_m = self._safety, situation.position_sigma_m
         for member in near:

@@ -25,8 +25,7 @@ class RingMembers:
         if known is not None and angle.time_s <= known.time_s:
             return
         self._angles[angle.sender] = angle
-        if angle.time_s < self.oldest_s:
-            self.oldest_s = angle.time_s
+        self.oldest_s = min(self.oldest_s, angle.time_s)
         if self._engaged is None:
             return
         if known is None or angle.rate_share != known.rate_share or angle.radius_share != known.radius_share:

@@ -149,7 +149,7 @@ class Team:
         return self._near
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
-        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed, gone or not.
+        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed.
 
         So is where a peer may be beside its state, as other states in its name claim or as it was known before.
         """

@@ -1,10 +1,10 @@
 """Headway: who counts as ahead, and what a column of vehicles does that would all rather be faster."""
 
-from math import inf, pi
+from math import cos, inf, pi, sin
 
 import pytest
 
-from agents.ring.headway import headway_rate_rad_s
+from agents.ring.headway import headway_rate_rad_s, leads
 from estimation.polar import Polar
 
 
@@ -24,6 +24,19 @@ def test_only_those_ahead_and_about_as_far_out_count(direction: float) -> None:
     assert headway_rate_rad_s(own, [ahead], direction, 3.0) > 0.04
     assert 0.0 <= headway_rate_rad_s(own, [ahead], direction, 5.5) < 0.04
     assert headway_rate_rad_s(own, [ahead], direction, 9.0) == 0.0
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("ahead_rad", "does"), [(0.01, True), (1.56, True), (1.58, False), (3.1, False), (-0.01, False), (-1.5, False)]
+)
+@pytest.mark.parametrize("bearing_rad", [-3.0, 0.1, 1.5])
+def test_who_leads_is_up_to_a_quarter_turn_ahead(
+    bearing_rad: float, ahead_rad: float, does: bool, direction: float
+) -> None:
+    at_rad = bearing_rad + direction * ahead_rad
+    place_m = 7.0 * cos(at_rad), 7.0 * sin(at_rad)
+    assert leads((cos(bearing_rad), sin(bearing_rad)), place_m, direction) is does
 
 
 def test_a_column_closes_up_to_the_headway_and_not_further() -> None:
