@@ -1,6 +1,6 @@
 """The codec of the messages on the bus, and the compact form in which a vehicle's state goes over it.
 
-Every vehicle sends its state ten times a second. The numbers of a state go as whole multiples of units that are far
+Every vehicle sends its state several times a second. The numbers of a state go as whole multiples of units that are far
 below what sensors resolve: they take a third of the bytes. Its parts have its sender, the place on the ring its time.
 """
 

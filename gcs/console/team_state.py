@@ -8,7 +8,7 @@ from agents.drops import NO_DROPS, Drops
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
 
 SILENT_AFTER_S = 1.0
-"""Vehicles send ten messages per second of mission time, which is at least as fast as the wall clock."""
+"""Vehicles send five messages or more per second of mission time, which is at least as fast as the wall clock."""
 EVENTS_KEPT, COMMANDS_KEPT = 100, 1000
 """At most so many events are shown at a time, and so many commands and answers recognised as repeated."""
 

@@ -1,56 +1,75 @@
-"""Measure what each vehicle of a team sends to its peers: messages and bytes a second, on one ring of 3 to 32 vehicles.
+"""Measure what each vehicle of a team sends to its peers: messages and bytes a second, on one ring and in formation.
 
-The bytes are those of the messages, which Zenoh and the network add to. All vehicles see the target.
+All vehicles see the target; in formation they are 5 m apart, and noise and plants are those of membership.py. What they
+send counts once the team has settled. The bytes are those of the messages, which Zenoh and the network add to.
 """
 
 import sys
 from collections import Counter
 from collections.abc import Sequence
 
+import numpy as np
+
 from agents.outputs import TickOutput
 from gcs.flight.simulated import simulated_vehicles
+from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.arguments import parser
-from tests.experiments.scaling import RATE_HZ, ring
+from tests.experiments.membership_scenes import abreast, field
+from tests.experiments.scaling import SETTLED_S, ring
+from tests.support.mission_text import parsed
 
 RADIO_BYTES_S = 5760.0
 """What a radio of 57600 baud carries, with ten bits a byte."""
 
 
-def traffic(count: int, duration_s: float) -> tuple[float, float, float]:
+def formation(count: int) -> Mission:
+    """Return a mission of vehicles abreast, which a target that they all see does not draw out of their line."""
+    random, radius_m = np.random.default_rng(count), 2.0 * count
+    mission = field(
+        random, abreast(count), radius_m=radius_m, rate_rad_s=0.5 / radius_m, target_m=(radius_m + 4.0, -5.0)
+    )
+    mission["target"]["threat"] = 0.9
+    return parsed(mission)
+
+
+def traffic(mission: Mission, duration_s: float) -> tuple[float, float, float]:
     """Return a vehicle's messages and bytes a second, and the bytes of the largest message."""
     sizes: Counter[int] = Counter()
+    rate_hz = mission.mission.rate_hz
 
-    def observe(_tick: int, _vehicle: int, output: TickOutput) -> None:
-        sizes.update(len(message.payload) for message in output.messages)
+    def observe(tick: int, _vehicle: int, output: TickOutput) -> None:
+        if tick >= SETTLED_S * rate_hz:
+            sizes.update(len(message.payload) for message in output.messages)
 
     simulate(
-        simulated_vehicles(ring(count), 0),
+        simulated_vehicles(mission, 0),
         NetworkModel(1e6),
-        rate_hz=RATE_HZ,
+        rate_hz=rate_hz,
         duration_s=duration_s,
         seed=0,
         observe=observe,
         progress=lambda _: None,
     )
-    seconds = count * duration_s
+    seconds = len(mission.vehicles) * (duration_s - SETTLED_S)
     return sizes.total() / seconds, sum(size * times for size, times in sizes.items()) / seconds, max(sizes)
 
 
 def main(counts: Sequence[int], duration_s: float) -> int:
     """Print the table."""
-    print("| vehicles | messages a second of each | bytes a second of each | largest | of all, share of 57600 baud |")
-    print("|---|---|---|---|---|")
-    for count in counts:
-        messages_hz, bytes_s, largest = traffic(count, duration_s)
-        share = count * bytes_s / RADIO_BYTES_S
-        print(f"| {count} | {messages_hz:.1f} | {bytes_s:.0f} | {largest:.0f} | {share:.0%} |", flush=True)
+    print("| | vehicles | messages a second of each | bytes a second of each | largest | of all, share of 57600 baud |")
+    print("|---|---|---|---|---|---|")
+    for name, mission in (("ring", ring), ("formation", formation)):
+        for count in counts:
+            messages_hz, bytes_s, largest = traffic(mission(count), duration_s)
+            share = count * bytes_s / RADIO_BYTES_S
+            print(f"| {name} | {count} | {messages_hz:.1f} | {bytes_s:.0f} | {largest} | {share:.0%} |", flush=True)
     return 0
 
 
 if __name__ == "__main__":
     reader = parser("bus_traffic", __doc__)
     reader.add_argument("counts", nargs="*", type=int, default=[3, 8, 16, 32], help="vehicles (default: %(default)s)")
-    reader.add_argument("--duration", type=float, default=20.0, help="seconds of each flight (default: %(default)s)")
+    reader.add_argument("--duration", type=float, default=30.0, help="seconds of each flight (default: %(default)s)")
     given = reader.parse_args()
     sys.exit(main(given.counts, given.duration))
