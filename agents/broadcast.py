@@ -40,7 +40,11 @@ class Broadcast:
         if ring is not None and ring.joined and situation.polar is not None:
             angle = neighbour_angle(self._vehicle_id, situation, situation.polar, ring)
         state = self._state(task, sent, alert, reshaping, drops, angle)
-        return (Outgoing(TOPICS[MemberState].name, encode(state)),) if self._rate.due(state, often=self.often) else ()
+        # Until it has its place on the ring, the others make room by what it sends.
+        joins = ring is not None and (ring.mixing < 1.0 or not ring.joined)
+        if not self._rate.due(state, often=self.often or joins):
+            return ()
+        return (Outgoing(TOPICS[MemberState].name, encode(state)),)
 
     def _state(
         self,

@@ -387,6 +387,16 @@ def test_what_is_told_to_the_peers(make_config: Maker) -> None:
     assert state.sightings == ()
 
 
+def test_on_its_way_to_the_ring_a_vehicle_sends_at_the_full_rate(make_config: Maker) -> None:
+    pilot = Pilot(make_config())
+    pilot.core.on_sighting(sighting(0.0))
+    flown = [(output, output.status.plan) for output in pilot.fly(4.0)]
+    rings = [(output, plan.ring) for output, plan in flown if plan is not None]
+    joining = [output for output, ring in rings if ring is not None and (ring.mixing < 1.0 or not ring.joined)]
+    assert len(joining) > 10
+    assert all(output.messages for output in joining)
+
+
 def test_followers_hear_the_setpoint_without_wind_compensation_at_the_time_of_the_message(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     wind = np.array([0.2, -0.1])
