@@ -31,6 +31,7 @@ COMPILED = (
     "agents/team/clock_watch.py",
     "agents/team/credibility.py",
     "agents/team/ring_members.py",
+    "agents/team/send_rate.py",
     "agents/team/team.py",
     "estimation/filters",
     "estimation/polar.py",
