@@ -193,11 +193,12 @@ def test_every_kind_of_field_is_compared(fields: dict[str, Any], found: str, cop
 
 
 def test_a_changed_message_is_told_by_what_it_says(copy: FlightLog) -> None:
-    decision = copy.vehicles[2][nth(copy.vehicles[2], Decision, 100)].read(Decision)
+    decisions = [each.read(Decision) for each in copy.vehicles[2] if each.kind is Decision]
+    sending, decision = next((n, each) for n, each in enumerate(decisions, 1) if n >= 100 and each.sent)
     state = decode(decision.sent[0].payload)
     assert isinstance(state, MemberState)
     garbled = Sent(decision.sent[0].topic, encode(msgspec.structs.replace(state, tactic="hold")))
-    change_decision(copy, 2, 100, sent=(garbled, *decision.sent[1:]))
+    change_decision(copy, 2, sending, sent=(garbled, *decision.sent[1:]))
     difference = of(copy, 2).difference
     assert difference is not None
     assert [each.field for each in difference.fields] == ["sent[0].message.tactic"]
