@@ -12,6 +12,7 @@ from agents.ring.joining import Joining
 from agents.ring.place import ring_place, spacing_errors_rad
 from agents.ring.reference import RingReference, RingWay
 from agents.safety.barriers import unsure_m
+from agents.safety.fence import Fence
 from agents.safety.neighbours import Neighbours
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
@@ -30,12 +31,18 @@ _HEADWAY = 1.6
 _HEADWAY_SHARE = 0.8
 """In even spacings: on a ring that is nearly full the headway is no longer than this."""
 
+_LOOKED_AHEAD_RAD, _FENCE_MARGIN_M = 0.5, 0.5
+"""How far ahead of a vehicle that waits, and how near to the fence: outside it a place in front of a gap is not
+reached, and those on the ring make room for good.
+"""
+
 
 class RingFlight:
     """Plans one vehicle's flight about the target; it remembers the ring that is flown, and whether it has joined."""
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._safety = config.safety
+        self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._radius_min_m = config.encirclement.radius_min_m
         self._team = team
         self._encirclement = EncirclementPlanner(config)
@@ -112,6 +119,8 @@ class RingFlight:
         ahead_rad = self._joining.look(polar, bearings_rad)
         place = ring_place(polar.bearing_rad, bearings_rad if ahead_rad is None else ())
         radius_m = self._joining.radius_m(polar, place) if ahead_rad is None else self._joining.waiting_m
+        if radius_m > orbit.radius_m and self._fence is not None:
+            radius_m = max(orbit.radius_m, min(radius_m, self._fence_m(self._fence, centre, polar, orbit)))
         obstacles = self._obstacles(situation, centre)
         way = RingWay(
             orbit,
@@ -135,6 +144,12 @@ class RingFlight:
             obstacles=obstacles,
         )
         return task, ahead_rad is not None
+
+    def _fence_m(self, fence: Fence, centre: Vector, polar: Polar, orbit: Orbit) -> float:
+        """Return on which radius to wait, at most: within the fence here and where the vehicle comes next."""
+        x, y = centre[POSITION].tolist()
+        next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
+        return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
     def _spacing_errors_rad(self, situation: Situation, polar: Polar, mixing: float) -> Sequence[float]:
         """Return the spacing errors of the references on the ring, the own one first.

@@ -47,6 +47,10 @@ class Fence:
         nearest_m = min(point.distance_m for point in self._points(place_m, 1.0))
         return nearest_m if self.contains(place_m) else -nearest_m
 
+    def reach_m(self, place_m: Corner, direction: Corner) -> float:
+        """Return how far it is from a place inside to the fence, straight on in a direction of length 1."""
+        return min(_ahead(place_m, direction, start, end) for start, end in self._edges)
+
     def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
         """Return the nearest point of every edge within reach; from outside that of the nearest edge alone.
 
@@ -97,6 +101,17 @@ def _nearest(place_m: Corner, start: Corner, stop: Corner, sense: float, left_is
     if distance_m < _ON_EDGE_M:
         return NearestPoint(0.0, (-left_is_inward * along_y / length_m, left_is_inward * along_x / length_m), end)
     return NearestPoint(distance_m, (sense * away_x / distance_m, sense * away_y / distance_m), end)
+
+
+def _ahead(place_m: Corner, direction: Corner, start: Corner, end: Corner) -> float:
+    """Return how far ahead an edge is crossed, infinity if it is not."""
+    (x, y), (x_rate, y_rate), (x1, y1), (x2, y2) = place_m, direction, start, end
+    across = x_rate * (y2 - y1) - y_rate * (x2 - x1)
+    if across == 0.0:
+        return inf
+    distance_m = ((x1 - x) * (y2 - y1) - (y1 - y) * (x2 - x1)) / across
+    share = ((x1 - x) * y_rate - (y1 - y) * x_rate) / across
+    return distance_m if distance_m >= 0.0 and 0.0 <= share <= 1.0 else inf
 
 
 def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:

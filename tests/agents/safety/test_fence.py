@@ -80,6 +80,18 @@ def test_inside_is_inside_and_the_clearance_is_how_far(corners: Corners, offset:
     assert nearest_m - step_m(corners) <= abs(clearance_m) <= nearest_m + 1e-9
 
 
+@given(corners=polygons(), offset=offsets, turn=st.floats(0.0, 2.0 * pi))
+def test_the_reach_is_how_far_it_is_straight_on_to_the_fence(corners: Corners, offset: Corner, turn: float) -> None:
+    (x, y), path = near(corners, offset), Path([*corners, corners[0]], closed=True)
+    assume(distances_m(corners, (x, y)).min() > 0.01)
+    assume(path.contains_point((x, y)))
+    reach_m = Fence(corners).reach_m((x, y), (cos(turn), sin(turn)))
+    on_fence = x + reach_m * cos(turn), y + reach_m * sin(turn)
+    assert distances_m(corners, on_fence).min() <= step_m(corners)
+    ahead_m = np.linspace(0.0, 0.999 * reach_m, 200)
+    assert path.contains_points(np.column_stack([x + ahead_m * cos(turn), y + ahead_m * sin(turn)])).all()
+
+
 def sample_of(corners: Corners, place: Corner, edge: int) -> int:
     """The number of the sample of an edge that is nearest to a place."""
     return int(np.linalg.norm(edges(corners)[edge] - place, axis=1).argmin())
