@@ -11,7 +11,7 @@ from math import cos, pi, sin
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import perf_counter, sleep
 from typing import Any
 from unittest.mock import patch
 
@@ -31,7 +31,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.viewer.scene import Scene
 from tests.experiments.arguments import parser
-from tests.experiments.membership_scenes import sixteen
+from tests.experiments.membership_scenes import alone_on_the_ring, sixteen
 from tests.support.mission_text import content, parsed
 from tests.support.paths import MISSIONS
 
@@ -39,6 +39,7 @@ REFERENCE_EVERY, REFERENCE_RUNS = 100, 100
 MEETING_S = 40.0
 LARGE_TEAM_S = 120.0
 PAIRS, PAIR_S = 7, 200.0
+PAUSES_S, PAUSED_FLIGHT_S = (0.0, 0.002, 0.016), 60.0
 
 
 class Reference:
@@ -67,6 +68,19 @@ class Reference:
     def us(self) -> float:
         """The median time of the reference."""
         return median(self._times_us)
+
+
+class PausedReference(Reference):
+    """Measures the reference once after each tick; it sleeps before that, and before the next tick."""
+
+    def __init__(self, pause_s: float) -> None:
+        super().__init__()
+        self._pause_s = pause_s
+
+    def __call__(self, _now_s: float) -> None:
+        sleep(self._pause_s)
+        self._times_us.append(self._run_us())
+        sleep(self._pause_s)
 
 
 def meeting(count: int) -> Mission:
@@ -215,6 +229,18 @@ def print_tick(name: str, mission: Mission, duration_s: float) -> None:
     )
 
 
+def print_pauses() -> None:
+    """Print what a tick takes after a pause, as in flight: what it needs has left the processor's caches by then."""
+    mission = alone_on_the_ring(0).mission
+    for pause_s in PAUSES_S:
+        reference = PausedReference(pause_s)
+        took_us = _tick_us(fly_simulated(mission, 0, PAUSED_FLIGHT_S, reference))
+        print(
+            f"alone on a ring, {pause_s * 1e3:g} ms of sleep before each: tick {took_us:.0f} us = "
+            f"{took_us / reference.us:.2f} references of {reference.us:.0f} us"
+        )
+
+
 def main() -> None:
     """Fly each bundled mission in simulation, and print what a tick costs."""
     for name in ("case1", "case2", "case2-field"):
@@ -224,6 +250,7 @@ def main() -> None:
     for count in (3, 16):
         print_guard(count)
     print_recording()
+    print_pauses()
 
 
 if __name__ == "__main__":
