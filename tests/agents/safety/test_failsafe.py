@@ -105,7 +105,7 @@ class Flight:
 
     @property
     def told(self) -> MemberState:
-        """What the peers were told last, which was lately."""
+        """The state that was sent last, a moment ago."""
         said = [each.messages[0] for each in self.outputs[-3:] if each.messages]
         message = decode(said[-1].payload)
         assert isinstance(message, MemberState)

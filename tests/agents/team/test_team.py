@@ -39,7 +39,7 @@ def test_what_was_said_too_long_ago_is_dropped() -> None:
     assert [peer.sender for peer in team.members()] == [1, 3]
     team.expire(12.1)
     assert [peer.sender for peer in team.members()] == [3]
-    assert len(team.ring.bearings_rad(12.1, 0.0)) == 0  # vehicle 3 flies in formation, whatever angle it once told
+    assert len(team.ring.bearings_rad(12.1, 0.0)) == 0  # vehicle 3 flies in formation, whatever angle it once sent
     team.expire(12.3)
     assert team.members() == ()
 
