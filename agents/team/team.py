@@ -24,7 +24,7 @@ _FAR_PERIOD_S = 0.75
 
 
 class Team:
-    """The peers of one vehicle, by their last messages; stale means gone.
+    """The peers of one vehicle, by their last messages: silent after one second, gone after two.
 
     Those that are `near` are watched closely, and all until the first `watch`. Of the others a state waits while they
     fly on as before: what a tick costs does not grow with their number.
