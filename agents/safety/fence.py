@@ -48,7 +48,9 @@ class Fence:
         return nearest_m if self.contains(place_m) else -nearest_m
 
     def reach_m(self, place_m: Corner, direction: Corner) -> float:
-        """Return how far it is from a place inside to the fence, straight on in a direction of length 1."""
+        """Return how far it is to the fence, straight on in a direction of length 1; infinity from a place outside."""
+        if not self.contains(place_m):
+            return inf
         return min(_ahead(place_m, direction, start, end) for start, end in self._edges)
 
     def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:

@@ -92,6 +92,10 @@ def test_the_reach_is_how_far_it_is_straight_on_to_the_fence(corners: Corners, o
     assert path.contains_points(np.column_stack([x + ahead_m * cos(turn), y + ahead_m * sin(turn)])).all()
 
 
+def test_from_outside_the_fence_bounds_no_way() -> None:
+    assert Fence(SQUARE).reach_m((-1.0, 2.0), (1.0, 0.0)) == inf
+
+
 def sample_of(corners: Corners, place: Corner, edge: int) -> int:
     """The number of the sample of an edge that is nearest to a place."""
     return int(np.linalg.norm(edges(corners)[edge] - place, axis=1).argmin())
