@@ -59,9 +59,7 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
     """Return whether a state is what its peers take it for by the one before."""
     step_s = state.time_s - before.time_s
     if (
-        state.tactic != before.tactic
-        or state.alert != before.alert
-        or state.shaped_s != before.shaped_s
+        not task_goes_on(before, state)
         or abs(state.altitude_m - before.altitude_m) > _ALTITUDE_M
         or abs(state.position_sigma_m - before.position_sigma_m) > _SIGMA_M
     ):
@@ -75,6 +73,15 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
         and hypot(x_rate - before_x_rate, y_rate - before_y_rate) <= _VELOCITY_M_S
         and hypot(aim_x - before_aim_x - aim_x_rate * step_s, aim_y - before_aim_y - aim_y_rate * step_s)
         <= (_FOLLOWED_M if state.tactic == _FORMATION else _AIM_M)
+    )
+
+
+def task_goes_on(before: MemberState, state: MemberState) -> bool:
+    """Return whether a vehicle still does what it did by the state before, on the ring at the place that follows."""
+    return (
+        state.tactic == before.tactic
+        and state.alert == before.alert
+        and state.shaped_s == before.shaped_s
         and place_goes_on(before.angle, state.angle)
     )
 

@@ -7,7 +7,7 @@ from agents.tactics import Tactic
 from agents.team.credibility import Credibility, Doubt
 from agents.team.messages import TOPICS, MemberState
 from agents.team.ring_members import RingMembers
-from agents.team.send_rate import place_goes_on
+from agents.team.send_rate import task_goes_on
 from estimation.state import Vector
 
 _SILENT_S = TOPICS[MemberState].age_max_s
@@ -53,14 +53,7 @@ class Team:
         if self._near_ids is None or state.sender in self._near_ids or state.sightings:
             return False
         known = self._members.get(state.sender)
-        if (
-            known is None
-            or not 0.0 < state.time_s - known.time_s < _FAR_PERIOD_S
-            or state.tactic != known.tactic
-            or state.alert != known.alert
-            or state.shaped_s != known.shaped_s
-            or not place_goes_on(known.angle, state.angle)
-        ):
+        if known is None or not 0.0 < state.time_s - known.time_s < _FAR_PERIOD_S or not task_goes_on(known, state):
             return False
         self._waiting[state.sender] = state
         return True
