@@ -52,7 +52,8 @@ def sim(options: SimOptions) -> Exit:
     seed = mission.mission.seed if options.seed is None else options.seed
     recording = None
     if options.log is not None:
-        from gcs.flight.recording import report_log, simulation_recording
+        from gcs.flight.recording import report_log
+        from gcs.flight.simulation_log import simulation_recording
 
         recording = simulation_recording(mission, options.log, seed, flown_s)
 

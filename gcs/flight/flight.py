@@ -26,7 +26,6 @@ from gcs.link.signing_keys import signing_keys
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
-from gcs.viewer.scene import Scene
 
 _UNSUPERVISED = Unsupervised()
 
@@ -58,8 +57,7 @@ async def fly(
         keys = stack.enter_context(flight_keys(plan.mission))
         recording: Recording = Unrecorded()
         if plan.log is not None:
-            scene = Scene(plan.log.context, plan.mission)
-            recording = stack.enter_context(FlightRecording(plan.log, clock, scene))
+            recording = stack.enter_context(FlightRecording(plan.log, clock))
         team = Team(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
         return await _fly(team, report, supervisor)
 

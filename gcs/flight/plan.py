@@ -6,9 +6,9 @@ from datetime import date
 from time import time
 
 from gcs.flight.equipment import Equipment
+from gcs.flight.log_process.handle import LogProcess
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
-from gcs.flightlog.writer import LogWriter
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.preflight import preflight
@@ -27,7 +27,7 @@ class FlightPlan:
     stubs: bool
     speed: float | None
     equipment: Equipment | None = None
-    log: LogWriter | None = None
+    log: LogProcess | None = None
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""

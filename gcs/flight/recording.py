@@ -5,19 +5,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from time import time
-
-from foxglove import Context
+from typing import TYPE_CHECKING
 
 from gcs.console.terminal import STDERR, print_line
 from gcs.errors import InputError
+from gcs.flight.log_process.handle import LogProcess, LogRequest
 from gcs.flightlog.place import default_path
-from gcs.flightlog.run import run_of
-from gcs.flightlog.simulation import SimulationRecording
-from gcs.flightlog.writer import LogWriter
 from gcs.mission.mission import Mission
-from gcs.viewer.live_server import Address, live_server
-from gcs.viewer.scene import Scene
+from gcs.viewer.address import Address
+
+if TYPE_CHECKING:
+    from gcs.flightlog.writer import LogWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,38 +33,29 @@ class RecordingOptions:
     live_origins: tuple[str, ...] = ()
 
 
-def simulation_recording(mission: Mission, path: Path, seed: int, duration_s: float) -> SimulationRecording:
-    """Return the recording of a simulated flight; raises InputError."""
-    run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=time(), duration_s=duration_s)
-    writer = _opened(path, Context())
-    return SimulationRecording(writer, run, Scene(writer.context, mission))
-
-
-@contextmanager
-def flight_log(options: RecordingOptions, mission: str) -> Iterator[LogWriter | None]:
+def flight_log(options: RecordingOptions, mission: Mission) -> LogProcess | None:
     """Open the log of a flight and serve it to viewers; None if it is neither recorded nor served.
 
     Raises InputError when the path or the address cannot be used, VehicleRefusedError when the address is taken.
     Where no path was given, a log that cannot be opened is a warning: the flight goes on unrecorded.
     """
-    context = Context()
-    if options.live_address is None:
-        yield _flight_writer(options, mission, context)
-        return
-    address = Address.parsed(options.live_address)
-    with live_server(address, context, options.live_origins):
-        writer = _flight_writer(options, mission, context)
-        _report_address(address)
-        yield writer or LogWriter(None, context)
+    address = None if options.live_address is None else Address.parsed(options.live_address)
+    log = _recorded(LogRequest(mission, options.path, address, options.live_origins), options)
+    if address is None:
+        return log
+    _report_address(address)
+    return log or LogProcess(LogRequest(mission, None, address, options.live_origins))
 
 
-def _flight_writer(options: RecordingOptions, mission: str, context: Context) -> LogWriter | None:
+def _recorded(request: LogRequest, options: RecordingOptions) -> LogProcess | None:
     if not options.recorded:
         return None
-    if options.path is not None:
-        return _opened(options.path, context)
+    if request.path is not None:
+        with log_input_errors(request.path):
+            return LogProcess(request)
     try:
-        return LogWriter(default_path(mission, options.only, datetime.now()), context)
+        path = default_path(request.mission.mission.name, options.only, datetime.now())
+        return LogProcess(request._replace(path=path))
     except OSError as error:
         print_line(f"this flight is not recorded: {error}", "yellow")
         return None
@@ -79,18 +68,20 @@ def _report_address(address: Address) -> None:
         STDERR.print(warning, style="yellow", markup=False, highlight=False)
 
 
-def report_log(writer: LogWriter | None) -> None:
+def report_log(log: "LogProcess | LogWriter | None") -> None:
     """Print the path of the log, and what it lacks if it is incomplete."""
-    if writer is None or writer.path is None:
+    if log is None or log.path is None:
         return
-    if writer.fault:
-        print_line(f"the log is incomplete: {writer.fault}", "red")
-    print_line(f"log: {writer.path} ({writer.size_bytes / 1e6:.1f} MB)")
+    if log.fault:
+        print_line(f"the log is incomplete: {log.fault}", "red")
+    print_line(f"log: {log.path} ({log.size_bytes / 1e6:.1f} MB)")
 
 
-def _opened(path: Path, context: Context) -> LogWriter:
+@contextmanager
+def log_input_errors(path: Path) -> Iterator[None]:
+    """Turn errors of opening the log that the user asked for into InputError."""
     try:
-        return LogWriter(path, context)
+        yield
     except FileExistsError as error:
         raise InputError([f"--log: {str(path)!r} exists already: nothing is overwritten"]) from error
     except OSError as error:

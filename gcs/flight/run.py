@@ -33,15 +33,15 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
     `judge` receives the record of a mission that began, shows it and returns its verdict. Raises InputError.
     """
     try:
+        log = flight_log(recording, plan.mission)
         with (
-            flight_log(recording, plan.mission.mission.name) as writer,
             SupervisorHeartbeat.inherited(_report_supervisor_lost) as supervisor,
             unblocked(STDERR),
             LiveView(STDERR) as view,
         ):
             report = partial(_report_findings, plan.mission)
             _forgo_full_collections()
-            flight = asyncio.run(fly(replace(plan, log=writer), view, report, supervisor))
+            flight = asyncio.run(fly(replace(plan, log=log), view, report, supervisor))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
@@ -49,7 +49,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
     if flight.record is not None:
         verdict = judge(flight.record)
         _warn_of_lateness(flight, flight.record)
-    report_log(writer)
+    report_log(log)
     return exit_code(flight.outcomes, verdict)
 
 

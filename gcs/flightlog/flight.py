@@ -9,9 +9,8 @@ from agents.shell.clock import MissionClock
 from agents.tape import TapedCore
 from estimation.state import Telemetry
 from gcs.flightlog.audit.trail import AuditTrail
-from gcs.flightlog.recorder import Recorder, RecorderThread, VehicleTape
+from gcs.flightlog.recorder import Recorder, RecorderThread, RecordWriter, VehicleTape
 from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
-from gcs.flightlog.writer import LogWriter, Picture
 from gcs.preflight.findings import VehicleFacts
 from sitl.server.server import TruthTrack
 
@@ -91,8 +90,8 @@ class Unrecorded:
 class FlightRecording:
     """Records on a thread of its own; use it as a context manager around everything that flies."""
 
-    def __init__(self, writer: LogWriter, clock: MissionClock, picture: Picture | None = None) -> None:
-        self._recorder = Recorder(writer, clock.now_s, lambda: clock.speed, picture, AuditTrail())
+    def __init__(self, writer: RecordWriter, clock: MissionClock) -> None:
+        self._recorder = Recorder(writer, clock.now_s, lambda: clock.speed, AuditTrail())
         self._thread = RecorderThread(self._recorder)
         self._tapes: dict[int, VehicleTape] = {}
 

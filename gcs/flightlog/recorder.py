@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from time import monotonic, sleep
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from agents.outputs import TickOutput
 from agents.tape import CoreInput, Message
@@ -17,7 +17,6 @@ from agents.team.codec import encode
 from agents.team.messages import BusMessage, OperatorCommand
 from gcs.flightlog.audit.trail import AuditTrail
 from gcs.flightlog.records import Carried, Decision, Taken, recorded
-from gcs.flightlog.writer import LogWriter, Picture
 
 CLOSING_TIMEOUT_S = 10.0
 DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 0.8
@@ -36,15 +35,39 @@ _Item = tuple[int, int, float, object]
 """A vehicle's id (0: the run's), the number and time of the record, and the record or what makes one."""
 
 
+class RecordWriter(Protocol):
+    """What a recorder writes to: the log itself, or the process that has it."""
+
+    @property
+    def fault(self) -> str:
+        """The reason why the log does not hold the whole flight, empty if it does."""
+        ...
+
+    def fail(self, reason: str) -> None:
+        """Store the reason why the log will not hold the whole flight; the first one is kept."""
+        ...
+
+    def write(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
+        """Write a vehicle's record, or one of the whole run with vehicle 0."""
+        ...
+
+    def flush(self) -> None:
+        """Pass all that has been written to the operating system."""
+        ...
+
+    def close(self) -> None:
+        """Complete the log."""
+        ...
+
+
 class Recorder:
     """Collects the records of this process' cores and writes them."""
 
     def __init__(
         self,
-        writer: LogWriter,
+        writer: RecordWriter,
         now_s: Callable[[], float],
         speed: Callable[[], float],
-        picture: Picture | None = None,
         audit: AuditTrail | None = None,
     ) -> None:
         """Take the log; the clock of the records passes `speed()` times as fast as that of the log's time stamps.
@@ -55,7 +78,6 @@ class Recorder:
         self._writer = writer
         self._now_s = now_s
         self._speed = speed
-        self._picture = picture
         self._queue: deque[_Item] = deque()
         self._tapes: list[VehicleTape] = []
         self._carried = _CarriedMessages()
@@ -121,13 +143,6 @@ class Recorder:
             for each in _commands(item) if isinstance(item, list) else (item,):
                 for entry in self._audit.take(vehicle_id, time_s, each):
                     self._writer.write(0, 0, time_ns, entry)
-        if self._picture is None:
-            return
-        try:
-            self._picture(vehicle_id, time_ns, record)
-        except Exception as error:  # a bug in what only viewers need must not cost the log
-            self._picture = None
-            self.fail(f"what only viewers need ended: {_error_text(error)}")
 
     def _taken(self, time_ns: int, messages: list[Message]) -> Taken:
         """Return the record of messages that a core took; those that no core took before are written first."""

@@ -7,7 +7,7 @@ from agents.settings.config import AgentConfig
 from agents.tape import TapedCore
 from gcs.flightlog.recorder import Recorder, VehicleTape
 from gcs.flightlog.records import Cost, Run, RunEnd, Truth, VehicleEnd
-from gcs.flightlog.writer import LogWriter, Picture
+from gcs.flightlog.writer import LogWriter
 from sitl.simulation.simulation import SimulatedFlight
 
 DRAIN_PERIOD_S = 1.0
@@ -17,10 +17,10 @@ DRAIN_PERIOD_S = 1.0
 class SimulationRecording:
     """A recorder whose clock is the simulation's."""
 
-    def __init__(self, writer: LogWriter, run: Run, picture: Picture | None = None) -> None:
+    def __init__(self, writer: LogWriter, run: Run) -> None:
         self.writer = writer
         self._now_s = self._drained_s = 0.0
-        self._recorder = Recorder(writer, lambda: self._now_s, lambda: 1.0, picture)
+        self._recorder = Recorder(writer, lambda: self._now_s, lambda: 1.0)
         self._tapes: dict[int, VehicleTape] = {}
         self._recorder.note(0, 0, run)
 

@@ -27,10 +27,17 @@ Picture = Callable[[int, int, Any], None]
 class LogWriter:
     """Writes records; once open it never raises: `fault` is the first error, empty if there was none."""
 
-    def __init__(self, path: Path | None, context: Context, size_max_bytes: int = SIZE_MAX_BYTES) -> None:
+    def __init__(
+        self,
+        path: Path | None,
+        context: Context,
+        picture: Picture | None = None,
+        size_max_bytes: int = SIZE_MAX_BYTES,
+    ) -> None:
         """Open the file, or with None write to the context's other sinks only; raises OSError when that fails."""
         self.path = path
-        self.context = context
+        self._context = context
+        self._picture = picture
         self._disk = None if path is None else Disk(path)
         self._size_max_bytes = size_max_bytes
         self._channels: dict[tuple[type, int], tuple[Channel, Codec]] = {}
@@ -60,6 +67,7 @@ class LogWriter:
     def write(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
         """Write a vehicle's record, or one of the whole run with vehicle 0."""
         self._log(vehicle_id, number, log_time_ns, record)
+        self._draw(vehicle_id, log_time_ns, record)
         self._log_time_ns = max(log_time_ns, self._log_time_ns)
         if isinstance(record, Run):
             self._run, self._run_at_bytes = record, self.size_bytes
@@ -83,6 +91,15 @@ class LogWriter:
             self._mcap = None
             self._disk.close()
 
+    def _draw(self, vehicle_id: int, log_time_ns: int, record: object) -> None:
+        if self._picture is None:
+            return
+        try:
+            self._picture(vehicle_id, log_time_ns, record)
+        except Exception as error:  # a bug in what only viewers need must not cost the log
+            self._picture = None
+            self.fail(f"what only viewers need ended: {type(error).__name__}: {error}")
+
     def _repeat_run(self) -> None:
         self._run_at_bytes = self.size_bytes
         if self._run is not None:
@@ -97,6 +114,6 @@ class LogWriter:
         topic = f"/vehicle/{vehicle_id}/{VEHICLE_TOPICS[kind]}" if vehicle_id else f"/{RUN_TOPICS[kind]}"
         codec = codec_of(kind)  # type: ignore[arg-type]  # mypy holds that type[Any] has no hash
         schema = Schema(name=codec.name, encoding="protobuf", data=codec.schema)
-        channel = Channel(topic, schema=schema, message_encoding="protobuf", context=self.context)
+        channel = Channel(topic, schema=schema, message_encoding="protobuf", context=self._context)
         self._channels[kind, vehicle_id] = channel, codec
         return channel, codec

@@ -9,21 +9,19 @@ import threading
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from ipaddress import ip_address
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING
 
 import foxglove
 from foxglove import Context
 
 from agents.ports import VehicleRefusedError
-from gcs.errors import InputError
+from gcs.viewer.address import Address
 from gcs.viewer.origin_gate import PERMITTED, OriginGate
 
 if TYPE_CHECKING:
     from gcs.keys.certificates import KeyPair
 
 SERVER_NAME = "cordon"
-_EXAMPLE = "127.0.0.1:8765"
 BACKLOG = 256
 """Messages queued for a slow viewer: some seconds of a team's messages."""
 
@@ -32,38 +30,6 @@ STOP_TIMEOUT_S = 1.0
 
 # The server's log messages about viewers would break the live table in the terminal.
 logging.getLogger("foxglove").addHandler(logging.NullHandler())
-
-
-class Address(NamedTuple):
-    """Host and port that viewers connect to."""
-
-    host: str
-    port: int
-
-    @classmethod
-    def parsed(cls, text: str) -> Self:
-        """Parse HOST:PORT, or [HOST]:PORT for IPv6; raises InputError."""
-        host, _, port = text.rpartition(":")
-        bare = host.removeprefix("[").removesuffix("]")
-        bracketed = host == f"[{bare}]"
-        if not bare or (":" in bare) != bracketed or not port.isdecimal() or not 0 < int(port) < 65536:
-            raise InputError(
-                [f"--live-address: it must be HOST:PORT, for example {_EXAMPLE} or [::1]:8765 (given: {text!r})"]
-            )
-        return cls(bare, int(port))
-
-    @property
-    def url(self) -> str:
-        """The URL to open in a viewer."""
-        return f"ws://[{self.host}]:{self.port}" if ":" in self.host else f"ws://{self.host}:{self.port}"
-
-    @property
-    def is_loopback(self) -> bool:
-        """Whether only this computer can connect to it."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
 
 
 @contextmanager

@@ -190,8 +190,8 @@ def print_recording() -> None:
             plain.append(_tick_us(fly_simulated(mission, 0, PAIR_S, reference)))
             run = run_of(mission, mission.ids, seed=0, source="simulation", speed=1.0, began_s=0.0, duration_s=PAIR_S)
             path = Path(folder) / f"{pair}.mcap"
-            writer = LogWriter(path, Context())
-            recording = TimedRecording(writer, run, Scene(writer.context, mission))
+            context = Context()
+            recording = TimedRecording(LogWriter(path, context, Scene(context, mission)), run)
             taped.append(_tick_us(fly_simulated(mission, 0, PAIR_S, lambda _: None, recording)))
             written.append(recording.took_us / (PAIR_S * mission.mission.rate_hz * len(mission.ids)))
         megabytes = path.stat().st_size / 1e6 * 600.0 / PAIR_S

@@ -1,6 +1,7 @@
 """Profile flights of stub vehicles: processor by process, thread and stage, lateness of ticks, memory, start-up.
 
-Each flight is `cordon fly` with default settings, recorded. The stubs are a process of their own, and are told apart.
+Each flight is `cordon fly` with default settings, recorded. Cores and memory are those of its processes, which are the
+supervisor, the flying process and the log's; the stubs are a process of their own, and are told apart.
 The stages are measured in a flight of their own, because measuring costs something.
 """
 
@@ -31,6 +32,9 @@ RATE_HZ = 20.0
 SETTLED_S = 5.0
 """The stages are measured from this time after the first tick in control on."""
 
+CORDON = ("supervisor", "flying", "log")
+PROGRAMS = {"spawn_main": "stubs", "log_process": "log"}
+"""What the command lines of the flying process's children hold."""
 COLUMNS = (
     "vehicles",
     "cores",
@@ -57,7 +61,7 @@ class Usage:
 
 @dataclass(frozen=True)
 class Profile:
-    """One flight: `flying` is the process of the agents; times are wall seconds."""
+    """One flight: cores and memory of all its processes but the stubs', the flying process's threads, wall seconds."""
 
     vehicles: int
     cores: float
@@ -105,9 +109,9 @@ def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Pro
         late_ms = np.concatenate([lateness_ms(flown, each) for each in flown.vehicles])
         return Profile(
             vehicles,
-            cores["flying"],
+            sum(cores[name] for name in CORDON),
             cores["stubs"],
-            usage["flying"].memory_mb,
+            sum(usage[name].memory_mb for name in CORDON),
             usage["flying"].threads,
             loop["missed"],
             loop["ticks"],
@@ -130,7 +134,7 @@ def lateness_ms(log: FlightLog, vehicle_id: int) -> np.ndarray[Any, np.dtype[np.
 
 def followed(flight: "subprocess.Popen[bytes]") -> tuple[dict[str, Usage], dict[str, float]]:
     """Follow the processes of a flight to its end; return what each used, and its processor time a second in flight."""
-    usage = {name: Usage() for name in ("supervisor", "flying", "stubs")}
+    usage = {name: Usage() for name in (*CORDON, "stubs")}
     looks: list[tuple[float, dict[str, float]]] = []
     while flight.poll() is None:
         for name, process in processes(flight.pid):
@@ -158,8 +162,8 @@ def processes(root: int) -> Iterator[tuple[str, psutil.Process]]:
         for flying in supervisor.children():
             yield "flying", flying
             for child in flying.children():
-                if "spawn_main" in " ".join(child.cmdline()):
-                    yield "stubs", child
+                command = " ".join(child.cmdline())
+                yield from ((name, child) for program, name in PROGRAMS.items() if program in command)
     except psutil.Error:
         return
 

@@ -33,12 +33,13 @@ SPEED = 5.0
 ALOFT_TICKS = 300
 """Of one vehicle, 30 s of the mission's clock: they have taken off."""
 FILE_MAX_BYTES = 200_000
+LOG_PROGRAM = "gcs.flight.log_process.program"
 LOSS_MAX_S = 1.0
 LATE_IN_THE_PERIOD_S = 0.7
 """After a flush: a kill just before the next one costs most."""
 
 
-def test_a_flight_killed_in_mid_air_leaves_all_but_its_last_second(
+def test_a_flight_and_its_log_killed_in_mid_air_leave_all_but_their_last_second(
     mission_file: Callable[..., str], tmp_path: Path
 ) -> None:
     log = tmp_path / "left.mcap"
@@ -52,6 +53,7 @@ def test_a_flight_killed_in_mid_air_leaves_all_but_its_last_second(
             written_bytes = log.stat().st_size
             wait_for(lambda: log.stat().st_size > written_bytes, 5.0, "the next flush")
             time.sleep(LATE_IN_THE_PERIOD_S)
+            os.kill(child_of(flying, LOG_PROGRAM), signal.SIGKILL)
             os.kill(flying, signal.SIGKILL)
             killed_s = time.time()
             assert process.wait(timeout=20.0) == 4
@@ -122,12 +124,13 @@ def wait_for(condition: Callable[[], ValueT], timeout_s: float, what: str) -> Va
     return value
 
 
-def child_of(pid: int) -> int:
-    """The process that a process has started, 0 if none."""
+def child_of(pid: int, program: str = "") -> int:
+    """The first process that a process has started, of those whose command line holds `program`; 0 if none."""
     children = Path(f"/proc/{pid}/task/{pid}/children")
     if not children.exists():
         pytest.skip("this system does not tell whose child a process is")
-    return int((children.read_text().split() or ["0"])[0])
+    pids = map(int, children.read_text().split())
+    return next((each for each in pids if program in Path(f"/proc/{each}/cmdline").read_text()), 0)
 
 
 def ticks(path: Path) -> int:

@@ -21,7 +21,8 @@ from foxglove.channels import PointCloudChannel
 from foxglove.messages import PointCloud
 
 from gcs.viewer import origin_gate
-from gcs.viewer.live_server import STOP_TIMEOUT_S, Address, live_server
+from gcs.viewer.address import Address
+from gcs.viewer.live_server import STOP_TIMEOUT_S, live_server
 from tests.support.mission_text import LOW
 from tests.support.onlooker import Onlooker
 from tests.support.paths import ROOT

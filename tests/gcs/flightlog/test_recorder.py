@@ -19,6 +19,7 @@ from gcs.flightlog.reader import read_log
 from gcs.flightlog.recorder import Recorder, RecorderThread
 from gcs.flightlog.records import RunEnd
 from gcs.flightlog.writer import LogWriter
+from gcs.mission.file import load_mission
 from tests.support.flight_logs import engaging, files_up_to, record_into
 
 DURATION_S = 20.0
@@ -210,8 +211,7 @@ def test_a_flight_that_was_not_told_where_is_flown_without_a_log_where_there_is_
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "file"))
-    with flight_log(RecordingOptions(), "case2") as log:
-        assert log is None
+    assert flight_log(RecordingOptions(), load_mission("case2")) is None
     assert "this flight is not recorded: " in capsys.readouterr().err
 
 
@@ -224,8 +224,7 @@ def test_a_home_that_nobody_knows_is_no_place(
     monkeypatch.delenv(FOLDER_VARIABLE)
     monkeypatch.delenv("XDG_DATA_HOME", raising=False)
     monkeypatch.setattr(Path, "home", fail)
-    with flight_log(RecordingOptions(), "case2") as log:
-        assert log is None
+    assert flight_log(RecordingOptions(), load_mission("case2")) is None
     assert f"{FOLDER_VARIABLE} may name a folder for logs" in capsys.readouterr().err
 
 
@@ -240,9 +239,6 @@ def test_a_place_that_was_told_and_is_none_ends_in_bad_input(subtests: pytest.Su
     for name, reason in rows:
         with subtests.test(name=name, reason=reason):
             (tmp_path / "file").write_text("kept")
-            with (
-                pytest.raises(InputError, match=reason),
-                flight_log(RecordingOptions(tmp_path / name), "case2"),
-            ):
-                pass
+            with pytest.raises(InputError, match=reason):
+                flight_log(RecordingOptions(tmp_path / name), load_mission("case2"))
             assert (tmp_path / "file").read_text() == "kept"

@@ -69,7 +69,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     path = tmp_path_factory.mktemp("scene") / "flight.mcap"
     run = run_of(mission, mission.ids, seed=3, source="simulation", speed=1.0, began_s=0.0, duration_s=40.0)
     context = Context()
-    recording = SimulationRecording(LogWriter(path, context), run, Scene(context, mission))
+    recording = SimulationRecording(LogWriter(path, context, Scene(context, mission)), run)
     fly_simulated(mission, 3, 40.0, lambda _: None, recording)
     topics = defaultdict(list)
     with path.open("rb") as stream:
@@ -320,7 +320,7 @@ def test_a_picture_that_fails_does_not_cost_the_log(tmp_path: Path) -> None:
         raise ValueError("a bug")
 
     path = tmp_path / "log.mcap"
-    recorder = Recorder(LogWriter(path, Context()), lambda: 1.0, lambda: 1.0, fail)
+    recorder = Recorder(LogWriter(path, Context(), fail), lambda: 1.0, lambda: 1.0)
     for number in range(3):
         recorder.note(1, number, Tick(float(number)))
     recorder.close()
@@ -361,7 +361,7 @@ def test_a_mission_that_lies_nowhere_on_earth_has_no_places_there(tmp_path: Path
     mission = parsed({**near, "frame": {"local": True}})
     run = run_of(mission, mission.ids, seed=3, source="simulation", speed=1.0, began_s=0.0, duration_s=1.0)
     context = Context()
-    recording = SimulationRecording(LogWriter(tmp_path / "log.mcap", context), run, Scene(context, mission))
+    recording = SimulationRecording(LogWriter(tmp_path / "log.mcap", context, Scene(context, mission)), run)
     fly_simulated(mission, 3, 1.0, lambda _: None, recording)
     with (tmp_path / "log.mcap").open("rb") as stream:
         topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}

@@ -1,0 +1,59 @@
+"""What the flying process sends to the log's: batches of records in MessagePack, and two words."""
+
+from typing import Any, NamedTuple
+
+from msgspec import Raw, msgpack
+
+from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
+
+FLUSH, CLOSE = b"flush", b"close"
+"""No batch begins as these do: a batch is an array."""
+_KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (*RUN_TOPICS, *VEHICLE_TOPICS)}
+
+
+class Row(NamedTuple):
+    """An encoded record, with its vehicle's id (0: the run's), its number and the time stamp of the log [ns]."""
+
+    vehicle_id: int
+    number: int
+    log_time_ns: int
+    kind: str
+    record: Raw
+
+
+class Batch:
+    """Records that are sent together."""
+
+    def __init__(self) -> None:
+        self._encoder = msgpack.Encoder()
+        self._rows: list[Raw] = []
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
+        """Add a record; raises TypeError for one that cannot be encoded."""
+        row = (vehicle_id, number, log_time_ns, type(record).__name__, record)
+        self._rows.append(Raw(self._encoder.encode(row)))
+
+    def take(self) -> bytes:
+        """Return the frame of all records, which are no longer in the batch."""
+        frame = self._encoder.encode(self._rows)
+        self._rows.clear()
+        return frame
+
+
+class BatchReader:
+    """Reads the frames of batches."""
+
+    def __init__(self) -> None:
+        self._rows = msgpack.Decoder(list[Row])
+        self._records = {name: msgpack.Decoder(kind) for name, kind in _KINDS.items()}
+
+    def rows(self, frame: bytes) -> list[Row]:
+        """Return the encoded records of a frame."""
+        return self._rows.decode(frame)
+
+    def record(self, row: Row) -> object:
+        """Return a record; raises ValidationError for one that its type does not permit."""
+        return self._records[row.kind].decode(row.record)

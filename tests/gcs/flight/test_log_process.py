@@ -1,0 +1,132 @@
+"""The log's process: it writes what it is sent, outlives the flight, and never disturbs it."""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from agents.ports import VehicleRefusedError
+from agents.tape import Tick
+from gcs.flight.log_process.handle import LogProcess, LogRequest
+from gcs.flightlog.reader import read_log
+from gcs.flightlog.records import RunEnd
+from gcs.flightlog.run import run_of
+from gcs.mission.file import load_mission
+from gcs.viewer.address import Address
+from tests.support.flight_logs import engaging, files_up_to, record_simulation
+from tests.support.paths import ROOT
+
+MISSION = load_mission("case2")
+RECORDS = 500
+KILLED = f"""
+import os, signal
+from pathlib import Path
+from agents.tape import Tick
+from tests.gcs.flight.test_log_process import opened
+log = opened(Path({{path!r}}))
+for number in range({RECORDS}):
+    log.write(1, number + 1, number, Tick(float(number)))
+log.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def opened(path: Path) -> LogProcess:
+    log = LogProcess(LogRequest(MISSION, path))
+    run = run_of(MISSION, MISSION.ids, seed=0, source="flight", speed=1.0, began_s=0.0, duration_s=1.0)
+    log.write(0, 0, 0, run)
+    return log
+
+
+def test_a_flight_is_written_as_if_by_its_own_process(tmp_path: Path) -> None:
+    record_simulation(engaging(), tmp_path / "direct.mcap", duration_s=20.0)
+    direct = read_log(tmp_path / "direct.mcap")
+    log = LogProcess(LogRequest(MISSION, tmp_path / "sent.mcap"))
+    for vehicle_id, records in {0: direct.run_records, **direct.vehicles}.items():
+        for record in records:
+            log.write(vehicle_id, record.plain()["number"], record.time_ns, record.read(record.kind))
+    log.close()
+    sent = read_log(log.path or Path())
+    assert (log.fault, sent.faults) == ("", [])
+    assert log.size_bytes == (tmp_path / "sent.mcap").stat().st_size
+    assert sent.run == direct.run
+    assert {
+        i: [(each.kind, each.time_ns, each.payload) for each in records] for i, records in sent.vehicles.items()
+    } == {i: [(each.kind, each.time_ns, each.payload) for each in records] for i, records in direct.vehicles.items()}
+
+
+def test_a_log_is_completed_when_the_flying_process_is_killed(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    flying = subprocess.run([sys.executable, "-c", KILLED.format(path=str(path))], cwd=ROOT, check=False, timeout=60)
+    assert flying.returncode == -signal.SIGKILL
+    until(lambda: "it was never closed" not in str(read_log(path).faults))
+    assert [each.read(Tick).now_s for each in read_log(path).vehicles[1]] == list(range(RECORDS))
+
+
+def test_ctrl_c_is_left_to_the_flying_process(tmp_path: Path) -> None:
+    log = opened(tmp_path / "log.mcap")
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        log._process.send_signal(number)
+    log.write(0, 0, 0, RunEnd(1.0, 1.0))
+    log.close()
+    assert log.fault == ""
+    assert read_log(tmp_path / "log.mcap").end == RunEnd(1.0, 1.0)
+
+
+def test_a_log_whose_process_is_killed_ends_and_says_so(tmp_path: Path) -> None:
+    log = opened(tmp_path / "log.mcap")
+    log.write(1, 1, 0, Tick(0.0))
+    log._process.kill()
+    log._process.wait()
+    for number in range(RECORDS):
+        log.write(1, number, number, Tick(float(number)))
+    assert log.fault == "the process that writes it has ended"
+    log.close()
+
+
+def test_a_disk_that_is_full_is_told(tmp_path: Path) -> None:
+    with files_up_to(1000):
+        log = opened(tmp_path / "log.mcap")
+    for number in range(RECORDS):
+        log.write(1, number, number, Tick(number * 0.123456789))
+    log.flush()
+    until(lambda: log.fault != "")
+    assert log.fault == "File too large"
+    log.close()
+
+
+def test_a_record_that_its_type_does_not_permit_costs_no_other(tmp_path: Path) -> None:
+    log = opened(tmp_path / "log.mcap")
+    log.write(1, 1, 0, Tick("now"))  # type: ignore[arg-type]
+    log.write(1, 2, 0, Tick(1.0))
+    log.close()
+    assert log.fault.startswith("a Tick could not be written: ValidationError: Expected `float`, got `str`")
+    assert [each.read(Tick) for each in read_log(tmp_path / "log.mcap").vehicles[1]] == [Tick(1.0)]
+
+
+def test_an_address_that_is_taken_refuses_the_flight_and_leaves_no_file(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        request = LogRequest(MISSION, tmp_path / "log.mcap", Address("127.0.0.1", taken.getsockname()[1]))
+        with pytest.raises(VehicleRefusedError, match="--live: cannot listen") as refusal:
+            LogProcess(request)
+    assert "--live-address" in refusal.value.next_step
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "log.mcap").write_text("kept")
+    with pytest.raises(FileExistsError):
+        opened(tmp_path / "log.mcap")
+    assert (tmp_path / "log.mcap").read_text() == "kept"
