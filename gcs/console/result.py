@@ -1,6 +1,6 @@
 """The result of a flight, as it is shown to people and to the shell."""
 
-from gcs.console.live import summary
+from gcs.console.summary import summary
 from gcs.console.terminal import STDERR
 from gcs.errors import Exit
 from gcs.metrics.metrics import evaluate

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.live import VERDICT_SIGNS
+from gcs.console.summary import VERDICT_SIGNS
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, FieldDifference
 from gcs.replay.cores import Difference, Failure, Moment, Replay, VehicleReplay
 from gcs.replay.input_text import input_text, mission_time

@@ -8,7 +8,8 @@ from io import StringIO
 import pytest
 from rich.console import Console, RenderableType
 
-from gcs.console.live import LiveRow, LiveView, live_table, plain_line, summary
+from gcs.console.live import LiveRow, LiveView, live_table, plain_line
+from gcs.console.summary import summary
 from gcs.metrics.result import (
     EstimatedVehicleResult,
     EstimateResult,

@@ -1,0 +1,141 @@
+"""Terminal output of a result: verdicts with their measurements, and a table of the vehicles."""
+
+from collections.abc import Sequence
+
+from rich.console import Group, JustifyMethod, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from gcs.console.live import TACTIC_STYLES, number
+from gcs.metrics.result import EstimateResult, FlightResult, VehicleResult, reference_line
+from gcs.metrics.reynolds_view import reynolds_grid
+
+VERDICT_SIGNS = {True: ("✓", "bold green"), False: ("✗", "bold red"), None: ("–", "dim")}
+VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+    ("", "right"),
+    ("final\ntactic", "left"),
+    ("engaged\n[s]", "right"),
+    ("radius\nrms [m]", "right"),
+    ("radius\nmax [m]", "right"),
+    ("mean rate\n[rad/s]", "right"),
+    ("rate rms\n[rad/s]", "right"),
+    ("speed rms\n[m/s]", "right"),
+    ("spacing\nrms [m]", "right"),
+)
+
+
+def summary(result: FlightResult) -> RenderableType:
+    """Return a flight's result for a terminal: verdicts with their measurements, and a table of the vehicles."""
+    flocking = reynolds_grid(result.reynolds)
+    return Group(
+        _headline(result),
+        _verdict_table(result),
+        Text(),
+        _vehicle_table(result),
+        *(() if result.estimate is None else (_estimate_line(result.estimate),)),
+        *(() if flocking is None else (Text(), flocking, Text())),
+        _loop_line(result),
+    )
+
+
+def _headline(result: FlightResult) -> Text:
+    factor = "" if result.realtime_factor is None else f" ({result.realtime_factor:.3g}× real time)"
+    took = "" if result.wall_time_s is None else f" in {result.wall_time_s:.1f} s{factor}"
+    source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
+    reference = f"\n{reference_line(result)}"
+    return Text.assemble((result.mission, "bold"), (source, "dim"), (reference, "dim"))
+
+
+def _verdict_table(result: FlightResult) -> Table:
+    meanings = {
+        "C1": ("radius", _worst("error {} m rms", [v.radius_error_rms_m for v in result.vehicles])),
+        "C2": ("angular rate", _rates(result)),
+        "C3": ("spacing", _spacing(result)),
+        "formation": ("", _formation(result)),
+        "separation": ("", _worst("closest approach {} m", [result.closest_approach_m])),
+    }
+    table = Table.grid(padding=(0, 2))
+    for name, holds in result.verdicts.named().items():
+        sign, style = VERDICT_SIGNS[holds]
+        meaning, evidence = meanings[name]
+        table.add_row(Text(sign, style=style), Text(f"{name} {meaning}".strip()), Text(evidence, style="dim"))
+    return table
+
+
+def _rates(result: FlightResult) -> str:
+    means = [v.angular_rate_mean_rad_s for v in result.vehicles if v.angular_rate_mean_rad_s is not None]
+    if not means:
+        return ""
+    low, high = f"{min(means):.4f}", f"{max(means):.4f}"
+    return f"mean {low} rad/s" if low == high else f"means {low} to {high} rad/s"
+
+
+def _spacing(result: FlightResult) -> str:
+    ring = result.ring
+    parts = []
+    if ring.spacing_error_rms_deg is not None and ring.spacing_error_max_deg is not None:
+        parts.append(f"error {ring.spacing_error_rms_deg:.2f}° rms, {ring.spacing_error_max_deg:.2f}° max")
+    if ring.settling_time_s is not None:
+        parts.append(f"settled after {ring.settling_time_s:.1f} s")
+    elif result.window_s is not None:
+        parts.append("did not settle")
+    return "; ".join(parts)
+
+
+def _formation(result: FlightResult) -> str:
+    speed = _worst("speed error {} m/s rms", [v.formation_speed_error_rms_m_s for v in result.vehicles])
+    spacing = _worst("spacing error {} m rms", [v.formation_spacing_error_rms_m for v in result.vehicles])
+    return ", ".join(filter(None, [speed, spacing]))
+
+
+def _worst(sentence: str, values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return sentence.format(f"{max(known):.3f}") if known else ""
+
+
+def _vehicle_table(result: FlightResult) -> Table:
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    for name, justify in VEHICLE_COLUMNS:
+        table.add_column(Text(name), justify=justify, no_wrap=True)
+    for vehicle in result.vehicles:
+        table.add_row(*_vehicle_cells(vehicle))
+    return table
+
+
+def _vehicle_cells(vehicle: VehicleResult) -> tuple[Text, ...]:
+    return (
+        Text(str(vehicle.id), style="bold"),
+        Text(vehicle.tactic, style=TACTIC_STYLES.get(vehicle.tactic, "")),
+        Text(number(vehicle.engaged_at_s, ".1f")),
+        Text(number(vehicle.radius_error_rms_m, ".3f")),
+        Text(number(vehicle.radius_error_max_m, ".3f")),
+        Text(number(vehicle.angular_rate_mean_rad_s, "+.4f")),
+        Text(number(vehicle.angular_rate_error_rms_rad_s, ".4f")),
+        Text(number(vehicle.formation_speed_error_rms_m_s, ".3f")),
+        Text(number(vehicle.formation_spacing_error_rms_m, ".3f")),
+    )
+
+
+def _estimate_line(estimate: EstimateResult) -> Text:
+    """Return the worst figures by the vehicles' estimates, beside those by truth."""
+    rates = [v.angular_rate_mean_rad_s for v in estimate.vehicles if v.angular_rate_mean_rad_s is not None]
+    spacing = estimate.ring.spacing_error_rms_deg
+    parts = [
+        _worst("radius error {} m rms", [v.radius_error_rms_m for v in estimate.vehicles]),
+        f"rates {min(rates):.4f} to {max(rates):.4f} rad/s" if rates else "",
+        "" if spacing is None else f"spacing error {spacing:.2f}° rms",
+        _worst("closest approach {} m", [estimate.closest_approach_m]),
+        _worst("estimated positions {} m rms off", [v.estimate_error_rms_m for v in estimate.vehicles]),
+    ]
+    return Text(f"by the vehicles' estimates: {', '.join(filter(None, parts))}")
+
+
+def _loop_line(result: FlightResult) -> Text:
+    loop = result.loop
+    parts = [f"{loop.rate_hz:g} Hz, {loop.ticks} ticks, {loop.missed} missed"]
+    if loop.tick_p50_us is not None and loop.tick_p99_us is not None:
+        parts.append(f"a tick took {loop.tick_p50_us:.0f} µs (median), {loop.tick_p99_us:.0f} µs (99 %)")
+    if result.guard_interventions is not None:
+        causes = ", ".join(f"{cause} {count}" for cause, count in result.guard_causes.items())
+        parts.append(f"guard interventions: {result.guard_interventions}" + (f" ({causes})" if causes else ""))
+    return Text("; ".join(parts), style="dim")
