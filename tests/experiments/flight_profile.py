@@ -44,7 +44,6 @@ COLUMNS = (
     "late p99, ms",
     "tick, us",
     "memory, MB",
-    "threads",
     "start-up, s",
     "log, MB",
 )
@@ -52,22 +51,20 @@ COLUMNS = (
 
 @dataclass
 class Usage:
-    """What a process used at the last look: processor seconds, memory [MB] and threads."""
+    """What a process used at the last look: processor seconds and memory [MB]."""
 
     cpu_s: float = 0.0
     memory_mb: float = 0.0
-    threads: int = 0
 
 
 @dataclass(frozen=True)
 class Profile:
-    """One flight: cores and memory of all its processes but the stubs', the flying process's threads, wall seconds."""
+    """One flight: cores and memory of all its processes but the stubs'; times are wall seconds."""
 
     vehicles: int
     cores: float
     stub_cores: float
     memory_mb: float
-    threads: int
     missed: int
     ticks: int
     late_p50_ms: float
@@ -82,7 +79,7 @@ class Profile:
         share = self.missed / max(self.missed + self.ticks, 1)
         return (
             f"| {self.vehicles} | {self.cores:.2f} | {self.stub_cores:.2f} | {share:.2%} | {self.late_p50_ms:.1f} |"
-            f" {self.late_p99_ms:.1f} | {self.tick_p50_us:.0f} | {self.memory_mb:.0f} | {self.threads} |"
+            f" {self.late_p99_ms:.1f} | {self.tick_p50_us:.0f} | {self.memory_mb:.0f} |"
             f" {self.start_up_s:.1f} | {self.log_mb:.1f} |"
         )
 
@@ -112,7 +109,6 @@ def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Pro
             sum(cores[name] for name in CORDON),
             cores["stubs"],
             sum(usage[name].memory_mb for name in CORDON),
-            usage["flying"].threads,
             loop["missed"],
             loop["ticks"],
             float(np.percentile(late_ms, 50)),
@@ -141,9 +137,7 @@ def followed(flight: "subprocess.Popen[bytes]") -> tuple[dict[str, Usage], dict[
             try:
                 with process.oneshot():
                     times, memory = process.cpu_times(), process.memory_info().rss / 1e6
-                    usage[name] = Usage(
-                        times.user + times.system, max(memory, usage[name].memory_mb), process.num_threads()
-                    )
+                    usage[name] = Usage(times.user + times.system, max(memory, usage[name].memory_mb))
             except psutil.Error:
                 continue
         looks.append((time.monotonic(), {name: each.cpu_s for name, each in usage.items()}))
