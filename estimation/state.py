@@ -59,7 +59,7 @@ class Sighting(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         xx, xy, yy = self.covariance_m2
         _require_finite("sighting", self.time_s, *self.position_m, xx, xy, yy, self.importance, self.threat)
-        if not (xx > 0.0 and xx * yy - xy**2 > 0.0):
+        if not (xx > 0.0 and xx * yy - xy * xy > 0.0):  # `xy**2` raises where it overflows
             raise ValueError(f"sighting covariance {self.covariance_m2} is not positive definite")
         if not (0.0 <= self.importance <= 1.0 and 0.0 <= self.threat <= 1.0):
             raise ValueError(f"importance {self.importance} and threat {self.threat} must lie in [0, 1]")
