@@ -15,6 +15,7 @@ from gcs.console.printable import Printable, printable_lines
 RowT = TypeVar("RowT")
 
 PLAIN_INTERVAL_S = 30.0
+NO_HINT = Text()
 REFRESH_HZ = 4.0
 BATTERY_LOW, BATTERY_CRITICAL = 0.35, 0.2
 TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
@@ -68,7 +69,7 @@ class TableView(Generic[RowT]):
         self._table = table
         self._line = line
         self._interval_s = interval_s
-        self._shown: tuple[Sequence[RowT], float, str, str] = ((), 0.0, "", "")
+        self._shown: tuple[Sequence[RowT], float, str, Text] = ((), 0.0, "", NO_HINT)
         self._printed_s: float | None = None
         self._live: Live | None = None
         if console.is_terminal and not console.is_dumb_terminal:
@@ -97,7 +98,7 @@ class TableView(Generic[RowT]):
         """Whether the table is drawn on a terminal."""
         return self._live is not None
 
-    def update(self, rows: Sequence[RowT], mission_time_s: float, message: str = "", hint: str = "") -> None:
+    def update(self, rows: Sequence[RowT], mission_time_s: float, message: str = "", hint: Text = NO_HINT) -> None:
         """Show the team at a mission time; a terminal shows the hint below the table."""
         self._shown = (tuple(rows), mission_time_s, message, hint)
         if self._live is None and self._line_is_due(mission_time_s):
@@ -115,7 +116,7 @@ class TableView(Generic[RowT]):
         rows, time_s, message, hint = self._shown
         table = self._table(rows, time_s, message)
         # A live view is drawn past the console's own hooks.
-        return Printable(Group(table, Text(hint, style="dim")) if hint else Group(table))
+        return Printable(Group(table, hint) if hint else Group(table))
 
 
 class LiveView(TableView[LiveRow]):

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from itertools import count
 from math import degrees
 
+from rich.text import Text
+
 from agents.outputs import CoreStatus
 from agents.shell.computer import short_of
 from gcs.console.live import LiveRow
@@ -23,7 +25,7 @@ _COMPUTER_EVERY = 25
 class Watch:
     """Shows a team in its live view. `report` receives findings, `hint` returns what is shown below the table."""
 
-    def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], str]) -> None:
+    def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], Text]) -> None:
         self._team = team
         self._report = report
         self._hint = hint

@@ -7,6 +7,7 @@ from io import StringIO
 
 import pytest
 from rich.console import Console, RenderableType
+from rich.text import Text
 
 from gcs.console.live import LiveRow, LiveView, live_table, plain_line
 from gcs.console.summary import summary
@@ -118,9 +119,9 @@ def test_a_terminal_gets_a_table_drawn_over_and_left_standing() -> None:
 def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
     console, output = terminal()
     with LiveView(console) as view:
-        view.update(ROWS, 1.0, "flying", "h hold")
+        view.update(ROWS, 1.0, "flying", Text("h hold"))
         view.print_line("0.5 s: vehicle 1: [holds]")
-        view.update(ROWS, 1.1, "flying", "h hold")
+        view.update(ROWS, 1.1, "flying", Text("h hold"))
     told = output.getvalue()
     assert told.index("[holds]") < told.index("1.1 s") < told.rindex("h hold")
     assert told.rindex("flying") < told.rindex("h hold")
@@ -129,7 +130,7 @@ def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
 def test_elsewhere_there_are_news_but_no_hints() -> None:
     console, output = plain()
     with LiveView(console) as view:
-        view.update((), 1.0, "", "h hold")
+        view.update((), 1.0, "", Text("h hold"))
         view.print_line("0.5 s: vehicle 1: [holds]")
     assert output.getvalue() == "t=1.0s\n0.5 s: vehicle 1: [holds]\n"
 
