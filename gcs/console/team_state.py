@@ -1,13 +1,16 @@
 """State of a running team from its bus messages: the latest of each vehicle, and the changes between them."""
 
 from collections import OrderedDict, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import hypot
 
 from agents.drops import NO_DROPS, Drops
 from agents.orders import REFUSED
+from agents.safety.fence import Fence
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
 from gcs.console.advice import Severity, severity
+from gcs.mission.geometry import Place, nearest_other
 
 SILENT_AFTER_S = 1.0
 """Vehicles send five messages or more per second of mission time, which is at least as fast as the wall clock."""
@@ -17,7 +20,10 @@ EVENTS_KEPT, COMMANDS_KEPT = 100, 1000
 
 @dataclass(frozen=True, slots=True)
 class WatchRow:
-    """The latest state that one vehicle sent; None where it sent none. `age_s` is the age of the message [wall s]."""
+    """The latest state that one vehicle sent; None where it sent none. `age_s` is the age of the message [wall s].
+
+    `nearest_m` is the horizontal distance to the nearest other vehicle, `fence_m` that to the fence, negative outside.
+    """
 
     vehicle_id: int
     age_s: float | None = None
@@ -28,11 +34,24 @@ class WatchRow:
     angular_rate_rad_s: float | None = None
     alert: str = ""
     drops: Drops = NO_DROPS
+    speed_m_s: float | None = None
+    nearest_id: int | None = None
+    nearest_m: float | None = None
+    fence_m: float | None = None
 
     @property
     def silent(self) -> bool:
         """Whether its messages have stopped."""
         return self.age_s is not None and self.age_s > SILENT_AFTER_S
+
+    @property
+    def note(self) -> str:
+        """What else than its alert there is to say."""
+        if self.age_s is None:
+            return "not received"
+        silent = f"no messages for {self.age_s:.0f} s, last tactic {self.tactic}" if self.silent else ""
+        dropped = f"messages dropped: {self.drops.text()}" if self.drops.total else ""
+        return ", ".join(filter(None, [silent, dropped]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +79,13 @@ class _LatestMessages:
 
 @dataclass(slots=True)
 class TeamState:
-    """The state of a team from its bus messages, and the events since the last call of `new_events`."""
+    """The state of a team from its bus messages, and the events since the last call of `new_events`.
+
+    `fences` are those of the vehicles that have one.
+    """
 
     vehicle_ids: Sequence[int]
+    fences: Mapping[int, Fence] = field(default_factory=dict)
     _latest: dict[int, _LatestMessages] = field(default_factory=dict)
     _known: OrderedDict[tuple[object, ...], None] = field(default_factory=OrderedDict)
     _events: deque[TeamEvent] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
@@ -84,7 +107,13 @@ class TeamState:
 
     def rows(self, now_s: float) -> list[WatchRow]:
         """Return a row for each vehicle of the mission."""
-        return [self._row(each, now_s) for each in sorted(self.vehicle_ids)]
+        places_m = {each: latest.state.position_m for each, latest in self._latest.items()}
+        return [self._row(each, now_s, places_m) for each in sorted(self.vehicle_ids)]
+
+    def ring_members(self, now_s: float) -> int:
+        """Return how many vehicles fly on the ring, of those whose messages have not stopped."""
+        heard = (each for each in self._latest.values() if now_s - each.received_s <= SILENT_AFTER_S)
+        return sum(each.state.angle is not None for each in heard)
 
     def new_events(self, now_s: float) -> list[TeamEvent]:
         """Return the events since the last call."""
@@ -129,11 +158,12 @@ class TeamState:
             if len(self._known) > COMMANDS_KEPT:
                 self._known.popitem(last=False)
 
-    def _row(self, vehicle_id: int, now_s: float) -> WatchRow:
+    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place]) -> WatchRow:
         latest = self._latest.get(vehicle_id)
         if latest is None:
             return WatchRow(vehicle_id)
         state, angle = latest.state, latest.state.angle
+        nearest, fence = nearest_other(vehicle_id, places_m), self.fences.get(vehicle_id)
         return WatchRow(
             vehicle_id,
             now_s - latest.received_s,
@@ -144,4 +174,8 @@ class TeamState:
             None if angle is None else angle.angular_rate_rad_s,
             state.alert,
             state.drops,
+            hypot(*state.velocity_m_s),
+            None if nearest is None else nearest[0],
+            None if nearest is None else nearest[1],
+            None if fence is None else fence.clearance_m(state.position_m),
         )

@@ -81,7 +81,7 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(
             view, "update", lambda rows, *_: team.tactics.update({row.vehicle_id: row.tactic for row in rows})
         )
-        monkeypatch.setattr(view, "print_line", team.said.append)
+        monkeypatch.setattr(view, "print_line", lambda text, *_: team.said.append(text))
         async with served(stub_configs(mission), speed):
             plan = FlightPlan(mission, 120.0, mission.vehicles, stubs=False, speed=speed)
             team.flight = asyncio.create_task(fly(plan, view))
