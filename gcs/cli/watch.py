@@ -33,7 +33,7 @@ def watch(*, options: WatchOptions = _DEFAULTS) -> Exit:
 
     mission = bus_mission(options.mission)
     try:
-        with WatchView(STDERR) as view:
+        with WatchView(STDERR, mission.safety.separation_m) as view:
             asyncio.run(watch_until_ctrl_c(mission, view))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)

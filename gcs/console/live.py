@@ -1,41 +1,63 @@
 """Terminal output of a flight: the live table of the team."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import Self
 
-from rich.console import Console, Group, JustifyMethod, RenderableType
-from rich.live import Live
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.printable import Printable, printable_lines
-
-RowT = TypeVar("RowT")
+from gcs.console.advice import Severity
+from gcs.console.table_view import (
+    STYLES,
+    ControlCode,
+    TableForm,
+    TableView,
+    apart_cell,
+    fence_cell,
+    graded,
+    number,
+    tactic_cell,
+    vehicle_cell,
+)
 
 PLAIN_INTERVAL_S = 30.0
-REFRESH_HZ = 4.0
 BATTERY_LOW, BATTERY_CRITICAL = 0.35, 0.2
-TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
+LINK_OLD_S = 1.0
 MODE_STYLES = {"offboard": "green", "hold": "yellow", "land": "yellow", "return": "yellow", "unknown": "dim"}
+BRACKET_PASTES, DO_NOT_BRACKET_PASTES = "\x1b[?2004h", "\x1b[?2004l"
+"""Asks the terminal to say where pasted text begins and ends, or not to."""
 LIVE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("", "right"),
     ("tactic", "left"),
     ("mode", "left"),
+    ("height\n[m]", "right"),
+    ("speed\n[m/s]", "right"),
+    ("near\n[m]", "right"),
+    ("fence\n[m]", "right"),
+    ("link\n[s]", "right"),
+    ("GPS\n(sat)", "right"),
+    ("batt", "right"),
     ("r\n[m]", "right"),
+)
+WIDE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("ω\n[rad/s]", "right"),
     ("lead\n[°]", "right"),
     ("lag\n[°]", "right"),
-    ("batt", "right"),
 )
+"""What 80 columns have no room for."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveRow:
     """One vehicle at one time; None where a value does not apply or is not known.
 
-    `spacing_lead_deg` and `spacing_lag_deg` are the angles to the neighbours on the ring; `battery` is a fraction.
+    `nearest_m` is the horizontal distance to the nearest other vehicle, too close below `separation_m`; `fence_m` is
+    that to the fence, negative outside. `link_age_s` is the age of the newest telemetry [wall s]; `gps` the fix and the
+    satellites. `spacing_lead_deg` and `spacing_lag_deg` are the angles to the neighbours on the ring; `battery` is a
+    fraction. `ending` says what became of a vehicle whose flight is over, empty before.
     """
 
     vehicle_id: int
@@ -48,74 +70,16 @@ class LiveRow:
     spacing_lag_deg: float | None = None
     battery: float | None = None
     note: str = ""
-
-
-class TableView(Generic[RowT]):
-    """A live table on a terminal; elsewhere a line of text every `interval_s` at most.
-
-    Use it as a context manager. `update` only stores the rows: the table is drawn four times a second.
-    """
-
-    def __init__(
-        self,
-        console: Console,
-        table: Callable[[Sequence[RowT], float, str], RenderableType],
-        line: Callable[[Sequence[RowT], float, str], str],
-        interval_s: float = PLAIN_INTERVAL_S,
-    ) -> None:
-        """Prepare to draw on `console`, normally standard error's, tables or lines made of rows, time and message."""
-        self._console = console
-        self._table = table
-        self._line = line
-        self._interval_s = interval_s
-        self._shown: tuple[Sequence[RowT], float, str, str] = ((), 0.0, "", "")
-        self._printed_s: float | None = None
-        self._live: Live | None = None
-        if console.is_terminal and not console.is_dumb_terminal:
-            self._live = Live(
-                console=console,
-                get_renderable=self._render,
-                refresh_per_second=REFRESH_HZ,
-                redirect_stdout=False,
-            )
-
-    def __enter__(self) -> Self:
-        """Start drawing."""
-        if self._live is not None:
-            self._live.start(refresh=False)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Draw the newest state once more and leave it on the screen."""
-        if self._live is not None:
-            self._live.stop()
-
-    @property
-    def is_live(self) -> bool:
-        """Whether the table is drawn on a terminal."""
-        return self._live is not None
-
-    def update(self, rows: Sequence[RowT], mission_time_s: float, message: str = "", hint: str = "") -> None:
-        """Show the team at a mission time; a terminal shows the hint below the table."""
-        self._shown = (tuple(rows), mission_time_s, message, hint)
-        if self._live is None and self._line_is_due(mission_time_s):
-            self._printed_s = mission_time_s
-            self.print_line(self._line(rows, mission_time_s, message))
-
-    def print_line(self, text: str) -> None:
-        """Print a permanent line above the table."""
-        self._console.print(printable_lines(text), markup=False, highlight=False, soft_wrap=True)
-
-    def _line_is_due(self, now_s: float) -> bool:
-        return self._printed_s is None or not 0.0 <= now_s - self._printed_s < self._interval_s
-
-    def _render(self) -> RenderableType:
-        rows, time_s, message, hint = self._shown
-        table = self._table(rows, time_s, message)
-        # A live view is drawn past the console's own hooks.
-        return Printable(Group(table, Text(hint, style="dim")) if hint else Group(table))
+    alert: str = ""
+    height_m: float | None = None
+    speed_m_s: float | None = None
+    nearest_id: int | None = None
+    nearest_m: float | None = None
+    separation_m: float = 0.0
+    fence_m: float | None = None
+    link_age_s: float | None = None
+    gps: str = "–"
+    ending: str = ""
 
 
 class LiveView(TableView[LiveRow]):
@@ -123,21 +87,39 @@ class LiveView(TableView[LiveRow]):
 
     def __init__(self, console: Console) -> None:
         """Prepare to draw on `console`, normally standard error's."""
-        super().__init__(console, live_table, plain_line)
+        super().__init__(console, TableForm(live_table, plain_line, "ENDED", PLAIN_INTERVAL_S))
+
+    def __enter__(self) -> Self:
+        """Start drawing; from now on the terminal marks pasted text."""
+        if self.is_live:
+            self._console.print(ControlCode(BRACKET_PASTES), end="")
+        return super().__enter__()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Draw the newest state as the flight's last, and restore the terminal."""
+        super().__exit__(kind, error, trace)
+        if self.is_live:
+            self._console.print(ControlCode(DO_NOT_BRACKET_PASTES), end="")
 
 
-def live_table(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> RenderableType:
-    """Return the table of a team at a mission time."""
-    clock = f"{mission_time_s:.1f} s"
-    table = Table(
-        title=clock, title_justify="left", title_style="bold", box=None, pad_edge=False, collapse_padding=True
-    )
-    for name, justify in LIVE_COLUMNS:
+def flight_title(mission: str, time_s: float | None, duration_s: float, ring_members: int, vehicles: int) -> str:
+    """Return the title of a flight at a mission time, None before its start."""
+    clock = "before the start" if time_s is None else f"T+{time_s:.1f} s, {max(duration_s - time_s, 0.0):.0f} s left"
+    return f"{mission}  {clock}  ring {ring_members} of {vehicles}"
+
+
+def live_table(rows: Sequence[LiveRow], wide: bool, closed: bool) -> Table:
+    """Return the table of a team; of one that is closed no vehicle is shown as flying."""
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
+    for name, justify in (*LIVE_COLUMNS, *(WIDE_COLUMNS if wide else ())):
         table.add_column(Text(name), justify=justify, no_wrap=True)
-    table.add_column("")
     for row in rows:
-        table.add_row(*_cells(row), style="" if row.connected else "dim")
-    return Group(table, Text(message, style="yellow")) if message else table
+        over = closed or bool(row.ending)
+        cells = _cells(row, wide, over)
+        table.add_row(*([Text(cell.plain) for cell in cells] if over else cells), style="dim" if over else "")
+    return table
 
 
 def plain_line(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> str:
@@ -145,23 +127,42 @@ def plain_line(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> 
     return " | ".join([f"t={mission_time_s:.1f}s", *map(_plain_vehicle, rows), *filter(None, [message])])
 
 
-def _cells(row: LiveRow) -> tuple[Text, ...]:
-    mode = Text(row.mode, style=MODE_STYLES.get(row.mode, "")) if row.connected else Text("no link", style="bold red")
-    return (
-        Text(str(row.vehicle_id), style="bold"),
-        Text(row.tactic, style=TACTIC_STYLES.get(row.tactic, "")),
-        mode,
+def _cells(row: LiveRow, wide: bool, over: bool) -> list[Text]:
+    silent: Severity = "alarm" if row.link_age_s is not None and row.link_age_s > LINK_OLD_S else "information"
+    cells = [
+        vehicle_cell(row, over),
+        Text("ended") if over else tactic_cell(row.tactic, wide),
+        Text(row.ending or "unknown") if over else _mode(row),
+        Text(number(row.height_m, ".1f")),
+        Text(number(row.speed_m_s, ".1f")),
+        apart_cell(row.nearest_m, row.nearest_id, row.separation_m, wide),
+        fence_cell(row.fence_m),
+        graded(row.link_age_s, ".1f", silent),
+        Text(row.gps),
+        graded(row.battery, ".0%", _battery_severity(row.battery)),
         Text(number(row.radius_m, ".2f")),
-        Text(number(row.angular_rate_rad_s, "+.3f")),
-        Text(number(row.spacing_lead_deg, ".1f")),
-        Text(number(row.spacing_lag_deg, ".1f")),
-        Text(number(row.battery, ".0%"), style=_battery_style(row.battery)),
-        Text(row.note, style="yellow"),
-    )
+    ]
+    if wide:
+        cells += [
+            Text(number(row.angular_rate_rad_s, "+.3f")),
+            Text(number(row.spacing_lead_deg, ".1f")),
+            Text(number(row.spacing_lag_deg, ".1f")),
+        ]
+    return cells
+
+
+def _mode(row: LiveRow) -> Text:
+    if row.connected:
+        return Text(row.mode, style=MODE_STYLES.get(row.mode, ""))
+    return Text("NO LINK", style=STYLES["alarm"])
 
 
 def _plain_vehicle(row: LiveRow) -> str:
     numbers = (
+        ("height", row.height_m, ".1f", "m"),
+        ("speed", row.speed_m_s, ".1f", "m/s"),
+        ("near", row.nearest_m, ".1f", "m"),
+        ("fence", row.fence_m, ".1f", "m"),
         ("r", row.radius_m, ".2f", "m"),
         ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
         ("lead", row.spacing_lead_deg, ".1f", "deg"),
@@ -169,16 +170,12 @@ def _plain_vehicle(row: LiveRow) -> str:
         ("battery", row.battery, ".0%", ""),
     )
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    parts = [f"#{row.vehicle_id}", row.tactic, row.mode if row.connected else "no-link", *known, row.note]
+    mode = row.ending or (row.mode if row.connected else "no-link")
+    parts = [f"#{row.vehicle_id}", "ended" if row.ending else row.tactic, mode, *known, row.alert, row.note]
     return " ".join(filter(None, parts))
 
 
-def _battery_style(battery: float | None) -> str:
+def _battery_severity(battery: float | None) -> Severity:
     if battery is None or battery >= BATTERY_LOW:
-        return ""
-    return "bold red" if battery < BATTERY_CRITICAL else "yellow"
-
-
-def number(value: float | None, form: str) -> str:
-    """Return a number in a format, a dash for None."""
-    return "–" if value is None else format(value, form)
+        return "information"
+    return "alarm" if battery < BATTERY_CRITICAL else "warning"

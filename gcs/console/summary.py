@@ -6,7 +6,7 @@ from rich.console import Group, JustifyMethod, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.live import TACTIC_STYLES, number
+from gcs.console.table_view import TACTIC_STYLES, number
 from gcs.metrics.result import EstimateResult, FlightResult, VehicleResult, reference_line
 from gcs.metrics.reynolds_view import reynolds_grid
 

@@ -1,11 +1,16 @@
 """State of a running team from its bus messages: the latest of each vehicle, and the changes between them."""
 
 from collections import OrderedDict, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import hypot
 
 from agents.drops import NO_DROPS, Drops
+from agents.orders import REFUSED
+from agents.safety.fence import Fence
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
+from gcs.console.advice import Severity, severity
+from gcs.mission.geometry import Place, nearest_other
 
 SILENT_AFTER_S = 1.0
 """Vehicles send five messages or more per second of mission time, which is at least as fast as the wall clock."""
@@ -15,7 +20,10 @@ EVENTS_KEPT, COMMANDS_KEPT = 100, 1000
 
 @dataclass(frozen=True, slots=True)
 class WatchRow:
-    """The latest state that one vehicle sent; None where it sent none. `age_s` is the age of the message [wall s]."""
+    """The latest state that one vehicle sent; None where it sent none. `age_s` is the age of the message [wall s].
+
+    `nearest_m` is the horizontal distance to the nearest other vehicle, `fence_m` that to the fence, negative outside.
+    """
 
     vehicle_id: int
     age_s: float | None = None
@@ -26,11 +34,38 @@ class WatchRow:
     angular_rate_rad_s: float | None = None
     alert: str = ""
     drops: Drops = NO_DROPS
+    speed_m_s: float | None = None
+    nearest_id: int | None = None
+    nearest_m: float | None = None
+    fence_m: float | None = None
 
     @property
     def silent(self) -> bool:
         """Whether its messages have stopped."""
         return self.age_s is not None and self.age_s > SILENT_AFTER_S
+
+    @property
+    def note(self) -> str:
+        """What else than its alert there is to say."""
+        if self.age_s is None:
+            return "not received"
+        silent = f"no messages for {self.age_s:.0f} s, last tactic {self.tactic}" if self.silent else ""
+        dropped = f"messages dropped: {self.drops.text()}" if self.drops.total else ""
+        return ", ".join(filter(None, [silent, dropped]))
+
+
+@dataclass(frozen=True, slots=True)
+class TeamEvent:
+    """Something that the team's messages, or their absence, show; `vehicle_id` is None for a command to all."""
+
+    vehicle_id: int | None
+    text: str
+    severity: Severity = "information"
+
+    @property
+    def line(self) -> str:
+        """The event as text, with the vehicle that it is about."""
+        return self.text if self.vehicle_id is None else f"vehicle {self.vehicle_id}: {self.text}"
 
 
 @dataclass(slots=True)
@@ -44,12 +79,16 @@ class _LatestMessages:
 
 @dataclass(slots=True)
 class TeamState:
-    """The state of a team from its bus messages, and the events since the last call of `new_events`."""
+    """The state of a team from its bus messages, and the events since the last call of `new_events`.
+
+    `fences` are those of the vehicles that have one.
+    """
 
     vehicle_ids: Sequence[int]
+    fences: Mapping[int, Fence] = field(default_factory=dict)
     _latest: dict[int, _LatestMessages] = field(default_factory=dict)
     _known: OrderedDict[tuple[object, ...], None] = field(default_factory=OrderedDict)
-    _events: deque[str] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
+    _events: deque[TeamEvent] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
 
     @property
     def any_received(self) -> bool:
@@ -68,14 +107,21 @@ class TeamState:
 
     def rows(self, now_s: float) -> list[WatchRow]:
         """Return a row for each vehicle of the mission."""
-        return [self._row(each, now_s) for each in sorted(self.vehicle_ids)]
+        places_m = {each: latest.state.position_m for each, latest in self._latest.items()}
+        return [self._row(each, now_s, places_m) for each in sorted(self.vehicle_ids)]
 
-    def new_events(self, now_s: float) -> list[str]:
-        """Return the events since the last call, as text."""
+    def ring_members(self, now_s: float) -> int:
+        """Return how many vehicles fly on the ring, of those whose messages have not stopped."""
+        heard = (each for each in self._latest.values() if now_s - each.received_s <= SILENT_AFTER_S)
+        return sum(each.state.angle is not None for each in heard)
+
+    def new_events(self, now_s: float) -> list[TeamEvent]:
+        """Return the events since the last call."""
         for vehicle_id, latest in sorted(self._latest.items()):
             if now_s - latest.received_s > SILENT_AFTER_S and not latest.silence_reported:
                 latest.silence_reported = True
-                self._events.append(f"vehicle {vehicle_id}: no messages, last tactic {latest.state.tactic}")
+                text = f"no messages, last tactic {latest.state.tactic}"
+                self._events.append(TeamEvent(vehicle_id, text, "warning"))
         events = list(self._events)
         self._events.clear()
         return events
@@ -83,15 +129,17 @@ class TeamState:
     def _receive_state(self, state: MemberState, now_s: float) -> None:
         last = self._latest.get(state.sender)
         self._latest[state.sender] = _LatestMessages(state, now_s)
-        name = f"vehicle {state.sender}"
         if last is None:
-            self._events.append(f"{name}: connected, tactic {state.tactic}")
+            self._add(state, f"connected, tactic {state.tactic}")
         elif last.silence_reported:
-            self._events.append(f"{name}: messages restored")
+            self._add(state, "messages restored")
         if last is not None and state.tactic != last.state.tactic:
-            self._events.append(f"{name}: {last.state.tactic} -> {state.tactic}")
+            self._add(state, f"{last.state.tactic} -> {state.tactic}")
         if state.alert != ("" if last is None else last.state.alert):
-            self._events.append(f"{name}: {f'alert: {state.alert}' if state.alert else 'alert cleared'}")
+            self._add(state, f"alert: {state.alert}" if state.alert else "alert cleared", severity(state.alert))
+
+    def _add(self, state: MemberState, text: str, how_grave: Severity = "information") -> None:
+        self._events.append(TeamEvent(state.sender, text, how_grave))
 
     def _receive_command(self, message: OperatorCommand | CommandAnswer) -> None:
         """Add commands and answers once; they are repeated on the bus."""
@@ -99,20 +147,23 @@ class TeamState:
             key: tuple[object, ...] = (message.number,)
             receiver = "all vehicles" if message.vehicle is None else f"vehicle {message.vehicle}"
             text = f"command from {message.origin} to {receiver}: {message.verb}"
+            event = TeamEvent(None, text, "warning" if message.verb == "kill" else "information")
         else:
             key = (message.number, message.sender, message.did)
-            text = f"vehicle {message.sender} answers: {message.did}"
+            how_grave: Severity = "warning" if message.did.startswith(REFUSED) else "information"
+            event = TeamEvent(message.sender, f"answers: {message.did}", how_grave)
         if key not in self._known:
             self._known[key] = None
-            self._events.append(text)
+            self._events.append(event)
             if len(self._known) > COMMANDS_KEPT:
                 self._known.popitem(last=False)
 
-    def _row(self, vehicle_id: int, now_s: float) -> WatchRow:
+    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place]) -> WatchRow:
         latest = self._latest.get(vehicle_id)
         if latest is None:
             return WatchRow(vehicle_id)
         state, angle = latest.state, latest.state.angle
+        nearest, fence = nearest_other(vehicle_id, places_m), self.fences.get(vehicle_id)
         return WatchRow(
             vehicle_id,
             now_s - latest.received_s,
@@ -123,4 +174,8 @@ class TeamState:
             None if angle is None else angle.angular_rate_rad_s,
             state.alert,
             state.drops,
+            hypot(*state.velocity_m_s),
+            None if nearest is None else nearest[0],
+            None if nearest is None else nearest[1],
+            None if fence is None else fence.clearance_m(state.position_m),
         )

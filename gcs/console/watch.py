@@ -3,17 +3,29 @@
 import asyncio
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from time import monotonic
 
-from rich.console import Console, Group, JustifyMethod, RenderableType
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
 from agents.team.messages import BusMessage
-from gcs.console.live import TACTIC_STYLES, TableView, number
+from gcs.console.table_view import (
+    STYLES,
+    TableForm,
+    TableView,
+    apart_cell,
+    fence_cell,
+    graded,
+    number,
+    tactic_cell,
+    vehicle_cell,
+)
 from gcs.console.team_missions import TeamMissions
 from gcs.console.team_state import TeamState, WatchRow
 from gcs.console.watched_bus import WatchedBus
+from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
 from gcs.signals import relay
 
@@ -24,21 +36,24 @@ _COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("", "right"),
     ("tactic", "left"),
     ("age\n[s]", "right"),
+    ("height\n[m]", "right"),
+    ("speed\n[m/s]", "right"),
+    ("near\n[m]", "right"),
+    ("fence\n[m]", "right"),
     ("x\n[m]", "right"),
     ("y\n[m]", "right"),
-    ("height\n[m]", "right"),
     ("r\n[m]", "right"),
     ("ω\n[rad/s]", "right"),
-    ("", "left"),
 )
 
 
 class WatchView(TableView[WatchRow]):
     """The table of a watched team; without a terminal a line every 5 s, and one for each event."""
 
-    def __init__(self, console: Console) -> None:
-        """Prepare to draw on `console`, normally standard error's."""
-        super().__init__(console, watch_table, watch_line, PLAIN_INTERVAL_S)
+    def __init__(self, console: Console, separation_m: float = 0.0) -> None:
+        """Prepare to draw on `console`, normally standard error's; vehicles that are nearer are too close."""
+        form = TableForm(partial(watch_table, separation_m), watch_line, "NOT WATCHED ANY MORE", PLAIN_INTERVAL_S)
+        super().__init__(console, form)
 
 
 async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
@@ -55,7 +70,8 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     Raises InputError when this computer has no keys to listen with, VehicleRefusedError when the team flies another
     mission.
     """
-    team, missions, began_s = TeamState(mission.ids), TeamMissions(mission), monotonic()
+    limits = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
+    team, missions, began_s = TeamState(mission.ids, limits), TeamMissions(mission), monotonic()
 
     def take(message: BusMessage) -> None:
         team.receive(message, monotonic())
@@ -66,29 +82,30 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
             await bus.follow()
             now_s = monotonic()
             missions.require_same()
-            for line in team.new_events(now_s):
-                view.print_line(line)
+            for event in team.new_events(now_s):
+                view.print_line(event.line, event.severity)
             message = bus.refusal or missions.difference or _message(mission, team, now_s - began_s)
-            view.update(team.rows(now_s), now_s - began_s, message)
+            title = watch_title(mission, now_s - began_s, team.ring_members(now_s))
+            view.update(team.rows(now_s), now_s - began_s, message, title=title)
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
 
 
-def watch_table(rows: Sequence[WatchRow], watched_s: float, message: str) -> RenderableType:
+def watch_title(mission: Mission, watched_s: float, ring_members: int) -> str:
+    """Return the title of a watched team."""
+    ring = f"ring {ring_members} of {len(mission.vehicles)}"
+    return f"{mission.mission.name}  watched for {watched_s:.0f} s  {ring}"
+
+
+def watch_table(separation_m: float, rows: Sequence[WatchRow], wide: bool, closed: bool) -> Table:
     """Return the table of a team from its latest messages."""
-    table = Table(
-        title=f"watched for {watched_s:.0f} s",
-        title_justify="left",
-        title_style="bold",
-        box=None,
-        pad_edge=False,
-        collapse_padding=True,
-    )
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
     for name, justify in _COLUMNS:
         table.add_column(Text(name), justify=justify, no_wrap=True)
     for row in rows:
-        table.add_row(*_cells(row), style="dim" if row.silent or row.age_s is None else "")
-    return Group(table, Text(message, style="yellow")) if message else table
+        old = closed or row.silent or row.age_s is None
+        table.add_row(*_cells(row, separation_m, wide, closed), style="dim" if old else "")
+    return table
 
 
 def watch_line(rows: Sequence[WatchRow], watched_s: float, message: str) -> str:
@@ -103,18 +120,20 @@ def _message(mission: Mission, team: TeamState, watched_s: float) -> str:
     return f"waiting for team {mission.network.team}{silence}"
 
 
-def _cells(row: WatchRow) -> tuple[Text, ...]:
+def _cells(row: WatchRow, separation_m: float, wide: bool, closed: bool) -> tuple[Text, ...]:
     x_m, y_m = (None, None) if row.position_m is None else row.position_m
     return (
-        Text(str(row.vehicle_id), style="bold"),
-        Text(row.tactic, style=TACTIC_STYLES.get(row.tactic, "")),
-        Text(number(row.age_s, ".1f"), style="bold red" if row.silent else ""),
+        vehicle_cell(row, closed),
+        Text("silent", style=STYLES["alarm"]) if row.silent else tactic_cell(row.tactic, wide),
+        graded(row.age_s, ".1f", "alarm" if row.silent else "information"),
+        Text(number(row.altitude_m, ".1f")),
+        Text(number(row.speed_m_s, ".1f")),
+        apart_cell(row.nearest_m, row.nearest_id, separation_m, wide),
+        fence_cell(row.fence_m),
         Text(number(x_m, ".1f")),
         Text(number(y_m, ".1f")),
-        Text(number(row.altitude_m, ".1f")),
         Text(number(row.radius_m, ".2f")),
         Text(number(row.angular_rate_rad_s, "+.3f")),
-        Text(_remark(row), style="yellow"),
     )
 
 
@@ -124,15 +143,12 @@ def _plain(row: WatchRow) -> str:
     x_m, y_m = row.position_m
     numbers = (
         ("height", row.altitude_m, ".1f", "m"),
+        ("speed", row.speed_m_s, ".1f", "m/s"),
+        ("near", row.nearest_m, ".1f", "m"),
+        ("fence", row.fence_m, ".1f", "m"),
         ("r", row.radius_m, ".2f", "m"),
         ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
     )
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    parts = [f"#{row.vehicle_id}", row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", *known, _remark(row)]
+    parts = [f"#{row.vehicle_id}", row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", *known, row.alert, row.note]
     return " ".join(filter(None, parts))
-
-
-def _remark(row: WatchRow) -> str:
-    silent = f"no messages for {row.age_s:.0f} s" if row.silent else "" if row.age_s is not None else "not received"
-    dropped = f"dropped: {row.drops.text()}" if row.drops.total else ""
-    return ", ".join(filter(None, [silent, row.alert, dropped]))

@@ -134,7 +134,7 @@ async def _fly_members(team: Team, watch: Watch) -> dict[int, Outcome]:
         outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
     finally:
         watching.cancel()
-        watch.show_events()
+        watch.end()
     return {member.vehicle.id: outcome for member, outcome in zip(team.members, outcomes, strict=True)}
 
 

@@ -3,10 +3,14 @@
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 
+from rich.text import Text
+
 from agents.ports import PeerBus
+from agents.tactics import Tactic
 from agents.team.participant import Participant
-from gcs.console.key_commands import KeyCommands
-from gcs.console.keyboard import Keyboard
+from gcs.console.keyboard.bindings import KeyBindings
+from gcs.console.keyboard.commands import KeyCommands
+from gcs.console.keyboard.keyboard import Keyboard
 from gcs.console.team_bus import guest_bus
 from gcs.errors import InputError
 from gcs.flight.team import Team
@@ -15,13 +19,13 @@ from gcs.keys.identity import Identity, user_name
 _HERE_ONLY = "keys command the vehicles of this process only: it has no operator's keys for the others"
 
 
-async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[], str]:
+async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[], Text]:
     """Let keys command the team until the stack ends; return what is shown about it below the table.
 
     Without a terminal nothing is read. Raises VehicleRefusedError when the bus to other vehicles cannot be opened.
     """
     if not team.view.is_live:
-        return str
+        return Text
     identity, bus = Identity(Participant("operator", user_name())), None
     if len(team.members) < len(team.plan.mission.vehicles):
         try:
@@ -30,9 +34,18 @@ async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[],
             team.view.print_line(f"{_HERE_ONLY}: {error}")
         else:
             bus = await _opened(team, identity, stack)
-    commands = KeyCommands(team.agents, team.clock, identity.participant.name, bus)
-    keyboard = stack.enter_context(Keyboard(commands.press))
-    return (lambda: commands.hint) if keyboard.active else str
+    here = [member.vehicle.id for member in team.members]
+    bindings = KeyBindings(here if bus is None else team.plan.mission.ids)
+    commands = KeyCommands(team.agents, team.clock, identity.participant.name, bus, bindings, lambda: _piloted(team))
+    keyboard = stack.enter_context(Keyboard(commands.press, commands.ignore_paste))
+    return (lambda: commands.hint) if keyboard.active else Text
+
+
+def _piloted(team: Team) -> set[int]:
+    """Return the vehicles that pilots have, of this process and of others."""
+    latest, pilot = team.journal.latest.values(), Tactic.PILOT_OVERRIDE
+    here = {status.vehicle_id for status in latest if status.tactic is pilot}
+    return here | {peer.sender for status in latest for peer in status.peers if peer.tactic == pilot.value}
 
 
 async def _opened(team: Team, identity: Identity, stack: AsyncExitStack) -> PeerBus:

@@ -1,15 +1,23 @@
 """The live view of a flight: the team's state, its events and late findings, several times a second."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import count
-from math import degrees
+from math import degrees, hypot
+
+from rich.text import Text
 
 from agents.outputs import CoreStatus
+from agents.ports import VehicleStatus
 from agents.shell.computer import short_of
-from gcs.console.live import LiveRow
+from agents.shell.life import Phase
+from gcs.console.advice import event_severity
+from gcs.console.live import LiveRow, flight_title
+from gcs.console.table_view import NO_HINT
 from gcs.flight.team import Member, Team
 from gcs.metrics.event_log import event_line
+from gcs.metrics.record import FlightEvent
+from gcs.mission.geometry import Place, fences, nearest_other
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.senders import impostor, moved
 from gcs.preflight.vehicle import clock_lag
@@ -23,10 +31,13 @@ _COMPUTER_EVERY = 25
 class Watch:
     """Shows a team in its live view. `report` receives findings, `hint` returns what is shown below the table."""
 
-    def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], str]) -> None:
+    def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], Text]) -> None:
         self._team = team
         self._report = report
         self._hint = hint
+        mission = team.plan.mission
+        self._fences = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
+        self._over: dict[int, set[str]] = {member.vehicle.id: set() for member in team.members}
         self._log_fault = ""
         self._links_reported: dict[int, tuple[int, int]] = {}
         self._lags_reported = {member.vehicle.id for member in team.members}  # they share this computer's clock
@@ -38,22 +49,42 @@ class Watch:
                 self._check_computer()
             self._report_clocks()
             self._report_senders()
-            self.show_events()
+            self._show_events()
             self._report_log_fault()
-            self._update()
+            self._update(self._hint())
             await asyncio.sleep(_PERIOD_S)
 
-    def show_events(self) -> None:
+    def end(self) -> None:
+        """Show how every vehicle ended, and the last events."""
+        self._show_events()
+        self._update(NO_HINT)
+
+    def _show_events(self) -> None:
         """Print the events since the last time."""
         for event in self._team.journal.new_events():
-            self._team.view.print_line(event_line(event, self._team.start_s))
+            self._note_alert(event)
+            line = event_line(event, self._team.start_s)
+            self._team.view.print_line(line, event_severity(event.kind, event.text))
 
-    def _update(self) -> None:
-        team = self._team
-        mission_time_s = 0.0 if team.start_s is None else max(team.clock.now_s() - team.start_s, 0.0)
-        message = "holding and landing; Ctrl-C once more: land at once" if team.stop.wanted.is_set() else ""
-        rows = [_row(member, team.journal.latest.get(member.vehicle.id)) for member in team.members]
-        team.view.update(rows, mission_time_s, message, self._hint())
+    def _note_alert(self, event: FlightEvent) -> None:
+        """Remember which conditions are over of those that a vehicle still names as its alert until it resumes."""
+        if event.kind == "failsafe" and event.vehicle in self._over:
+            alert, _, then = event.text.partition(": ")
+            over = self._over[event.vehicle]
+            (over.add if then.startswith("cleared") else over.discard)(alert)
+
+    def _update(self, hint: Text) -> None:
+        team, mission = self._team, self._team.plan.mission
+        time_s = None if team.start_s is None else max(team.clock.now_s() - team.start_s, 0.0)
+        latest = team.journal.latest
+        places_m = _places_m(latest.values())
+        rows = [self._row(member, latest.get(member.vehicle.id), places_m) for member in team.members]
+        flying = any(not row.ending for row in rows)
+        message = "holding and landing; Ctrl-C once more: land at once" if flying and team.stop.wanted.is_set() else ""
+        title = flight_title(
+            mission.mission.name, time_s, team.plan.duration_s, _ring_members(latest.values()), len(mission.vehicles)
+        )
+        team.view.update(rows, time_s or 0.0, message, hint, title)
 
     def _check_computer(self) -> None:
         log = self._team.plan.log
@@ -88,25 +119,79 @@ class Watch:
             if len(link.moves) > known[1]:
                 self._report([moved(subject, link)])
 
+    def _row(self, member: Member, status: CoreStatus | None, places_m: Mapping[int, Place]) -> LiveRow:
+        vehicle, vehicle_id, ending = member.link.status, member.vehicle.id, _ending(member)
+        fence, place_m = self._fences.get(vehicle_id), places_m.get(vehicle_id)
+        nearest = nearest_other(vehicle_id, places_m)
+        polar, place = (None, None) if status is None else (status.polar, status.place)
+        situation = None if status is None else status.situation
+        alert = "" if status is None or ending else status.alert
+        is_over = alert in self._over[vehicle_id]
+        return LiveRow(
+            vehicle_id=vehicle_id,
+            tactic="-" if status is None else status.tactic.value,
+            mode=vehicle.mode.value,
+            connected=vehicle.connected,
+            radius_m=None if polar is None else polar.radius_m,
+            angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
+            spacing_lead_deg=None if place is None or place.lead_rad is None else degrees(place.lead_rad),
+            spacing_lag_deg=None if place is None or place.lag_rad is None else degrees(place.lag_rad),
+            battery=vehicle.battery,
+            note="" if status is None or ending else _remark(status, alert if is_over else ""),
+            alert="" if is_over else alert,
+            height_m=None if situation is None else situation.height_m,
+            speed_m_s=None if status is None or status.motion is None else hypot(*status.motion[2:].tolist()),
+            nearest_id=None if nearest is None else nearest[0],
+            nearest_m=None if nearest is None else nearest[1],
+            separation_m=self._team.plan.mission.safety.separation_m,
+            fence_m=None if fence is None or place_m is None else fence.clearance_m(place_m),
+            link_age_s=self._link_age_s(member),
+            gps=_gps(vehicle),
+            ending=ending,
+        )
 
-def _row(member: Member, status: CoreStatus | None) -> LiveRow:
-    vehicle = member.link.status
-    polar = None if status is None else status.polar
-    place = None if status is None else status.place
-    return LiveRow(
-        vehicle_id=member.vehicle.id,
-        tactic="-" if status is None else status.tactic.value,
-        mode=vehicle.mode.value,
-        connected=vehicle.connected,
-        radius_m=None if polar is None else polar.radius_m,
-        angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
-        spacing_lead_deg=None if place is None or place.lead_rad is None else degrees(place.lead_rad),
-        spacing_lag_deg=None if place is None or place.lag_rad is None else degrees(place.lag_rad),
-        battery=vehicle.battery,
-        note="" if status is None else _remark(status),
-    )
+    def _link_age_s(self, member: Member) -> float | None:
+        """Return the age of a vehicle's newest telemetry [wall s]."""
+        motion, clock = member.link.motion, self._team.clock
+        return None if motion is None else max(clock.now_s() - motion.time_s, 0.0) / clock.speed
 
 
-def _remark(status: CoreStatus) -> str:
+def _places_m(latest: Iterable[CoreStatus]) -> dict[int, Place]:
+    """Return where all vehicles are, as they know themselves, or as the others have received it."""
+    places_m: dict[int, Place] = {}
+    for status in latest:
+        places_m |= {peer.sender: peer.position_m for peer in status.peers if peer.sender not in places_m}
+    for status in latest:
+        if status.motion is not None:
+            x, y, *_ = status.motion.tolist()
+            places_m[status.vehicle_id] = (x, y)
+    return places_m
+
+
+def _ring_members(latest: Iterable[CoreStatus]) -> int:
+    here = {status.vehicle_id for status in latest if status.place is not None}
+    return len(here.union(*(status.angles for status in latest)))
+
+
+def _ending(member: Member) -> str:
+    """Return what became of a vehicle whose flight is over, by its own autopilot; empty before."""
+    if member.agent.phase is not Phase.ENDED:
+        return ""
+    status = member.link.status
+    if not status.connected:
+        return "no link"
+    return "handed over" if status.armed else "disarmed"
+
+
+def _gps(vehicle: VehicleStatus) -> str:
+    """Return the fix, or what disturbs it, and the satellites; a dash where the mission needs no GPS."""
+    if vehicle.gps_dimensions is None:
+        return "–"
+    fix = vehicle.gps_threat.value or (f"{vehicle.gps_dimensions}D" if vehicle.gps_dimensions else "none")
+    return f"{fix} {vehicle.satellites or 0}"
+
+
+def _remark(status: CoreStatus, over: str) -> str:
+    ended = f"{over} is over: resume continues the mission" if over else ""
     dropped = f"messages dropped: {status.drops.text()}" if status.drops.total else ""
-    return ", ".join(filter(None, [status.alert, status.slowed, dropped]))
+    return ", ".join(filter(None, [ended, status.slowed, dropped]))

@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.live import number
+from gcs.console.table_view import number
 from gcs.replay.estimates import FilterFigures
 from gcs.replay.what_if import WhatIf
 

@@ -11,8 +11,8 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from estimation.state import Vector
-from gcs.console.live import number
 from gcs.console.summary import VERDICT_SIGNS
+from gcs.console.table_view import number
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.result import FlightResult, ReynoldsResult, RingReference, VehicleResult
 from gcs.metrics.reynolds_view import FLOCKING_FORMS, FLOCKING_LABELS

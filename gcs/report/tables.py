@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.state import Vector
-from gcs.console.live import number
+from gcs.console.table_view import number
 from gcs.metrics.record import FlightEvent
 from gcs.metrics.result import FlightResult
 from gcs.metrics.reynolds_view import FLOCKING_LABELS, flocking_cells, phases

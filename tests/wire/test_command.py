@@ -81,7 +81,7 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(
             view, "update", lambda rows, *_: team.tactics.update({row.vehicle_id: row.tactic for row in rows})
         )
-        monkeypatch.setattr(view, "print_line", team.said.append)
+        monkeypatch.setattr(view, "print_line", lambda text, *_: team.said.append(text))
         async with served(stub_configs(mission), speed):
             plan = FlightPlan(mission, 120.0, mission.vehicles, stubs=False, speed=speed)
             team.flight = asyncio.create_task(fly(plan, view))
@@ -260,10 +260,19 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await until(lambda: list(tactics.values()) == ["hold"] * 2)
             await until(lambda: bool(re.search("vehicle 1: hold by [^ ]+: holds", terminal.text)))
             await until(lambda: "vehicle 2: answers: holds" in terminal.text)
-            terminal.type("k")
-            await until(lambda: "cut all motors?" in terminal.text)
+            watch.vehicles[2].select(NavMode.HOLD)  # its pilot
+            await until(lambda: tactics[2] == "pilot override" and "2: hold -> pilot override" in terminal.text)
+            await by_hand(terminal, "rrr")
+            await until(lambda: "take vehicle 2 from the pilot?" in terminal.text)
+            await by_hand(terminal, "kkkkkk")
+            await until(lambda: "cut the motors of 3 vehicles" in terminal.text)
+            terminal.type("kkkkyyyy")
+            await until(lambda: "pasted" in terminal.text)
+            assert tactics == {2: "pilot override", 3: "hold"}
             assert all(vehicle.armed for vehicle in watch.vehicles.values())
-            terminal.type("y")
+            await by_hand(terminal, "2ry")
+            await until(lambda: tactics == {2: "formation", 3: "hold"})
+            await by_hand(terminal, "kkill\n")
             await until(lambda: not any(vehicle.armed for vehicle in watch.vehicles.values()))
             outcomes = (await flight).outcomes
             assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
@@ -292,6 +301,12 @@ async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mi
         assert told in terminal.text
     finally:
         terminal.close()
+
+
+async def by_hand(terminal: "Terminal", keys: str) -> None:
+    for key in keys:
+        terminal.type(key)
+        await asyncio.sleep(0.05)
 
 
 class Terminal:

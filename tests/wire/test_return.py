@@ -29,7 +29,7 @@ class Terminal:
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
         patch.setattr(view, "update", lambda rows, *_: self.tactics.update({r.vehicle_id: r.tactic for r in rows}))
-        patch.setattr(view, "print_line", self.said.append)
+        patch.setattr(view, "print_line", lambda text, *_: self.said.append(text))
         plan = FlightPlan(mission, 400.0, tuple(vehicles), stubs=False, speed=SPEED)
         self.flight: asyncio.Task[Flight] = asyncio.create_task(fly(plan, view))
 

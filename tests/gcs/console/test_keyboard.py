@@ -8,44 +8,216 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from gcs.console.keyboard import HINT, KILL_CONFIRMED_WITHIN_S, KeyBindings, Keyboard
+from agents.team.codec import decode
+from agents.team.messages import OperatorCommand
+from gcs.console.keyboard.bindings import (
+    ANSWERED_WITHIN_S,
+    DIGITS_WITHIN_S,
+    SELECTED_FOR_S,
+    KeyBindings,
+    KeyedCommand,
+)
+from gcs.console.keyboard.commands import KeyCommands
+from gcs.console.keyboard.keyboard import Keyboard
 from tests.support.paths import ROOT
 
 WAIT_S = 20.0
 
 
-def test_a_key_is_a_verb_and_a_kill_takes_two(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, list[str]], ...] = (
-        ("hrlta", ["hold", "resume", "land", "rtl", "abort"]),
-        ("k", []),
-        ("kk", ["kill"]),
-        ("ky", ["kill"]),
-        ("kn", []),
-        ("knk", []),
-        ("kh", ["hold"]),
+TEAM = (1, 2, 3)
+BY_HAND_S = 0.15
+
+
+def commands(
+    keys: str, *, every_s: float = BY_HAND_S, team: Sequence[int] = TEAM, piloted: Collection[int] = ()
+) -> list[tuple[str, int | None]]:
+    """Return the commands of keys that are pressed one after the other: verbs and vehicles."""
+    bindings = KeyBindings(team)
+    given: list[tuple[str, int | None]] = []
+    for number, key in enumerate(keys):
+        command = bindings.press(key, 100.0 + number * every_s, piloted)
+        if command is not None:
+            given.append((command.verb, command.vehicle))
+    return given
+
+
+def test_keys_and_what_confirms_them(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+        ("hra", [("hold", None), ("resume", None), ("abort", None)]),
+        ("ly", [("land", None)]),
+        ("ty", [("rtl", None)]),
+        ("l", []),
+        ("ll", []),
+        ("ln", []),
+        ("lny", []),
+        ("lh", [("hold", None)]),
+        ("ta", [("abort", None)]),
+        ("kkill\n", [("kill", None)]),
+        ("kkill", []),
+        ("kkil\n", []),
+        ("kky", []),
+        ("kkih", [("hold", None)]),
+        ("kkl", []),
+        ("2kkl", []),
+        ("2kkk3l", [("land", 3)]),
         ("y", []),
-        ("kkk", ["kill"]),
+        ("kill\n", []),
         ("xyzHKQ\n ", []),
+        ("2h", [("hold", 2)]),
+        ("2hh", [("hold", 2), ("hold", None)]),
+        ("2l3t", [("land", 2), ("rtl", 3)]),
+        ("2kkill\n", [("kill", 2)]),
+        ("2\x1bh", [("hold", None)]),
+        ("20h", [("hold", None)]),
+        ("23h", [("hold", 3)]),
+        ("2ly", [("land", 2)]),
+        ("9h", [("hold", None)]),
     )
-    for pressed, verbs in rows:
-        with subtests.test(pressed=pressed, verbs=verbs):
-            meaning = KeyBindings()
-            assert [verb for key in pressed if (verb := meaning.press(key, 1.0)) is not None] == verbs
+    for keys, given in rows:
+        with subtests.test(keys=keys):
+            assert commands(keys) == given
 
 
-@pytest.mark.parametrize(
-    ("after_s", "verb"), [(KILL_CONFIRMED_WITHIN_S, "kill"), (KILL_CONFIRMED_WITHIN_S + 0.01, None)]
-)
-def test_a_kill_is_confirmed_in_time_or_not_at_all(after_s: float, verb: str | None) -> None:
-    meaning = KeyBindings()
-    meaning.press("k", 10.0)
-    assert "motors" in meaning.hint(10.0)
-    assert (meaning.hint(10.0 + after_s) == HINT) == (verb is None)
-    assert meaning.press("y", 10.0 + after_s) == verb
+def test_digits_select_vehicles_of_two_digits(subtests: pytest.Subtests) -> None:
+    many = (1, 2, 10, 12, 31)
+    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+        ("12h", [("hold", 12)]),
+        ("1h", [("hold", 1)]),
+        ("10h", [("hold", 10)]),
+        ("112h", [("hold", 12)]),
+        ("3h", []),
+        ("31h", [("hold", 31)]),
+    )
+    for keys, given in rows:
+        with subtests.test(keys=keys):
+            assert commands(keys, team=many) == given
+    assert commands("12h", team=many, every_s=DIGITS_WITHIN_S + 0.1) == [("hold", 2)]
+
+
+def test_a_selection_is_for_the_next_command_and_does_not_last() -> None:
+    bindings = KeyBindings(TEAM)
+    bindings.press("2", 10.0)
+    assert "vehicle 2" in bindings.hint(10.0)
+    assert "vehicle 2" not in bindings.hint(10.0 + SELECTED_FOR_S)
+    assert bindings.press("h", 10.0 + SELECTED_FOR_S) == KeyedCommand("hold", None)
+
+
+@pytest.mark.parametrize("key", "kltr")
+@pytest.mark.parametrize("every_s", [0.01, 0.033, 0.5])
+def test_a_key_that_is_held_down_confirms_nothing(key: str, every_s: float) -> None:
+    assert commands(key * 1000, every_s=every_s, piloted=(2,)) == []
+
+
+@pytest.mark.parametrize("text", ["kkkkyyyy", "kkill\n", "kkill\nkkill\n", "lyly", "tyty", "ryry", "2kkill\n", "2lll"])
+def test_pasted_text_that_arrives_key_by_key_confirms_nothing(text: str) -> None:
+    assert commands(text, every_s=0.002, piloted=(2,)) == []
+    assert commands(text, every_s=0.0, piloted=(2,)) == []
+
+
+def test_a_paste_ends_an_open_question() -> None:
+    bindings = KeyBindings(TEAM)
+    bindings.press("l", 10.0)
+    bindings.ignore_paste(10.5)
+    assert "pasted" in bindings.hint(10.5)
+    assert bindings.press("y", 11.0) is None
+
+
+def test_a_vehicle_that_its_pilot_has_is_taken_back_only_when_that_is_confirmed(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+        ("r", []),
+        ("rr", []),
+        ("rrrr", []),
+        ("ry", [("resume", None)]),
+        ("2r", []),
+        ("2ry", [("resume", 2)]),
+        ("1r", [("resume", 1)]),
+    )
+    for keys, given in rows:
+        with subtests.test(keys=keys):
+            assert commands(keys, piloted=(2,)) == given
+
+
+def test_questions_name_what_they_are_about(subtests: pytest.Subtests) -> None:
+    rows = (
+        ("l", ("land", "3 vehicles", "y within 3 s")),
+        ("t", ("return", "3 vehicles", "y within 3 s")),
+        ("k", ("type kill", "motors", "3 vehicles")),
+        ("kki", ("type kill", "3 vehicles", ": ki")),
+        ("2k", ("type kill", "vehicle 2")),
+        ("2r", ("vehicle 2", "pilot", "y within 3 s")),
+    )
+    for keys, words in rows:
+        with subtests.test(keys=keys):
+            bindings = KeyBindings(TEAM)
+            for number, key in enumerate(keys):
+                bindings.press(key, 10.0 + number * BY_HAND_S, (2,))
+            hint = bindings.hint(11.0)
+            assert bindings.asks(11.0)
+            assert all(word in hint for word in words), hint
+            assert len(hint) <= 80
+
+
+@pytest.mark.parametrize("team", [TEAM, tuple(range(1, 33))])
+def test_the_hint_fits_eighty_columns(team: tuple[int, ...]) -> None:
+    bindings = KeyBindings(team)
+    assert len(bindings.hint(0.0)) <= 80
+    for number, key in enumerate(str(team[-1])):
+        bindings.press(key, number * BY_HAND_S)
+    assert str(team[-1]) in bindings.hint(1.0)
+    assert len(bindings.hint(1.0)) <= 80
+
+
+@pytest.mark.parametrize(("after_s", "confirms"), [(ANSWERED_WITHIN_S, True), (ANSWERED_WITHIN_S + 0.01, False)])
+def test_a_confirmation_comes_in_time_or_not_at_all(after_s: float, confirms: bool) -> None:
+    bindings = KeyBindings(TEAM)
+    bindings.press("t", 10.0)
+    assert bindings.asks(10.0 + after_s) == confirms
+    assert bindings.press("y", 10.0 + after_s) == (KeyedCommand("rtl", None) if confirms else None)
+
+
+class Agent:
+    """What a vehicle's agent takes from the keyboard."""
+
+    def __init__(self) -> None:
+        self.taken: list[tuple[str, int | None]] = []
+
+    def obey(self, command: OperatorCommand) -> None:
+        self.taken.append((command.verb, command.vehicle))
+
+
+class Bus:
+    """What is sent to the vehicles of other processes."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, int | None]] = []
+
+    def publish(self, _topic: str, payload: bytes) -> None:
+        command = decode(payload)
+        assert isinstance(command, OperatorCommand)
+        self.sent.append((command.verb, command.vehicle))
+
+
+async def test_a_command_is_repeated_until_a_newer_one_to_the_same_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs.console.keyboard.commands.REPEAT_S", 0.01)
+    agent, bus = Agent(), Bus()
+    agents, clock = cast(Any, [agent]), cast(Any, SimpleNamespace(now_s=lambda: 5.0))
+    keys = KeyCommands(agents, clock, "pat", cast(Any, bus), KeyBindings(TEAM), set)
+    for key in "2h3h":
+        keys.press(key)
+    await asyncio.sleep(0.2)
+    assert agent.taken == [("hold", 2), ("hold", 3)]
+    assert [bus.sent.count(("hold", vehicle)) for vehicle in (2, 3)] == [10, 10]
+    for key in "2ah":
+        keys.press(key)
+    await asyncio.sleep(0.2)
+    assert bus.sent.count(("abort", 2)) == 0, "the newer command is for all"
+    assert bus.sent.count(("hold", None)) == 10
 
 
 @pytest.fixture
@@ -62,13 +234,13 @@ def settings(fd: int) -> Sequence[object]:
 
 
 async def test_no_terminal_no_keys() -> None:
-    with (ROOT / "README.md").open(encoding="utf-8") as stream, Keyboard(print, stream) as keys:
+    with (ROOT / "README.md").open(encoding="utf-8") as stream, Keyboard(print, print, stream) as keys:
         assert not keys.active
 
 
 def test_a_terminal_that_is_another_jobs_is_left_alone(terminal: tuple[int, int]) -> None:
     async def look() -> bool:
-        with os.fdopen(os.dup(terminal[1])) as stream, Keyboard(print, stream) as keys:
+        with os.fdopen(os.dup(terminal[1])) as stream, Keyboard(print, print, stream) as keys:
             return keys.active
 
     before = settings(terminal[1])
@@ -78,7 +250,7 @@ def test_a_terminal_that_is_another_jobs_is_left_alone(terminal: tuple[int, int]
 
 PROGRAM = """
 import asyncio, fcntl, sys, termios
-from gcs.console.keyboard import Keyboard
+from gcs.console.keyboard.keyboard import Keyboard
 
 async def main():
     done = asyncio.Event()
@@ -91,7 +263,7 @@ async def main():
         if key == "e":
             loop.call_soon(task.cancel)
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
-    with Keyboard(press) as keys:
+    with Keyboard(press, lambda: print("pasted", flush=True)) as keys:
         print("active", keys.active, flush=True)
         await done.wait()
 
@@ -115,8 +287,15 @@ def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: 
             assert settings(person) != before, "keys would come line by line"
             os.write(person, b"h")
             heard += _read_until(person, "pressed h")
-            os.write(person, b"kkkkkkkk")  # pasted
+            os.write(person, b"kkkkyyyy")
+            heard += _read_until(person, "pasted")
             os.write(person, b"\x1b[A")  # an arrow
+            time.sleep(0.1)
+            for part in (b"\x1b[200~k", b"ki", b"ll", b"\n\x1b[2", b"01~"):  # as a terminal sends a paste slowly
+                os.write(person, part)
+                heard += _read_until(person, "pasted")
+            os.write(person, b"\x1b")
+            heard += _read_until(person, "pressed \x1b")
             heard += _press_until(person, ending, f"pressed {ending}")
             assert child.wait(WAIT_S) == code
         finally:

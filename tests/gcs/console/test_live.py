@@ -2,13 +2,17 @@
 
 import contextlib
 import re
+import time
+from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
 
 import pytest
 from rich.console import Console, RenderableType
+from rich.text import Text
 
-from gcs.console.live import LiveRow, LiveView, live_table, plain_line
+from agents.safety.failsafe import Condition
+from gcs.console.live import LiveRow, LiveView, flight_title, live_table, plain_line
 from gcs.console.summary import summary
 from gcs.metrics.result import (
     EstimatedVehicleResult,
@@ -23,10 +27,14 @@ from gcs.metrics.result import (
 )
 
 ROWS = (
-    LiveRow(1, "encircle", "offboard", True, 10.02, 0.0512, 119.24, 121.3, 0.83),
-    LiveRow(2, "encircle", "offboard", True, 9.97, -0.05, 120.8, 119.2, 0.31, "guard [pair 1]"),
-    LiveRow(3, "formation", "hold", False, battery=0.12, note="silent for 3 s"),
-)
+    LiveRow(
+        1, "encircle", "offboard", True, 10.02, 0.0512, 119.24, 121.3, 0.83,
+        height_m=8.04, speed_m_s=0.51, nearest_id=2, nearest_m=17.31, separation_m=3.0, fence_m=4.26, link_age_s=0.04,
+        gps="3D 12",
+    ),
+    LiveRow(2, "return and land", "offboard", True, 9.97, -0.05, 120.8, 119.2, 0.31, "ring [pair 1]"),
+    LiveRow(3, "formation", "hold", False, battery=0.12, alert="battery critical", link_age_s=3.2, fence_m=-0.5),
+)  # fmt: skip
 RESULT = FlightResult(
     mission="case2",
     seed=7,
@@ -68,40 +76,171 @@ def plain() -> tuple[Console, StringIO]:
     return Console(file=output, force_terminal=False, width=40), output
 
 
-def test_the_table_shows_every_number_with_its_unit_in_eighty_columns() -> None:
-    lines = rendered(live_table(ROWS, 123.4, "vehicle 3 lost: hold")).splitlines()
-    assert lines[0].strip() == "123.4 s"
-    assert lines[1].split() == ["r", "ω", "lead", "lag"]
-    assert lines[2].split() == ["tactic", "mode", "[m]", "[rad/s]", "[°]", "[°]", "batt"]
-    assert lines[3].split() == ["1", "encircle", "offboard", "10.02", "+0.051", "119.2", "121.3", "83%"]
-    assert "no link" in lines[-2]
-    assert lines[-2].count("–") == 4
-    assert "hold" not in lines[-2]
-    assert lines[-1].strip() == "vehicle 3 lost: hold"
+def shown_at(width: int, rows: Sequence[LiveRow] = ROWS, height: int = 24, closes: bool = False) -> list[str]:
+    """Return the lines of the newest frame, without colours."""
+    output = StringIO()
+    console = Console(file=output, force_terminal=True, width=width, height=height, _environ={})
+    view = LiveView(console)
+    with view:
+        view.update(rows, 12.0, "go", Text("h hold"), flight_title("case2", 12.0, 200.0, 2, 3))
+        frame = rendered(view._render(), width)
+        output.seek(output.truncate(0))
+    lines = output.getvalue() if closes else frame
+    return [line.rstrip() for line in re.sub(r"\x1b(7|\[[0-9;?]*[A-Za-z])", "", lines).replace("\r", "").splitlines()]
+
+
+def test_eighty_columns_show_what_an_operator_needs_with_its_unit() -> None:
+    lines = shown_at(80)
+    assert lines[0] == "case2  T+12.0 s, 188 s left  ring 2 of 3"
+    assert lines[1].split() == ["height", "speed", "near", "fence", "link", "GPS", "r"]
+    assert lines[2].split() == ["tactic", "mode", "[m]", "[m/s]", "[m]", "[m]", "[s]", "(sat)", "batt", "[m]"]
+    assert lines[3].split() == [
+        "1", "encircle", "offboard", "8.0", "0.5", "17.3", "4.3", "0.0", "3D", "12", "83%", "10.02",
+    ]  # fmt: skip
+    assert lines[4].split()[:2] == ["2", "return"]
+    assert lines[5].split()[:5] == ["!!3", "formation", "NO", "LINK", "–"]
+    assert {"-0.5!!", "3.2!!", "12%!!"} <= set(lines[5].split())
+    assert lines[6:] == [
+        "ALARM: vehicle 3: battery critical: it lands where it is: clear the place below",
+        "it",
+        "vehicle 2: ring [pair 1]",
+        "go",
+        "h hold",
+    ]
     assert max(map(len, lines)) <= 80
 
 
+def test_a_hundred_and_twenty_columns_show_everything() -> None:
+    lines = shown_at(120)
+    assert lines[1].split()[-4:] == ["r", "ω", "lead", "lag"]
+    assert lines[3].split() == [
+        "1", "encircle", "offboard", "8.0", "0.5", "17.3", "to", "2", "4.3", "0.0", "3D", "12", "83%",
+        "10.02", "+0.051", "119.2", "121.3",
+    ]  # fmt: skip
+    assert "return and land" in lines[4]
+    assert max(map(len, lines)) <= 120
+
+
+def test_the_widest_values_fit_eighty_columns() -> None:
+    widest = replace(
+        ROWS[0], vehicle_id=254, tactic="pilot override", mode="take-off", height_m=-123.4, speed_m_s=12.3,
+        nearest_m=2.9, fence_m=-123.4, link_age_s=99.9, gps="jammed 12", battery=0.12, radius_m=123.45,
+        alert="battery critical",
+    )  # fmt: skip
+    row = shown_at(80, [widest])[3]
+    assert row.split() == [
+        "!!254", "PILOT", "take-off", "-123.4", "12.3", "2.9!!", "-123.4!!", "99.9!!", "jammed", "12", "12%!!",
+        "123.45",
+    ]  # fmt: skip
+
+
+def test_a_team_that_is_too_large_for_the_screen_shows_those_with_alerts_and_the_hint() -> None:
+    rows = [replace(ROWS[0], vehicle_id=i, alert="battery low" if i in (20, 31) else "") for i in range(1, 33)]
+    lines = shown_at(80, rows)
+    assert len(lines) <= 24
+    ids = [line.split()[0] for line in lines if "encircle" in line]
+    assert ids == [*map(str, range(1, len(ids) - 1)), "!!20", "!!31"]
+    assert f"and {32 - len(ids)} more vehicles" in lines
+    assert "ALARM: vehicles 20, 31: battery low: it returns and lands: clear its landing" in lines
+    assert lines[-1] == "h hold"
+
+
+def test_many_alerts_leave_room_for_vehicles_and_the_hint() -> None:
+    alerts = [condition.value for condition in Condition]
+    rows = [replace(ROWS[0], vehicle_id=i, alert=alert, note="ring") for i, alert in enumerate(alerts, 1)]
+    lines = shown_at(80, rows)
+    assert len(lines) <= 24
+    assert lines[-1] == "h hold"
+    assert "encircle" in lines[3]
+    assert f"and {len(alerts) - 4} more alerts" in lines
+
+
 def test_brackets_in_a_note_are_no_markup() -> None:
-    assert "guard [pair 1]" in rendered(live_table(ROWS, 0.0, ""), width=120)
+    assert "vehicle 2: ring [pair 1]" in shown_at(120)
 
 
-def test_a_low_battery_is_coloured(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, str], ...] = (
-        (0.83, ""),
-        (0.35, ""),
-        (0.34, "\x1b[33m"),
-        (0.2, "\x1b[33m"),
-        (0.19, "\x1b[1;31m"),
+def test_after_the_end_nothing_is_shown_as_flying(subtests: pytest.Subtests) -> None:
+    down = [replace(row, ending="disarmed", alert="") for row in ROWS]
+    for rows, ending in ((down, "disarmed"), (ROWS, "unknown")):
+        with subtests.test(ending=ending):
+            lines = shown_at(80, rows, closes=True)
+            assert lines[0].startswith("ENDED  case2  T+12.0 s")
+            assert [line.split()[:3] for line in lines[3:6]] == [[f"{i}", "ended", ending] for i in (1, 2, 3)]
+            assert not any(word in "\n".join(lines) for word in ("offboard", "encircle", "ALARM", "h hold", "NO LINK"))
+
+
+def test_a_vehicle_that_is_down_is_shown_so_while_the_others_fly() -> None:
+    lines = shown_at(80, [ROWS[0], replace(ROWS[1], ending="disarmed")])
+    assert lines[3].split()[:3] == ["1", "encircle", "offboard"]
+    assert lines[4].split()[:3] == ["2", "ended", "disarmed"]
+
+
+def test_a_view_that_fails_before_it_shows_a_team_leaves_nothing() -> None:
+    console, output = terminal()
+    with contextlib.suppress(RuntimeError), LiveView(console) as view:
+        view.update([], 0.0, "looking for the vehicles")
+        output.seek(output.truncate(0))
+        raise RuntimeError("the flight failed")
+    assert "looking" not in output.getvalue()
+
+
+def test_a_number_has_the_colour_and_the_sign_of_its_severity(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[float, str, str], ...] = (
+        (0.83, "", ""),
+        (0.35, "", ""),
+        (0.34, "\x1b[33m", "!"),
+        (0.2, "\x1b[33m", "!"),
+        (0.19, "\x1b[1;31m", "!!"),
     )
-    for battery, style in rows:
+    for battery, style, sign in rows:
         with subtests.test(battery=battery, style=style):
-            told = rendered(live_table([replace(ROWS[0], battery=battery)], 0.0, ""), colour=True)
-            assert f"{style} {battery:.0%}" in told if style else f"\x1b[33m {battery:.0%}" not in told
+            told = rendered(live_table([replace(ROWS[0], battery=battery)], False, False), colour=True)
+            cell = re.search(rf"(\x1b\[[\d;]+m)? *{battery:.0%}(!*)", told)
+            assert cell is not None
+            assert (cell[1] or "", cell[2]) == (style, sign)
 
 
-def test_a_lost_link_is_red() -> None:
-    told = rendered(live_table([replace(ROWS[0], connected=False)], 0.0, ""), colour=True)
-    assert re.search(r"\x1b\[[\d;]*31m\s*no link", told)
+def test_a_lost_link_is_red_and_says_so() -> None:
+    told = rendered(live_table([replace(ROWS[0], connected=False)], False, False), colour=True)
+    assert re.search(r"\x1b\[[\d;]*31m\s*NO LINK", told)
+
+
+def test_events_and_alerts_have_the_colour_and_the_word_of_their_severity() -> None:
+    console, output = terminal()
+    with LiveView(console) as view:
+        view.print_line("1.0 s: vehicle 1: battery low", "alarm")
+        view.print_line("1.0 s: vehicle 1: peer silent", "warning")
+        view.print_line("1.0 s: vehicle 1: [holds]")
+        view.update([replace(ROWS[0], alert="peer silent")], 1.0)
+    told = output.getvalue()
+    assert "\x1b[1;31mALARM: 1.0 s: vehicle 1: battery low" in told
+    assert "\x1b[33mwarning: 1.0 s: vehicle 1: peer silent" in told
+    assert "\x1b[2K1.0 s: vehicle 1: [holds]" in told
+
+
+def test_the_bell_rings_once_for_each_new_alarm(subtests: pytest.Subtests) -> None:
+    def row(vehicle_id: int, alert: str) -> LiveRow:
+        return replace(ROWS[0], vehicle_id=vehicle_id, alert=alert)
+
+    console, output = terminal()
+    steps: tuple[tuple[list[LiveRow], int], ...] = (
+        ([row(1, ""), row(2, "")], 0),
+        ([row(1, "peer silent"), row(2, "")], 0),
+        ([row(1, "battery low"), row(2, "")], 1),
+        ([row(1, "battery low"), row(2, "")], 1),
+        ([row(1, "battery low"), row(2, "battery low")], 2),
+        ([row(1, ""), row(2, "battery low")], 2),
+        ([row(1, "battery low"), row(2, "battery low")], 3),
+    )
+    with LiveView(console) as view:
+        for rows, rung in steps:
+            with subtests.test(alerts=[each.alert for each in rows]):
+                view.update(rows, 1.0)
+                assert output.getvalue().count("\a") == rung
+    console, output = plain()
+    with LiveView(console) as view:
+        view.update([row(1, "battery low")], 1.0)
+    assert "\a" not in output.getvalue()
 
 
 def test_a_terminal_gets_a_table_drawn_over_and_left_standing() -> None:
@@ -112,24 +251,28 @@ def test_a_terminal_gets_a_table_drawn_over_and_left_standing() -> None:
     told = output.getvalue()
     assert "4.9 s" in told  # the newest state is drawn once more at the end
     assert told.count("flying") < 10  # and not every update on the way
-    assert told.rstrip().endswith("\x1b[?25h")  # the cursor is back
+    assert told.rindex("\x1b[?25h") > told.rindex("\x1b[?25l")  # the cursor is back
+    assert told.rindex("\x1b[?2004l") > told.rindex("\x1b[?2004h")  # pasted text is not marked any more
 
 
 def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
     console, output = terminal()
     with LiveView(console) as view:
-        view.update(ROWS, 1.0, "flying", "h hold")
+        view.update(ROWS, 1.0, "flying", Text("h hold"))
+        end_s = time.monotonic() + 5.0
+        while "h hold" not in output.getvalue() and time.monotonic() < end_s:
+            time.sleep(0.05)
         view.print_line("0.5 s: vehicle 1: [holds]")
-        view.update(ROWS, 1.1, "flying", "h hold")
+        told = output.getvalue()
+        assert told.index("[holds]") < told.rindex("1.0 s") < told.rindex("flying") < told.rindex("h hold")
     told = output.getvalue()
-    assert told.index("[holds]") < told.index("1.1 s") < told.rindex("h hold")
-    assert told.rindex("flying") < told.rindex("h hold")
+    assert told.count("h hold") < told.count("1.0 s"), "after the end no key does anything"
 
 
 def test_elsewhere_there_are_news_but_no_hints() -> None:
     console, output = plain()
     with LiveView(console) as view:
-        view.update((), 1.0, "", "h hold")
+        view.update((), 1.0, "", Text("h hold"))
         view.print_line("0.5 s: vehicle 1: [holds]")
     assert output.getvalue() == "t=1.0s\n0.5 s: vehicle 1: [holds]\n"
 
@@ -138,7 +281,7 @@ def test_the_terminal_is_restored_when_the_flight_fails() -> None:
     console, output = terminal()
     with contextlib.suppress(RuntimeError), LiveView(console):
         raise RuntimeError("the flight failed")
-    assert output.getvalue().rstrip().endswith("\x1b[?25h")
+    assert output.getvalue().rstrip().endswith("\x1b[?25h\x1b[?2004l")
 
 
 def test_elsewhere_a_line_comes_every_half_minute_of_the_mission_at_most() -> None:
@@ -169,8 +312,8 @@ def test_a_dumb_terminal_gets_lines() -> None:
 
 def test_the_plain_line_leaves_out_what_is_not_known() -> None:
     assert plain_line(ROWS[1:], 12.34, "go") == (
-        "t=12.3s | #2 encircle offboard r=9.97m w=-0.050rad/s lead=120.8deg lag=119.2deg battery=31%"
-        " guard [pair 1] | #3 formation no-link battery=12% silent for 3 s | go"
+        "t=12.3s | #2 return and land offboard r=9.97m w=-0.050rad/s lead=120.8deg lag=119.2deg battery=31%"
+        " ring [pair 1] | #3 formation no-link fence=-0.5m battery=12% battery critical | go"
     )
 
 

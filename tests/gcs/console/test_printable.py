@@ -32,7 +32,7 @@ def test_live_tables_and_lines_are_printable() -> None:
     output = StringIO()
     view = LiveView(Console(file=output, force_terminal=True, width=120))
     with view:
-        view.update([LiveRow(1, f"tactic {EVIL}", "offboard", connected=True, note=EVIL)], 1.0, EVIL, EVIL)
+        view.update([LiveRow(1, f"tactic {EVIL}", "offboard", connected=True, note=EVIL)], 1.0, EVIL, Text(EVIL))
         view.print_line(f"said {EVIL}")
     shown = output.getvalue()
     assert "said ?[2J" in shown

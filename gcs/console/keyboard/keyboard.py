@@ -1,4 +1,4 @@
-"""Keyboard input of the live view: keys read from the terminal one by one, and the commands bound to them."""
+"""Keyboard input of the live view: keys read from the terminal one by one, apart from pasted text."""
 
 import asyncio
 import atexit
@@ -12,42 +12,12 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self, TextIO
 
-from agents.team.messages import Verb
+from gcs.console.keyboard.bindings import ESCAPE
 
-KILL_CONFIRMED_WITHIN_S = 3.0
 AT_ONCE_MAX = 3
 """More characters in one read are pasted text or an escape sequence: they are ignored."""
-VERB_OF_KEY: dict[str, Verb] = {"h": "hold", "r": "resume", "l": "land", "t": "rtl", "a": "abort", "k": "kill"}
-HINT = "h hold · r resume · l land · t return and land · a abort · k kill"
-_ESCAPE = "\x1b"
-
-
-class KeyBindings:
-    """Maps keys to commands; a kill has to be confirmed by a second key."""
-
-    def __init__(self) -> None:
-        self._kill_requested_s: float | None = None
-
-    def press(self, key: str, now_s: float) -> Verb | None:
-        """Return the command of a key that was pressed at `now_s` [wall s], None without one."""
-        confirming = self.awaits_confirmation(now_s)
-        self._kill_requested_s = None
-        if confirming and key in "ky":
-            return "kill"
-        if key == "k":
-            self._kill_requested_s = now_s
-            return None
-        return VERB_OF_KEY.get(key)
-
-    def awaits_confirmation(self, now_s: float) -> bool:
-        """Return whether a kill has to be confirmed."""
-        return self._kill_requested_s is not None and now_s - self._kill_requested_s <= KILL_CONFIRMED_WITHIN_S
-
-    def hint(self, now_s: float) -> str:
-        """Return the line to show below the table."""
-        if self.awaits_confirmation(now_s):
-            return f"cut all motors? confirm with k or y within {KILL_CONFIRMED_WITHIN_S:g} s, any other key cancels"
-        return HINT
+PASTE_BEGINS, PASTE_ENDS = "\x1b[200~", "\x1b[201~"
+"""What a terminal puts around pasted text when it is asked to (`gcs.console.live`)."""
 
 
 class Keyboard:
@@ -57,9 +27,13 @@ class Keyboard:
     and is not stopped by SIGTTIN.
     """
 
-    def __init__(self, on_key: Callable[[str], object], stream: TextIO | None = None) -> None:
-        """Call `on_key` on the event loop with each key; `stream` is standard input by default."""
+    def __init__(
+        self, on_key: Callable[[str], object], on_paste: Callable[[], object], stream: TextIO | None = None
+    ) -> None:
+        """Call `on_key` on the event loop with each key, `on_paste` for pasted text; `stream` is standard input."""
         self._on_key = on_key
+        self._on_paste = on_paste
+        self._pasted: str | None = None
         self._stream = sys.stdin if stream is None else stream
         self._fd = -1
         self._before: list[object] = []
@@ -105,7 +79,23 @@ class Keyboard:
             pressed = ""
         if not pressed:  # the terminal hung up, or belongs to another job now
             asyncio.get_running_loop().remove_reader(self._fd)
-        elif len(pressed) <= AT_ONCE_MAX and _ESCAPE not in pressed:
+        else:
+            self._take(pressed)
+
+    def _take(self, pressed: str) -> None:
+        """Take what was read at once: single keys, or pasted text from its begin to its end."""
+        if self._pasted is None and PASTE_BEGINS in pressed:
+            self._pasted = ""
+        if self._pasted is not None:
+            # The end may be spread over two reads.
+            text = self._pasted + pressed
+            self._pasted = None if PASTE_ENDS in text else text[-len(PASTE_ENDS) :]
+            self._on_paste()
+        elif ESCAPE in pressed and pressed != ESCAPE:
+            pass  # an arrow or a function key
+        elif len(pressed) > AT_ONCE_MAX:
+            self._on_paste()
+        else:
             for key in pressed:
                 self._on_key(key)
 

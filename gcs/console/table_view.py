@@ -1,0 +1,237 @@
+"""A live table of a team on a terminal: what it is about, its vehicles, what is wrong with them, and what to do."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+from typing import Generic, Protocol, Self, TypeVar
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.live import Live
+from rich.segment import ControlType, Segment
+from rich.table import Table
+from rich.text import Text
+
+from gcs.console.advice import Severity, advice, severity
+from gcs.console.printable import Printable, printable_lines
+
+REFRESH_HZ = 4.0
+WIDE = 110
+"""From so many columns on, all is shown and nothing is abbreviated."""
+SHORT_TACTICS = {"return and land": "return", "pilot override": "PILOT"}
+TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
+STYLES: dict[Severity, str] = {"information": "", "warning": "yellow", "alarm": "bold red"}
+WORDS: dict[Severity, str] = {"information": "", "warning": "warning: ", "alarm": "ALARM: "}
+SIGNS: dict[Severity, str] = {"information": "", "warning": "!", "alarm": "!!"}
+SAVE_CURSOR = "\x1b7"
+"""Where the table begins: the supervisor of a flight that it ends erases the table from there."""
+NO_HINT = Text()
+_ALERTS_MAX, _NOTES_MAX, _ROWS_MIN = 4, 2, 3
+_HEADER_LINES = 3
+_GRAVEST_FIRST: tuple[Severity, ...] = ("alarm", "warning", "information")
+
+
+class TeamRow(Protocol):
+    """A row of a table: a vehicle, its alert while that lasts, and what else there is to say about it."""
+
+    @property
+    def vehicle_id(self) -> int:
+        """The vehicle's id."""
+        ...
+
+    @property
+    def alert(self) -> str:
+        """The alert, empty if none."""
+        ...
+
+    @property
+    def note(self) -> str:
+        """What else there is to say, empty if nothing."""
+        ...
+
+
+RowT = TypeVar("RowT", bound=TeamRow)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown(Generic[RowT]):
+    """What the table shows. Of a view that is closed nothing is shown as if it went on."""
+
+    rows: tuple[RowT, ...] = ()
+    time_s: float = 0.0
+    message: str = ""
+    hint: Text = field(default_factory=Text)
+    title: str = ""
+    closed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class TableForm(Generic[RowT]):
+    """What makes a table: of rows, whether it is wide, and whether it is closed; and a line of plain text without it.
+
+    `closed` is the word for a view that is closed; the line is made of rows, time and message.
+    """
+
+    table: Callable[[Sequence[RowT], bool, bool], Table]
+    line: Callable[[Sequence[RowT], float, str], str]
+    closed: str
+    interval_s: float
+
+
+class TableView(Generic[RowT]):
+    """A live table on a terminal; elsewhere a line of text every `form.interval_s` at most.
+
+    Use it as a context manager. `update` only stores what is shown: the table is drawn four times a second.
+    """
+
+    def __init__(self, console: Console, form: TableForm[RowT]) -> None:
+        """Prepare to draw on `console`, normally standard error's."""
+        self._console = console
+        self._form = form
+        self._shown: _Shown[RowT] = _Shown()
+        self._alarms: set[tuple[int, str]] = set()
+        self._printed_s: float | None = None
+        self._live: Live | None = None
+        if console.is_terminal and not console.is_dumb_terminal:
+            self._live = Live(
+                console=console,
+                get_renderable=self._render,
+                refresh_per_second=REFRESH_HZ,
+                redirect_stdout=False,
+            )
+
+    def __enter__(self) -> Self:
+        """Start drawing."""
+        if self._live is not None:
+            self._live.start(refresh=False)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Draw the newest state once more, as one that is over, and leave it on the screen."""
+        self._shown = replace(self._shown, closed=True)
+        if self._live is not None:
+            self._live.stop()
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the table is drawn on a terminal."""
+        return self._live is not None
+
+    def update(
+        self, rows: Sequence[RowT], time_s: float, message: str = "", hint: Text = NO_HINT, title: str = ""
+    ) -> None:
+        """Show the team; a terminal shows the hint below the table, and rings its bell for each new alarm."""
+        self._shown = _Shown(tuple(rows), time_s, message, hint, title or f"{time_s:.1f} s")
+        alarms = {(row.vehicle_id, row.alert) for row in rows if severity(row.alert) == "alarm"}
+        if self._live is not None and alarms - self._alarms:
+            self._console.bell()
+        self._alarms = alarms
+        if self._live is None and self._line_is_due(time_s):
+            self._printed_s = time_s
+            self.print_line(self._form.line(rows, time_s, message))
+
+    def print_line(self, text: str, how_grave: Severity = "information") -> None:
+        """Print a permanent line above the table."""
+        line = printable_lines(f"{WORDS[how_grave]}{text}")
+        self._console.print(line, style=STYLES[how_grave], markup=False, highlight=False, soft_wrap=True)
+
+    def _line_is_due(self, now_s: float) -> bool:
+        return self._printed_s is None or not 0.0 <= now_s - self._printed_s < self._form.interval_s
+
+    def _render(self) -> RenderableType:
+        shown, (width, height) = self._shown, self._console.size
+        if shown.closed and not shown.rows:
+            return Group()
+        title = Text(f"{self._form.closed}  {shown.title}" if shown.closed else shown.title, style="bold")
+        below = _notes(shown.rows)
+        if not shown.closed:
+            last = [Text(shown.message, style="yellow"), shown.hint]
+            below = [*_alerts(shown.rows), *below, *filter(None, last)]
+        room = height - _HEADER_LINES - 1 - sum(_lines(text, width) for text in below)
+        rows = _most_urgent(shown.rows, max(room, _ROWS_MIN))
+        if len(rows) < len(shown.rows):
+            below.insert(0, Text(f"and {len(shown.rows) - len(rows)} more vehicles", style="dim"))
+        table = [self._form.table(rows, width >= WIDE, shown.closed)] if rows else []
+        # A live view is drawn past the console's own hooks.
+        return Printable(Group(ControlCode(SAVE_CURSOR), title, *table, *below))
+
+
+class ControlCode:
+    """A control code for the terminal, which takes no room."""
+
+    def __init__(self, code: str) -> None:
+        self._code = code
+
+    def __rich_console__(self, _console: Console, _options: ConsoleOptions) -> RenderResult:
+        """Render it."""
+        yield Segment(self._code, None, [(ControlType.CURSOR_MOVE_TO_COLUMN, 0)])
+
+
+def number(value: float | None, form: str) -> str:
+    """Return a number in a format, a dash for None."""
+    return "–" if value is None else format(value, form)
+
+
+def graded(value: float | None, form: str, how_grave: Severity) -> Text:
+    """Return a number with the sign and the colour of its severity."""
+    return Text(f"{number(value, form)}{SIGNS[how_grave]}", style=STYLES[how_grave])
+
+
+def vehicle_cell(row: TeamRow, closed: bool) -> Text:
+    """Return the vehicle's id with the sign of its alert."""
+    how_grave: Severity = "information" if closed else severity(row.alert)
+    return Text(f"{SIGNS[how_grave]}{row.vehicle_id}", style=STYLES[how_grave] or "bold")
+
+
+def tactic_cell(tactic: str, wide: bool) -> Text:
+    """Return a tactic, abbreviated where the table is not wide."""
+    return Text(tactic if wide else SHORT_TACTICS.get(tactic, tactic), style=TACTIC_STYLES.get(tactic, ""))
+
+
+def apart_cell(nearest_m: float | None, nearest_id: int | None, separation_m: float, wide: bool) -> Text:
+    """Return how far the nearest other vehicle is, and in a wide table which one it is."""
+    too_close = nearest_m is not None and nearest_m < separation_m
+    cell = graded(nearest_m, ".1f", "alarm" if too_close else "information")
+    return cell.append(f" to {nearest_id}") if wide and nearest_m is not None else cell
+
+
+def fence_cell(margin_m: float | None) -> Text:
+    """Return how far the fence is; negative outside."""
+    return graded(margin_m, ".1f", "alarm" if margin_m is not None and margin_m < 0.0 else "information")
+
+
+def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
+    """Return a line for each alert with what to do, the gravest first."""
+    vehicles: dict[str, list[int]] = {}
+    for row in rows:
+        if row.alert:
+            vehicles.setdefault(row.alert, []).append(row.vehicle_id)
+    alerts = sorted(vehicles, key=lambda alert: _GRAVEST_FIRST.index(severity(alert)))
+    lines = [_alert(alert, vehicles[alert]) for alert in alerts[:_ALERTS_MAX]]
+    if len(alerts) > _ALERTS_MAX:
+        lines.append(Text(f"and {len(alerts) - _ALERTS_MAX} more alerts", style="yellow"))
+    return lines
+
+
+def _alert(alert: str, vehicle_ids: Sequence[int]) -> Text:
+    how_grave = severity(alert)
+    whose = f"vehicle{'s' * (len(vehicle_ids) > 1)} {', '.join(map(str, vehicle_ids))}"
+    return Text(f"{WORDS[how_grave]}{whose}: {alert}: {advice(alert)}", style=STYLES[how_grave])
+
+
+def _notes(rows: Sequence[TeamRow]) -> list[Text]:
+    notes = [Text(f"vehicle {row.vehicle_id}: {row.note}", style="yellow") for row in rows if row.note]
+    more = [Text(f"and {len(notes) - _NOTES_MAX} more notes", style="yellow")] if len(notes) > _NOTES_MAX else []
+    return [*notes[:_NOTES_MAX], *more]
+
+
+def _most_urgent(rows: Sequence[RowT], count: int) -> Sequence[RowT]:
+    """Return as many rows in their order: those with alerts before the others."""
+    ranked = sorted(range(len(rows)), key=lambda i: (_GRAVEST_FIRST.index(severity(rows[i].alert)), i))
+    # One line less: it says how many are left out.
+    return rows if len(rows) <= count else [rows[i] for i in sorted(ranked[: count - 1])]
+
+
+def _lines(text: Text, width: int) -> int:
+    return -(-text.cell_len // width) or 1
