@@ -91,8 +91,8 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         hint = await command_by_keyboard(team, stack)
         outcomes = await _fly_members(team, Watch(team, report, hint))
         wall_time_s = perf_counter() - began_s
-    record = team.record(stubs.record, wall_time_s)
-    team.complete(stubs.record, record)
+    record = team.record(stubs.record, wall_time_s, outcomes)
+    team.complete(stubs.record, record, outcomes)
     reached = clock.speed if stubs.record is None else stubs.record.speed_reached
     return Flight(outcomes, record, clock.speed, reached)
 
