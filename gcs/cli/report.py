@@ -146,7 +146,8 @@ def _result(flight: "LoggedFlight") -> "FlightResult":
     from gcs.report.evidence.criteria import criteria_of
 
     criteria = criteria_of(flight.mission)
-    return evaluate(flight.evidence.record, criteria.ring, criteria.formation, criteria.tolerances)
+    references = criteria.ring, criteria.formation, criteria.tolerances, criteria.engagement
+    return evaluate(flight.evidence.record, *references)
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:

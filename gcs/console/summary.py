@@ -8,6 +8,7 @@ from rich.text import Text
 
 from gcs.console.live import TACTIC_STYLES, number
 from gcs.metrics.ending import FlightEnding
+from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import EstimateResult, FlightResult, VehicleResult, reference_line
 from gcs.metrics.reynolds_view import reynolds_grid
 
@@ -62,6 +63,7 @@ def _verdict_table(result: FlightResult) -> Table:
         "C3": ("spacing", _spacing(result)),
         "formation": ("", _formation(result)),
         "separation": ("", _worst("closest approach {} m", [result.closest_approach_m])),
+        "engaged": ("", engaged_line(result.engagement)),
     }
     table = Table.grid(padding=(0, 2))
     for name, holds in result.verdicts.named().items():

@@ -6,12 +6,13 @@
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from math import isfinite
 
 import numpy as np
 
 from gcs.metrics.ending import FlightEnding
+from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.record import FlightEvent, LoopStatistics
 
 
@@ -190,9 +191,9 @@ class LoopResult:
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
-    """The paper's conditions C1 (radius), C2 (angular rate), C3 (spacing), the formation, and separation.
+    """The paper's conditions C1 (radius), C2 (angular rate), C3 (spacing), the formation, separation, and engagement.
 
-    True holds, False does not, None does not apply.
+    `engaged` is whether all that were to engage the target did. True holds, False does not, None does not apply.
     """
 
     c1: bool | None
@@ -200,6 +201,7 @@ class Verdicts:
     c3: bool | None
     formation: bool | None
     separation: bool | None
+    engaged: bool | None = None
 
     def named(self) -> dict[str, bool | None]:
         """Return the verdicts under the names the paper and the JSON output use."""
@@ -209,6 +211,7 @@ class Verdicts:
             "C3": self.c3,
             "formation": self.formation,
             "separation": self.separation,
+            "engaged": self.engaged,
         }
 
 
@@ -242,6 +245,7 @@ class FlightResult:
     estimate: EstimateResult | None = None
     truth_missing: str | None = None
     ended: FlightEnding | None = None
+    engagement: EngagementResult = field(default_factory=EngagementResult)
 
     @property
     def ended_early(self) -> bool:
@@ -267,6 +271,7 @@ class FlightResult:
             plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
         if self.ended is not None:
             plain["ended"]["vehicles"] = list(self.ended.vehicles)
+        plain["engagement"] = {name: list(ids) for name, ids in plain["engagement"].items()}
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
         return plain

@@ -4,6 +4,8 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from gcs.metrics.ending import named
+from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import FlightResult, reference_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
@@ -53,7 +55,12 @@ def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ..
     entries = [VerdictEntry(name, meaning, held, _evidence(measured)) for name, meaning, held, measured in rows]
     closest = result.closest_approach_m
     apart = () if closest is None else ((f"{closest:.3f} m", f"at least {allowed.separation_m:g} m"),)
-    return (*entries, VerdictEntry("separation", "closest approach", holds.separation, apart))
+    engaged = engaged_line(result.engagement)
+    return (
+        *entries,
+        VerdictEntry("separation", "closest approach", holds.separation, apart),
+        VerdictEntry("engaged", "who was to", holds.engaged, ((engaged, ""),) if engaged else ()),
+    )
 
 
 _JUDGED = ("radius_error_rms_m", "formation_speed_error_rms_m_s", "formation_spacing_error_rms_m")
@@ -115,14 +122,16 @@ def _flown(result: FlightResult) -> str:
 
 
 def _engaged(result: FlightResult) -> list[str]:
+    missing = result.engagement.missing
     joined = sorted((v.engaged_at_s, v.id) for v in result.vehicles if v.engaged_at_s is not None)
     if not joined:
-        return ["No vehicle engaged the target."]
+        return [f"No vehicle engaged the target{f', though {named(missing)} should have' if missing else ''}."]
     each = [f"vehicle {vehicle_id} after {at_s:.1f} s" for at_s, vehicle_id in joined]
     shown = _listed(each) if len(each) <= _NAMED else f"{len(each)} vehicles, from {each[0]} to {each[-1]}"
-    stayed = [str(v.id) for v in result.vehicles if v.engaged_at_s is None]
+    stayed = [str(v.id) for v in result.vehicles if v.engaged_at_s is None and v.id not in missing]
     rest = f"; not engaged: {_listed(stayed)}" if stayed else ""
-    return [f"Engaged on the ring: {shown}{rest}."]
+    never = f"; {named(missing)} should have, and never did" if missing else ""
+    return [f"Engaged on the ring: {shown}{rest}{never}."]
 
 
 def _ring(result: FlightResult, criteria: Criteria) -> list[str]:

@@ -3,7 +3,8 @@
 RESULT_KEYS = {
     "": (
         "mission ended seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
-        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate truth_missing"
+        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate "
+        "truth_missing engagement"
     ),
     "ended": "how reason vehicles",
     "vehicles": (
@@ -16,6 +17,7 @@ RESULT_KEYS = {
         "spacing_overshoot_deg spacing_monotonic"
     ),
     "reynolds": "formation ring flight",
+    "engagement": "to_engage engaged",
     "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
-    "verdicts": "C1 C2 C3 formation separation",
+    "verdicts": "C1 C2 C3 formation separation engaged",
 }

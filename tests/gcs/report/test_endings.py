@@ -84,7 +84,7 @@ def test_an_older_log_ends_as_it_did(log: FlightLog, tmp_path: Path) -> None:
 
 def all_held(ending: FlightEnding | None) -> FlightResult:
     _, result, _ = flown(3, duration_s=60.0, rate_hz=5.0)
-    return replace(result, verdicts=Verdicts(True, True, True, True, True), ended=ending)
+    return replace(result, verdicts=Verdicts(True, True, True, True, True, True), ended=ending)
 
 
 def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
