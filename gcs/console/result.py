@@ -5,18 +5,21 @@ from gcs.console.terminal import STDERR
 from gcs.errors import Exit
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
+from gcs.metrics.references import engagement_reference, formation_reference, ring_reference, verdict_tolerances
 from gcs.metrics.result import FlightResult
 from gcs.mission.mission import Mission
 
 
 def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
     """Evaluate a flight against its mission and print the summary."""
-    result = evaluate(record, ring_reference(mission), formation_reference(mission), verdict_tolerances(mission))
+    references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
+    result = evaluate(record, *references, engagement_reference(mission))
     STDERR.print(summary(result))
     return result
 
 
 def verdict_of(result: FlightResult) -> Exit:
-    """Return the exit code of a flight that was flown to its end."""
+    """Return the exit code of a flight: how it ended comes before its verdicts."""
+    if result.ended_early:
+        return Exit.ENDED_IN_FLIGHT
     return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED

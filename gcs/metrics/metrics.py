@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.state import Vector
+from gcs.metrics.ending import FlightEnding
+from gcs.metrics.engagement import EngagementReference, engagement
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.result import (
     EstimatedVehicleResult,
@@ -27,6 +29,7 @@ from gcs.metrics.reynolds import condensed, flocking
 from gcs.metrics.ring_motion import RingMotion, flies, measured, off_ring, ring_motion
 from gcs.metrics.transitions import transitions
 
+NONE_ENGAGES = EngagementReference()
 FORMATION_START_S = 30.0
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
@@ -37,10 +40,12 @@ def evaluate(
     ring: RingReference,
     formation: FormationReference,
     tolerances: VerdictTolerances,
+    engages: EngagementReference = NONE_ENGAGES,
 ) -> FlightResult:
-    """Compute the metrics and verdicts of a flight."""
+    """Compute the metrics and verdicts of a flight; without a reference none was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
-    engaged_s = [time_s for time_s in engagement_times_s(record) if time_s is not None]
+    each_engaged_s = engagement_times_s(record)
+    engaged_s = [time_s for time_s in each_engaged_s if time_s is not None]
     motion = ring_motion(record)
     settled_s = _settled_at_s(record.time_s, motion, ring, max(engaged_s)) if engaged_s else None
     window_s = _window_s(record.time_s, settled_s) if engaged_s else None
@@ -49,6 +54,7 @@ def evaluate(
     settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
     ring_result = RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
     closest_m = _closest_approach_m(record)
+    engagers = engagement(record, engages, each_engaged_s)
     return FlightResult(
         mission=record.mission,
         seed=record.seed,
@@ -64,12 +70,14 @@ def evaluate(
         guard_interventions=None if record.guard is None else record.guard.interventions,
         guard_causes={} if record.guard is None else dict(record.guard.causes),
         loop=LoopResult.of(record.loop),
-        verdicts=judge(vehicles, ring_result, closest_m, ring, tolerances),
+        verdicts=replace(judge(vehicles, ring_result, closest_m, ring, tolerances), engaged=engagers.holds),
         wall_time_s=record.wall_time_s,
         realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
         events=record.events,
         estimate=_estimate_result(record, ring, window),
         truth_missing=record.truth_missing or None,
+        ended=FlightEnding.of(record.endings),
+        engagement=engagers,
     )
 
 

@@ -1,5 +1,6 @@
 """The references of a mission, and the tolerances of its verdicts."""
 
+from gcs.metrics.engagement import EngagementReference
 from gcs.metrics.result import FormationReference, RingReference, VerdictTolerances
 from gcs.mission.mission import Mission
 
@@ -15,6 +16,20 @@ def formation_reference(mission: Mission) -> FormationReference:
     offsets = mission.agent_config(mission.vehicles[0]).slot_offset_m
     slots = {vehicle_id: offsets(vehicle_id, formation.leader) for vehicle_id in mission.ids}
     return FormationReference(formation.speed_m_s, slots)
+
+
+def engagement_reference(mission: Mission) -> EngagementReference:
+    """Return which vehicles engage the mission's target by their thresholds; a flight for identification has none."""
+    target = mission.target
+    if mission.excites:
+        return EngagementReference()
+    return EngagementReference(
+        {
+            vehicle.id: vehicle.decision.distance_max_m
+            for vehicle in mission.vehicles
+            if target.importance > vehicle.decision.importance_min and target.threat < vehicle.decision.threat_max
+        }
+    )
 
 
 def verdict_tolerances(mission: Mission) -> VerdictTolerances:

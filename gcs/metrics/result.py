@@ -6,11 +6,13 @@
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from math import isfinite
 
 import numpy as np
 
+from gcs.metrics.ending import FlightEnding
+from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.record import FlightEvent, LoopStatistics
 
 
@@ -189,9 +191,9 @@ class LoopResult:
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
-    """The paper's conditions C1 (radius), C2 (angular rate), C3 (spacing), the formation, and separation.
+    """The paper's conditions C1 (radius), C2 (angular rate), C3 (spacing), the formation, separation, and engagement.
 
-    True holds, False does not, None does not apply.
+    `engaged` is whether all that were to engage the target did. True holds, False does not, None does not apply.
     """
 
     c1: bool | None
@@ -199,6 +201,7 @@ class Verdicts:
     c3: bool | None
     formation: bool | None
     separation: bool | None
+    engaged: bool | None = None
 
     def named(self) -> dict[str, bool | None]:
         """Return the verdicts under the names the paper and the JSON output use."""
@@ -208,6 +211,7 @@ class Verdicts:
             "C3": self.c3,
             "formation": self.formation,
             "separation": self.separation,
+            "engaged": self.engaged,
         }
 
 
@@ -216,7 +220,8 @@ class FlightResult:
     """The result of a flight, in the order of its JSON form.
 
     `estimate` stands beside figures by truth where the vehicles' estimates are known as well. `truth_missing` is why
-    the figures are by estimate although simulators sent truth, None otherwise.
+    the figures are by estimate although simulators sent truth, None otherwise. `ended` is None in logs of versions that
+    did not record how a flight ended.
     """
 
     mission: str
@@ -239,6 +244,13 @@ class FlightResult:
     events: tuple[FlightEvent, ...] = ()
     estimate: EstimateResult | None = None
     truth_missing: str | None = None
+    ended: FlightEnding | None = None
+    engagement: EngagementResult = field(default_factory=EngagementResult)
+
+    @property
+    def ended_early(self) -> bool:
+        """Whether it is known to have ended in flight, before its mission was over."""
+        return self.ended is not None and self.ended.is_early
 
     @property
     def all_hold(self) -> bool:
@@ -252,11 +264,14 @@ class FlightResult:
 
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
-        plain = asdict(self)
+        plain = {"mission": self.mission, "ended": None, **asdict(self)}  # how it ended comes before any figure
         for key in ("vehicles", "transitions", "events"):
             plain[key] = list(plain[key])
         if self.estimate is not None:
             plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
+        if self.ended is not None:
+            plain["ended"]["vehicles"] = list(self.ended.vehicles)
+        plain["engagement"] = {name: list(ids) for name, ids in plain["engagement"].items()}
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
         return plain

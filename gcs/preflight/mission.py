@@ -33,6 +33,8 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
         yield _line_gap(mission)
     if not stubs:
         yield _mission_fence(mission)
+    if mission.target.source == "simulated":
+        yield _sensor_range(mission)
     yield _target_speed(mission)
     yield _ring_acceleration(mission)
     yield _formation_speed(mission)
@@ -129,6 +131,21 @@ def _distance_error_m(mission: Mission) -> float:
     """Return the error of a distance between the two vehicles whose positions are the noisiest."""
     errors_m = sorted(hypot(each.own_filter.position_noise_m, each.own_filter.wander_m) for each in mission.vehicles)
     return SIGMAS * hypot(*errors_m[-2:])
+
+
+def _sensor_range(mission: Mission) -> Finding:
+    ranges_m = {vehicle_id: mission.sensor(vehicle_id).range_m for vehicle_id in mission.ids}
+    radius_m = mission.encirclement.radius_m
+    blind = [str(vehicle_id) for vehicle_id, range_m in ranges_m.items() if range_m < radius_m]
+    who = f"vehicles that do not see so far: {', '.join(blind)}" if blind else "every vehicle sees so far"
+    return Finding.graded(
+        Grade.WARNING if blind else Grade.PASS,
+        MISSION,
+        "sensor range",
+        f"sensors see {min(ranges_m.values()):g} m or more, the ring is {radius_m:g} m from the target; {who}",
+        "on the ring such a vehicle does not see the target: it depends on what others see, or holds",
+        f"increase target.sensor.range_m to {GAP_RESERVE * radius_m:g} m, or lower encirclement.radius_m",
+    )
 
 
 def _target_speed(mission: Mission) -> Finding:

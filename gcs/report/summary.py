@@ -4,6 +4,8 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from gcs.metrics.ending import named
+from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import FlightResult, reference_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
@@ -53,7 +55,12 @@ def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ..
     entries = [VerdictEntry(name, meaning, held, _evidence(measured)) for name, meaning, held, measured in rows]
     closest = result.closest_approach_m
     apart = () if closest is None else ((f"{closest:.3f} m", f"at least {allowed.separation_m:g} m"),)
-    return (*entries, VerdictEntry("separation", "closest approach", holds.separation, apart))
+    engaged = engaged_line(result.engagement)
+    return (
+        *entries,
+        VerdictEntry("separation", "closest approach", holds.separation, apart),
+        VerdictEntry("engaged", "who was to", holds.engaged, ((engaged, ""),) if engaged else ()),
+    )
 
 
 _JUDGED = ("radius_error_rms_m", "formation_speed_error_rms_m_s", "formation_spacing_error_rms_m")
@@ -68,7 +75,12 @@ def _evidence(measured: Sequence[tuple[str, float | None, float, str, str, str]]
 
 
 def headline(result: FlightResult) -> str:
-    """Return the verdicts in one line."""
+    """Return the verdicts in one line: of a flight that ended early, those of the part that was flown."""
+    words = _verdicts_line(result)
+    return f"Until then: {words[:1].lower()}{words[1:]}" if result.ended_early else words
+
+
+def _verdicts_line(result: FlightResult) -> str:
     held = list(result.verdicts.named().values())
     applied, failed = len(held) - held.count(None), held.count(False)
     if not applied:
@@ -81,6 +93,7 @@ def headline(result: FlightResult) -> str:
 def summary(result: FlightResult, criteria: Criteria) -> str:
     """Return the flight in a paragraph."""
     sentences = [
+        *_ended(result),
         _flown(result),
         *_engaged(result),
         *_ring(result, criteria),
@@ -93,6 +106,13 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
     return re.sub(r"(\d) (s|m|setpoints?)\b", "\\1\u00a0\\2", " ".join(sentences))
 
 
+def _ended(result: FlightResult) -> list[str]:
+    ended = result.ended
+    if ended is None:
+        return []
+    return [f"{ended.headline}.", ended.reason] if ended.is_early else [f"{ended.headline}."]
+
+
 def _flown(result: FlightResult) -> str:
     count = len(result.vehicles)
     source = _SOURCES.get(result.source, f"({result.source})")
@@ -102,14 +122,16 @@ def _flown(result: FlightResult) -> str:
 
 
 def _engaged(result: FlightResult) -> list[str]:
+    missing = result.engagement.missing
     joined = sorted((v.engaged_at_s, v.id) for v in result.vehicles if v.engaged_at_s is not None)
     if not joined:
-        return ["No vehicle engaged the target."]
+        return [f"No vehicle engaged the target{f', though {named(missing)} should have' if missing else ''}."]
     each = [f"vehicle {vehicle_id} after {at_s:.1f} s" for at_s, vehicle_id in joined]
     shown = _listed(each) if len(each) <= _NAMED else f"{len(each)} vehicles, from {each[0]} to {each[-1]}"
-    stayed = [str(v.id) for v in result.vehicles if v.engaged_at_s is None]
+    stayed = [str(v.id) for v in result.vehicles if v.engaged_at_s is None and v.id not in missing]
     rest = f"; not engaged: {_listed(stayed)}" if stayed else ""
-    return [f"Engaged on the ring: {shown}{rest}."]
+    never = f"; {named(missing)} should have, and never did" if missing else ""
+    return [f"Engaged on the ring: {shown}{rest}{never}."]
 
 
 def _ring(result: FlightResult, criteria: Criteria) -> list[str]:

@@ -37,6 +37,7 @@ TARGET_M_S = np.tile([0.1, -0.03], (TIME_S.size, 1))
 
 KEYS = [
     "mission",
+    "ended",
     "seed",
     "source",
     "reference",
@@ -56,6 +57,7 @@ KEYS = [
     "events",
     "estimate",
     "truth_missing",
+    "engagement",
 ]
 VEHICLE_KEYS = [
     "id",
@@ -139,6 +141,7 @@ def test_a_perfect_ring_has_no_errors() -> None:
         "C3": True,
         "formation": None,
         "separation": True,
+        "engaged": None,
     }
     assert result.all_hold
 
@@ -540,7 +543,8 @@ def test_json_has_the_documented_keys_in_their_order() -> None:
         "tick_p50_us": 50.0,
         "tick_p99_us": 99.0,
     }
-    assert list(told["verdicts"]) == ["C1", "C2", "C3", "formation", "separation"]
+    assert list(told["verdicts"]) == ["C1", "C2", "C3", "formation", "separation", "engaged"]
+    assert told["engagement"] == {"to_engage": [], "engaged": [1, 2, 3]}
     assert (told["duration_s"], told["window_s"], told["guard_interventions"]) == (600.0, [0.0, 600.0], 14)
     assert told["realtime_factor"] == pytest.approx(100.0)
 

@@ -20,6 +20,7 @@ from gcs.preflight.findings_view import exit_code, findings_json, findings_view
 from gcs.preflight.mission import extent_m
 from gcs.preflight.parameters import parameters_wanted
 from gcs.preflight.preflight import preflight, worst
+from tests.support.mission_text import content, parsed, put
 from tests.support.wording import facts_missing
 
 OPEN = load_mission("case2")
@@ -392,6 +393,19 @@ def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
     assert found.subject == "mission"
     assert all(fact in found.found for fact in ("3 vehicles", "10 m", f"{chord:.2f} m", "17 m", "0.57 m"))
     assert all(fact in found.next_step for fact in ("encirclement.radius_m to 12.1 m", "safety.separation_m"))
+
+
+def test_a_sensor_that_does_not_see_as_far_as_the_ring_is_a_warning_that_names_its_vehicle() -> None:
+    sensor = OPEN.target.sensor
+    for range_m, grade in ((10.0, Grade.PASS), (9.9, Grade.WARNING)):
+        short = changed(target={"sensor": sensor.model_copy(update={"range_m": range_m})})
+        assert graded(short, "sensor range").grade is grade
+    found = graded(parsed(put(content(), ("vehicles", 1, "sensor"), {"range_m": 4.0})), "sensor range")
+    assert found.grade is Grade.WARNING
+    assert all(fact in found.found for fact in ("4 m", "10 m", "not see so far: 2"))
+    assert "target.sensor.range_m" in found.next_step
+    external = changed(target={"source": "external", "sensor": sensor.model_copy(update={"range_m": 1.0})})
+    assert all(each.check != "sensor range" for each in preflight(external, []))
 
 
 def test_missions_beyond_their_own_limits(subtests: pytest.Subtests) -> None:

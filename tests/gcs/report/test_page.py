@@ -166,7 +166,7 @@ def test_the_verdicts_say_sign_word_and_evidence_beside_the_tolerance() -> None:
     _, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
     worst_m = max(v.radius_error_rms_m or 0.0 for v in result.vehicles)
     told = {each.name: each for each in verdicts(result, asked)}
-    assert list(told) == ["C1", "C2", "C3", "formation", "separation"]
+    assert list(told) == ["C1", "C2", "C3", "formation", "separation", "engaged"]
     assert (told["C1"].sign, told["C1"].word) == ("✓", "holds")
     assert told["C1"].evidence == ((f"{worst_m:.3f} m rms", "at most 0.2 m"),)
     assert told["C2"].evidence[0][1] == "at most 0.002 rad/s"
@@ -184,7 +184,8 @@ def test_a_verdict_that_fails_is_told_on_top_and_in_the_summary(page: Page) -> N
 
 def test_the_headline_counts_only_what_applies(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[tuple[bool | None, ...], str], ...] = (
-        ((True, True, True, True, True), "All verdicts hold"),
+        ((True, True, True, True, True, True), "All verdicts hold"),
+        ((True, True, True, True, True, None), "All 5 verdicts that apply hold"),
         ((True, None, None, True, True), "All 3 verdicts that apply hold"),
         ((False, None, None, True, True), "1 of 3 verdicts does not hold"),
         ((None, None, None, None, None), "No verdict applies"),

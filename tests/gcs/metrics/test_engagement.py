@@ -1,0 +1,100 @@
+"""Who was to engage and who did: lines that pass a target, with thresholds of their own, and missions that are cut."""
+
+from collections.abc import Mapping
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from gcs.metrics.engagement import GRACE_S, EngagementReference, EngagementResult, engaged_line, engagement
+from gcs.metrics.metrics import engagement_times_s
+from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
+from gcs.metrics.references import engagement_reference
+from gcs.mission.file import load_mission
+from tests.support.mission_text import content, parsed, put
+
+SPEED_M_S, TARGET_X_M, DISTANCE_M = 0.5, 50.0, 12.0
+
+
+def passing(
+    offsets_m: Mapping[int, float], *, until_s: float = 300.0, engages: tuple[int, ...] = (), tactic: str = "formation"
+) -> FlightRecord:
+    """A line along x at these distances beside the target's y; those that engage do so 12 m from the target."""
+    time_s = np.arange(round(until_s * 10.0) + 1) / 10.0
+    target_m = np.tile([TARGET_X_M, 0.0], (time_s.size, 1))
+    tracks = []
+    for vehicle_id, y in offsets_m.items():
+        position_m = np.column_stack((SPEED_M_S * time_s, np.full(time_s.size, y)))
+        near = np.hypot(*(position_m - target_m).T) < DISTANCE_M
+        joined = np.maximum.accumulate(near) & (vehicle_id in engages)
+        tactics = np.where(joined, "encircle", tactic)
+        tracks.append(VehicleTrack(vehicle_id, position_m, np.tile([SPEED_M_S, 0.0], (time_s.size, 1)), tactics))
+    still = np.zeros_like(target_m)
+    loop = LoopStatistics(10.0, 1, 0)
+    return FlightRecord("line", 0, "simulation", "truth", time_s, target_m, still, tuple(tracks), loop, 1.0)
+
+
+def told(record: FlightRecord, distance_max_m: Mapping[int, float]) -> EngagementResult:
+    return engagement(record, EngagementReference(distance_max_m), engagement_times_s(record))
+
+
+FIVE = {1: 15.0, 2: 10.0, 3: 5.0, 4: 0.0, 5: -5.0}
+ALL = dict.fromkeys(FIVE, DISTANCE_M)
+
+
+def test_one_of_five_that_passes_too_far_away_was_to_engage() -> None:
+    result = told(passing(FIVE, engages=(2, 3, 4, 5)), ALL)
+    assert result == EngagementResult((1, 2, 3, 4, 5), (2, 3, 4, 5))
+    assert result.holds is False
+    assert engaged_line(result) == "4 of 5 engaged the target: vehicle 1 never did"
+
+
+def test_all_of_five_and_none_of_five() -> None:
+    near = {each: y / 2.0 for each, y in FIVE.items()}
+    assert told(passing(near, engages=tuple(FIVE)), ALL).holds is True
+    never_seen = told(passing(near), ALL)
+    assert never_seen == EngagementResult((1, 2, 3, 4, 5), ())
+    assert engaged_line(never_seen) == "0 of 5 engaged the target: vehicles 1, 2, 3, 4 and 5 never did"
+
+
+def test_a_vehicle_that_stood_aside_all_the_time_was_to_engage_and_one_that_went_home_was_not() -> None:
+    for tactic, holds in (("aside", False), ("hold", False), ("return and land", None), ("pilot override", None)):
+        assert told(passing({1: 5.0}, tactic=tactic), {1: DISTANCE_M}).holds is holds
+
+
+def test_a_vehicle_whose_thresholds_keep_it_in_the_line_was_not_to_engage() -> None:
+    record = passing(FIVE, engages=(3,))
+    assert told(record, {3: DISTANCE_M}) == EngagementResult((3,), (3,))
+    of_their_own = {**dict.fromkeys(FIVE, 4.0), 3: DISTANCE_M}  # only vehicle 4 comes within its 4 m
+    assert told(record, of_their_own).to_engage == (3, 4)
+
+
+def test_a_team_that_never_comes_near_was_not_to_engage() -> None:
+    assert told(passing({1: 20.0, 2: 25.0}), dict.fromkeys((1, 2), DISTANCE_M)) == EngagementResult()
+    assert told(passing({1: 5.0}), {}) == EngagementResult()
+    assert EngagementResult().holds is None
+
+
+def test_a_flight_that_ends_before_they_had_time_asks_nothing_of_them() -> None:
+    within_s = (TARGET_X_M - sqrt(DISTANCE_M**2 - 5.0**2)) / SPEED_M_S
+    for end_s, holds in ((within_s + GRACE_S - 1.0, None), (within_s + GRACE_S + 1.0, False)):
+        assert told(passing({1: 5.0}, until_s=end_s), {1: DISTANCE_M}).holds is holds
+    # Of one that passes too far away the nearest place counts, abeam of the target.
+    abeam_s = TARGET_X_M / SPEED_M_S
+    for end_s, missing in ((abeam_s + GRACE_S - 1.0, ()), (abeam_s + GRACE_S + 1.0, (1,))):
+        record = passing({1: 15.0, 2: 0.0}, until_s=end_s, engages=(2,))
+        assert told(record, dict.fromkeys((1, 2), DISTANCE_M)).missing == missing
+
+
+@pytest.mark.parametrize(
+    ("mission", "ids"), [("case1", {1}), ("case2", {1, 2, 3}), ("crossing", {1, 2, 3, 4}), ("px4-trio", {1, 2, 3})]
+)
+def test_by_the_mission_those_engage_whose_thresholds_let_them(mission: str, ids: set[int]) -> None:
+    assert set(engagement_reference(load_mission(mission)).distance_max_m) == ids
+
+
+def test_overrides_are_the_vehicles_own() -> None:
+    case2 = content()
+    by_threat = put(case2, ("vehicles", 1, "decision"), {"threat_max": 0.2})  # the target's is 0.2
+    by_distance = put(by_threat, ("vehicles", 2, "decision"), {"distance_max_m": 3.0})
+    assert dict(engagement_reference(parsed(by_distance)).distance_max_m) == {1: 12.0, 3: 3.0}
