@@ -13,6 +13,7 @@ from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
 from agents.shell.outcome import Ending, LoopReport, Outcome, Stop
 from agents.shell.parts import AgentParts
+from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
 from agents.team.messages import BusMessage, OperatorCommand
@@ -24,6 +25,7 @@ HOLD_BEFORE_LANDING_S = 3.0
 
 _STOPPED = Outcome(Ending.STOPPED, "the operator ended the flight")
 _KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "find it, and see to it before it flies again")
+_FAILED = Outcome(Ending.FAILED)
 _ALL_BUT_KILL = tuple(kind for kind in Kind if kind is not Kind.KILL)
 
 
@@ -37,6 +39,7 @@ class Agent:
             parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
         )
         self._loop = ControlLoop(parts)
+        self._reporter = Reporter(parts, lambda: self._loop.newest)
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
@@ -81,8 +84,9 @@ class Agent:
         await self._link.connect(self._sense)
 
     def announce(self) -> None:
-        """Send the time to the peers from now on, and compare: once connected, with the clock at its speed."""
+        """Send time and reports from now on, and compare clocks: once connected, with the clock at its speed."""
         self._start_agreement.announce()
+        self._reporter.begin()
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from the ground to the ground: whatever happens, the vehicle lands or is handed over.
@@ -121,6 +125,7 @@ class Agent:
     async def close(self) -> None:
         """Leave the bus and release the link."""
         self._start_agreement.fall_silent()
+        await self._reporter.close()
         await self._parts.bus.close()
         await self._link.close()
 
@@ -136,6 +141,7 @@ class Agent:
             except Exception as error:
                 self._fail(Kind.TICKS, error)
         if self._phase is Phase.ENDED:
+            self._reporter.end(_FAILED if self._failure else self._outcome)
             self._over.set()
 
     def _fail(self, kind: Kind, error: Exception) -> None:
@@ -144,6 +150,7 @@ class Agent:
         self._happen(LifeEvent.ABORTED if kind in (Kind.CALL, Kind.KILL) else LifeEvent.FAULT)
 
     def _sense(self, telemetry: Telemetry) -> None:
+        self._reporter.sense()
         self._loop.position_m = telemetry.position_m[:2]
         if self._flew:
             self._core.on_telemetry(telemetry)
@@ -276,6 +283,7 @@ class Agent:
         assert start_s is not None
         self._loop.sensor = self._parts.make_sensor(start_s)
         self._core.start(start_s)
+        self._reporter.start_mission(start_s, self._duration_s)
         self._activities.start(Kind.START, lambda: self._fly_duration(start_s))
 
     def _hold(self) -> None:

@@ -19,6 +19,8 @@ class ControlLoop:
         self.sensor: TargetSensor | None = None
         self.position_m = (0.0, 0.0)
         """Where the vehicle is, for the sensor."""
+        self.newest: TickOutput | None = None
+        """The output of the newest tick."""
         self._control_ticker: Ticker | None = None
 
     @property
@@ -71,6 +73,7 @@ class ControlLoop:
         self._parts.heartbeat.tick(self.period_s / self._parts.clock.speed)
 
     def _publish(self, output: TickOutput, tick_us: float | None) -> None:
+        self.newest = output
         for message in output.messages:
             self._parts.bus.publish(message.topic, message.payload)
         self._parts.observe(output.status, tick_us)

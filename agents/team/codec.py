@@ -2,6 +2,7 @@
 
 Every vehicle sends its state several times a second. The numbers of a state go as whole multiples of units that are far
 below what sensors resolve: they take a third of the bytes. Its parts have its sender, the place on the ring its time.
+The numbers of its report for those who look on go in the same way.
 """
 
 from typing import Annotated
@@ -12,6 +13,7 @@ from agents.drops import Drops
 from agents.settings.shapes import Shape
 from agents.tactics import Tactic
 from agents.team.messages import (
+    ENDED_LIMIT,
     BusMessage,
     CommandAnswer,
     MemberState,
@@ -19,8 +21,10 @@ from agents.team.messages import (
     OperatorCommand,
     StartProposal,
     TargetPackage,
+    TargetReport,
     TimeS,
     VehicleId,
+    VehicleReport,
 )
 from agents.team.text import PRINTABLE
 
@@ -35,6 +39,8 @@ _Angle = Annotated[int, msgspec.Meta(ge=-700_000, le=700_000)]
 _AngularRate = Annotated[int, msgspec.Meta(ge=-(10**9), le=10**9)]
 _Share = Annotated[int, msgspec.Meta(ge=0, le=10**4)]
 _Variance = Annotated[int, msgspec.Meta(ge=-(10**14), le=10**14)]
+_Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
+_Text = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 _MM, _ANGLES, _RATES, _SHARES, _MM2 = 1e3, 1e5, 1e6, 1e4, 1e6
 """The units in a metre or second, a radian, a radian a second, one, and a square metre."""
 
@@ -89,24 +95,62 @@ class _State(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     setpoint_y_mm_s: _Speed
     altitude_mm: _Millimetres
     sigma_mm: Annotated[int, msgspec.Meta(ge=0, le=10**6)]
-    alert: Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
+    alert: _Text
     shaped: tuple[Shape, TimeS] | None
     drops: Drops
     place: _Place | None
     seen: tuple[_Seen, ...]
 
 
+class _Estimate(msgspec.Struct, frozen=True, array_like=True):
+    """A `TargetReport`: positions in mm, velocities in mm/s, the covariance in mm2, the sighting's age in ms."""
+
+    x_mm: _Millimetres
+    y_mm: _Millimetres
+    x_mm_s: _Speed
+    y_mm_s: _Speed
+    xx_mm2: _Variance
+    xy_mm2: _Variance
+    yy_mm2: _Variance
+    age_ms: _Positive
+
+
+class _Report(msgspec.Struct, frozen=True, array_like=True, tag="r"):
+    """A `VehicleReport`: age and duration in ms, the yaw in mrad, the battery in 1e-4, the endurance in s."""
+
+    sender: VehicleId
+    time_s: TimeS
+    mode: _Text
+    armed: bool
+    in_air: bool
+    link_age_ms: _Positive | None
+    yaw_mrad: Annotated[int, msgspec.Meta(ge=-7000, le=7000)] | None
+    battery: _Share | None
+    endurance_s: Annotated[int, msgspec.Meta(ge=0, le=10**6)] | None
+    gps_dimensions: _Count | None
+    satellites: _Count | None
+    estimator: _Text
+    start_s: TimeS | None
+    duration_ms: _Positive
+    ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)]
+    target: _Estimate | None
+
+
 _Former = MemberState | NeighbourAngle | TargetPackage
 """What logs of earlier versions hold as messages."""
 _encoder = msgspec.msgpack.Encoder()
-_decoder: msgspec.msgpack.Decoder[_State | _Former | StartProposal | OperatorCommand | CommandAnswer] = (
-    msgspec.msgpack.Decoder(_State | _Former | StartProposal | OperatorCommand | CommandAnswer)
-)
+_Packed = _State | _Former | StartProposal | OperatorCommand | CommandAnswer | _Report
+_decoder: msgspec.msgpack.Decoder[_Packed] = msgspec.msgpack.Decoder(_Packed)
 
 
 def encode(message: BusMessage) -> bytes:
     """Return a message as it goes over the bus."""
-    return _encoder.encode(_packed(message) if isinstance(message, MemberState) else message)
+    match message:
+        case MemberState():
+            return _encoder.encode(_packed(message))
+        case VehicleReport():
+            return _encoder.encode(_packed_report(message))
+    return _encoder.encode(message)
 
 
 def decode(payload: bytes) -> BusMessage:
@@ -117,7 +161,12 @@ def decode(payload: bytes) -> BusMessage:
         raise ValueError(str(error)) from error
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
-    return _unpacked(message) if isinstance(message, _State) else message
+    match message:
+        case _State():
+            return _unpacked(message)
+        case _Report():
+            return _unpacked_report(message)
+    return message
 
 
 def _packed(state: MemberState) -> _State:
@@ -238,4 +287,73 @@ def _unpacked_sighting(seen: _Seen, state: _State) -> TargetPackage:
         altitude_sigma_mm / _MM,
         frame_mm / _MM,
         frame_ms / _MM,
+    )
+
+
+def _packed_report(report: VehicleReport) -> _Report:
+    return _Report(
+        report.sender,
+        report.time_s,
+        report.mode,
+        report.armed,
+        report.in_air,
+        _scaled(report.link_age_s, _MM),
+        _scaled(report.yaw_rad, _MM),
+        _scaled(report.battery, _SHARES),
+        _scaled(report.endurance_s, 1.0),
+        report.gps_dimensions,
+        report.satellites,
+        report.estimator,
+        report.start_s,
+        round(report.duration_s * _MM),
+        report.ended,
+        None if report.target is None else _packed_estimate(report.target),
+    )
+
+
+def _packed_estimate(target: TargetReport) -> _Estimate:
+    (x, y), (x_rate, y_rate), (xx, xy, yy) = target.position_m, target.velocity_m_s, target.covariance_m2
+    return _Estimate(
+        round(x * _MM),
+        round(y * _MM),
+        round(x_rate * _MM),
+        round(y_rate * _MM),
+        _above(xx, _MM2),
+        _towards_zero(xy, _MM2),
+        _above(yy, _MM2),
+        round(target.sighting_age_s * _MM),
+    )
+
+
+def _scaled(value: float | None, units: float) -> int | None:
+    return None if value is None else round(value * units)
+
+
+def _unpacked_report(report: _Report) -> VehicleReport:
+    return VehicleReport(
+        report.sender,
+        report.time_s,
+        report.mode,
+        report.armed,
+        report.in_air,
+        None if report.link_age_ms is None else report.link_age_ms / _MM,
+        None if report.yaw_mrad is None else report.yaw_mrad / _MM,
+        None if report.battery is None else report.battery / _SHARES,
+        report.endurance_s,
+        report.gps_dimensions,
+        report.satellites,
+        report.estimator,
+        report.start_s,
+        report.duration_ms / _MM,
+        report.ended,
+        None if report.target is None else _unpacked_estimate(report.target),
+    )
+
+
+def _unpacked_estimate(target: _Estimate) -> TargetReport:
+    return TargetReport(
+        (target.x_mm / _MM, target.y_mm / _MM),
+        (target.x_mm_s / _MM, target.y_mm_s / _MM),
+        (target.xx_mm2 / _MM2, target.xy_mm2 / _MM2, target.yy_mm2 / _MM2),
+        target.age_ms / _MM,
     )

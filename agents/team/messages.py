@@ -23,8 +23,12 @@ _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+_Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+_Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
-DID_LIMIT = 120
+DID_LIMIT = ENDED_LIMIT = 120
+LINK_SILENT_S = 0.8
+"""A link without a sample of the vehicle's motion for so long [wall s] counts as cut, for those who look on."""
 Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 
@@ -140,7 +144,51 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     did: Annotated[str, msgspec.Meta(max_length=DID_LIMIT, pattern=PRINTABLE)]
 
 
-PeerMessage = MemberState | NeighbourAngle | TargetPackage | StartProposal | CommandAnswer
+class TargetReport(msgspec.Struct, frozen=True, array_like=True):
+    """A vehicle's estimate of the target: the covariance of its position (xx, xy, yy), and the newest sighting's age.
+
+    It is a part of its sender's report, and of the same time.
+    """
+
+    position_m: Metres2
+    velocity_m_s: tuple[_Speed, _Speed]
+    covariance_m2: tuple[_Variance, _Variance, _Variance]
+    sighting_age_s: _Seconds
+
+
+class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
+    """What those who look on need of a vehicle beside its state: operators and observers receive it, vehicles do not.
+
+    `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint;
+    `battery` is a fraction, `endurance_s` the flight time left by the autopilot, `gps_dimensions` that of the fix (0
+    without one), `estimator` the state of the autopilot's estimator in words. The mission began at `start_s` and takes
+    `duration_s`. `ended` is how the vehicle's flight ended, empty while it is on. What is not known is None, or empty.
+    """
+
+    sender: VehicleId
+    time_s: TimeS
+    mode: _Name
+    armed: bool = False
+    in_air: bool = False
+    link_age_s: _Seconds | None = None
+    yaw_rad: _Angle | None = None
+    battery: _Fraction | None = None
+    endurance_s: _Seconds | None = None
+    gps_dimensions: _Count | None = None
+    satellites: _Count | None = None
+    estimator: _Name = ""
+    start_s: TimeS | None = None
+    duration_s: _Seconds = 0.0
+    ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)] = ""
+    target: TargetReport | None = None
+
+    @property
+    def is_link_cut(self) -> bool:
+        """Whether the vehicle's link counts as cut."""
+        return self.link_age_s is not None and self.link_age_s > LINK_SILENT_S
+
+
+PeerMessage = MemberState | NeighbourAngle | TargetPackage | StartProposal | CommandAnswer | VehicleReport
 BusMessage = PeerMessage | OperatorCommand
 
 
@@ -160,10 +208,13 @@ TOPICS: dict[type[BusMessage], Topic] = {
     StartProposal: Topic("start", 0.2, 1.0),
     OperatorCommand: Topic("command", 0.1, 2.0),
     CommandAnswer: Topic("answer", 0.1, 2.0),
+    # Zenoh's `**` matches no part of a key that begins with "@": who subscribes to all the others does not get these.
+    VehicleReport: Topic("@report", 0.2, 3.0),
 }
 
 OPERATOR_TOPIC = TOPICS[OperatorCommand].name
-PEER_TOPICS = frozenset(TOPICS[kind].name for kind in (MemberState, StartProposal, CommandAnswer))
+REPORT_TOPIC = TOPICS[VehicleReport].name
+PEER_TOPICS = frozenset(TOPICS[kind].name for kind in (MemberState, StartProposal, CommandAnswer, VehicleReport))
 """Topics on which vehicles send, with a key for each; that of commands has one for each verb and operator."""
 
 

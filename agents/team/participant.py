@@ -39,6 +39,11 @@ class Participant:
             raise ValueError(f"vehicle {self.name!r}: a vehicle's name is its number")
 
     @property
+    def looks_on(self) -> bool:
+        """Whether it receives what vehicles report to those who look on."""
+        return self.role in ("operator", "observer")
+
+    @property
     def vehicle_id(self) -> int | None:
         """A vehicle's id, None for all others."""
         return int(self.name) if self.role == "vehicle" and self.name.isdecimal() else None

@@ -5,7 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from agents.drops import NO_DROPS, Drops
+from agents.orders import REFUSED
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
+from gcs.console.advice import Severity, severity
 
 SILENT_AFTER_S = 1.0
 """Vehicles send five messages or more per second of mission time, which is at least as fast as the wall clock."""
@@ -33,6 +35,20 @@ class WatchRow:
         return self.age_s is not None and self.age_s > SILENT_AFTER_S
 
 
+@dataclass(frozen=True, slots=True)
+class TeamEvent:
+    """Something that the team's messages, or their absence, show; `vehicle_id` is None for a command to all."""
+
+    vehicle_id: int | None
+    text: str
+    severity: Severity = "information"
+
+    @property
+    def line(self) -> str:
+        """The event as text, with the vehicle that it is about."""
+        return self.text if self.vehicle_id is None else f"vehicle {self.vehicle_id}: {self.text}"
+
+
 @dataclass(slots=True)
 class _LatestMessages:
     """The latest messages of one vehicle, and their time of reception [wall s]."""
@@ -49,7 +65,7 @@ class TeamState:
     vehicle_ids: Sequence[int]
     _latest: dict[int, _LatestMessages] = field(default_factory=dict)
     _known: OrderedDict[tuple[object, ...], None] = field(default_factory=OrderedDict)
-    _events: deque[str] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
+    _events: deque[TeamEvent] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
 
     @property
     def any_received(self) -> bool:
@@ -70,12 +86,13 @@ class TeamState:
         """Return a row for each vehicle of the mission."""
         return [self._row(each, now_s) for each in sorted(self.vehicle_ids)]
 
-    def new_events(self, now_s: float) -> list[str]:
-        """Return the events since the last call, as text."""
+    def new_events(self, now_s: float) -> list[TeamEvent]:
+        """Return the events since the last call."""
         for vehicle_id, latest in sorted(self._latest.items()):
             if now_s - latest.received_s > SILENT_AFTER_S and not latest.silence_reported:
                 latest.silence_reported = True
-                self._events.append(f"vehicle {vehicle_id}: no messages, last tactic {latest.state.tactic}")
+                text = f"no messages, last tactic {latest.state.tactic}"
+                self._events.append(TeamEvent(vehicle_id, text, "warning"))
         events = list(self._events)
         self._events.clear()
         return events
@@ -83,15 +100,17 @@ class TeamState:
     def _receive_state(self, state: MemberState, now_s: float) -> None:
         last = self._latest.get(state.sender)
         self._latest[state.sender] = _LatestMessages(state, now_s)
-        name = f"vehicle {state.sender}"
         if last is None:
-            self._events.append(f"{name}: connected, tactic {state.tactic}")
+            self._add(state, f"connected, tactic {state.tactic}")
         elif last.silence_reported:
-            self._events.append(f"{name}: messages restored")
+            self._add(state, "messages restored")
         if last is not None and state.tactic != last.state.tactic:
-            self._events.append(f"{name}: {last.state.tactic} -> {state.tactic}")
+            self._add(state, f"{last.state.tactic} -> {state.tactic}")
         if state.alert != ("" if last is None else last.state.alert):
-            self._events.append(f"{name}: {f'alert: {state.alert}' if state.alert else 'alert cleared'}")
+            self._add(state, f"alert: {state.alert}" if state.alert else "alert cleared", severity(state.alert))
+
+    def _add(self, state: MemberState, text: str, how_grave: Severity = "information") -> None:
+        self._events.append(TeamEvent(state.sender, text, how_grave))
 
     def _receive_command(self, message: OperatorCommand | CommandAnswer) -> None:
         """Add commands and answers once; they are repeated on the bus."""
@@ -99,12 +118,14 @@ class TeamState:
             key: tuple[object, ...] = (message.number,)
             receiver = "all vehicles" if message.vehicle is None else f"vehicle {message.vehicle}"
             text = f"command from {message.origin} to {receiver}: {message.verb}"
+            event = TeamEvent(None, text, "warning" if message.verb == "kill" else "information")
         else:
             key = (message.number, message.sender, message.did)
-            text = f"vehicle {message.sender} answers: {message.did}"
+            how_grave: Severity = "warning" if message.did.startswith(REFUSED) else "information"
+            event = TeamEvent(message.sender, f"answers: {message.did}", how_grave)
         if key not in self._known:
             self._known[key] = None
-            self._events.append(text)
+            self._events.append(event)
             if len(self._known) > COMMANDS_KEPT:
                 self._known.popitem(last=False)
 

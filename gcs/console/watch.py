@@ -66,8 +66,8 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
             await bus.follow()
             now_s = monotonic()
             missions.require_same()
-            for line in team.new_events(now_s):
-                view.print_line(line)
+            for event in team.new_events(now_s):
+                view.print_line(event.line)
             message = bus.refusal or missions.difference or _message(mission, team, now_s - began_s)
             view.update(team.rows(now_s), now_s - began_s, message)
             with suppress(TimeoutError):

@@ -1,6 +1,9 @@
-"""Whether a mission fits into its own limits: fence, altitude band, keep-out disc and speeds, before anything flies."""
+"""Whether a mission fits into its own limits: fence, altitude band, keep-out disc and speeds, before anything flies.
 
-from collections.abc import Iterator, Sequence
+And how far vehicles are from each other and from their fences.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import degrees, dist
 
@@ -12,6 +15,26 @@ from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, V
 _PATH_POINTS = 200
 
 IndexedVehicles = Sequence[tuple[int, VehicleSection]]
+Place = tuple[float, float]
+
+
+def fences(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> dict[int, Fence]:
+    """Return the fence of each vehicle that has one, the mission's or its own, by its id."""
+    corners_m = {vehicle.id: vehicle.limits(safety).fence_m for vehicle in vehicles}
+    return {vehicle_id: Fence(corners) for vehicle_id, corners in corners_m.items() if corners}
+
+
+def nearest_other(vehicle_id: int, places_m: Mapping[int, Place]) -> tuple[int, float] | None:
+    """Return the vehicle horizontally nearest to one, by the places (x, y) of all, and how far it is [m].
+
+    None without others, or where the vehicle's own place is not known.
+    """
+    here_m = places_m.get(vehicle_id)
+    if here_m is None:
+        return None
+    others = ((dist(here_m, place_m), other) for other, place_m in places_m.items() if other != vehicle_id)
+    nearest_m, nearest_id = min(others, default=(0.0, 0))
+    return (nearest_id, nearest_m) if nearest_id else None
 
 
 def slots_fit(

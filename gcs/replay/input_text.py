@@ -28,6 +28,7 @@ from agents.team.messages import (
     PeerMessage,
     StartProposal,
     TargetPackage,
+    VehicleReport,
 )
 from estimation.state import Sighting, Telemetry
 
@@ -92,6 +93,8 @@ def _peer_message(message: PeerMessage) -> str:
             return "ready to start"
         case CommandAnswer():
             return f"answers command {message.number}: {message.did}"
+        case VehicleReport():
+            return f"reports mode {message.mode}"
 
 
 def _command(command: OperatorCommand) -> str:

@@ -4,6 +4,8 @@ import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+from agents.team.messages import REPORT_TOPIC
+
 _TLS = "tls"
 _HEARS = {
     "hears": (("put", "liveliness_token"), ("egress",)),
@@ -73,7 +75,8 @@ def secured(endpoint: str) -> str:
 def _access_control(prefix: str, grants: Sequence[Grant]) -> dict[str, object]:
     """Return the access control of a peer: what is not allowed here is denied."""
     names = [grant.common_name for grant in grants]
-    rules = [_rule(name, messages, flows, (f"{prefix}/**",)) for name, (messages, flows) in _HEARS.items()]
+    everything = (f"{prefix}/**", f"{prefix}/{REPORT_TOPIC}/*")
+    rules = [_rule(name, messages, flows, everything) for name, (messages, flows) in _HEARS.items()]
     policies: list[dict[str, object]] = [{"rules": list(_HEARS), "subjects": names}]
     for grant in grants:
         own = list(_sending_rules(prefix, grant))

@@ -15,7 +15,7 @@ from agents.shell.bus.mailbox import Mailbox
 from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
 from agents.shell.handover import Handover
 from agents.team.admission import Admission
-from agents.team.messages import BusMessage, OperatorCommand
+from agents.team.messages import REPORT_TOPIC, BusMessage, OperatorCommand
 from agents.team.participant import Participant, is_name
 from agents.team.perception import is_perception_key
 
@@ -132,9 +132,10 @@ class ZenohBus:
 
     def _open_blocking(self) -> None:
         several = sum(len(station.vehicle_ids) for station in self._stations) > 1
+        looks_on = any(each.looks_on for station in self._stations for each in station.participants)
         try:
             for i, session in enumerate(self._sessions):
-                session.open(None if i else self, own=several)
+                session.open(None if i else self, own=several, reports=looks_on)
         except VehicleRefusedError:
             self._close_blocking()
             raise
@@ -242,7 +243,7 @@ class ParticipantBus:
         it in the key.
         Raises ValueError for a topic that would be a pattern in a key.
         """
-        if not all(map(is_name, topic.split("/"))):
+        if topic != REPORT_TOPIC and not all(map(is_name, topic.split("/"))):
             raise ValueError(f"topic = {topic!r}: letters, digits, '_', '.' and '-' only")
         if self._closed or self.participant.role == "observer":
             return

@@ -16,7 +16,7 @@ import zenoh
 from agents.ports import VehicleRefusedError
 from agents.shell.bus.bus_security import BusSecurity, secured
 from agents.shell.bus.mailbox import PAYLOAD_LIMIT_BYTES
-from agents.team.messages import TOPICS, MemberState, StartProposal
+from agents.team.messages import REPORT_TOPIC, TOPICS, MemberState, StartProposal, VehicleReport
 from agents.team.participant import is_name
 
 _LEASE_MS = 1000
@@ -28,7 +28,7 @@ _GUEST_SESSIONS = 32
 _KEY_RATE_HZ = 1000.0
 """Zenoh drops what comes faster on one key: it keeps a burst of distinct messages from being delivered in full, so it
 is far above what any vehicle sends, and on topics of which the newest message alone counts."""
-_NEWEST_COUNTS = (MemberState, StartProposal)
+_NEWEST_COUNTS = (MemberState, StartProposal, VehicleReport)
 
 
 class Receiver(Protocol):
@@ -88,9 +88,10 @@ class ZenohSession:
         """Whether it is open; that peers are heard is another matter."""
         return self._session is not None and not self._session.is_closed()
 
-    def open(self, receiver: Receiver | None, *, own: bool) -> None:
+    def open(self, receiver: Receiver | None, *, own: bool, reports: bool) -> None:
         """Join, and let a receiver take what others send, and with `own` also what this session sends itself.
 
+        The reports of the vehicles, which are for those who look on, come only with `reports`.
         Raises VehicleRefusedError when the endpoints cannot be used: a taken port.
         """
         try:
@@ -102,13 +103,13 @@ class ZenohSession:
             raise _refusal(self._listen, error) from error
         try:
             if receiver is not None:
-                self._subscribe(session, receiver, own=own)
+                self._subscribe(session, receiver, own=own, reports=reports)
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
             raise _refusal(self._listen, error) from error
         self._session = session
 
-    def _subscribe(self, session: zenoh.Session, receiver: Receiver, *, own: bool) -> None:
+    def _subscribe(self, session: zenoh.Session, receiver: Receiver, *, own: bool, reports: bool) -> None:
         keys, callback, skipped = f"{self._prefix}/**", zenoh.handlers.Callback, len(self._prefix) + 1
 
         def take(sample: zenoh.Sample, *, own: bool = False) -> None:
@@ -120,6 +121,8 @@ class ZenohSession:
             receiver.take_presence(name, sample.kind == zenoh.SampleKind.PUT)
 
         session.declare_subscriber(keys, callback(take), allowed_origin=zenoh.Locality.REMOTE)
+        if reports:
+            session.declare_subscriber(f"{self._prefix}/{REPORT_TOPIC}/*", callback(take))
         if own:  # not by a thread of its own: what is published here is taken before `publish` returns
             take_own = callback(partial(take, own=True), indirect=False)
             session.declare_subscriber(keys, take_own, allowed_origin=zenoh.Locality.SESSION_LOCAL)

@@ -14,6 +14,7 @@ from agents.team.messages import (
     OperatorCommand,
     StartProposal,
     TargetPackage,
+    VehicleReport,
     key_of,
 )
 from agents.team.participant import Participant, name_from, vehicle
@@ -24,6 +25,7 @@ KEYS: dict[str, BusMessage] = {
     "target/3": TargetPackage(3, 5.0, (8.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (2,)),
     "start/3": StartProposal(3, 5.0, 7.0),
     "answer/3": CommandAnswer(3, 5.0, 7, "motors cut"),
+    "@report/3": VehicleReport(3, 5.0, "offboard"),
     "command/hold/pat": OperatorCommand(5.0, "hold", None, "pat", 7),
 }
 OTHERS: tuple[str, ...] = (

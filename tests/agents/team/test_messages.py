@@ -21,6 +21,8 @@ from agents.team.messages import (
     OperatorCommand,
     StartProposal,
     TargetPackage,
+    TargetReport,
+    VehicleReport,
 )
 from agents.team.text import printable as printable_text
 from estimation.state import Sighting
@@ -63,6 +65,15 @@ states = st.builds(
     times, st.builds(Drops, malformed=st.integers(0, 9)), st.none() | angles, st.lists(packages, max_size=3).map(tuple),
 )  # fmt: skip
 
+ages = st.floats(0.0, 1e6)
+estimates = st.builds(TargetReport, places, speeds, covariances, ages)
+reports = st.builds(
+    VehicleReport, ids, times, st.text(printable, max_size=32), st.booleans(), st.booleans(), st.none() | ages,
+    st.none() | st.floats(-7.0, 7.0), st.none() | fractions, st.none() | ages, st.none() | st.integers(0, 3),
+    st.none() | st.integers(0, 255), st.text(printable, max_size=32), st.none() | times, ages,
+    st.text(printable, max_size=120), st.none() | estimates,
+)  # fmt: skip
+
 ANGLE = NeighbourAngle(2, 10.0, 0.5, 0.05, 10.0)
 TARGET = TargetPackage(2, 10.0, (35.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (1, 3))
 MEMBER = MemberState(2, 10.0, "formation", (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (0.2, 0.0))
@@ -70,7 +81,9 @@ ON_RING = structs.replace(MEMBER, tactic="encircle", angle=ANGLE, sightings=(TAR
 MUSTER = StartProposal(2, 10.0, 12.0)
 COMMAND = OperatorCommand(12.5, "resume", 2, "pat", 7)
 ANSWER = CommandAnswer(2, 12.6, 7, "resumed")
-EXAMPLES: list[BusMessage] = [MEMBER, ON_RING, ANGLE, TARGET, MUSTER, COMMAND, ANSWER]
+SEEN = TargetReport((35.0, -5.0), (0.1, 0.0), (0.1, 0.0, 0.1), 0.5)
+REPORT = VehicleReport(2, 12.7, "offboard", True, True, 0.1, 1.5, 0.8, 600.0, 3, 12, "good", 10.0, 200.0, "", SEEN)
+EXAMPLES: list[BusMessage] = [MEMBER, ON_RING, ANGLE, TARGET, MUSTER, COMMAND, ANSWER, REPORT]
 
 
 def fields(message: BusMessage) -> list[object]:
@@ -128,6 +141,36 @@ def near(one: msgspec.Struct, other: msgspec.Struct, *names: str, within: float)
         assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-12, atol=within), name
 
 
+@given(reports)
+def test_a_report_comes_out_within_half_a_unit(report: VehicleReport) -> None:
+    again = decode(encode(report))
+    assert isinstance(again, VehicleReport)
+    assert decode(encode(again)) == again
+    exact = (
+        "sender",
+        "time_s",
+        "mode",
+        "armed",
+        "in_air",
+        "gps_dimensions",
+        "satellites",
+        "estimator",
+        "start_s",
+        "ended",
+    )
+    assert [getattr(again, name) for name in exact] == [getattr(report, name) for name in exact]
+    for name, within in (("link_age_s", 6e-4), ("yaw_rad", 6e-4), ("battery", 6e-5), ("endurance_s", 0.5)):
+        assert (getattr(again, name) is None) == (getattr(report, name) is None)
+        if getattr(report, name) is not None:
+            near(again, report, name, within=within)
+    near(again, report, "duration_s", within=6e-4)
+    assert (again.target is None) == (report.target is None)
+    if again.target is not None and report.target is not None:
+        near(again.target, report.target, "position_m", "velocity_m_s", "sighting_age_s", within=6e-4)
+        near(again.target, report.target, "covariance_m2", within=1.1e-6)
+        Sighting(0.0, 1, again.target.position_m, again.target.covariance_m2, 0.5, 0.5)  # still positive definite
+
+
 def test_a_state_fits_a_slow_radio() -> None:
     """Eight vehicles that send ten times a second share 57600 baud, of ten bits a byte."""
     here, still = (-123.456, 78.901), (-1.234, 0.567)
@@ -136,13 +179,21 @@ def test_a_state_fits_a_slow_radio() -> None:
     assert len(encode(state)) <= 80
 
 
+def test_a_report_is_no_larger_than_two_states() -> None:
+    seen = TargetReport((-123.456, 78.901), (-1.234, 0.567), (0.123456, -0.012345, 0.234567), 12.345)
+    report = VehicleReport(
+        8, 1.7e9, "offboard", True, True, 0.045, -2.345, 0.1234, 1234.0, 3, 12, "good", 1.7e9, 600.0, "", seen
+    )
+    assert len(encode(report)) <= 110
+
+
 @given(st.binary(max_size=200))
 def test_arbitrary_bytes_never_raise_anything_but_value_error(payload: bytes) -> None:
     if not refused(payload):
         assert type(decode(payload)) in TOPICS
 
 
-@given(messages | states, st.data())
+@given(messages | states | reports, st.data())
 def test_a_mutated_message_never_raises_anything_but_value_error(message: BusMessage, data: st.DataObject) -> None:
     payload = bytearray(encode(message))
     for _ in range(data.draw(st.integers(1, 4))):
@@ -193,6 +244,11 @@ def test_bounds_by_hand(subtests: pytest.Subtests) -> None:
         (TARGET, 6, -0.01),
         (TARGET, 7, [0]),
         (MUSTER, 0, "mustard"),
+        (REPORT, 1, 255),
+        (REPORT, 3, "x" * 33),
+        (REPORT, 7, 7001),
+        (REPORT, 8, 10**4 + 1),
+        (REPORT, 15, "x" * 121),
     )
     for message, index, wrong in rows:
         with subtests.test(message=message, index=index, wrong=wrong):
@@ -222,6 +278,9 @@ def test_no_text_holds_control_characters(text: str) -> None:
         structs.replace(MEMBER, alert=text),
         structs.replace(COMMAND, origin=text),
         structs.replace(ANSWER, did=text),
+        structs.replace(REPORT, mode=text),
+        structs.replace(REPORT, estimator=text),
+        structs.replace(REPORT, ended=text),
     ):
         assert refused(encode(message)), message
 

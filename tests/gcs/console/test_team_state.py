@@ -8,7 +8,7 @@ from rich.console import Console
 
 from agents.drops import Drops
 from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
-from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamState, WatchRow
+from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamEvent, TeamState, WatchRow
 from gcs.console.watch import watch_line, watch_table
 
 ROW = WatchRow(1, 0.1, "encircle", (1.0, -2.0), 8.0, 10.02, 0.051)
@@ -47,18 +47,19 @@ def test_silence_is_news_once_and_so_is_its_end() -> None:
     picture = TeamState((1,))
     picture.receive(state(), 0.0)
     (connected,) = picture.new_events(0.0)
-    assert connected.startswith("vehicle 1: ")
-    assert "formation" in connected
+    assert connected.line.startswith("vehicle 1: ")
+    assert "formation" in connected.text
     assert picture.new_events(SILENT_AFTER_S) == []
     (lost,) = picture.new_events(SILENT_AFTER_S + 0.1)
-    assert lost.startswith("vehicle 1: ")
-    assert "formation" in lost
+    assert lost.line.startswith("vehicle 1: ")
+    assert "formation" in lost.text
+    assert lost.severity == "warning"
     assert picture.new_events(SILENT_AFTER_S + 0.2) == []
     assert picture.rows(SILENT_AFTER_S + 0.2)[0].silent
     picture.receive(state(tactic="hold"), 3.0)
     restored, changed = picture.new_events(3.0)
-    assert restored.startswith("vehicle 1: ")
-    assert changed == "vehicle 1: formation -> hold"
+    assert restored.line.startswith("vehicle 1: ")
+    assert changed == TeamEvent(1, "formation -> hold")
     assert not picture.rows(3.0)[0].silent
 
 
@@ -78,7 +79,8 @@ def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeat
     )
     events = picture.new_events(0.1)
     assert len(events) == len(facts)
-    assert all(fact in event for event, expected in zip(events, facts, strict=True) for fact in expected)
+    assert [event.severity for event in events] == ["information", "alarm", *["information"] * 3]
+    assert all(fact in event.line for event, expected in zip(events, facts, strict=True) for fact in expected)
 
 
 def rendered(rows: list[WatchRow]) -> list[str]:
@@ -116,7 +118,8 @@ def test_a_flood_of_commands_is_shown_in_part_and_the_newest_are_kept() -> None:
     picture.receive(OperatorCommand(100.0, "kill", None, "pat", 5000), 0.0)
     events = picture.new_events(0.0)
     assert len(events) == EVENTS_KEPT
-    assert "kill" in events[-1]
+    assert "kill" in events[-1].text
+    assert events[-1].severity == "warning"
 
 
 def test_what_a_vehicle_drops_is_shown_by_reason() -> None:

@@ -4,6 +4,7 @@ from math import cos, pi, sin
 
 import pytest
 
+from gcs.mission.geometry import fences, nearest_other
 from tests.support.mission_text import Content, content, faults, parsed, put
 
 Changes = dict[tuple[str | int, ...], object]
@@ -234,3 +235,23 @@ def test_limits_that_just_do_are_accepted() -> None:
 def test_every_fault_is_told_at_once() -> None:
     wrong = box(high=3.75) | {("safety", "keep_out_m"): 10.0, ("safety", "altitude_max_m"): 5.0}
     assert len(faults(changed(wrong))) == 1 + 3 + 2
+
+
+def test_the_nearest_other_vehicle_is_the_one_at_the_shortest_horizontal_distance() -> None:
+    places_m = {1: (0.0, 0.0), 2: (3.0, 4.0), 7: (-4.0, 0.0)}
+    assert nearest_other(1, places_m) == (7, 4.0)
+    assert nearest_other(2, places_m) == (1, 5.0)
+    assert nearest_other(7, places_m) == (1, 4.0)
+    assert nearest_other(3, places_m) is None, "its own place is not known"
+    assert nearest_other(1, {1: (0.0, 0.0)}) is None
+    assert nearest_other(1, {1: (0.0, 0.0), 2: (0.0, 0.0)}) == (2, 0.0), "one at the same place"
+
+
+def test_each_vehicle_has_the_fence_that_holds_for_it() -> None:
+    wider: list[list[float]] = [[-9.0, -30.0], [120.0, -30.0], [120.0, 30.0], [-9.0, 30.0]]
+    mission = parsed(changed(box() | {("vehicles", 1, "fence_m"): wider}))
+    of = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
+    assert [of[vehicle_id].clearance_m((0.0, 0.0)) for vehicle_id in mission.ids] == [5.0, 9.0, 5.0]
+    assert of[1].clearance_m((-7.0, 0.0)) == -2.0
+    without = parsed(changed({}))
+    assert fences([vehicle.section for vehicle in without.vehicles], without.safety) == {}

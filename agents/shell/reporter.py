@@ -1,0 +1,139 @@
+"""What a vehicle reports to those who look on: beside its state, which peers fly by."""
+
+import asyncio
+from collections.abc import Callable
+
+from agents.outputs import CoreStatus, TickOutput
+from agents.ports import GpsThreat, VehicleStatus
+from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
+from agents.shell.outcome import Outcome
+from agents.shell.parts import AgentParts
+from agents.team.codec import encode
+from agents.team.messages import ENDED_LIMIT, LINK_SILENT_S, REPORT_TOPIC, TOPICS, TargetReport, VehicleReport
+from agents.team.text import printable
+from estimation.state import POSITION, VELOCITY
+
+PERIOD_S = 1.0
+"""How often a report is sent that says nothing new [wall s]."""
+_LOOK_S = TOPICS[VehicleReport].period_s
+_WORDS_LIMIT = 32
+
+
+class Reporter:
+    """Sends the reports of one vehicle: once a second, and at once when mode, link, alert or the end change.
+
+    It runs in a task of its own, so that a vehicle on the ground, and one whose flight has ended, are reported as well.
+    """
+
+    def __init__(self, parts: AgentParts, newest: Callable[[], TickOutput | None]) -> None:
+        """Take the agent's parts; `newest` returns the output of the newest tick."""
+        self._parts = parts
+        self._newest = newest
+        self._mission: tuple[float | None, float] = (None, 0.0)
+        self._ended = ""
+        self._motion_s: float | None = None
+        self._said: tuple[object, ...] = ()
+        self._sent_s = 0.0
+        self._running: asyncio.Task[None] | None = None
+
+    def begin(self) -> None:
+        """Send from now on, with the clock at its speed."""
+        self._running = self._running or asyncio.create_task(self._run())
+
+    def sense(self) -> None:
+        """Note that a sample of the vehicle's motion has been received now."""
+        self._motion_s = _wall_s()
+
+    def start_mission(self, start_s: float, duration_s: float) -> None:
+        """Take when the mission begins on the team's clock, and how long it takes."""
+        self._mission = (start_s, duration_s)
+
+    def end(self, outcome: Outcome) -> None:
+        """Send how the flight ended, unless it had ended before."""
+        self._ended = self._ended or ended_words(outcome)
+        self._look()
+
+    async def close(self) -> None:
+        """Send the last report, and no more."""
+        if self._running is not None:
+            self._send(_wall_s())
+            self._running.cancel()
+            await asyncio.gather(self._running, return_exceptions=True)
+
+    async def _run(self) -> None:
+        while True:
+            self._look()
+            await asyncio.sleep(_LOOK_S)
+
+    def _look(self) -> None:
+        """Send a report when it is time for one, or when it would say something new."""
+        output, status, now_s = self._newest(), self._parts.link.status, _wall_s()
+        alert = "" if output is None else output.status.alert
+        is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
+        said = (status.mode, status.armed, status.in_air, status.connected, is_silent, alert, self._ended)
+        if said != self._said or now_s - self._sent_s >= PERIOD_S:
+            self._said = said
+            self._send(now_s)
+
+    def _send(self, now_s: float) -> None:
+        self._sent_s = now_s
+        self._parts.bus.publish(REPORT_TOPIC, encode(self._report(now_s)))
+
+    def _report(self, now_s: float) -> VehicleReport:
+        output, status = self._newest(), self._parts.link.status
+        setpoint = None if output is None else output.setpoint
+        start_s, duration_s = self._mission
+        return VehicleReport(
+            self._parts.config.vehicle_id,
+            self._parts.clock.now_s(),
+            status.mode.value,
+            status.armed,
+            status.in_air,
+            None if self._motion_s is None else now_s - self._motion_s,
+            None if setpoint is None else setpoint.yaw_rad,
+            status.battery,
+            status.endurance_s,
+            status.gps_dimensions,
+            status.satellites,
+            estimator_words(status),
+            start_s,
+            duration_s,
+            self._ended,
+            None if output is None else target_report(output.status),
+        )
+
+
+def estimator_words(status: VehicleStatus) -> str:
+    """Return the state of an autopilot's estimator in words, empty where it reports none."""
+    ratio = status.estimator_ratio
+    if status.estimator_fault:
+        words = status.estimator_fault
+    elif status.gps_threat is not GpsThreat.NONE:
+        words = f"GPS {status.gps_threat.value}"
+    elif ratio is None:
+        words = ""
+    elif ratio > RATIO_RESERVE:
+        words = f"{status.estimator_sensor} {'rejected' if ratio > RATIO_MAX else 'doubtful'}"
+    else:
+        words = "good"
+    return printable(words)[:_WORDS_LIMIT]
+
+
+def target_report(status: CoreStatus) -> TargetReport | None:
+    """Return a vehicle's estimate of the target as it is reported, None without one."""
+    target = status.target_estimate
+    if target is None:
+        return None
+    (x, y), (x_rate, y_rate) = target.mean[POSITION].tolist(), target.mean[VELOCITY].tolist()
+    (xx, xy), (_, yy) = target.covariance[POSITION, POSITION].tolist()
+    return TargetReport((x, y), (x_rate, y_rate), (xx, xy, yy), max(status.time_s - target.sighted_s, 0.0))
+
+
+def ended_words(outcome: Outcome) -> str:
+    """Return how a vehicle's flight ended, in words."""
+    words = f"{outcome.ending.value}: {outcome.reason}" if outcome.reason else outcome.ending.value
+    return printable(words)[:ENDED_LIMIT]
+
+
+def _wall_s() -> float:
+    return asyncio.get_running_loop().time()

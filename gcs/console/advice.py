@@ -1,0 +1,76 @@
+"""What an operator does about an alert, and how grave it is: one sentence for each condition of the failsafe table.
+
+The vehicle's own reaction is in that table (`agents/safety/failsafe.py`). Sentences name commands by their verbs.
+"""
+
+from typing import Literal
+
+from agents.orders import REFUSED
+from agents.safety.failsafe import TABLE, Condition, Reaction
+
+Severity = Literal["information", "warning", "alarm"]
+
+_ADVICE = {
+    Condition.TELEMETRY_STALE: "check its link; if it drifts, fly it by remote control",
+    Condition.ESTIMATOR_JUMPED: "look where it is; resume once it hovers steadily",
+    Condition.REMOTE_CONTROL_LOST: "bring its remote control back, then resume",
+    Condition.GROUND_STATION_LOST: "check its link, then resume",
+    Condition.PILOT_TOOK_OVER: "ask its pilot before you resume",
+    Condition.BATTERY_CRITICAL: "it lands where it is: clear the place below it",
+    Condition.BATTERY_LOW: "it returns and lands: clear its landing place",
+    Condition.NO_WAY_HOME: "it returns and lands: clear its way and landing place",
+    Condition.ESTIMATOR_FAILING: "be ready to fly it by remote control; clear the place below it",
+    Condition.NOT_FOLLOWING: "look for damage or wind; land it if it does not hover steadily",
+    Condition.TILTED: "look for wind or a failing motor; land it",
+    Condition.WINDY: "resume in less wind, or land",
+    Condition.FENCE_LEFT: "fly it back by remote control, or let it land outside",
+    Condition.ALTITUDE_LEFT: "correct its height by remote control, or land it",
+    Condition.TOO_CLOSE: "hold all; land one of the two if they stay close",
+    Condition.TARGET_STALE: "find the target; resume once a sensor sees it, or return",
+    Condition.TARGET_JUMPED: "check the target's sensors; resume once they agree",
+    Condition.PLAN_FAILING: "hold it, then land it",
+    Condition.BUS_LOST: "check its computer's network; Ctrl-C in its terminal lands it",
+    Condition.PEERS_SILENT: "check its computer's network; Ctrl-C in its terminal lands it",
+    Condition.LATE_TICKS: "close other programs on its computer; land it if this goes on",
+    Condition.BUS_FLOODED: "find what floods the bus, and disconnect it",
+    Condition.CLOCK_STEPPED: "synchronise the computers' clocks before the next flight",
+    Condition.CLOCK_DRIFTED: "synchronise the computers' clocks before the next flight",
+    Condition.ESTIMATOR_DEGRADED: "watch its position; return if it gets worse",
+    Condition.COMPUTER_SHORT: "free memory or disk on its computer: the log may end early",
+    Condition.LEADER_LOST: "look for the silent vehicle; the next in line leads",
+    Condition.PEER_SILENT: "look for the silent vehicle; the others keep clear of it",
+    Condition.PEER_DOUBTFUL: "count the vehicles in the air; return if one is not yours",
+    Condition.SIGHTINGS_CONTRADICT: "check the sensors: one of them is wrong about the target",
+    Condition.TARGET_FROM_OUTSIDE: "look for the target: no vehicle sees it",
+    Condition.OPERATOR_LOST: "the team returns and lands: clear the landing places",
+}
+_OF_ALERT = {condition.value: sentence for condition, sentence in _ADVICE.items()}
+_OTHER = "watch it; hold or land it if in doubt"
+_WARNINGS = frozenset(row.condition.value for row in TABLE if row.reactions == (Reaction.DEGRADE,))
+
+
+def advice(alert: str) -> str:
+    """Return what to do about an alert, as vehicles send them; empty for an empty one."""
+    return _OF_ALERT.get(alert, _OTHER) if alert else ""
+
+
+def severity(alert: str) -> Severity:
+    """Return how grave an alert is: an alarm where the vehicle leaves its mission for it, or where it is not known."""
+    if not alert:
+        return "information"
+    return "warning" if alert in _WARNINGS else "alarm"
+
+
+def event_severity(kind: str, text: str) -> Severity:
+    """Return how grave an event of a flight is, by its kind and text (`gcs.metrics.record.FlightEvent`).
+
+    An alert is as grave as its condition, and its end is information; so is what is no alert, but a kill and a refusal.
+    """
+    if kind == "command":
+        return "warning" if text.startswith("kill ") or REFUSED in text else "information"
+    if kind != "failsafe":
+        return "information"
+    alert, _, then = text.removeprefix("alert: ").partition(": ")
+    if alert in _OF_ALERT:
+        return "information" if then.startswith("cleared") else severity(alert)
+    return "information" if alert == "alert cleared" else "warning"
