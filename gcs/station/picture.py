@@ -64,8 +64,9 @@ class VehiclePicture(msgspec.Struct, frozen=True):
     """One vehicle at one time. `age_s` is that of its last message on the wall's clock, None before the first.
 
     `is_stale` is whether it must not be drawn as if it flew there: its messages stopped, or its link is cut.
-    `link_age_s` is how long its autopilot has been silent, as its agent reports. `advice` is what to do about the
-    alert. Margins are to the separation from the nearest other vehicle, and to the fence (negative: outside).
+    `link_age_s` is how long its autopilot has been silent, as its agent reports. `yaw_rad` is that of its setpoint.
+    `advice` is what to do about the alert. `nearest_m` is the horizontal distance to the nearest other vehicle that
+    flies, and the margin that to the fence (negative: outside). `ending` is how its flight ended, empty while it is on.
     """
 
     vehicle_id: int
@@ -93,6 +94,7 @@ class VehiclePicture(msgspec.Struct, frozen=True):
     alert: str = ""
     advice: str = ""
     severity: Severity = "information"
+    ending: str = ""
 
 
 class TargetPicture(msgspec.Struct, frozen=True):
@@ -108,7 +110,8 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     """The team at one time: `time_s` since the mission's start (None before), `wall_s` in Unix time.
 
     `ring_members` fly on the ring, of all vehicles. `ending` is how the flight ended, empty while it is on.
-    `link` is what keeps the page from the team, empty when nothing does.
+    `link` is what keeps the page from the team, empty when nothing does. `remaining_s` is left of the mission, None
+    before its start.
     """
 
     time_s: float | None
@@ -118,6 +121,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     ring_members: int = 0
     ending: str = ""
     link: str = ""
+    remaining_s: float | None = None
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):

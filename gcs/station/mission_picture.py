@@ -1,0 +1,40 @@
+"""What does not change in flight, for the operator's page."""
+
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.station.picture import MissionPicture, OperatorRights, PlannedVehicle, Source
+from gcs.style import COLOURS
+
+
+def mission_picture(
+    mission: Mission, source: Source, duration_s: float, operator: OperatorRights | None = None
+) -> MissionPicture:
+    """Return a mission as the page shows it, flown for `duration_s`; without an operator it only shows."""
+    frame, ring, safety = mission.frame, mission.encirclement, mission.safety
+    known = frame.latitude_deg is not None and frame.longitude_deg is not None
+    return MissionPicture(
+        mission=mission.mission.name,
+        source=source,
+        duration_s=duration_s,
+        rate_hz=mission.mission.rate_hz,
+        origin_deg=(frame.latitude_deg or 0.0, frame.longitude_deg or 0.0) if known else None,
+        x_bearing_deg=frame.x_bearing_deg,
+        ring_radius_m=ring.radius_m,
+        ring_rate_rad_s=ring.angular_rate_rad_s,
+        separation_m=safety.separation_m,
+        keep_out_m=safety.keep_out_m,
+        altitude_min_m=safety.altitude_min_m,
+        altitude_max_m=safety.altitude_max_m,
+        vehicles=tuple(_planned(mission, row, vehicle) for row, vehicle in enumerate(mission.vehicles)),
+        operator=operator or OperatorRights(),
+    )
+
+
+def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehicle:
+    section = vehicle.section
+    return PlannedVehicle(
+        vehicle.id,
+        COLOURS[row % len(COLOURS)],
+        (*section.start_m, 0.0),
+        section.altitude_m,
+        tuple(section.limits(mission.safety).fence_m or ()),
+    )

@@ -1,0 +1,253 @@
+"""What the operator's page shows of a team that flies, from the messages on its bus: messages in, pictures out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import count
+from math import inf
+from statistics import median_high
+
+from msgspec.structs import replace
+
+from agents.ring.place import ring_place
+from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport
+from gcs.console.advice import Severity
+from gcs.console.team_state import SILENT_AFTER_S, TeamState
+from gcs.mission.geometry import fences
+from gcs.mission.mission import Mission
+from gcs.station.picture import EventPicture, Pair, TargetPicture, TeamPicture, VehiclePicture
+from gcs.station.vehicle_picture import LINK_CUT, SILENT, Surroundings, fix_words, vehicle_alert
+
+
+@dataclass(slots=True)
+class _Heard:
+    """The newest messages of one vehicle, and when they were received [wall s]."""
+
+    any_s: float = -inf
+    state: MemberState | None = None
+    state_s: float = -inf
+    report: VehicleReport | None = None
+    report_s: float = -inf
+
+    @property
+    def ended(self) -> str:
+        """How its flight ended, empty while it is on."""
+        return "" if self.report is None else self.report.ended
+
+    @property
+    def is_link_cut(self) -> bool:
+        """Whether its agent reports that the link to its autopilot is cut."""
+        return self.report is not None and self.report.is_link_cut
+
+    def received_s(self) -> float:
+        """Return when it was heard: by its newest state, or by any message where it has sent no state yet."""
+        return self.any_s if self.state is None else self.state_s
+
+    def is_stale(self, now_s: float) -> bool:
+        """Return whether its messages have stopped, or its link is cut."""
+        return now_s - self.received_s() > SILENT_AFTER_S or self.is_link_cut
+
+
+class TeamPictures:
+    """Makes pictures of a team; times are seconds of one steady clock, `unix_offset_s` behind Unix time.
+
+    A flight that ends, and one that begins after it with the same vehicles, follow each other in the pictures.
+    """
+
+    def __init__(self, mission: Mission, unix_offset_s: float) -> None:
+        self._unix_offset_s = unix_offset_s
+        self._heard = {vehicle_id: _Heard() for vehicle_id in mission.ids}
+        self._surroundings = Surroundings(fences([each.section for each in mission.vehicles], mission.safety))
+        self._state = TeamState(mission.ids)
+        self._numbers = count(1)
+        self._events: list[tuple[int, str, Severity]] = []
+        self._time_s: float | None = None
+        self._remaining_s: float | None = None
+
+    def receive(self, message: BusMessage, now_s: float) -> None:
+        """Take a message of the bus."""
+        self._state.receive(message, now_s)
+        if isinstance(message, OperatorCommand) or (heard := self._heard.get(message.sender)) is None:
+            return
+        heard.any_s = now_s
+        match message:
+            case MemberState():
+                heard.state, heard.state_s = message, now_s
+            case VehicleReport():
+                self._events += [(message.sender, *event) for event in _news(heard.report, message)]
+                if heard.report is not None and _is_of_another_flight(heard.report, message):
+                    heard.state, heard.state_s = None, -inf
+                heard.report, heard.report_s = message, now_s
+            case _:
+                pass
+
+    def new_events(self, now_s: float) -> list[EventPicture]:
+        """Return the events since the last call."""
+        events = [(each.vehicle_id, each.text, each.severity) for each in self._state.new_events(now_s)]
+        events += self._events
+        self._events = []
+        return [
+            EventPicture(
+                next(self._numbers), self._time_s, now_s + self._unix_offset_s, how_grave, text, vehicle_id=vehicle_id
+            )
+            for vehicle_id, text, how_grave in events
+        ]
+
+    def picture(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:
+        """Return the team at `now_s`; `link` is what keeps the page from it, and no flight runs if it `is_over`."""
+        self._tell_time(now_s)
+        places_m = {i: each.state.position_m for i, each in self._heard.items() if each.state and not each.ended}
+        vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._heard)
+        return TeamPicture(
+            self._time_s,
+            now_s + self._unix_offset_s,
+            vehicles,
+            self._target(now_s),
+            sum(each.radius_m is not None and not each.is_stale and not each.has_ended for each in vehicles),
+            self._ending(is_over=is_over),
+            link or self._silence(now_s, is_over=is_over),
+            self._remaining_s,
+        )
+
+    def _tell_time(self, now_s: float) -> None:
+        """Tell the mission's time by the vehicles that are heard; it stands still where none is, and after the end."""
+        live = [each for each in self._heard.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended]
+        times_s = [max(_time_s(each.state), _time_s(each.report)) for each in live if each.state or each.report]
+        missions = [each.report for each in live if each.report is not None and each.report.start_s is not None]
+        if live and not missions:
+            self._time_s = self._remaining_s = None
+        elif live:
+            start_s = median_high(each.start_s or 0.0 for each in missions)
+            duration_s = median_high(each.duration_s for each in missions)
+            since_s = median_high(times_s) - start_s
+            self._time_s = since_s if since_s >= 0.0 else None
+            self._remaining_s = min(max(duration_s - since_s, 0.0), duration_s)
+
+    def _vehicle(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool) -> VehiclePicture:
+        heard = self._heard[vehicle_id]
+        if heard.any_s == -inf:
+            return VehiclePicture(vehicle_id)
+        is_stale, has_ended = heard.is_stale(now_s), bool(heard.ended) or is_over
+        own_alert = "" if heard.state is None else heard.state.alert
+        lost = (LINK_CUT if heard.is_link_cut else SILENT) if is_stale else ""
+        alert, advice, severity = vehicle_alert("" if has_ended else own_alert or lost, is_lost=bool(lost))
+        nearest_id, nearest_m = self._surroundings.nearest(vehicle_id, places_m)
+        picture = VehiclePicture(
+            vehicle_id,
+            age_s=now_s - heard.received_s(),
+            is_stale=is_stale,
+            has_ended=has_ended,
+            nearest_id=nearest_id,
+            nearest_m=nearest_m,
+            fence_margin_m=self._surroundings.fence_margin_m(vehicle_id, places_m),
+            lead_rad=self._lead_rad(vehicle_id, now_s),
+            alert=alert,
+            advice=advice,
+            severity=severity,
+            ending=heard.ended,
+        )
+        return _with_report(_with_state(picture, heard.state), heard, now_s)
+
+    def _lead_rad(self, vehicle_id: int, now_s: float) -> float | None:
+        """Return the angle to the vehicle ahead on the ring, None off it and alone."""
+        bearings_rad = {
+            i: each.state.angle.bearing_rad
+            for i, each in self._heard.items()
+            if each.state is not None and each.state.angle is not None and not each.is_stale(now_s) and not each.ended
+        }
+        own_rad = bearings_rad.pop(vehicle_id, None)
+        return None if own_rad is None else ring_place(own_rad, bearings_rad.values()).lead_rad
+
+    def _target(self, now_s: float) -> TargetPicture | None:
+        """Return the estimate of the vehicle that is heard and whose sighting is the newest, as it goes on."""
+        known = [
+            _estimate(each.report, max(_time_s(each.state), each.report.time_s))
+            for each in self._heard.values()
+            if each.report is not None and now_s - each.any_s <= SILENT_AFTER_S and not each.ended
+        ]
+        return min((each for each in known if each is not None), key=lambda each: each.sighting_age_s, default=None)
+
+    def _ending(self, *, is_over: bool) -> str:
+        heard = {i: each.ended for i, each in self._heard.items() if each.any_s > -inf}
+        if not heard or not (is_over or all(heard.values())):
+            return ""
+        by_end: dict[str, list[str]] = {}
+        for vehicle_id, ended in heard.items():
+            by_end.setdefault(ended or "not heard at the end: go and look", []).append(str(vehicle_id))
+        if len(by_end) == 1:
+            return next(iter(by_end))
+        return "; ".join(f"{', '.join(ids)} {ended}" for ended, ids in by_end.items())
+
+    def _silence(self, now_s: float, *, is_over: bool) -> str:
+        """Return for how long no vehicle has been heard that flies; empty while one is."""
+        flying = [each.any_s for each in self._heard.values() if each.any_s > -inf and not each.ended]
+        if is_over or not flying or now_s - max(flying) <= SILENT_AFTER_S:
+            return ""
+        return f"no vehicle heard for {now_s - max(flying):.0f} s"
+
+
+def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str, Severity]]:
+    """Return what a report says that the one before did not."""
+    if before is None or _is_of_another_flight(before, report):
+        return []
+    news: list[tuple[str, Severity]] = []
+    if report.mode != before.mode:
+        news.append((f"mode {before.mode} -> {report.mode}", "information"))
+    if report.is_link_cut != before.is_link_cut:
+        news.append(("link to its autopilot cut", "alarm") if report.is_link_cut else ("link restored", "information"))
+    if report.ended != before.ended:
+        news.append((f"flight ended: {report.ended}", "information" if report.ended == "completed" else "warning"))
+    return news
+
+
+def _is_of_another_flight(before: VehicleReport, report: VehicleReport) -> bool:
+    """Return whether a vehicle flies anew: its last flight ended, or had begun at another time."""
+    return not report.ended and (bool(before.ended) or before.start_s not in (None, report.start_s))
+
+
+def _time_s(message: MemberState | VehicleReport | None) -> float:
+    return -inf if message is None else message.time_s
+
+
+def _with_state(picture: VehiclePicture, state: MemberState | None) -> VehiclePicture:
+    if state is None:
+        return picture
+    return replace(
+        picture,
+        tactic=state.tactic,
+        position_m=(*state.position_m, state.altitude_m),
+        velocity_m_s=state.velocity_m_s,
+        setpoint_m=state.setpoint_m,
+        radius_m=None if state.angle is None else state.angle.radius_m,
+        angular_rate_rad_s=None if state.angle is None else state.angle.angular_rate_rad_s,
+    )
+
+
+def _with_report(picture: VehiclePicture, heard: _Heard, now_s: float) -> VehiclePicture:
+    report = heard.report
+    if report is None:
+        return picture
+    silent_s = now_s - heard.report_s if report.is_link_cut else 0.0
+    return replace(
+        picture,
+        mode=report.mode,
+        yaw_rad=report.yaw_rad,
+        battery=report.battery,
+        endurance_s=report.endurance_s,
+        satellites=report.satellites,
+        gps_fix=fix_words(report.gps_dimensions),
+        estimator=report.estimator,
+        link_age_s=None if report.link_age_s is None else report.link_age_s + silent_s,
+    )
+
+
+def _estimate(report: VehicleReport, time_s: float) -> TargetPicture | None:
+    """Return the target as a vehicle reported it, at its velocity until `time_s` of the vehicle's clock."""
+    if report.target is None:
+        return None
+    later_s, (x, y), (x_rate, y_rate) = time_s - report.time_s, report.target.position_m, report.target.velocity_m_s
+    return TargetPicture(
+        (x + x_rate * later_s, y + y_rate * later_s),
+        report.target.velocity_m_s,
+        report.target.covariance_m2,
+        report.target.sighting_age_s + later_s,
+    )

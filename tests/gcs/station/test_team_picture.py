@@ -1,0 +1,287 @@
+"""The pictures of a team that flies, made of messages by hand: what is shown of each, and what of their absence."""
+
+from math import hypot, pi
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from agents.safety.failsafe import Condition
+from agents.team.messages import (
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    OperatorCommand,
+    StartProposal,
+    TargetReport,
+    VehicleReport,
+)
+from gcs.mission.mission import Mission
+from gcs.station.mission_picture import mission_picture
+from gcs.station.picture import EventPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.team_picture import TeamPictures
+from gcs.station.vehicle_picture import LINK_CUT, SILENT, fix_words
+from tests.support.mission_text import content, parsed, put
+
+UNIX_S, START_S = 1_000_000.0, 1_000_100.0
+FENCE = [[-50.0, -50.0], [150.0, -50.0], [150.0, 50.0], [-50.0, 50.0]]
+
+
+def the_mission() -> Mission:
+    return parsed(put(content(), ("safety", "fence_m"), FENCE))
+
+
+def state(sender: int, time_s: float, place_m: tuple[float, float] = (1.0, -2.0), **fields: object) -> MemberState:
+    still = (0.0, 0.0)
+    return replace(MemberState(sender, time_s, "formation", place_m, still, place_m, still, 8.0), **fields)
+
+
+def report(sender: int, time_s: float, **fields: object) -> VehicleReport:
+    known = VehicleReport(sender, time_s, "offboard", True, True, 0.05, start_s=START_S, duration_s=600.0)
+    return replace(known, **fields)
+
+
+class Page:
+    """The pictures of the team at times on a steady clock, which is `UNIX_S` behind Unix time."""
+
+    def __init__(self, mission: Mission | None = None) -> None:
+        self.pictures = TeamPictures(mission or the_mission(), UNIX_S)
+        self.events: list[EventPicture] = []
+
+    def hears(self, now_s: float, *messages: MemberState | VehicleReport | StartProposal) -> None:
+        for message in messages:
+            self.pictures.receive(message, now_s)
+
+    def team(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:
+        picture = self.pictures.picture(now_s, link, is_over=is_over)
+        self.events += self.pictures.new_events(now_s)
+        return picture
+
+    def vehicle(self, vehicle_id: int, now_s: float, *, is_over: bool = False) -> VehiclePicture:
+        return next(each for each in self.team(now_s, is_over=is_over).vehicles if each.vehicle_id == vehicle_id)
+
+
+def test_nothing_is_known_of_a_team_that_was_not_heard() -> None:
+    picture = Page().team(5.0, "no flight")
+    assert picture.vehicles == tuple(VehiclePicture(each) for each in (1, 2, 3))
+    assert (picture.time_s, picture.remaining_s, picture.target, picture.ending) == (None, None, None, "")
+    assert (picture.wall_s, picture.link, picture.ring_members) == (UNIX_S + 5.0, "no flight", 0)
+
+
+def test_every_field_is_that_of_the_messages() -> None:
+    page = Page()
+    place = NeighbourAngle(1, START_S + 20.0, 1.0, 0.05, 10.5)
+    flies = state(
+        1, START_S + 20.0, (3.0, 4.0), tactic="encircle", velocity_m_s=(0.5, -0.6), setpoint_m=(3.5, 4.5),
+        altitude_m=9.0, angle=place,
+    )  # fmt: skip
+    says = report(
+        1,
+        START_S + 19.9,
+        yaw_rad=1.5,
+        battery=0.7,
+        endurance_s=900.0,
+        gps_dimensions=3,
+        satellites=14,
+        estimator="good",
+    )
+    ahead = state(3, START_S + 20.0, (0.0, 0.0), angle=NeighbourAngle(3, START_S + 20.0, 1.5, 0.05, 10.0))
+    behind = state(2, START_S + 20.0, (3.0, 8.0), angle=NeighbourAngle(2, START_S + 20.0, 0.5, 0.05, 10.0))
+    page.hears(10.0, says, report(2, START_S + 20.0), report(3, START_S + 20.0), flies, behind, ahead)
+    assert page.vehicle(1, 10.25) == VehiclePicture(
+        1,
+        age_s=0.25,
+        is_stale=False,
+        tactic="encircle",
+        mode="offboard",
+        position_m=(3.0, 4.0, 9.0),
+        yaw_rad=1.5,
+        velocity_m_s=(0.5, -0.6),
+        setpoint_m=(3.5, 4.5),
+        battery=0.7,
+        endurance_s=900.0,
+        satellites=14,
+        gps_fix="3D",
+        estimator="good",
+        link_age_s=0.05,
+        nearest_id=2,
+        nearest_m=4.0,
+        fence_margin_m=46.0,
+        radius_m=10.5,
+        angular_rate_rad_s=0.05,
+        lead_rad=0.5,
+    )
+    team = page.team(10.25)
+    assert (team.time_s, team.remaining_s, team.ring_members) == (20.0, 580.0, 3)
+    leads_rad = [each.lead_rad for each in team.vehicles]
+    assert leads_rad == pytest.approx([0.5, 0.5, 2.0 * pi - 1.0])
+
+
+def test_what_is_not_known_is_null_and_never_zero() -> None:
+    page = Page(parsed(content()))
+    page.hears(1.0, StartProposal(1, START_S, None, ready=False))
+    shown = msgspec.to_builtins(page.vehicle(1, 1.0))
+    assert {name for name, value in shown.items() if value not in (None, "", False)} == {"vehicle_id", "severity"} | (
+        {"age_s"} if shown["age_s"] else set()
+    )
+    page.hears(1.5, state(1, START_S))
+    assert page.vehicle(1, 1.5).fence_margin_m is None, "this mission has no fence"
+    assert page.vehicle(1, 1.5).nearest_m is None, "no other was heard"
+    assert [fix_words(each) for each in (None, 0, 2, 3)] == ["", "no fix", "2D", "3D"]
+
+
+def test_before_the_start_there_is_no_mission_time() -> None:
+    page = Page()
+    page.hears(1.0, state(1, START_S - 5.0), report(1, START_S - 5.0, start_s=None))
+    assert (page.team(1.0).time_s, page.team(1.0).remaining_s) == (None, None)
+    page.hears(1.5, report(1, START_S - 2.0))
+    assert (page.team(1.5).time_s, page.team(1.5).remaining_s) == (None, 600.0)
+
+
+def test_one_clock_that_is_wrong_does_not_move_the_missions_time() -> None:
+    page = Page()
+    for vehicle_id, off_s in ((1, 0.0), (2, 900.0), (3, 0.1)):
+        page.hears(1.0, report(vehicle_id, START_S + 30.0 + off_s))
+    assert page.team(1.0).time_s == pytest.approx(30.1)
+
+
+def test_a_vehicle_whose_messages_stop_is_stale_after_a_second() -> None:
+    page = Page()
+    page.hears(1.0, report(1, START_S + 1.0), state(1, START_S + 1.0))
+    assert not page.vehicle(1, 2.0).is_stale
+    shown = page.vehicle(1, 2.1)
+    assert (shown.is_stale, shown.alert, shown.severity, shown.has_ended) == (True, SILENT, "alarm", False)
+    assert shown.advice
+    assert shown.position_m == (1.0, -2.0, 8.0)
+    assert page.team(4.0).link == "no vehicle heard for 3 s"
+    page.hears(5.0, StartProposal(1, START_S + 4.9, START_S), report(1, START_S + 4.9))
+    assert page.vehicle(1, 5.0).is_stale, "that its process lives does not show where it flies"
+    page.hears(5.0, state(1, START_S + 5.0))
+    shown = page.vehicle(1, 5.05)
+    assert (shown.is_stale, shown.alert, shown.severity) == (False, "", "information")
+    assert [each.text for each in page.events] == [
+        "connected, tactic formation",
+        "no messages, last tactic formation",
+        "messages restored",
+    ]
+
+
+def test_a_vehicle_on_the_ground_is_not_stale_between_its_reports() -> None:
+    page = Page()
+    page.hears(1.0, report(1, START_S, start_s=None, armed=False, in_air=False))
+    page.hears(1.9, StartProposal(1, START_S + 0.9, None, ready=False))
+    assert not page.vehicle(1, 2.5).is_stale
+    assert page.vehicle(1, 3.0).is_stale
+
+
+def test_a_vehicle_whose_link_is_cut_is_stale_at_once_though_its_agent_speaks() -> None:
+    page = Page()
+    page.hears(1.0, state(1, START_S), report(1, START_S))
+    page.hears(2.0, state(1, START_S + 1.0), report(1, START_S + 1.0, link_age_s=0.9))
+    page.hears(2.5, state(1, START_S + 1.5))
+    shown = page.vehicle(1, 2.5)
+    assert (shown.is_stale, shown.alert, shown.severity) == (True, LINK_CUT, "alarm")
+    assert shown.link_age_s == pytest.approx(1.4)
+    page.hears(2.6, state(1, START_S + 1.6, alert=Condition.TELEMETRY_STALE.value))
+    assert page.vehicle(1, 2.6).alert == "telemetry stale"
+    page.hears(3.0, state(1, START_S + 2.0), report(1, START_S + 2.0))
+    assert not page.vehicle(1, 3.0).is_stale
+    link = [(each.text, each.severity) for each in page.events if "link" in each.text]
+    assert link == [("link to its autopilot cut", "alarm"), ("link restored", "information")]
+
+
+def test_alerts_have_advice_and_severity_and_disappear() -> None:
+    page = Page()
+    page.hears(1.0, state(1, START_S, alert=Condition.BATTERY_CRITICAL.value), state(2, START_S, alert="bus flooded"))
+    one, two, three = page.team(1.0).vehicles
+    assert [each.severity for each in (one, two, three)] == ["alarm", "warning", "information"]
+    assert one.advice
+    assert two.advice
+    assert one.advice != two.advice
+    page.hears(1.2, state(1, START_S + 0.2))
+    assert (page.vehicle(1, 1.2).alert, page.vehicle(1, 1.2).advice) == ("", "")
+
+
+def test_how_flights_end_and_how_the_next_one_begins() -> None:
+    page = Page()
+    for vehicle_id in (1, 2, 3):
+        page.hears(1.0, state(vehicle_id, START_S, (4.0 * vehicle_id, 0.0)), report(vehicle_id, START_S))
+    page.hears(1.5, report(3, START_S + 0.5, ended="killed: an operator had its motors cut"))
+    team = page.team(1.6)
+    assert [each.has_ended for each in team.vehicles] == [False, False, True]
+    assert (team.ending, team.ring_members) == ("", 0)
+    assert team.vehicles[2].ending == "killed: an operator had its motors cut"
+    assert team.vehicles[1].nearest_id == 1, "one that lies on the ground is no neighbour"
+    assert team.vehicles[2].alert == ""
+    page.hears(2.0, report(1, START_S + 1.0, ended="completed"), report(2, START_S + 1.0, ended="completed"))
+    assert page.team(2.1).ending == "1, 2 completed; 3 killed: an operator had its motors cut"
+    assert page.team(60.0).time_s == page.team(2.1).time_s, "the mission's time stands still"
+    assert page.team(60.0).link == ""
+    ended = [(each.vehicle_id, each.severity) for each in page.events if each.text.startswith("flight ended")]
+    assert ended == [(3, "warning"), (1, "information"), (2, "information")]
+
+    page.hears(70.0, report(1, START_S + 69.0, start_s=None), StartProposal(1, START_S + 69.0, None, ready=False))
+    team = page.team(70.0)
+    assert (team.ending, team.time_s, team.vehicles[0].has_ended) == ("", None, False)
+    assert (team.vehicles[0].position_m, team.vehicles[0].tactic) == (None, ""), "where the last flight ended is past"
+
+
+def test_a_flight_whose_process_is_gone_is_over() -> None:
+    page = Page()
+    page.hears(1.0, state(1, START_S), report(1, START_S))
+    team = page.team(9.0, "waiting for team", is_over=True)
+    assert [(each.has_ended, each.is_stale) for each in team.vehicles] == [(True, True), (False, True), (False, True)]
+    assert "not heard" in team.ending
+    page.hears(20.0, report(1, START_S + 19.0, start_s=None))
+    assert page.vehicle(1, 20.0).position_m is None, "another start: another flight"
+    assert Page().team(1.0, is_over=True).ending == ""
+
+
+def test_the_target_is_that_of_the_newest_sighting_and_goes_on() -> None:
+    page = Page()
+    old = TargetReport((30.0, 0.0), (1.0, 0.0), (1.0, 0.0, 1.0), 8.0)
+    new = TargetReport((35.0, -5.0), (0.5, -0.25), (0.4, 0.1, 0.6), 1.0)
+    page.hears(1.0, report(1, START_S, target=old), report(2, START_S, target=new), report(3, START_S))
+    page.hears(1.8, *(state(each, START_S + 0.8) for each in (1, 2, 3)))
+    target = page.team(1.8).target
+    assert target is not None
+    assert target.position_m == pytest.approx((35.4, -5.2))
+    assert (target.velocity_m_s, target.covariance_m2) == ((0.5, -0.25), (0.4, 0.1, 0.6))
+    assert target.sighting_age_s == pytest.approx(1.8)
+    assert page.team(9.0).target is None, "who is not heard tells nothing of the target any more"
+
+
+def test_events_are_numbered_and_dated() -> None:
+    page = Page()
+    page.hears(1.0, state(1, START_S + 3.0), report(1, START_S + 3.0))
+    page.team(1.0)
+    page.pictures.receive(OperatorCommand(START_S + 4.0, "hold", None, "anna", 1), 2.0)
+    page.hears(2.0, report(1, START_S + 4.0, mode="hold"))
+    page.pictures.receive(CommandAnswer(1, START_S + 4.0, 1, "refused: a pilot has it"), 2.0)
+    page.team(2.0)
+    assert [each.number for each in page.events] == [1, 2, 3, 4]
+    told = [(each.text, each.vehicle_id, each.severity, each.time_s, each.wall_s) for each in page.events[1:]]
+    assert told == [
+        ("command from anna to all vehicles: hold", None, "information", 4.0, UNIX_S + 2.0),
+        ("answers: refused: a pilot has it", 1, "warning", 4.0, UNIX_S + 2.0),
+        ("mode offboard -> hold", 1, "information", 4.0, UNIX_S + 2.0),
+    ]
+
+
+def test_a_mission_as_it_is_planned() -> None:
+    mission = the_mission()
+    shown = mission_picture(mission, "sitl", 90.0, OperatorRights("anna", ("hold",)))
+    assert (shown.mission, shown.source, shown.duration_s, shown.rate_hz) == ("case2", "sitl", 90.0, 10.0)
+    assert (shown.origin_deg, shown.x_bearing_deg) == ((47.397742, 8.545594), 90.0)
+    assert (shown.ring_radius_m, shown.ring_rate_rad_s, shown.separation_m) == (10.0, 0.05, 3.0)
+    assert [(each.vehicle_id, each.start_m) for each in shown.vehicles] == [
+        (1, (0.0, 4.0, 0.0)),
+        (2, (0.0, 0.0, 0.0)),
+        (3, (0.0, -4.0, 0.0)),
+    ]
+    assert len({each.colour for each in shown.vehicles}) == 3
+    assert {len(each.fence_m) for each in shown.vehicles} == {4}
+    assert shown.operator.may == ("hold",)
+    local = parsed({**content(), "frame": {"local": True}})
+    assert mission_picture(local, "flight", 90.0).origin_deg is None
+    assert hypot(*shown.vehicles[0].start_m) == 4.0
