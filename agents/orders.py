@@ -69,7 +69,7 @@ class Orders:
         self._shapes = shapes
         self.reshaping: Reshaping | None = None
         """The newest change of the formation that this vehicle has received."""
-        self._did: OrderedDict[int, str] = OrderedDict()
+        self._done: OrderedDict[int, tuple[OperatorCommand, str]] = OrderedDict()
         self._unanswered: dict[int, None] = {}
         self._abort: tuple[float, str] | None = None
         self._kills: list[OperatorCommand] = []
@@ -90,7 +90,7 @@ class Orders:
         if command.vehicle not in (None, self._vehicle_id):
             return None
         event = None
-        if command.number not in self._did:
+        if command.number not in self._done:
             if command.verb == "resume" and resume_refused:
                 did = f"{REFUSED}{resume_refused}"[:DID_LIMIT]
             else:
@@ -122,9 +122,12 @@ class Orders:
 
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
         """Take out the answers to the commands since the last time."""
-        answers = tuple(CommandAnswer(self._vehicle_id, now_s, n, self._did[n]) for n in self._unanswered)
+        answers = tuple(self._answer(*self._done[number], now_s) for number in self._unanswered)
         self._unanswered.clear()
         return answers
+
+    def _answer(self, command: OperatorCommand, did: str, now_s: float) -> CommandAnswer:
+        return CommandAnswer(self._vehicle_id, now_s, command.number, did, command.verb, command.origin)
 
     def _carry_out(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
         match command.verb:
@@ -169,9 +172,9 @@ class Orders:
 
     def _remember(self, command: OperatorCommand, did: str, now_s: float) -> None:
         did = printable(did)  # it may hold the autopilot's own words
-        self._did[command.number] = did
-        while len(self._did) > NUMBERS_KEPT:
-            forgotten, _ = self._did.popitem(last=False)
+        self._done[command.number] = command, did
+        while len(self._done) > NUMBERS_KEPT:
+            forgotten, _ = self._done.popitem(last=False)
             self._unanswered.pop(forgotten, None)
         self._notes.add(now_s, "command", f"{command.verb} by {command.origin}: {did}")
 

@@ -136,12 +136,17 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
 
 
 class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
-    """What a vehicle did about an operator's command, and when."""
+    """What a vehicle did about an operator's command, and when; the command's verb and origin tell it to observers.
+
+    Those hear vehicles only: operators connect to vehicles, not to each other. Earlier versions send neither.
+    """
 
     sender: VehicleId
     time_s: TimeS
     number: _Number
     did: Annotated[str, msgspec.Meta(max_length=DID_LIMIT, pattern=PRINTABLE)]
+    verb: Verb | None = None
+    origin: _Name = ""
 
 
 class TargetReport(msgspec.Struct, frozen=True, array_like=True):

@@ -25,6 +25,7 @@ VERBS = (
     "report",
     "sim",
     "sitl",
+    "station",
     "target",
     "watch",
 )

@@ -58,6 +58,13 @@ class FlyOptions:
             "repeated.",
         ),
     ] = ()
+    station: Annotated[
+        bool, Parameter(negative="", group=RESULT, help="Serve the operator's page, as `cordon station` does.")
+    ] = False
+    station_address: Annotated[
+        str | None,
+        Parameter(group=RESULT, help="Where --station listens, HOST:PORT, in place of 127.0.0.1:8766."),
+    ] = None
     json: Json = False
     plot: Plot = None
 
@@ -74,9 +81,28 @@ def fly(options: FlyOptions) -> int:
     for option, given in (("--live-address", options.live_address), ("--live-origin", options.live_origin)):
         if given and not options.live:
             raise InputError([f"{option}: it needs --live"])
+    if options.station_address and not options.station:
+        raise InputError(["--station-address: it needs --station"])
     from gcs.flight.supervision.supervisor import is_supervised, supervise
 
-    return _fly(options) if is_supervised() else supervise()
+    if is_supervised():
+        return _fly(options)
+    return _supervise_beside_station(options) if options.station else supervise()
+
+
+def _supervise_beside_station(options: FlyOptions) -> int:
+    """Fly with the operator's page in a process of its own; without the page nothing flies."""
+    from gcs.console.terminal import print_line
+    from gcs.flight.supervision.supervisor import supervise
+    from gcs.station.beside import station_beside
+
+    address = () if options.station_address is None else ("--address", options.station_address)
+    sitl = ("--sitl",) if options.sitl else ()
+    with station_beside(["--mission", options.mission, *address, *sitl]) as (line, failed):
+        if failed is not None:
+            return failed
+        print_line(line)
+        return supervise()
 
 
 def _fly(options: FlyOptions) -> Exit:

@@ -2,8 +2,10 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable, Collection
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from itertools import count
 from random import randrange
 from statistics import median_low
 from time import monotonic
@@ -47,8 +49,37 @@ class CommandResult:
         return obeyed(self.did)
 
 
+OnAnswer = Callable[[int, CommandResult], None]
+"""Takes each new answer of a vehicle as it comes."""
+
+
+@dataclass(slots=True)
+class _Sent:
+    """A command under way: when it was first sent [wall s], and each vehicle's latest answer."""
+
+    first_s: float
+    on_answer: OnAnswer
+    answers: dict[int, CommandResult] = field(default_factory=dict)
+
+    def is_done(self, verb: Verb, vehicle: int) -> bool:
+        """Return whether no further answer of a vehicle follows."""
+        return vehicle in self.answers and final(verb, self.answers[vehicle].did)
+
+    def receive(self, message: CommandAnswer) -> None:
+        """Take an answer; answers are repeated on the bus."""
+        before = self.answers.get(message.sender)
+        if before is None or before.did != message.did:
+            answer = CommandResult(message.did, monotonic() - self.first_s)
+            self.answers[message.sender] = answer
+            self.on_answer(message.sender, answer)
+
+
 class CommandClient:
-    """Sends commands and sightings to the vehicles of one mission."""
+    """Sends commands and sightings to the vehicles of one mission.
+
+    From `open` to `close` it stays on the team's bus: commands, several at a time, leave at once. Without them it joins
+    the bus for one command, or one sighting, and leaves it. It is opened once.
+    """
 
     def __init__(self, mission: Mission, identity: Identity | None = None) -> None:
         """Take the sensor whose sightings these are, or the operator: by default the one whose keys are here.
@@ -61,33 +92,47 @@ class CommandClient:
         self._clocks = TeamClock()
         self._missions = TeamMissions(mission)
         self._present: set[int] = set()
-        self._number = randrange(2**32)
-        self._answers: dict[int, CommandResult] = {}
-        self._first_sent_s = 0.0
+        self._numbers = count(randrange(2**32))
+        self._sent: dict[int, _Sent] = {}
+        self._is_open = False
+        self._met_s: float | None = None
+        self.tactics: dict[int, str] = {}
+        """The latest tactic of each vehicle that has been received."""
         self.joined_after_s = 0.0
         """Time to join the bus and to receive the team, before the first transmission [wall s]."""
 
+    async def open(self) -> None:
+        """Join the bus until `close`; raises VehicleRefusedError when that is not possible."""
+        await self._bus.open(self._receive, lambda _sighting: None, self._on_presence)
+        self._is_open = True
+
+    async def close(self) -> None:
+        """Leave the bus."""
+        self._is_open = False
+        await self._bus.close()
+
     async def command(
-        self, verb: Verb, vehicles: Collection[int], vehicle: int | None, shape: Shape | None = None
+        self,
+        verb: Verb,
+        vehicles: Collection[int],
+        vehicle: int | None,
+        shape: Shape | None = None,
+        on_answer: OnAnswer = lambda _vehicle, _answer: None,
     ) -> dict[int, CommandResult | None]:
         """Send a command to one vehicle, or to all (None); return each vehicle's answer, None without one in time.
 
         Raises VehicleRefusedError when no vehicle of the team is on the bus, or the team flies another mission.
         """
-        try:
-            await self._join(vehicles)
+        async with self._joined(vehicles):
             self._missions.require_version(verb)
-            return await self._send_until_answered(verb, vehicles, vehicle, shape)
-        finally:
-            await self._bus.close()
+            return await self._send_until_answered(verb, vehicles, vehicle, shape, on_answer)
 
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
 
         Raises VehicleRefusedError when no vehicle of the team is on the bus, or the team flies another mission.
         """
-        try:
-            await self._join(self._vehicles)
+        async with self._joined(self._vehicles):
             self._missions.require_version("target")
             end_s = monotonic() + lasting_s
             while True:
@@ -99,14 +144,24 @@ class CommandClient:
                 if monotonic() >= end_s:
                     return self._clocks.members | self._present
                 await asyncio.sleep(_SIGHTING_PERIOD_S - 2.0 * _REPEAT_S)
-        finally:
-            await self._bus.close()
 
-    async def _join(self, vehicles: Collection[int]) -> None:
-        began_s = monotonic()
-        await self._bus.open(self._receive, lambda _sighting: None, self._on_presence)
-        await self._until(lambda: bool(self._clocks.members or self._present), _RECEIVED_TIMEOUT_S)
-        if not (self._clocks.members or self._present):
+    @asynccontextmanager
+    async def _joined(self, vehicles: Collection[int]) -> AsyncIterator[None]:
+        """Be on the bus, with these vehicles as far as they are there, and leave it unless it was open before."""
+        stays, began_s = self._is_open, monotonic()
+        try:
+            if not stays:
+                await self.open()
+            await self._meet(vehicles)
+            self.joined_after_s = monotonic() - began_s
+            yield
+        finally:
+            if not stays:
+                await self.close()
+
+    async def _meet(self, vehicles: Collection[int]) -> None:
+        await self._until(lambda: self._met_s is not None, _RECEIVED_TIMEOUT_S)
+        if self._met_s is None:
             raise VehicleRefusedError(
                 f"no vehicle found on the bus within {_RECEIVED_TIMEOUT_S:g} s",
                 "check that the team is running, and that --mission names its mission",
@@ -117,28 +172,31 @@ class CommandClient:
                 "no vehicle says which mission it flies", "try again: a flight says so once it has found its vehicles"
             )
         self._missions.require_same()
-        await self._until(lambda: self._clocks.members >= set(vehicles), _ALL_RECEIVED_TIMEOUT_S)
-        self.joined_after_s = monotonic() - began_s
+        rest_s = self._met_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
+        await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
 
     async def _send_until_answered(
-        self, verb: Verb, vehicles: Collection[int], vehicle: int | None, shape: Shape | None
+        self,
+        verb: Verb,
+        vehicles: Collection[int],
+        vehicle: int | None,
+        shape: Shape | None,
+        on_answer: OnAnswer,
     ) -> dict[int, CommandResult | None]:
-        self._first_sent_s = monotonic()
-        end_s = self._first_sent_s + (_KILL_TIMEOUT_S if verb == "kill" else _ANSWER_TIMEOUT_S)
-        sent_s = 0.0
-        while monotonic() < end_s and not all(self._is_done(verb, each) for each in vehicles):
-            if monotonic() - sent_s >= _REPEAT_S:
-                sent_s = monotonic()
-                self._send(verb, vehicle, shape)
-            await asyncio.sleep(_POLL_S)
-        return {each: self._answers.get(each) for each in vehicles}
-
-    def _is_done(self, verb: Verb, vehicle: int) -> bool:
-        return vehicle in self._answers and final(verb, self._answers[vehicle].did)
-
-    def _send(self, verb: Verb, vehicle: int | None, shape: Shape | None) -> None:
-        command = OperatorCommand(self._team_s, verb, vehicle, self._identity.participant.name, self._number, shape)
-        send_command(self._bus, command)
+        number = next(self._numbers) % 2**32
+        sent = self._sent[number] = _Sent(monotonic(), on_answer)
+        end_s = sent.first_s + (_KILL_TIMEOUT_S if verb == "kill" else _ANSWER_TIMEOUT_S)
+        latest_s = 0.0
+        try:
+            while monotonic() < end_s and not all(sent.is_done(verb, each) for each in vehicles):
+                if monotonic() - latest_s >= _REPEAT_S:
+                    latest_s = monotonic()
+                    origin = self._identity.participant.name
+                    send_command(self._bus, OperatorCommand(self._team_s, verb, vehicle, origin, number, shape))
+                await asyncio.sleep(_POLL_S)
+        finally:
+            del self._sent[number]
+        return {each: sent.answers.get(each) for each in vehicles}
 
     @property
     def difference(self) -> str:
@@ -153,15 +211,22 @@ class CommandClient:
 
     def _on_presence(self, vehicle_id: int, present: bool) -> None:
         (self._present.add if present else self._present.discard)(vehicle_id)
+        if present:
+            self._meet_first()
 
     def _receive(self, message: BusMessage) -> None:
         self._missions.receive(message)
         if isinstance(message, MemberState):
+            self.tactics[message.sender] = message.tactic
             self._clocks.receive(message.sender, message.time_s, monotonic())
-        if isinstance(message, CommandAnswer) and message.number == self._number:
-            before = self._answers.get(message.sender)
-            if before is None or before.did != message.did:
-                self._answers[message.sender] = CommandResult(message.did, monotonic() - self._first_sent_s)
+            self._meet_first()
+        if isinstance(message, CommandAnswer) and message.number in self._sent:
+            self._sent[message.number].receive(message)
+
+    def _meet_first(self) -> None:
+        """Note when the first vehicle was met."""
+        if self._met_s is None:
+            self._met_s = monotonic()
 
     async def _until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         end_s = monotonic() + timeout_s

@@ -155,7 +155,8 @@ class TeamState:
         else:
             key = (message.number, message.sender, message.did)
             how_grave: Severity = "warning" if message.did.startswith(REFUSED) else "information"
-            event = TeamEvent(message.sender, f"answers: {message.did}", how_grave)
+            asked = f"{message.verb} by {message.origin}" if message.verb else "answers"
+            event = TeamEvent(message.sender, f"{asked}: {message.did}", how_grave)
         if key not in self._known:
             self._known[key] = None
             self._events.append(event)

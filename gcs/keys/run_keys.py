@@ -126,12 +126,18 @@ def _in_use(folder: Path) -> bool:
     return False
 
 
-@contextmanager
-def _ordered() -> Iterator[Path]:
-    """Return the user's runtime directory of cordon, locked; raises InputError when others could write there."""
+def runtime_folder() -> Path:
+    """Return the user's runtime directory of cordon; raises InputError when others could write there."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = Path(runtime) / "cordon" if runtime else Path(tempfile.gettempdir()) / f"cordon-{os.geteuid()}"
     make_folder(folder)
+    return folder
+
+
+@contextmanager
+def _ordered() -> Iterator[Path]:
+    """Return the user's runtime directory of cordon, locked; raises InputError when others could write there."""
+    folder = runtime_folder()
     with _locked(folder):
         yield folder
 

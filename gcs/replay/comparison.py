@@ -19,6 +19,7 @@ COVARIANCE_TOLERANCE = 1e-6
 
 Same = Callable[[str, Any, Any], bool]
 """Return whether a field, given by its path, has the same value in two decisions."""
+_OF_COMMANDS = ("verb", "origin")
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
 
@@ -47,6 +48,10 @@ def differences(recorded: Decision, replayed: Decision, same: Same) -> list[Fiel
     if recorded.drops is None:  # an earlier version knew no reasons
         for fields in (one, other):
             _forget_reasons(fields)
+    for sent, again in zip(one["sent"], other["sent"], strict=False):
+        if isinstance(sent["message"], dict) and sent["message"].get("verb", "") is None:
+            for answer in (sent, again):  # an earlier version's answers did not tell the command
+                _forget_command(answer)
     return list(_compared("", one, other, same))
 
 
@@ -92,6 +97,11 @@ def _forget_reasons(decision: dict[str, Any]) -> None:
     for sent in decision["sent"]:
         if isinstance(sent["message"], dict):
             sent["message"].pop("drops", None)
+
+
+def _forget_command(answer: dict[str, Any]) -> None:
+    if isinstance(answer["message"], dict):
+        answer["message"] = {name: value for name, value in answer["message"].items() if name not in _OF_COMMANDS}
 
 
 def _decoded(payload: bytes) -> Any:

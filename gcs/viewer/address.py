@@ -15,14 +15,14 @@ class Address(NamedTuple):
     port: int
 
     @classmethod
-    def parsed(cls, text: str) -> Self:
-        """Parse HOST:PORT, or [HOST]:PORT for IPv6; raises InputError."""
+    def parsed(cls, text: str, option: str = "--live-address") -> Self:
+        """Parse HOST:PORT, or [HOST]:PORT for IPv6, as an option has it; raises InputError."""
         host, _, port = text.rpartition(":")
         bare = host.removeprefix("[").removesuffix("]")
         bracketed = host == f"[{bare}]"
         if not bare or (":" in bare) != bracketed or not port.isdecimal() or not 0 < int(port) < 65536:
             raise InputError(
-                [f"--live-address: it must be HOST:PORT, for example {_EXAMPLE} or [::1]:8765 (given: {text!r})"]
+                [f"{option}: it must be HOST:PORT, for example {_EXAMPLE} or [::1]:8765 (given: {text!r})"]
             )
         return cls(bare, int(port))
 

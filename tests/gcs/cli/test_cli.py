@@ -26,7 +26,19 @@ pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked wit
 
 COMMANDS = [name for name in app if not name.startswith("-")]
 CASE1 = (MISSIONS / "case1.toml").read_text(encoding="utf-8")
-HEAVY = ("numpy", "scipy", "osqp", "filterpy", "matplotlib", "mavsdk", "zenoh", "pymavlink", "pydantic", "foxglove")
+HEAVY = (
+    "numpy",
+    "scipy",
+    "osqp",
+    "filterpy",
+    "matplotlib",
+    "mavsdk",
+    "zenoh",
+    "pymavlink",
+    "pydantic",
+    "foxglove",
+    "uvicorn",
+)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import pytest
 
 from agents.team.messages import CommandAnswer, MemberState
 from agents.team.participant import Participant
-from gcs.console.command_client import CommandClient, TeamClock
+from gcs.console.command_client import CommandClient, TeamClock, _Sent
 from gcs.keys.identity import Identity
 from gcs.mission.file import load_mission
 from tests.support.mission_text import INSECURE
@@ -32,13 +32,18 @@ def test_clocks_go_on_between_messages_and_those_of_silent_vehicles_do_not_count
     assert team.members == {1, 2, 3}
 
 
-def test_answers_to_its_own_command_count_and_clocks(mission_file: Callable[..., str]) -> None:
+def test_answers_to_its_own_commands_count_and_clocks(mission_file: Callable[..., str]) -> None:
     client = CommandClient(load_mission(mission_file("case2", INSECURE)), Identity(Participant("operator", "pat")))
     here = (0.0, 0.0)
-    client._receive(CommandAnswer(3, 100.0, (client._number + 1) % 2**32, "motors cut"))
-    assert client._answers == {}
+    told: list[tuple[int, str]] = []
+    sent = client._sent[7] = _Sent(0.0, lambda vehicle, answer: told.append((vehicle, answer.did)))
+    client._receive(CommandAnswer(3, 100.0, 8, "motors cut"))
+    assert sent.answers == {}
     assert client._clocks.members == set()
-    client._receive(CommandAnswer(3, 100.0, client._number, "motors cut"))
+    for _ in range(2):  # answers are repeated
+        client._receive(CommandAnswer(3, 100.0, 7, "motors cut"))
     client._receive(MemberState(3, 100.0, "hold", here, here, here, here))
-    assert client._answers[3].did == "motors cut"
+    assert sent.answers[3].did == "motors cut"
+    assert told == [(3, "motors cut")]
     assert client._clocks.members == {3}
+    assert client.tactics == {3: "hold"}

@@ -72,17 +72,19 @@ def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeat
         picture.receive(state(alert="battery low"), 0.0)
         picture.receive(OperatorCommand(100.0, "hold", None, "pat.here", 7), 0.0)
         picture.receive(CommandAnswer(1, 100.0, 7, "holds"), 0.0)
+        picture.receive(CommandAnswer(1, 100.0, 8, "lands", "land", "kim.there"), 0.0)
     picture.receive(state(), 0.1)
     facts = (
         ("vehicle 1", "formation"),
         ("alert: battery low",),
         ("pat.here", "all vehicles", "hold"),
         ("holds",),
+        ("vehicle 1", "land", "kim.there", "lands"),
         ("alert",),
     )
     events = picture.new_events(0.1)
     assert len(events) == len(facts)
-    assert [event.severity for event in events] == ["information", "alarm", *["information"] * 3]
+    assert [event.severity for event in events] == ["information", "alarm", *["information"] * 4]
     assert all(fact in event.line for event, expected in zip(events, facts, strict=True) for fact in expected)
 
 

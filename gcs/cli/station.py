@@ -1,0 +1,115 @@
+"""`cordon station`: the operator's page of a running team."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from gcs.cli.options import KeyName, RunningMission, bus_mission
+from gcs.errors import Exit, InputError
+from gcs.signals import hold_back
+
+if TYPE_CHECKING:
+    import socket
+
+    from gcs.station.access import Access
+
+ADDRESS = "127.0.0.1:8766"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationOptions:
+    """What `cordon station` is given."""
+
+    mission: RunningMission = "case2"
+    address: Annotated[
+        str, Parameter(help="Where the page is served, HOST:PORT. Beyond this computer with --tls and --token-file.")
+    ] = ADDRESS
+    tls: Annotated[
+        tuple[Path, Path] | None, Parameter(help="The certificate and the private key of the server, PEM files.")
+    ] = None
+    token_file: Annotated[
+        Path | None, Parameter(help="A file with the token that opens the page, in place of one that cordon keeps.")
+    ] = None
+    tiles: Annotated[Path | None, Parameter(help="A folder of map tiles, Z/X/Y.png, to draw under the scene.")] = None
+    key: KeyName = None
+    sitl: Annotated[bool, Parameter(negative="", help="Say on the page that the vehicles are stubs.")] = False
+
+
+_DEFAULTS = StationOptions()
+
+
+def station(*, options: StationOptions = _DEFAULTS) -> Exit:
+    """Serve the operator's page: what a team does, its alarms, and commands. Open the address that is printed.
+
+    It listens to the team as `cordon watch` does, before, in and after flights. It commands only with an operator's
+    keys. Ctrl-C ends the page, not the flight.
+
+    Example: cordon station --mission case2
+    """
+    hold_back()
+    if options.tiles is not None and not options.tiles.is_dir():
+        raise InputError([f"--tiles: no folder {str(options.tiles)!r}"])
+    access = _access(options)
+    return _serve_team(access, options)
+
+
+def _access(options: StationOptions) -> "Access":
+    """Return who may open the page; raises InputError."""
+    from gcs.keys.run_keys import runtime_folder
+    from gcs.station.access import checked_access, kept_token, read_token
+    from gcs.viewer.address import Address
+
+    address, file = Address.parsed(options.address, "--address"), options.token_file
+    token = kept_token(runtime_folder() / ".station-token") if file is None else read_token(file)
+    return checked_access(address, token, options.tls, is_own_token=file is not None)
+
+
+def _serve_team(access: "Access", options: StationOptions) -> Exit:
+    from gcs.station.broadcast import Broadcast
+    from gcs.station.commands import Commands
+    from gcs.station.live_team import LiveTeam
+    from gcs.station.server import serve_team
+
+    mission = bus_mission(options.mission)
+    team = LiveTeam(mission, "sitl" if options.sitl else "flight")
+
+    def commands(broadcast: Broadcast) -> Commands:
+        return Commands(mission, options.key, broadcast.publish)
+
+    async def serve(listening: "socket.socket", stop: asyncio.Event) -> None:
+        await serve_team(team, commands, access, listening, stop, options.tiles)
+
+    return _serve(serve, access, f"team {mission.network.team}")
+
+
+def _serve(serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]", access: "Access", subject: str) -> Exit:
+    """Serve until Ctrl-C, or until the flight ends that this station belongs to."""
+    from agents.ports import VehicleRefusedError
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_problem
+    from gcs.signals import relay
+    from gcs.station.beside import lifeline
+    from gcs.station.server import listen
+
+    try:
+        listening = listen(access)
+    except VehicleRefusedError as refusal:
+        print_problem(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    print_result(f"page of {subject}: {access.url}")
+
+    async def run() -> None:
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+        if (end := lifeline()) is not None:
+            loop.add_reader(end, stop.set)
+        else:
+            relay(lambda: loop.call_soon_threadsafe(stop.set))
+        await serve(listening, stop)
+
+    asyncio.run(run())
+    return Exit.HOLDS

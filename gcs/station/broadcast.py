@@ -1,0 +1,82 @@
+"""What all pages are shown: the mission, the newest picture of the team, and the latest events.
+
+Each picture is encoded once. A page takes what is news to it whenever it can: for a slow one pictures of the team are
+replaced by newer ones, and events beyond the latest 200 are lost. So nothing is queued, and the source waits for none.
+"""
+
+import asyncio
+from collections import deque
+from dataclasses import dataclass, field
+
+import msgspec
+
+from gcs.station.picture import AnswerPicture, EventPicture, MissionPicture
+from gcs.station.source import Published
+
+EVENTS_KEPT = 200
+_ANSWERS_KEPT = 1000
+
+
+@dataclass(slots=True)
+class Reading:
+    """How far one page has come, and the answers to its own commands that it has not taken yet."""
+
+    missions: int = 0
+    teams: int = 0
+    events: int = 0
+    answers: deque[str] = field(default_factory=lambda: deque(maxlen=_ANSWERS_KEPT))
+
+
+class Broadcast:
+    """The pictures for all pages; `publish` never waits."""
+
+    def __init__(self) -> None:
+        self._mission = self._team = ""
+        self._missions = self._teams = self._events = 0
+        self._latest: deque[str] = deque(maxlen=EVENTS_KEPT)
+        self._changed = asyncio.Event()
+
+    def publish(self, picture: Published) -> None:
+        """Show a picture to all pages; events are numbered here."""
+        match picture:
+            case MissionPicture():
+                self._mission, self._missions = _encoded(picture), self._missions + 1
+            case EventPicture():
+                self._events += 1
+                self._latest.append(_encoded(msgspec.structs.replace(picture, number=self._events)))
+            case _:
+                self._team, self._teams = _encoded(picture), self._teams + 1
+        self._wake()
+
+    def answer(self, reading: Reading, answer: AnswerPicture) -> None:
+        """Show an answer to one page."""
+        reading.answers.append(_encoded(answer))
+        self._wake()
+
+    async def news(self, reading: Reading) -> list[str]:
+        """Wait for something that is new to a page, and return it: the mission comes first."""
+        while True:
+            changed = self._changed
+            if news := self._take(reading):
+                return news
+            await changed.wait()
+
+    def _take(self, reading: Reading) -> list[str]:
+        if not self._missions:
+            return []
+        mission = [self._mission] if reading.missions < self._missions else []
+        team = [self._team] if reading.teams < self._teams else []
+        unseen = min(self._events - reading.events, len(self._latest))
+        events = list(self._latest)[len(self._latest) - unseen :]
+        answers = list(reading.answers)
+        reading.answers.clear()
+        reading.missions, reading.teams, reading.events = self._missions, self._teams, self._events
+        return [*mission, *team, *events, *answers]
+
+    def _wake(self) -> None:
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+
+def _encoded(picture: Published | AnswerPicture) -> str:
+    return msgspec.json.encode(picture).decode()

@@ -1,0 +1,184 @@
+"""Commands from the operator's page to the team: who may, what has to be confirmed, and each request once.
+
+A request is carried out to its end whatever becomes of the page: its answers are on the bus, where events come from.
+"""
+
+import asyncio
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from agents.orders import final
+from agents.ports import VehicleRefusedError
+from agents.tactics import Tactic
+from gcs.console.command_client import CommandClient, CommandResult
+from gcs.errors import InputError
+from gcs.keys.identity import Identity
+from gcs.keys.team_keys import team_keys
+from gcs.mission.mission import Mission
+from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights
+
+KILL_WORD = "kill"
+NOT_FROM_PAGES = "formation"
+"""A verb that needs a shape, which pages do not send."""
+NO_ANSWER = "no answer"
+UNDER_WAY_MAX = 16
+_REFUSED = "refused: "
+_REQUESTS_KEPT = 1000
+_LOOKED_UP_EVERY_S = 1.0
+
+OnAnswer = Callable[[AnswerPicture], None]
+
+
+@dataclass(slots=True)
+class _Taken:
+    """A request that was taken, its answers so far, and who waits for more."""
+
+    request: CommandRequest
+    began_s: float = field(default_factory=time.monotonic)
+    answers: list[AnswerPicture] = field(default_factory=list)
+    receivers: list[OnAnswer] = field(default_factory=list)
+
+    def answer(self, vehicle_id: int | None, did: str, *, is_obeyed: bool, is_final: bool) -> None:
+        """Give an answer to the pages that asked."""
+        after_s = time.monotonic() - self.began_s
+        request = self.request
+        answer = AnswerPicture(request.request, request.verb, vehicle_id, did, after_s, is_obeyed, is_final)
+        self.answers.append(answer)
+        for receive in self.receivers:
+            receive(answer)
+
+
+class Commands:
+    """Sends the requests of all pages to the team, by the operator's keys on this computer; without them, none."""
+
+    def __init__(self, mission: Mission, key: str | None, publish: Callable[[EventPicture], None]) -> None:
+        """Take the mission, and whose keys to use where there are several operators'.
+
+        Raises InputError when the team has no keys and needs them.
+        """
+        self._mission = mission
+        self._keys = team_keys(mission)
+        self._key = key
+        self._publish = publish
+        self._identity: Identity | None = None
+        self._client: CommandClient | None = None
+        self._taken: OrderedDict[str, _Taken] = OrderedDict()
+        self._under_way: set[asyncio.Task[None]] = set()
+        self._read_only = "no flight runs"
+
+    @property
+    def rights(self) -> OperatorRights:
+        """Who commands, and what."""
+        if self._client is None or self._identity is None:
+            return OperatorRights()
+        may = tuple(verb for verb in self._identity.may if verb != NOT_FROM_PAGES)
+        return OperatorRights(self._identity.participant.name, may)
+
+    async def run(self, on_rights: Callable[[OperatorRights], None]) -> None:
+        """Stay on the bus of the present flight, by its operator's keys, until cancelled.
+
+        `on_rights` is called at the beginning, and whenever the rights have changed.
+        """
+        on_rights(self.rights)
+        try:
+            while True:
+                before = self.rights
+                await self._follow()
+                if self.rights != before:
+                    on_rights(self.rights)
+                await asyncio.sleep(_LOOKED_UP_EVERY_S)
+        finally:
+            await asyncio.shield(self._leave())
+
+    def take(self, request: CommandRequest, receive: OnAnswer) -> None:
+        """Begin to carry out a request; one that was taken before gives its answers once more, and is not sent."""
+        if known := self._taken.get(request.request):
+            for answer in known.answers:
+                receive(answer)
+            known.receivers.append(receive)
+            return
+        taken = self._taken[request.request] = _Taken(request, receivers=[receive])
+        if len(self._taken) > _REQUESTS_KEPT:
+            self._taken.popitem(last=False)
+        client = self._client
+        if refusal := next(self._refusals(request), ""):
+            taken.answer(None, f"{_REFUSED}{refusal}", is_obeyed=False, is_final=True)
+        elif client is not None:
+            task = asyncio.create_task(self._carry_out(taken, client))
+            self._under_way.add(task)
+            task.add_done_callback(self._under_way.discard)
+
+    def _refusals(self, request: CommandRequest) -> Iterator[str]:
+        """Yield why a request is not sent."""
+        if self._client is None:
+            yield f"this page is read-only: {self._read_only}"
+        if request.verb not in self.rights.may:
+            yield f"operator {self.rights.name} may not command {request.verb} from this page"
+        if len(self._under_way) >= UNDER_WAY_MAX:
+            yield f"{UNDER_WAY_MAX} commands are under way; try again"
+        if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
+            yield f"it has to name vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
+        if request.verb == "kill" and request.confirmation != KILL_WORD:
+            yield f"a kill has to be confirmed by the word {KILL_WORD}"
+        if request.verb == "resume" and not request.overrides_pilot and (piloted := self._piloted(request)):
+            yield f"a pilot has {_named(piloted)}: confirm to take over"
+
+    def _piloted(self, request: CommandRequest) -> list[int]:
+        tactics = {} if self._client is None else self._client.tactics
+        asked = self._mission.ids if request.vehicles is None else request.vehicles
+        return [each for each in asked if tactics.get(each) == Tactic.PILOT_OVERRIDE.value]
+
+    async def _carry_out(self, taken: _Taken, client: CommandClient) -> None:
+        """Send a request to all vehicles at once, or to each that it names."""
+        vehicles = taken.request.vehicles
+        try:
+            if vehicles is None:
+                await self._send(taken, client, self._mission.ids, None)
+            else:
+                each = (self._send(taken, client, (one,), one) for one in dict.fromkeys(vehicles))
+                await asyncio.gather(*each)
+        except VehicleRefusedError as refusal:
+            taken.answer(None, f"{_REFUSED}{refusal.reason}", is_obeyed=False, is_final=True)
+
+    async def _send(self, taken: _Taken, client: CommandClient, asked: Sequence[int], vehicle: int | None) -> None:
+        verb = taken.request.verb
+
+        def answered(sender: int, result: CommandResult) -> None:
+            taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=final(verb, result.did))
+
+        results = await client.command(verb, asked, vehicle, None, answered)
+        for vehicle_id, result in results.items():
+            if result is None or not final(verb, result.did):
+                did = NO_ANSWER if result is None else f"{result.did}: not confirmed"
+                taken.answer(vehicle_id, did, is_obeyed=False, is_final=True)
+                text = f"vehicle {vehicle_id}: {verb} from the page: {did}"
+                self._publish(EventPicture(0, None, time.time(), "warning", text, vehicle_id))
+
+    async def _follow(self) -> None:
+        """Join the bus with the operator's keys of the present flight, and leave that of a former one."""
+        try:
+            identity = await asyncio.to_thread(self._keys.identity, "operator", self._key)
+            if self._client is not None and identity == self._identity:
+                return
+            await self._leave()
+            client = CommandClient(self._mission, identity)
+            await client.open()
+        except VehicleRefusedError as refusal:
+            self._read_only = refusal.reason
+            await self._leave()
+        except InputError as error:
+            self._read_only = error.faults[0]
+            await self._leave()
+        else:
+            self._identity, self._client = identity, client
+
+    async def _leave(self) -> None:
+        client, self._client, self._identity = self._client, None, None
+        if client is not None:
+            await client.close()
+
+
+def _named(vehicles: Sequence[int]) -> str:
+    return f"vehicle{'' if len(vehicles) == 1 else 's'} {', '.join(map(str, vehicles))}"

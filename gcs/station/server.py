@@ -1,0 +1,185 @@
+"""The server of the operator's page: its files, the stream of pictures and commands, and recorded flights.
+
+A page that is slow, dead, or says what it should not concerns that page alone.
+"""
+
+import asyncio
+import gzip
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from agents.ports import VehicleRefusedError
+from gcs.station.access import Access, Gate
+from gcs.station.broadcast import Broadcast, Reading
+from gcs.station.commands import Commands
+from gcs.station.picture import CommandRequest, FlightPicture
+from gcs.station.source import Source
+
+PAGE = Path(__file__).parent / "page"
+PAGES_MAX = 100
+REQUEST_MAX_BYTES = 4096
+_DEAD_AFTER_S = 10
+"""A page that takes nothing for so long is removed."""
+_PING_PERIOD_S = 5.0
+_MALFORMED, _TOO_MANY = 1007, 1013
+
+
+class Stream:
+    """The WebSocket of live pages: pictures, events and answers out, requests of commands in."""
+
+    def __init__(self, broadcast: Broadcast, commands: Commands) -> None:
+        """Take what pages are shown, and what takes their requests."""
+        self._broadcast = broadcast
+        self._commands = commands
+        self.pages = 0
+        """How many pages are open."""
+
+    async def serve(self, page: WebSocket) -> None:
+        """Serve one page until it goes."""
+        if self.pages >= PAGES_MAX:
+            await page.close(_TOO_MANY, f"{PAGES_MAX} pages are open")
+            return
+        await page.accept()
+        self.pages += 1
+        reading = Reading()
+        ways = [asyncio.create_task(self._show(page, reading)), asyncio.create_task(self._listen(page, reading))]
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self.pages -= 1
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+
+    async def _show(self, page: WebSocket, reading: Reading) -> None:
+        with suppress(WebSocketDisconnect):
+            while True:
+                for text in await self._broadcast.news(reading):
+                    await page.send_text(text)
+
+    async def _listen(self, page: WebSocket, reading: Reading) -> None:
+        while (message := await page.receive())["type"] != "websocket.disconnect":
+            try:
+                request = msgspec.json.decode(message.get("text") or "", type=CommandRequest)
+            except msgspec.DecodeError as error:  # a msgspec.ValidationError is one
+                with suppress(WebSocketDisconnect, RuntimeError):  # it has gone meanwhile
+                    await page.close(_MALFORMED, str(error)[:100])
+                return
+            self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
+
+
+def live_app(stream: Stream, page: Path = PAGE, tiles: Path | None = None) -> ASGIApp:
+    """Return the pages of a running team."""
+    return _app([WebSocketRoute("/stream", stream.serve)], page, tiles)
+
+
+def recorded_app(flight: FlightPicture, page: Path = PAGE, tiles: Path | None = None) -> ASGIApp:
+    """Return the page of a recorded flight."""
+    packed = gzip.compress(msgspec.json.encode(flight), compresslevel=6)
+    headers = {"Content-Encoding": "gzip", "Cache-Control": "no-store"}
+
+    async def recorded(_request: Request) -> Response:
+        return Response(packed, media_type="application/json", headers=headers)
+
+    return _app([Route("/flight.json", recorded)], page, tiles)
+
+
+def _app(routes: list[BaseRoute], page: Path, tiles: Path | None) -> Starlette:
+    folder = [] if tiles is None else [Mount("/tiles", StaticFiles(directory=tiles))]
+    files = Mount("/", StaticFiles(directory=page, html=True, check_dir=False))
+    return Starlette(routes=[*routes, *folder, files])
+
+
+async def serve_team(
+    source: Source,
+    commands: Callable[[Broadcast], Commands],
+    access: Access,
+    listening: socket.socket,
+    stop: asyncio.Event,
+    tiles: Path | None = None,
+    page: Path = PAGE,
+) -> None:
+    """Serve the pages of a running team until `stop`; raises InputError when the source does."""
+    broadcast = Broadcast()
+    ours = commands(broadcast)
+    running = [
+        asyncio.create_task(source.run(broadcast.publish)),
+        asyncio.create_task(ours.run(lambda rights: broadcast.publish(source.mission(rights)))),
+        asyncio.create_task(serve(live_app(Stream(broadcast, ours), page, tiles), access, listening, stop)),
+    ]
+    try:
+        done, _ = await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        stop.set()
+        for task in running[:2]:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+
+async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: asyncio.Event) -> None:
+    """Serve an application behind the gate until `stop`; pages that are open are cut off."""
+    certificate, key = access.tls or (None, None)
+    config = uvicorn.Config(
+        Gate(app, access),
+        lifespan="off",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        ws="websockets-sansio",
+        ws_max_size=REQUEST_MAX_BYTES,
+        ws_ping_interval=_PING_PERIOD_S,
+        ws_ping_timeout=_DEAD_AFTER_S,
+        ws_per_message_deflate=False,
+        limit_concurrency=3 * PAGES_MAX,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+    )
+    server = uvicorn.Server(config)
+    serving = asyncio.create_task(server.serve([listening]))
+    stopped = asyncio.create_task(stop.wait())
+    await asyncio.wait([serving, stopped], return_when=asyncio.FIRST_COMPLETED)
+    stopped.cancel()
+    server.should_exit = server.force_exit = True
+    await serving
+
+
+def listen(access: Access) -> socket.socket:
+    """Return a socket that listens; raises VehicleRefusedError when the address is not available."""
+    host, port = access.address
+    try:
+        family, kind, protocol, _, end = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise _unavailable(access, error) from error
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # connections inherit it
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAD_AFTER_S * 1000)
+        listening.bind(end)
+        listening.listen(PAGES_MAX)
+    except OSError as error:
+        listening.close()
+        raise _unavailable(access, error) from error
+    return listening
+
+
+def _unavailable(access: Access, error: OSError) -> VehicleRefusedError:
+    return VehicleRefusedError(
+        f"cannot listen at {access.address.host}:{access.address.port} ({error.strerror or error})",
+        "end the program that uses the port, another station perhaps, or choose another by --address HOST:PORT",
+    )

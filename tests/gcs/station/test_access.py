@@ -1,0 +1,90 @@
+"""What `cordon station` refuses before it listens: hosts, certificates and tokens that would let others in."""
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from gcs.errors import InputError
+from gcs.keys.certificates import CertificateAuthority
+from gcs.station.access import Access, checked_access, kept_token, read_token
+from gcs.viewer.address import Address
+
+TOKEN = "0123456789abcdef"
+HERE, BEYOND = Address("127.0.0.1", 8766), Address("0.0.0.0", 8766)
+
+
+@pytest.fixture
+def tls(tmp_path: Path) -> tuple[Path, Path]:
+    keys = CertificateAuthority.made(1.0).issue("station", 4e9)
+    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    certificate.write_bytes(keys.certificate_pem)
+    key.write_bytes(keys.private_key_pem)
+    return certificate, key
+
+
+def test_beyond_this_computer_both_a_certificate_and_a_token_are_needed(tls: tuple[Path, Path]) -> None:
+    for given, own, missing in (
+        (None, False, {"--tls", "--token-file"}),
+        (tls, False, {"--token-file"}),
+        (None, True, {"--tls"}),
+    ):
+        with pytest.raises(InputError) as refused:
+            checked_access(BEYOND, TOKEN, given, is_own_token=own)
+        assert {fault.partition(":")[0] for fault in refused.value.faults} == missing
+    assert checked_access(BEYOND, TOKEN, tls, is_own_token=True).url == f"https://0.0.0.0:8766/#{TOKEN}"
+    assert checked_access(HERE, TOKEN, None, is_own_token=False).url == f"http://127.0.0.1:8766/#{TOKEN}"
+    assert Access(Address("::1", 80), TOKEN).origin == "http://[::1]:80"
+
+
+def test_a_certificate_that_cannot_be_used_is_bad_input(tls: tuple[Path, Path], tmp_path: Path) -> None:
+    for pair in ((tls[0], tls[0]), (tls[1], tls[0]), (tmp_path / "none", tls[1])):
+        with pytest.raises(InputError, match="--tls"):
+            checked_access(HERE, TOKEN, pair, is_own_token=False)
+
+
+def test_a_token_is_long_and_closed_to_others(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text(f"{TOKEN}\n")
+    file.chmod(0o644)
+    with pytest.raises(InputError, match="chmod 600"):
+        read_token(file)
+    file.chmod(0o600)
+    assert read_token(file) == TOKEN
+    for bad in (b"short", b"\xff" * 20, b"", TOKEN.encode() + b"\x00"):
+        file.write_bytes(bad)
+        with pytest.raises(InputError, match="--token-file"):
+            read_token(file)
+
+
+def test_the_token_that_is_kept_stays_the_same_and_is_this_users(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    token = kept_token(file)
+    assert len(token) >= 32
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert kept_token(file) == token
+    assert kept_token(tmp_path / "other") != token
+
+
+@pytest.mark.parametrize(
+    ("address", "hosts", "is_named"),
+    [
+        (HERE, ["127.0.0.1:8766"], True),
+        (HERE, ["LOCALHOST"], True),
+        (HERE, ["[::1]:8766"], True),
+        (HERE, ["192.168.1.2:8766"], False),
+        (HERE, ["evil.example:8766"], False),
+        (HERE, ["127.0.0.1", "127.0.0.1"], False),
+        (HERE, [], False),
+        (HERE, ["[::1"], False),
+        (HERE, ["user@evil.example"], False),
+        (BEYOND, ["192.168.1.2:8766"], True),
+        (BEYOND, ["[fe80::1]:8766"], True),
+        (BEYOND, ["evil.example"], False),
+        (BEYOND, ["192.168.1.2.evil.example"], False),
+        (Address("station.example", 443), ["Station.Example"], True),
+        (Address("station.example", 443), ["evil.example"], False),
+    ],
+)
+def test_only_names_of_this_computer_count(address: Address, hosts: list[str], is_named: bool) -> None:
+    assert Access(address, TOKEN).is_named(hosts) is is_named

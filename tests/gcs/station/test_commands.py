@@ -1,0 +1,130 @@
+"""Commands from pages to vehicles on a bus: who may, what has to be confirmed, each once, and how fast."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from statistics import median
+from time import monotonic
+
+import pytest
+
+from gcs.mission.file import load_mission
+from tests.support.mission_text import INSECURE
+from tests.support.station import AnsweringTeam, Station, answering_team, asked, commanding, received, station
+from tests.support.wire import until
+
+pytestmark = pytest.mark.wire
+
+
+@pytest.fixture
+async def flying(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator[tuple[Station, AnsweringTeam]]:
+    mission = load_mission(mission_file("case2", INSECURE))
+    async with answering_team(mission) as team, station(mission, tmp_path) as running:
+        await asyncio.sleep(1.0)  # the operator's session finds the vehicles
+        yield running, team
+
+
+async def test_a_command_reaches_whom_it_names_and_each_answer_comes_back(
+    flying: tuple[Station, AnsweringTeam], subtests: pytest.Subtests
+) -> None:
+    running, team = flying
+    async with running.connected() as page:
+        await commanding(page)
+        with subtests.test("all"):
+            await page.send(asked("a", "hold"))
+            answers = [await received(page, "answer") for _ in range(3)]
+            assert {answer["vehicle_id"] for answer in answers} == {1, 2, 3}
+            for answer in answers:
+                assert (answer["request"], answer["verb"], answer["did"]) == ("a", "hold", "holds")
+                assert answer["is_obeyed"]
+                assert answer["is_final"]
+                assert 0.0 < answer["after_s"] < 1.0
+        with subtests.test("some"):
+            team.received.clear()
+            await page.send(asked("b", "land", [1, 3, 1]))
+            answers = [await received(page, "answer") for _ in range(2)]
+            assert {answer["vehicle_id"] for answer in answers} == {1, 3}
+            assert {vehicle_id for vehicle_id, _ in team.received} == {1, 3}
+            assert len(team.numbers("land")) == 2
+        with subtests.test("a vehicle that does not answer"):
+            team.silent.add(2)
+            await page.send(asked("c", "hold", [2]))
+            answer = await received(page, "answer", 6.0)
+            assert (answer["vehicle_id"], answer["did"], answer["is_obeyed"]) == (2, "no answer", False)
+
+
+async def test_what_is_not_confirmed_or_not_known_is_not_sent(
+    flying: tuple[Station, AnsweringTeam], subtests: pytest.Subtests
+) -> None:
+    running, team = flying
+    team.tactics[2] = "pilot override"
+    await asyncio.sleep(0.3)
+    refused = {
+        "kill without the word": (asked("1", "kill"), "kill"),
+        "kill with another word": (asked("2", "kill", confirmation="Kill"), "kill"),
+        "resume of a piloted vehicle": (asked("3", "resume", [2]), "pilot"),
+        "resume of a team with a piloted vehicle": (asked("4", "resume"), "vehicle 2"),
+        "no vehicle": (asked("5", "hold", []), "vehicles"),
+        "a foreign vehicle": (asked("6", "hold", [1, 9]), "vehicles"),
+        "a verb that needs more": (asked("7", "formation"), "may not"),
+    }
+    async with running.connected() as page:
+        await commanding(page)
+        for name, (request, word) in refused.items():
+            with subtests.test(name):
+                await page.send(request)
+                answer = await received(page, "answer")
+                assert answer["did"].startswith("refused: ")
+                assert word in answer["did"]
+                assert answer["vehicle_id"] is None
+                assert answer["is_final"]
+        await asyncio.sleep(0.3)
+        assert team.received == []
+        with subtests.test("confirmed"):
+            await page.send(asked("8", "kill", [1], confirmation="kill"))
+            await page.send(asked("9", "resume", [2], overrides_pilot=True))
+            await page.send(asked("10", "resume", [1, 3]))
+            await until(lambda: len(team.numbers("kill")) == 1 and len(team.numbers("resume")) == 3, 3.0)
+
+
+async def test_a_request_is_sent_once_and_to_its_end_though_its_page_is_gone(
+    flying: tuple[Station, AnsweringTeam], subtests: pytest.Subtests
+) -> None:
+    running, team = flying
+    team.silent = {1, 2, 3}
+    async with running.connected() as page:
+        await commanding(page)
+        await page.send(asked("a", "land"))
+        await until(lambda: len(team.received) > 2, 2.0)
+        page.transport.abort()
+    before = len(team.received)
+    async with running.connected() as page:
+        await commanding(page)
+        with subtests.test("it goes on, and is not begun anew"):
+            await page.send(asked("a", "land"))
+            await until(lambda: len(team.received) > before + 9, 3.0)
+            assert len(team.numbers("land")) == 1
+        with subtests.test("the page that asks again is answered"):
+            team.silent.clear()
+            answers = [await received(page, "answer") for _ in range(3)]
+            assert {answer["vehicle_id"] for answer in answers} == {1, 2, 3}
+        with subtests.test("once it is over, too"):
+            sent = len(team.received)
+            await page.send(asked("a", "land"))
+            answers = [await received(page, "answer") for _ in range(3)]
+            assert {answer["did"] for answer in answers} == {"holds"}
+            await asyncio.sleep(0.3)
+            assert len(team.received) == sent
+
+
+async def test_a_hold_leaves_within_100_ms(flying: tuple[Station, AnsweringTeam]) -> None:
+    running, team = flying
+    team.silent = {3}  # a dead vehicle does not delay it
+    after_s = []
+    async with running.connected() as page:
+        await commanding(page)
+        for number in range(10):
+            began_s, count = monotonic(), len(team.numbers("hold"))
+            await page.send(asked(str(number), "hold"))
+            after_s.append(await until(lambda: len(team.numbers("hold")) > count, 2.0) - began_s)  # noqa: B023
+    assert median(after_s) < 0.1, after_s

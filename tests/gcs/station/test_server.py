@@ -1,0 +1,216 @@
+"""The server of the operator's page over real sockets: who may open it, and what one page does to the others."""
+
+import asyncio
+import gzip
+import json
+import socket
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+import websockets
+
+from agents.ports import VehicleRefusedError
+from gcs.mission.file import load_mission
+from gcs.station.access import Access
+from gcs.station.picture import FlightPicture, OperatorRights, TeamPicture
+from gcs.station.server import REQUEST_MAX_BYTES, listen, recorded_app, serve
+from gcs.viewer.address import Address
+from tests.support.station import TOKEN, CannedSource, Station, asked, received, station
+from tests.support.wire import LOOPBACK, free_port
+
+pytestmark = pytest.mark.wire
+
+INDEX = b"<!doctype html>the page"
+
+
+@pytest.fixture
+def page_folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "page"
+    folder.mkdir()
+    (folder / "index.html").write_bytes(INDEX)
+    return folder
+
+
+@pytest.fixture
+async def served(mission_file: Callable[..., str], page_folder: Path) -> AsyncIterator[Station]:
+    async with station(load_mission(mission_file("case2")), page_folder) as running:
+        yield running
+
+
+async def test_a_page_is_shown_the_mission_then_what_comes_and_a_late_one_the_latest(served: Station) -> None:
+    for number in range(250):
+        served.source.event(f"event {number}")
+    served.source.team(1.0)
+    served.source.team(2.0)
+    async with served.connected() as page:
+        first, newest = json.loads(await page.recv()), json.loads(await page.recv())
+        assert (first["kind"], first["mission"]) == ("mission", "canned")
+        assert (newest["kind"], newest["time_s"]) == ("team", 2.0)
+        events = [json.loads(await page.recv()) for _ in range(200)]
+        assert [event["text"] for event in events] == [f"event {number}" for number in range(50, 250)]
+        assert [event["number"] for event in events] == list(range(51, 251))
+        served.source.team(3.0)
+        assert (await received(page, "team"))["time_s"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("headers", "why"),
+    [
+        ({"Origin": "https://evil.example"}, "another page"),
+        ({"Origin": "null"}, "a page in a frame without an origin"),
+        ({"Origin": "http://localhost:1"}, "another server of this computer"),
+        ({"Cookie": ""}, "no token"),
+        ({"Cookie": "cordon-station={value}"}, "another server's cookie"),
+        ({"Cookie": "{name}=0"}, "a wrong token"),
+        ({"Host": "evil.example:{port}", "Origin": "http://evil.example:{port}"}, "a name that was bound to here"),
+    ],
+)
+async def test_a_stranger_gets_no_stream(served: Station, headers: dict[str, str], why: str) -> None:
+    access = served.access
+    filled = {
+        key: value.format(port=served.port, name=access.cookie, value=access.cookie_value)
+        for key, value in headers.items()
+    }
+    with pytest.raises(websockets.InvalidStatus) as refused:
+        async with served.connected(**filled):
+            pass
+    assert refused.value.response.status_code == 403, why
+
+
+async def test_files_are_served_to_who_has_the_token_with_headers_that_keep_others_out(
+    served: Station, subtests: pytest.Subtests
+) -> None:
+    with subtests.test("the page"):
+        status, headers, body = await served.get("/")
+        assert (status, body) == (200, INDEX)
+        policy = dict(part.strip().split(" ", 1) for part in headers["Content-Security-Policy"].split(";"))
+        assert policy["script-src"] == policy["worker-src"] == policy["connect-src"] == "'self'"
+        assert policy["default-src"] == policy["frame-ancestors"] == "'none'"
+        assert "unsafe" not in headers["Content-Security-Policy"]
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Referrer-Policy"] == "no-referrer"
+    with subtests.test("names"):
+        for host in ("evil.example", "", f"localhost.evil.example:{served.port}", "[::1"):
+            assert (await served.get("/", Host=host))[0] == 403, host
+        assert (await served.get("/", Host="localhost:9999"))[0] == 200, "a forwarded port"
+    with subtests.test("origin"):
+        assert (await served.get("/", Origin="https://evil.example"))[0] == 403
+    with subtests.test("without the token"):
+        status, _, body = await served.get("/", Cookie="")
+        assert status == 401
+        assert INDEX not in body
+        assert (await served.get("/index.html", Cookie=""))[0] == 403
+        assert (await served.get("/enter/../index.html", Cookie=""))[0] == 404
+        assert (await served.get("/enter/enter.js", Cookie=""))[0] == 200
+    with subtests.test("nothing outside of the folder"):
+        assert (await served.get("/../mission.toml"))[0] == 404
+        assert (await served.get("/%2e%2e/mission.toml"))[0] == 404
+
+
+async def test_the_token_gives_a_cookie_that_scripts_cannot_read(served: Station) -> None:
+    assert served.access.url == f"http://{LOOPBACK}:{served.port}/#a%20token%20of%20the%20tests%3A%20%C3%BCml%C3%A4ut"
+    for wrong in (b"", b"wrong", TOKEN.encode()[:-1], b"x" * 100_000):
+        status, headers, _ = await served.get("/enter", "POST", wrong, Cookie="")
+        assert status in (403, 413)
+        assert "Set-Cookie" not in headers
+    status, headers, _ = await served.get("/enter", "POST", TOKEN.encode(), Cookie="", Origin="https://evil.example")
+    assert status == 403
+    status, headers, _ = await served.get("/enter", "POST", TOKEN.encode(), Cookie="")
+    assert status == 204
+    cookie, *attributes = headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "SameSite=strict"} <= set(attributes)
+    assert TOKEN not in cookie
+    assert (await served.get("/", Cookie=cookie))[0] == 200
+
+
+@pytest.mark.parametrize(
+    ("said", "code"),
+    [
+        ("{", 1007),
+        ("[]", 1007),
+        (b"\x00\x01", 1007),
+        (asked("1", "dance"), 1007),
+        (asked("1", "hold", more=1), 1007),
+        (asked("x" * REQUEST_MAX_BYTES, "hold"), 1009),
+    ],
+)
+async def test_a_page_that_says_what_it_should_not_is_closed_alone(
+    served: Station, said: str | bytes, code: int
+) -> None:
+    async with served.connected() as other, served.connected() as page:
+        await page.send(said)
+        await asyncio.wait_for(page.wait_closed(), 5.0)
+        assert page.close_code == code
+        served.source.team(7.0)
+        assert (await received(other, "team"))["time_s"] == 7.0
+
+
+async def test_without_keys_a_page_is_read_only_and_is_told_why(served: Station) -> None:
+    async with served.connected() as page:
+        assert (await received(page, "mission"))["operator"] == {"name": "", "may": []}
+        await page.send(asked("1", "hold"))
+        answer = await received(page, "answer")
+        assert (answer["request"], answer["vehicle_id"], answer["is_obeyed"]) == ("1", None, False)
+        assert answer["is_final"]
+        assert "read-only" in answer["did"]
+        assert "no flight" in answer["did"]
+
+
+async def test_a_slow_page_is_shown_the_newest_and_holds_nobody_up(served: Station) -> None:
+    async with served.connected() as quick, served.connected() as slow:
+        await received(quick, "mission")
+        slow.transport.pause_reading()
+        for time_s in range(3000):
+            served.source.team(float(time_s), vehicles=32)
+            if time_s % 10 == 0:
+                await asyncio.sleep(0)
+        served.source.team(3000.0)
+        while (await received(quick, "team"))["time_s"] < 3000.0:
+            pass
+        slow.transport.resume_reading()
+        shown = 0
+        while (await received(slow, "team"))["time_s"] < 3000.0:
+            shown += 1
+        assert shown < 1500, "pictures were kept for it"
+
+
+async def test_pages_that_are_killed_are_gone_and_cost_the_others_nothing(served: Station) -> None:
+    async with served.connected() as page:
+        for _ in range(2):
+            pages = [await served.connected() for _ in range(40)]
+            for each in pages:
+                await received(each, "mission")
+            for each in pages:
+                each.transport.abort()
+            served.source.team(1.0)
+            assert (await received(page, "team"))["time_s"] == 1.0
+
+
+async def test_a_recorded_flight_is_one_object(page_folder: Path) -> None:
+    mission = CannedSource().mission(OperatorRights())
+    flight = FlightPicture(mission, tuple(TeamPicture(0.2 * k, 0.0, ()) for k in range(50)), ())
+    access = Access(Address(LOOPBACK, free_port()), TOKEN)
+    stop = asyncio.Event()
+    serving = asyncio.create_task(serve(recorded_app(flight, page_folder), access, listen(access), stop))
+    running = Station(access, CannedSource(), {"Cookie": f"{access.cookie}={access.cookie_value}"})
+    await asyncio.sleep(0.2)
+    status, headers, body = await running.get("/flight.json")
+    assert (status, headers["Content-Encoding"], headers["Cache-Control"]) == (200, "gzip", "no-store")
+    assert msgspec.json.decode(gzip.decompress(body), type=FlightPicture) == flight
+    assert (await running.get("/flight.json", Cookie=""))[0] == 403
+    with pytest.raises(websockets.InvalidStatus):
+        async with running.connected():
+            pass
+    stop.set()
+    await asyncio.wait_for(serving, 3.0)
+
+
+def test_a_port_that_is_taken_is_refused() -> None:
+    with socket.create_server((LOOPBACK, 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(VehicleRefusedError) as refused:
+            listen(Access(Address(LOOPBACK, port), TOKEN))
+    assert str(port) in refused.value.reason
+    assert "--address" in refused.value.next_step

@@ -1,0 +1,190 @@
+"""A station for tests: its server over real sockets, with pictures that a test publishes; and vehicles that answer."""
+
+import asyncio
+import http.client
+import json
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, field
+from http.client import HTTPMessage
+from pathlib import Path
+from typing import Any
+
+import websockets
+from websockets.asyncio.client import ClientConnection
+
+from agents.shell.bus.zenoh_bus import single_bus
+from agents.shell.bus.zenoh_session import BusTeam
+from agents.team.codec import encode
+from agents.team.messages import (
+    BusMessage,
+    CommandAnswer,
+    MemberState,
+    OperatorCommand,
+    StartProposal,
+    Verb,
+)
+from agents.team.participant import vehicle
+from gcs.mission.mission import Mission
+from gcs.station.access import Access
+from gcs.station.broadcast import Broadcast
+from gcs.station.commands import Commands
+from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.server import listen, serve_team
+from gcs.station.source import Published
+from gcs.viewer.address import Address
+from tests.support.wire import LOOPBACK, free_port, until
+
+TOKEN = "a token of the tests: ümläut"
+HERE = (0.0, 0.0)
+
+
+class CannedSource:
+    """A source that publishes what the test does."""
+
+    def __init__(self) -> None:
+        self.publish: Callable[[Published], None] = lambda _picture: None
+        self.runs = False
+
+    def mission(self, operator: OperatorRights) -> MissionPicture:
+        return MissionPicture("canned", "sitl", 60.0, 10.0, None, 0.0, 10.0, 0.05, 3.0, 2.0, None, None, (), operator)
+
+    async def run(self, publish: Callable[[Published], None]) -> None:
+        self.publish, self.runs = publish, True
+        await asyncio.Event().wait()
+
+    def team(self, time_s: float, vehicles: int = 3) -> None:
+        rows = tuple(VehiclePicture(i + 1, 0.1, False, tactic="encircle") for i in range(vehicles))
+        self.publish(TeamPicture(time_s, 1.7e9 + time_s, rows))
+
+    def event(self, text: str) -> None:
+        self.publish(EventPicture(0, None, 1.7e9, "information", text))
+
+
+@dataclass
+class Station:
+    """A server that runs."""
+
+    access: Access
+    source: CannedSource
+    headers: dict[str, str]
+
+    @property
+    def port(self) -> int:
+        return self.access.address.port
+
+    def connected(self, **headers: str) -> websockets.connect:
+        """Connect a page; headers in place of its own, an empty one is left out."""
+        name = headers.pop("Host", f"{LOOPBACK}:{self.port}")
+        own = {"Origin": f"http://{LOOPBACK}:{self.port}", "Cookie": self.headers["Cookie"]}
+        given = {key: value for key, value in (own | headers).items() if value}
+        return websockets.connect(
+            f"ws://{name}/stream",
+            host=LOOPBACK,
+            port=self.port,
+            additional_headers=given,
+            compression=None,
+            proxy=None,
+        )
+
+    async def get(
+        self, path: str, method: str = "GET", body: bytes = b"", **headers: str
+    ) -> tuple[int, HTTPMessage, bytes]:
+        """Ask for a file; headers in place of its own."""
+
+        def ask() -> tuple[int, HTTPMessage, bytes]:
+            connection = http.client.HTTPConnection(LOOPBACK, self.port, timeout=5.0)
+            connection.request(method, path, body, {**self.headers, **headers})
+            answer = connection.getresponse()
+            return answer.status, answer.headers, answer.read()
+
+        return await asyncio.to_thread(ask)
+
+
+@asynccontextmanager
+async def station(mission: Mission, page: Path) -> AsyncIterator[Station]:
+    """Run a server of the page, with commands to a mission's team."""
+    access = Access(Address(LOOPBACK, free_port()), TOKEN)
+    source, stop = CannedSource(), asyncio.Event()
+
+    def commands(broadcast: Broadcast) -> Commands:
+        return Commands(mission, None, broadcast.publish)
+
+    serving = asyncio.create_task(serve_team(source, commands, access, listen(access), stop, page=page))
+    try:
+        await until(lambda: source.runs or serving.done())
+        yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"})
+    finally:
+        stop.set()
+        await asyncio.wait_for(serving, 5.0)
+
+
+@dataclass
+class AnsweringTeam:
+    """Vehicles of a mission that send their states, and answer commands; what each has received."""
+
+    received: list[tuple[int, OperatorCommand]] = field(default_factory=list)
+    tactics: dict[int, str] = field(default_factory=dict)
+    silent: set[int] = field(default_factory=set)
+
+    def numbers(self, verb: Verb) -> set[int]:
+        """Return the numbers of the commands of this verb."""
+        return {command.number for _, command in self.received if command.verb == verb}
+
+
+@asynccontextmanager
+async def answering_team(mission: Mission) -> AsyncIterator[AnsweringTeam]:
+    """Run a team on the bus of a mission."""
+    team = AnsweringTeam(tactics=dict.fromkeys(mission.ids, "encircle"))
+    async with AsyncExitStack() as stack:
+        for vehicle_id in mission.ids:
+            await stack.enter_async_context(_member(mission, vehicle_id, team))
+        yield team
+
+
+@asynccontextmanager
+async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> AsyncIterator[None]:
+    own = mission.vehicle(vehicle_id).section.endpoint
+    bus = single_bus(vehicle(vehicle_id), BusTeam(mission.network.team, mission.ids), own)
+
+    def receive(message: BusMessage) -> None:
+        if isinstance(message, OperatorCommand) and message.vehicle in (None, vehicle_id):
+            team.received.append((vehicle_id, message))
+            if vehicle_id not in team.silent:
+                bus.publish("answer", encode(CommandAnswer(vehicle_id, time.time(), message.number, "holds")))
+
+    async def send() -> None:
+        while True:
+            state = MemberState(vehicle_id, time.time(), team.tactics[vehicle_id], HERE, HERE, HERE, HERE)
+            bus.publish("member", encode(state))
+            bus.publish("start", encode(StartProposal(vehicle_id, time.time(), 0.0, mission=mission.identity)))
+            await asyncio.sleep(0.1)
+
+    await bus.open(receive, lambda _sighting: None, lambda _vehicle, _present: None)
+    sending = asyncio.create_task(send())
+    try:
+        yield
+    finally:
+        sending.cancel()
+        await bus.close()
+
+
+async def received(page: ClientConnection, kind: str, timeout_s: float = 5.0) -> dict[str, Any]:
+    """Return the next message of a kind."""
+    async with asyncio.timeout(timeout_s):
+        while True:
+            message: dict[str, Any] = json.loads(await page.recv())
+            if message["kind"] == kind:
+                return message
+
+
+async def commanding(page: ClientConnection) -> None:
+    """Wait until a page may command."""
+    while not (await received(page, "mission"))["operator"]["may"]:
+        pass
+
+
+def asked(request: str, verb: str, vehicles: list[int] | None = None, **more: object) -> str:
+    """Return a request as a page sends it."""
+    return json.dumps({"kind": "command", "request": request, "verb": verb, "vehicles": vehicles, **more})

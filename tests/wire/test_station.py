@@ -1,0 +1,162 @@
+"""`cordon station` as its users meet it: a process, its address, and its end; alone and beside a flight."""
+
+import asyncio
+import http.client
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from urllib.parse import unquote
+
+import pytest
+import websockets
+from websockets.asyncio.client import ClientConnection
+
+from tests.support.mission_text import LOW
+from tests.support.paths import ROOT
+from tests.support.station import asked, received
+from tests.support.wire import LOOPBACK, free_port
+
+pytestmark = pytest.mark.wire
+
+END_S = 2.0
+"""Ctrl-C ends a station within this time, on a busy computer."""
+
+
+@contextmanager
+def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    """Run a command beside the test, on no terminal."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-m", "gcs", *arguments], stdout=pipe, stderr=pipe, text=True, env=environment
+    ) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()
+
+
+def entered(line: str) -> tuple[int, str]:
+    """Return the port in the printed line, and the cookie for the token in it."""
+    found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", line)
+    assert found is not None, line
+    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=5.0)
+    connection.request("POST", "/enter", unquote(found[2]))
+    answer = connection.getresponse()
+    assert answer.status == 204
+    return int(found[1]), answer.headers["Set-Cookie"].split(";")[0]
+
+
+def stream(port: int, cookie: str) -> websockets.connect:
+    origin = websockets.Origin(f"http://{LOOPBACK}:{port}")
+    return websockets.connect(f"ws://{LOOPBACK}:{port}/stream", origin=origin, additional_headers={"Cookie": cookie})
+
+
+async def events_to_the_end(page: ClientConnection) -> list[str]:
+    """Return the events that a page is shown until its server ends."""
+    texts = []
+    with suppress(websockets.ConnectionClosed):
+        while True:
+            message = json.loads(await asyncio.wait_for(page.recv(), 20.0))
+            texts += [message["text"]] if message["kind"] == "event" else []
+    return texts
+
+
+def is_listening(port: int) -> bool:
+    with socket.socket() as attempt:
+        return attempt.connect_ex((LOOPBACK, port)) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+async def test_without_a_flight_the_page_says_that_it_waits_and_ctrl_c_ends_it_at_once(
+    number: signal.Signals, mission_file: Callable[..., str]
+) -> None:
+    address = f"{LOOPBACK}:{free_port()}"
+    with cordon("station", "--mission", mission_file("case2"), "--address", address) as process:
+        assert process.stdout is not None
+        port, cookie = entered(process.stdout.readline())
+        async with stream(port, cookie) as page:
+            assert (await received(page, "mission"))["operator"]["may"] == []
+            while "no flight" not in (await received(page, "team"))["link"]:
+                pass
+            began_s = time.monotonic()
+            process.send_signal(number)
+            _, err = await asyncio.to_thread(process.communicate, timeout=10.0)
+            assert time.monotonic() - began_s < END_S
+        assert (process.returncode, err) == (0, "")
+
+
+def test_an_address_that_is_taken_is_refused_and_bad_input_is_told(
+    mission_file: Callable[..., str], subtests: pytest.Subtests
+) -> None:
+    mission = mission_file("case2")
+    with socket.create_server((LOOPBACK, 0)) as other:
+        taken = f"{LOOPBACK}:{other.getsockname()[1]}"
+        for name, arguments, code, words in (
+            ("a port that is taken", ("--address", taken), 3, "cannot listen"),
+            ("every host", ("--address", "0.0.0.0:8766"), 2, "--tls"),
+            ("no port", ("--address", "localhost"), 2, "--address"),
+            ("no token", ("--token-file", "/nowhere"), 2, "/nowhere"),
+            ("no tiles", ("--tiles", "/nowhere"), 2, "--tiles"),
+        ):
+            with subtests.test(name), cordon("station", "--mission", mission, *arguments) as process:
+                out, err = process.communicate(timeout=20.0)
+                assert (process.returncode, out) == (code, "")
+                assert words in err
+                assert "Traceback" not in err
+        with subtests.test("a flight whose page cannot be served does not begin"):
+            flight = ("fly", mission, "--sitl", "--station", "--station-address", taken, "--no-log")
+            with cordon(*flight) as process:
+                out, err = process.communicate(timeout=20.0)
+                assert (process.returncode, out) == (3, "")
+                assert "cannot listen" in err
+
+
+async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
+    mission_file: Callable[..., str], subtests: pytest.Subtests
+) -> None:
+    address = f"{LOOPBACK}:{free_port()}"
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "60", "--no-log")
+    with cordon(*flight, "--station", "--station-address", address) as process:
+        assert process.stderr is not None
+        port, cookie = entered(process.stderr.readline())
+        async with stream(port, cookie) as page, stream(port, cookie) as other:
+            while not (mission := await received(page, "mission", 20.0))["operator"]["may"]:
+                pass
+            with subtests.test("who may command what"):
+                assert mission["source"] == "sitl"
+                assert {"hold", "kill"} <= set(mission["operator"]["may"])
+            while {each["tactic"] for each in (await received(page, "team", 30.0))["vehicles"]} != {"formation"}:
+                pass
+            with subtests.test("commands"):
+                for request, verb, did in (("1", "hold", "holds"), ("2", "land", "lands")):
+                    await page.send(asked(request, verb))
+                    answers = [await received(page, "answer") for _ in range(3)]
+                    assert {(each["vehicle_id"], each["did"]) for each in answers} == {(i, did) for i in (1, 2, 3)}
+            said = await events_to_the_end(other)
+        with subtests.test("what was commanded, and by whom, is shown to the other page"):
+            name = mission["operator"]["name"]
+            assert {f"hold by {name}: holds", f"land by {name}: lands"} <= set(said)
+        assert await asyncio.to_thread(process.wait, 20.0) == 4, "the operator ended it"
+        assert not is_listening(port)
+
+
+def test_a_station_does_not_outlive_a_flight_that_is_killed(mission_file: Callable[..., str]) -> None:
+    address = f"{LOOPBACK}:{free_port()}"
+    flight = ("fly", mission_file("case2"), "--sitl", "--duration", "60", "--no-log")
+    with cordon(*flight, "--station", "--station-address", address) as process:
+        assert process.stderr is not None
+        port, _ = entered(process.stderr.readline())
+        process.kill()
+        began_s = time.monotonic()
+        while is_listening(port):
+            assert time.monotonic() - began_s < 5.0
+            time.sleep(0.05)
