@@ -63,10 +63,10 @@ def test_selection_says_whom_and_is_sent(page: Page, served: CannedStation) -> N
     page.get_by_label("Select vehicle 1").check()
     page.get_by_label("Select vehicle 3").check()
     expect(page.locator("#target-text")).to_have_text("To vehicles 1, 3")
-    expect(page.get_by_role("button", name="Hold vehicles 1, 3")).to_be_visible()
+    expect(page.get_by_role("button", name="Hold 1, 3")).to_be_visible()
     verb(page, "hold")()
     page.get_by_role("button", name="All", exact=True).click()
-    expect(page.get_by_role("button", name="Land all 3 vehicles: hold for 1 second")).to_be_visible()
+    expect(page.get_by_role("button", name="Land all 3, hold 1 s")).to_be_visible()
     verb(page, "hold")()
     assert [request.vehicles for request in sent(page, served)] == [(1, 3), None]
 

@@ -124,8 +124,6 @@ export class Commands {
     for (const button of byId("verbs").children) {
       const hold = button.classList.contains("held") ? ", hold 1 s" : "";
       setText(button.querySelector(".whom"), shortNames(vehicles, all) + hold);
-      const verb = button.querySelector(".verb").textContent;
-      button.setAttribute("aria-label", `${verb} ${vehicleNames(vehicles, all)}${hold && ": hold for 1 second"}`);
       button.disabled = all.length === 0;
     }
   }

@@ -174,7 +174,6 @@ export class Scene {
 
   #showSelection() {
     for (const [id, { root }] of this.symbols ?? []) {
-      root.setAttribute("aria-label", `Vehicle ${id} on the map`);
       root.classList.toggle("selected", this.selection.has(id));
     }
   }

@@ -20,8 +20,7 @@ export function startTheme(button, changed) {
 
 function show(button, theme) {
   document.documentElement.dataset.theme = theme;
-  setText(button, NAMES[theme]);
-  button.setAttribute("aria-label", `Theme: ${theme}`);
+  setText(button.lastElementChild, NAMES[theme]);
 }
 
 function stored() {
