@@ -36,7 +36,7 @@ function setLine(id, text, state) {
 
 function remaining(team, mission) {
   if (team.ending || team.time_s === null) return clock(team.ending ? 0 : mission.duration_s);
-  return clock(Math.max(0, mission.duration_s - team.time_s));
+  return clock(Math.max(0, team.remaining_s ?? mission.duration_s - team.time_s));
 }
 
 function linkWords(team, isConnected) {

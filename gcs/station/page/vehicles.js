@@ -54,7 +54,7 @@ export function lastSeen(vehicle) {
 
 /** What a card says first: how it ended, that it is stale, its alert, or that it is well. */
 export function headline(vehicle, team) {
-  if (vehicle.has_ended || team.ending) return "ended";
+  if (vehicle.has_ended || team.ending) return ["ended", vehicle.ending].filter(Boolean).join(": ");
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
