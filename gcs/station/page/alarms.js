@@ -1,0 +1,141 @@
+/** Alarms: a sound, a sign and a word until they are acknowledged; gone when they are over and acknowledged. */
+
+import { byId, element, setText } from "./dom.js";
+import { trouble } from "./vehicles.js";
+
+const SOUND_EVERY_MS = 2000;
+const TONES_HZ = [880, 660];
+const TONE_S = 0.18;
+export const STATION_LOST = "No connection to the station";
+
+export class Alarms {
+  /** @param {HTMLElement} list of alarms @param {Sound} sound @param {HTMLElement} live an assertive live region */
+  constructor(list, sound, live) {
+    this.list = list;
+    this.sound = sound;
+    this.live = live;
+    this.alarms = new Map();
+    byId("acknowledge").addEventListener("click", () => this.acknowledge());
+    setInterval(() => this.#ring(), SOUND_EVERY_MS);
+  }
+
+  start() {
+    this.alarms.clear();
+    this.#show();
+  }
+
+  /** Take in a team and whether the station answers. */
+  update(team, isConnected) {
+    const present = team ? team.vehicles.filter((vehicle) => trouble(vehicle, team) === "alarm").map(ofVehicle) : [];
+    if (!isConnected) present.push({ key: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
+    if (this.#take(present)) this.#show();
+  }
+
+  /** Forget alarms that are over, as where time is chosen. */
+  forgetOver() {
+    for (const [key, alarm] of this.alarms) if (!alarm.isPresent) this.alarms.delete(key);
+    this.#show();
+  }
+
+  acknowledge() {
+    for (const alarm of this.alarms.values()) alarm.isSeen = true;
+    this.#forget();
+    this.#show();
+  }
+
+  /** Returns whether anything changed. */
+  #take(present) {
+    const before = this.#state();
+    const news = present.filter((alarm) => !this.alarms.get(alarm.key)?.isPresent);
+    for (const alarm of this.alarms.values()) alarm.isPresent = false;
+    for (const alarm of present) {
+      const isSeen = news.includes(alarm) ? false : this.alarms.get(alarm.key).isSeen;
+      this.alarms.set(alarm.key, { ...alarm, isPresent: true, isSeen });
+    }
+    this.#forget();
+    if (news.length) this.#announce(news);
+    return this.#state() !== before;
+  }
+
+  #state() {
+    return [...this.alarms.values()].map((alarm) => `${alarm.key}${alarm.isPresent}${alarm.advice}`).join();
+  }
+
+  #forget() {
+    for (const [key, alarm] of this.alarms) if (alarm.isSeen && !alarm.isPresent) this.alarms.delete(key);
+  }
+
+  #announce(news) {
+    setText(this.live, news.map((alarm) => `Alarm. ${alarm.text}. ${alarm.advice}`).join(" "));
+    this.sound.play();
+  }
+
+  #ring() {
+    if ([...this.alarms.values()].some((alarm) => alarm.isPresent && !alarm.isSeen)) this.sound.play();
+  }
+
+  #show() {
+    const alarms = [...this.alarms.values()];
+    this.list.parentElement.hidden = alarms.length === 0;
+    byId("acknowledge").hidden = alarms.every((alarm) => alarm.isSeen);
+    this.list.replaceChildren(...alarms.map(row));
+  }
+}
+
+function ofVehicle(vehicle) {
+  const { vehicle_id, alert, advice } = vehicle;
+  return { key: `${vehicle_id} ${alert}`, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
+}
+
+function row(alarm) {
+  const word = alarm.isPresent ? "ALARM" : "OVER";
+  const parts = [element("strong", {}, `${alarm.isPresent ? "■" : "□"} ${word}`), ` ${alarm.text}. `];
+  if (alarm.isPresent && alarm.advice) parts.push(element("em", {}, alarm.advice));
+  if (alarm.isSeen) parts.push(" (acknowledged)");
+  return element("li", { "data-state": alarm.isPresent ? (alarm.isSeen ? "seen" : "new") : "over" }, ...parts);
+}
+
+/** Two tones. Browsers allow sound after the first gesture only: until then the switch says so. */
+export class Sound {
+  #context = null;
+  #isOn = true;
+
+  /** @param {HTMLButtonElement} button */
+  constructor(button) {
+    this.button = button;
+    button.addEventListener("click", () => this.turn(!this.#isOn));
+    for (const gesture of ["pointerdown", "keydown"]) {
+      document.addEventListener(gesture, () => this.#unlock(), { once: true, capture: true });
+    }
+    this.#show();
+  }
+
+  play() {
+    if (!this.#isOn || this.#context?.state !== "running") return;
+    TONES_HZ.forEach((tone_hz, index) => this.#tone(tone_hz, this.#context.currentTime + index * TONE_S));
+  }
+
+  #tone(tone_hz, from_s) {
+    const oscillator = new OscillatorNode(this.#context, { type: "square", frequency: tone_hz });
+    const gain = new GainNode(this.#context, { gain: 0.25 });
+    oscillator.connect(gain).connect(this.#context.destination);
+    oscillator.start(from_s);
+    oscillator.stop(from_s + TONE_S);
+  }
+
+  #unlock() {
+    this.#context ??= new AudioContext();
+    this.#context.resume().then(() => this.#show());
+  }
+
+  turn(isOn) {
+    this.#isOn = isOn;
+    this.#show();
+  }
+
+  #show() {
+    this.button.setAttribute("aria-pressed", String(this.#isOn));
+    const isLocked = this.#isOn && this.#context?.state !== "running";
+    setText(this.button, isLocked ? "Sound: press once" : `Sound ${this.#isOn ? "on" : "off"}`);
+  }
+}

@@ -1,0 +1,112 @@
+/** Cards: one a vehicle, the gravest trouble first. */
+
+import { element, SEVERITIES, setAttribute, setText } from "./dom.js";
+import { age, clock, degrees, metres, nearest, percent, positioning, quantity, speed, UNKNOWN } from "./units.js";
+import { byTrouble, headline, tactic, trouble } from "./vehicles.js";
+
+const SIGNS = { ...SEVERITIES, stale: { sign: "◌", word: "STALE" }, ended: { sign: "□", word: "Ended" } };
+
+/** The quantities of a vehicle, as a card and the table show them: name, title, text. */
+export const QUANTITIES = [
+  ["mode", "Mode", (vehicle) => vehicle.mode || UNKNOWN],
+  ["battery", "Battery", (vehicle) => percent(vehicle.battery)],
+  ["endurance", "Time left", (vehicle) => clock(vehicle.endurance_s)],
+  ["height", "Height", (vehicle) => metres(vehicle.position_m?.[2])],
+  ["speed", "Speed", (vehicle) => speed(vehicle.velocity_m_s)],
+  ["gps", "GPS", positioning],
+  ["estimator", "Estimator", (vehicle) => vehicle.estimator || UNKNOWN],
+  ["link", "Link age", (vehicle) => age(vehicle.link_age_s)],
+  ["heard", "Heard", (vehicle) => (vehicle.age_s === null ? UNKNOWN : `${age(vehicle.age_s)} ago`)],
+  ["nearest", "Nearest", nearest],
+  ["margin", "Margin", (vehicle, mission) => metres(separationMargin(vehicle, mission))],
+  ["fence", "To fence", (vehicle) => metres(vehicle.fence_margin_m)],
+  ["radius", "Radius", (vehicle) => metres(vehicle.radius_m)],
+  ["rate", "Ring rate", (vehicle) => quantity(vehicle.angular_rate_rad_s, 3, "rad/s")],
+  ["lead", "Lead", (vehicle) => degrees(vehicle.lead_rad)],
+];
+
+function separationMargin(vehicle, mission) {
+  return vehicle.nearest_m === null ? null : vehicle.nearest_m - mission.separation_m;
+}
+
+export class Cards {
+  /** @param {HTMLElement} list @param {Selection} selection of vehicles that commands go to */
+  constructor(list, selection) {
+    this.list = list;
+    this.selection = selection;
+    this.cards = new Map();
+    selection.changed(() => this.#showSelection());
+  }
+
+  /** Begin with the vehicles of a mission. */
+  start(mission) {
+    this.mission = mission;
+    this.cards = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#card(planned)]));
+    this.list.replaceChildren(...[...this.cards.values()].map((card) => card.item));
+    this.#showSelection();
+  }
+
+  /** Show the vehicles of a TeamPicture. */
+  update(team) {
+    for (const vehicle of team.vehicles) this.#fill(vehicle, team);
+    if (!this.list.matches(":active")) this.#sort(byTrouble(team)); // nothing moves away under a finger
+  }
+
+  #card(planned) {
+    const id = planned.vehicle_id;
+    const parts = {
+      badge: element("span", { class: "badge" }),
+      tactic: element("span", { class: "tactic" }),
+      headline: element("p", { class: "headline" }),
+      advice: element("p", { class: "advice", hidden: true }),
+      select: element("input", { type: "checkbox", "aria-label": `Select vehicle ${id}` }),
+    };
+    parts.select.addEventListener("change", () => this.selection.set(id, parts.select.checked));
+    const title = element("h3", { id: `card-${id}` }, vehicleMark(planned), parts.tactic, parts.badge);
+    const select = element("label", { class: "select" }, parts.select);
+    const values = QUANTITIES.map(([name, label]) => {
+      parts[name] = element("dd", { "data-quantity": name });
+      return element("div", {}, element("dt", {}, label), parts[name]);
+    });
+    const head = element("div", { class: "card-head" }, title, select);
+    const item = element("li", { class: "card", "data-vehicle": id, "aria-labelledby": `card-${id}` });
+    item.append(head, parts.headline, parts.advice, element("dl", {}, ...values));
+    return { item, parts };
+  }
+
+  #fill(vehicle, team) {
+    const card = this.cards.get(vehicle.vehicle_id);
+    if (!card) return;
+    const { item, parts } = card;
+    const state = trouble(vehicle, team);
+    setAttribute(item, "data-trouble", state);
+    setText(parts.tactic, tactic(vehicle));
+    setText(parts.badge, state === "information" ? "" : `${SIGNS[state].sign} ${SIGNS[state].word}`);
+    setText(parts.headline, headline(vehicle, team));
+    setText(parts.advice, vehicle.advice);
+    parts.advice.hidden = !vehicle.advice || state === "ended";
+    for (const [name, , text] of QUANTITIES) setText(parts[name], text(vehicle, this.mission));
+  }
+
+  #sort(vehicles) {
+    const wanted = vehicles.map((vehicle) => this.cards.get(vehicle.vehicle_id)?.item).filter(Boolean);
+    if (wanted.every((item, index) => this.list.children[index] === item)) return;
+    const focused = document.activeElement;
+    this.list.append(...wanted);
+    if (this.list.contains(focused)) focused.focus({ preventScroll: true });
+  }
+
+  #showSelection() {
+    for (const [id, { item, parts }] of this.cards) {
+      parts.select.checked = this.selection.has(id);
+      item.classList.toggle("selected", this.selection.has(id));
+    }
+  }
+}
+
+/** The number of a vehicle on its colour. */
+export function vehicleMark(planned) {
+  const mark = element("span", { class: "mark" }, String(planned.vehicle_id));
+  mark.style.setProperty("--vehicle", planned.colour);
+  return mark;
+}

@@ -1,0 +1,157 @@
+/** Commands to one, some or all vehicles: what each asks before it is sent, and what became of it. */
+
+import { byId, element, setText } from "./dom.js";
+import { actWhenHeld, ignoreKeyRepeat } from "./hold_button.js";
+import { KillPrompt, PilotPrompt } from "./prompts.js";
+import { age, vehicleNames } from "./units.js";
+
+const REQUESTS_MAX = 20;
+const PILOT = "pilot override";
+/** The verbs of the page in the order of their buttons, and which have to be held. */
+const VERBS = [
+  { verb: "hold", label: "Hold" },
+  { verb: "resume", label: "Resume" },
+  { verb: "rtl", label: "Return", isHeld: true },
+  { verb: "land", label: "Land", isHeld: true },
+  { verb: "abort", label: "Abort" },
+  { verb: "kill", label: "Kill…" },
+];
+
+export class Commands {
+  /** @param {Selection} selection @param {function(Object): boolean} send hands a request to the station */
+  constructor(selection, send) {
+    this.selection = selection;
+    this.send = send;
+    this.team = null;
+    this.requests = new Map();
+    this.kill = new KillPrompt((target, word) => this.#request("kill", target, { confirmation: word }));
+    this.pilot = new PilotPrompt((target, overrides) => this.#request("resume", target, { overrides_pilot: overrides }));
+    selection.changed(() => this.#showTarget());
+    byId("select-all").addEventListener("click", () => selection.clear());
+    ignoreKeyRepeat(document);
+  }
+
+  /** Offer what the operator of a mission may do. */
+  start(mission) {
+    const offered = VERBS.filter(({ verb }) => mission.operator.may.includes(verb));
+    const names = offered.map(({ verb }) => verb).join();
+    if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((entry) => this.#button(entry)));
+    this.offered = names;
+    byId("commands").hidden = mission.source === "log";
+    byId("read-only").hidden = offered.length > 0;
+    byId("target").hidden = byId("answers").hidden = offered.length === 0;
+    this.#showTarget();
+  }
+
+  update(team) {
+    this.team = team;
+  }
+
+  /** Show an AnswerPicture. */
+  answer(answer) {
+    const request = this.requests.get(answer.request);
+    if (!request) return;
+    request.answers.set(answer.vehicle_id, answer);
+    this.#showRequest(request);
+  }
+
+  /** Nothing is sent again: what became of unanswered requests is not known. */
+  connectionLost() {
+    for (const request of this.requests.values()) {
+      request.isLost = true;
+      this.#showRequest(request);
+    }
+  }
+
+  #button({ verb, label, isHeld }) {
+    const name = element("span", { class: "verb" }, label);
+    const button = element("button", { type: "button", "data-verb": verb, class: isHeld ? "held" : "" }, name);
+    if (isHeld) actWhenHeld(button, () => this.#request(verb, this.#target(), {}));
+    else button.addEventListener("click", () => this.#press(verb));
+    button.append(element("span", { class: "whom" }));
+    return button;
+  }
+
+  #target() {
+    const { vehicles, all, isEmpty } = this.selection;
+    return { vehicles, all, isAll: isEmpty };
+  }
+
+  #press(verb) {
+    const target = this.#target();
+    const flown = verb === "resume" ? this.#flownByPilots(target.vehicles) : [];
+    if (verb === "kill") this.kill.ask(target);
+    else if (flown.length) this.pilot.ask(target, flown);
+    else this.#request(verb, target, {});
+  }
+
+  #flownByPilots(vehicle_ids) {
+    const vehicles = this.team?.vehicles ?? [];
+    return vehicles.filter((each) => each.tactic === PILOT && vehicle_ids.includes(each.vehicle_id)).map((each) => each.vehicle_id);
+  }
+
+  #request(verb, target, confirmations) {
+    const vehicles = target.isAll ? null : target.vehicles;
+    const id = requestName();
+    const isSent = this.send({ kind: "command", request: id, verb, vehicles, ...confirmations });
+    const request = { verb, target, isSent, isLost: false, answers: new Map(), item: element("li", { "data-request": id }) };
+    request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
+    this.requests.set(id, request);
+    byId("answers").prepend(request.item);
+    this.#showRequest(request);
+    this.#forget();
+  }
+
+  #forget() {
+    for (const [id, request] of this.requests) {
+      if (this.requests.size <= REQUESTS_MAX) return;
+      request.item.remove();
+      this.requests.delete(id);
+    }
+  }
+
+  #showRequest(request) {
+    const { label } = VERBS.find(({ verb }) => verb === request.verb);
+    const title = `${request.sentAt} ${label.replace("…", "")}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
+    const answers = [...request.answers.values()].map(answerRow);
+    request.item.replaceChildren(element("strong", {}, title), element("ul", {}, ...answers, ...openRow(request)));
+  }
+
+  #showTarget() {
+    const { vehicles, all, isEmpty } = this.selection;
+    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}`);
+    byId("select-all").hidden = isEmpty;
+    for (const button of byId("verbs").children) {
+      const hold = button.classList.contains("held") ? ", hold 1 s" : "";
+      setText(button.querySelector(".whom"), shortNames(vehicles, all) + hold);
+      button.disabled = all.length === 0;
+    }
+  }
+}
+
+function shortNames(vehicles, all) {
+  return vehicles.length === all.length ? `all ${all.length}` : vehicles.join(", ");
+}
+
+function answerRow(answer) {
+  const who = answer.vehicle_id === null ? "Station" : `Vehicle ${answer.vehicle_id}`;
+  const sign = answer.is_obeyed ? "✓" : "✗";
+  const after = answer.vehicle_id === null ? "" : `, after ${age(answer.after_s)}`;
+  const attributes = { "data-obeyed": String(answer.is_obeyed), "data-final": String(answer.is_final) };
+  return element("li", attributes, `${answer.is_final ? sign : "…"} ${who}: ${answer.did}${after}`);
+}
+
+/** What is still open about a request. */
+function openRow(request) {
+  if (!request.isSent) return [element("li", {}, "✗ Not sent: no connection to the station. Press again once it is back.")];
+  const open = request.target.vehicles.filter((id) => !request.answers.get(id)?.is_final);
+  if (!open.length || request.answers.has(null)) return [];
+  const names = vehicleNames(open, request.target.all);
+  if (request.isLost) return [element("li", {}, `▲ Connection lost before ${names} answered. Look at the vehicles. Nothing is sent again.`)];
+  return [element("li", {}, `… Waiting for ${names}`)];
+}
+
+/** A name for a press; `crypto.randomUUID` exists in secure contexts only. */
+function requestName() {
+  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}

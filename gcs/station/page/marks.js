@@ -1,0 +1,103 @@
+/** What is drawn of a mission and of a team, as GeoJSON: lines and areas with a `layer` each. */
+
+import { trouble } from "./vehicles.js";
+
+const CIRCLE_POINTS = 64;
+const DEVIATIONS = 2; // the ellipse holds 86 % of what a target with this covariance may be at
+const VELOCITY_SHOWN_S = 10;
+
+const collection = (features) => ({ type: "FeatureCollection", features });
+
+/** The fence and the starts: what does not change in flight. */
+export function planMarks(mission, frame) {
+  const fences = new Map(mission.vehicles.filter(hasFence).map((each) => [JSON.stringify(each.fence_m), each.fence_m]));
+  const starts = mission.vehicles.map((each) => line("start", cross(each.start_m, 0.6), frame, { colour: each.colour }));
+  return collection([...[...fences.values()].map((fence_m) => line("fence", [closed(fence_m)], frame)), ...starts]);
+}
+
+const hasFence = (vehicle) => vehicle.fence_m.length > 2;
+
+/** The target with its rings, and the setpoints and circles of vehicles, of a TeamPicture. */
+export function teamMarks(mission, team, frame) {
+  const target = team.target ? targetMarks(mission, team, frame) : [];
+  return collection([...target, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
+}
+
+function targetMarks(mission, { target, vehicles }, frame) {
+  const centre = target.position_m;
+  const marks = [
+    line("ring", [circle(centre, mission.ring_radius_m)], frame),
+    line("velocity", [[centre, ahead(centre, target.velocity_m_s)]], frame),
+    area("ellipse", ellipse(centre, target.covariance_m2), frame),
+  ];
+  if (mission.keep_out_m > 0) marks.push(area("keep-out", circle(centre, mission.keep_out_m), frame));
+  const flown = flownRadius(vehicles);
+  return flown === null ? marks : [...marks, line("flown", [circle(centre, flown)], frame)];
+}
+
+/** The mean radius, in metres, of vehicles on the ring that are current; null for none. */
+export function flownRadius(vehicles) {
+  const radii = vehicles.filter((each) => !each.is_stale && each.tactic === "encircle" && each.radius_m !== null);
+  return radii.length ? radii.reduce((sum, each) => sum + each.radius_m, 0) / radii.length : null;
+}
+
+function vehicleMarks(mission, vehicle, team, frame) {
+  if (vehicle.position_m === null) return [];
+  const { colour } = mission.vehicles.find((each) => each.vehicle_id === vehicle.vehicle_id);
+  const isCurrent = !["stale", "ended"].includes(trouble(vehicle, team)) && !vehicle.is_stale;
+  const round = circle(vehicle.position_m, mission.separation_m / 2);
+  const marks = [line(isCurrent ? "separation" : "stale", [round], frame, { colour })];
+  if (!isCurrent || vehicle.setpoint_m === null) return marks;
+  const { setpoint_m } = vehicle;
+  return [...marks, line("setpoint", [[vehicle.position_m, setpoint_m], ...cross(setpoint_m, 0.4)], frame, { colour })];
+}
+
+/** The ways that vehicles flew, from TeamPictures in the order of time. A gap is where a vehicle was stale. */
+export function trailMarks(mission, teams, frame) {
+  return collection(mission.vehicles.map((planned) => trail(planned, teams, frame)));
+}
+
+function trail(planned, teams, frame) {
+  const parts = [[]];
+  for (const team of teams) {
+    const vehicle = team.vehicles.find((each) => each.vehicle_id === planned.vehicle_id);
+    if (vehicle?.position_m && !vehicle.is_stale) parts.at(-1).push(vehicle.position_m);
+    else if (parts.at(-1).length) parts.push([]);
+  }
+  const { colour } = planned;
+  return line("trail", parts.filter((part) => part.length > 1), frame, { colour });
+}
+
+function line(layer, parts_m, frame, properties = {}) {
+  const coordinates = parts_m.map((part_m) => part_m.map((point_m) => frame.lonLat(point_m)));
+  return { type: "Feature", properties: { layer, ...properties }, geometry: { type: "MultiLineString", coordinates } };
+}
+
+function area(layer, points_m, frame) {
+  const coordinates = [points_m.map((point_m) => frame.lonLat(point_m))];
+  return { type: "Feature", properties: { layer }, geometry: { type: "Polygon", coordinates } };
+}
+
+const closed = (points) => [...points, points[0]];
+
+const ahead = ([x, y], velocity) => [x + VELOCITY_SHOWN_S * velocity[0], y + VELOCITY_SHOWN_S * velocity[1]];
+
+function cross([x, y], arm) {
+  return [[[x - arm, y - arm], [x + arm, y + arm]], [[x - arm, y + arm], [x + arm, y - arm]]];
+}
+
+function circle(centre, radius) {
+  return ellipse(centre, [(radius / DEVIATIONS) ** 2, 0, (radius / DEVIATIONS) ** 2]);
+}
+
+/** The ellipse of `DEVIATIONS` standard deviations of a covariance (xx, xy, yy), by its Cholesky factor. */
+function ellipse([x, y], [xx, xy, yy]) {
+  const a = Math.sqrt(Math.max(xx, 1e-12));
+  const b = xy / a;
+  const c = Math.sqrt(Math.max(yy - b * b, 0));
+  const turns = Array.from({ length: CIRCLE_POINTS + 1 }, (_, index) => (2 * Math.PI * index) / CIRCLE_POINTS);
+  return turns.map((turn) => {
+    const [u, v] = [DEVIATIONS * Math.cos(turn), DEVIATIONS * Math.sin(turn)];
+    return [x + a * u, y + b * u + c * v];
+  });
+}

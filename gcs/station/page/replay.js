@@ -1,0 +1,66 @@
+/** A recorded flight: the time slider, play and pause, the speed, and jumps to events. */
+
+import { byId, setText } from "./dom.js";
+import { clock } from "./units.js";
+
+const JUMP_AHEAD_S = 0.05;
+const FRAME_MS_MAX = 250;
+
+export class Replay {
+  /** @param {Object} flight a FlightPicture @param {function(number)} show called with the index of a picture */
+  constructor(flight, show) {
+    this.flight = flight;
+    this.show = show;
+    this.place = 0; // in pictures, with a fraction
+    this.isPlaying = false;
+    this.times = flight.teams.map((team) => team.time_s ?? 0);
+    this.period_s = (this.times.at(-1) - this.times[0]) / Math.max(1, this.times.length - 1);
+    byId("replay").hidden = false;
+    byId("seek").max = this.times.length - 1;
+    byId("seek").addEventListener("input", () => this.seek(byId("seek").valueAsNumber));
+    byId("play").addEventListener("click", () => this.play(!this.isPlaying));
+    byId("next-event").addEventListener("click", () => this.#jump(1));
+    byId("previous-event").addEventListener("click", () => this.#jump(-1));
+    this.seek(0);
+  }
+
+  /** Show the picture at a place. */
+  seek(place) {
+    this.place = Math.min(Math.max(place, 0), this.times.length - 1);
+    const index = Math.floor(this.place);
+    const text = `${clock(this.times[index])} of ${clock(this.times.at(-1))}`;
+    byId("seek").value = index;
+    byId("seek").setAttribute("aria-valuetext", text);
+    setText(byId("seek-time"), text);
+    this.show(index);
+  }
+
+  /** Play or pause; at the end, from the beginning. */
+  play(isPlaying) {
+    this.isPlaying = isPlaying;
+    setText(byId("play"), isPlaying ? "Pause" : "Play");
+    if (!isPlaying) return;
+    if (this.place >= this.times.length - 1) this.place = 0;
+    this.#frame(performance.now());
+  }
+
+  #frame(last_ms) {
+    requestAnimationFrame((now_ms) => {
+      if (!this.isPlaying) return;
+      const passed_s = Math.min(Math.max(now_ms - last_ms, 0), FRAME_MS_MAX) / 1000;
+      this.seek(this.place + (passed_s * Number(byId("speed").value)) / (this.period_s || 1));
+      if (this.place < this.times.length - 1) this.#frame(now_ms);
+      else this.play(false);
+    });
+  }
+
+  #jump(direction) {
+    const now_s = this.times[Math.floor(this.place)];
+    const times = this.flight.events.map((event) => event.time_s).filter((time_s) => time_s !== null);
+    const [from_s, to_s] = [this.times[0], this.times.at(-1)];
+    const later = times.filter((time_s) => time_s > now_s + JUMP_AHEAD_S && time_s <= to_s);
+    const earlier = times.filter((time_s) => time_s < now_s - this.period_s && time_s >= from_s);
+    const time_s = direction > 0 ? Math.min(...later, to_s) : Math.max(...earlier, from_s);
+    this.seek(this.times.findIndex((each) => each >= time_s));
+  }
+}

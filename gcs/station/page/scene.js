@@ -1,0 +1,203 @@
+/** The map: the mission's metres on MapLibre's camera, with lines from `marks.js` and symbols from `symbols.js`. */
+
+import { byId, element } from "./dom.js";
+import { Frame } from "./frame.js";
+import { planMarks, teamMarks, trailMarks } from "./marks.js";
+import { showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
+import { atMostEvery } from "./throttle.js";
+import * as maplibre from "./vendor/maplibre-gl.mjs";
+
+const EMPTY = { type: "FeatureCollection", features: [] };
+const PADDING_PX = { top: 50, bottom: 50, left: 50, right: 110 }; // labels are on the right
+const ZOOM_MAX = 21.5;
+const TRAIL_EVERY_MS = 500;
+/** Layers: source, name, the colour (a CSS variable, or the vehicle's), width, dashes, and the switch that hides it. */
+const LINES = [
+  ["plan", "fence", "--fence", 2.5, null, "fence"],
+  ["plan", "start", null, 2, null, "starts"],
+  ["trails", "trail", null, 2, null, "trails"],
+  ["team", "ring", "--ink", 1.5, [4, 3], "ring"],
+  ["team", "flown", "--ink", 1.5, null, "ring"],
+  ["team", "keep-out", "--alarm", 1.5, [1, 2], "keep-out"],
+  ["team", "ellipse", "--ink", 1, null, "uncertainty"],
+  ["team", "velocity", "--ink", 3, null, "uncertainty"],
+  ["team", "separation", null, 1.5, null, "separation"],
+  ["team", "stale", null, 1.5, [2, 3], "separation"],
+  ["team", "setpoint", null, 1.2, [2, 2], "setpoints"],
+];
+const AREAS = [
+  ["keep-out", "--alarm", 0.12],
+  ["ellipse", "--ink", 0.15],
+];
+
+
+export class Scene {
+  /** @param {HTMLElement} container @param {Selection} selection */
+  constructor(container, selection) {
+    this.selection = selection;
+    this.isFollowing = true;
+    this.drawTrails = atMostEvery(TRAIL_EVERY_MS, (past) => this.#trails(past));
+    this.map = new maplibre.Map({
+      container, style: style(), maxZoom: ZOOM_MAX, maxPitch: 0, attributionControl: false, dragRotate: false,
+      renderWorldCopies: false, fadeDuration: 0, center: [0, 0], zoom: 18,
+    });
+    this.map.touchZoomRotate.disableRotation();
+    this.map.addControl(new maplibre.ScaleControl({ unit: "metric", maxWidth: 160 }), "bottom-left");
+    this.map.addControl(new maplibre.NavigationControl({ showCompass: false }), "bottom-right");
+    this.map.on("dragstart", () => this.#follow(false));
+    this.isLoaded = this.map.once("load");
+    this.#buttons();
+    selection.changed(() => this.#showSelection());
+  }
+
+  /** Begin with a mission: its plan, a symbol for each vehicle, and a camera that shows them. */
+  async start(mission) {
+    await this.isLoaded;
+    this.mission = mission;
+    this.frame = new Frame(mission);
+    for (const { marker } of this.symbols?.values() ?? []) marker.remove();
+    this.target?.marker.remove();
+    this.symbols = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#vehicle(planned)]));
+    this.target = this.#marked(targetSymbol());
+    this.map.getSource("plan").setData(planMarks(mission, this.frame));
+    this.fit(mission.vehicles.map((planned) => planned.start_m), 0);
+    this.#showSelection();
+  }
+
+  /** Draw a TeamPicture, and the way flown by those before it. */
+  update(team, past) {
+    if (!this.symbols) return;
+    this.team = team;
+    this.map.getSource("team").setData(teamMarks(this.mission, team, this.frame));
+    this.drawTrails(past);
+    for (const vehicle of team.vehicles) this.#showVehicle(vehicle, team);
+    this.#place(this.target.marker, team.target?.position_m ?? null);
+    if (team.target) showTarget(this.target, team.target);
+    if (this.isFollowing) this.#keepInView(team);
+  }
+
+  /** Move the camera so that these points are seen. */
+  fit(points_m, duration = 300) {
+    const bounds = new maplibre.LngLatBounds();
+    for (const point_m of points_m) bounds.extend(this.frame.lonLat(point_m));
+    if (bounds.isEmpty()) return;
+    const bearing = this.map.getBearing();
+    this.map.fitBounds(bounds, { padding: PADDING_PX, maxZoom: ZOOM_MAX - 1, bearing, duration: calm() ? 0 : duration });
+  }
+
+  /** Take the page's colours again, after its theme has changed. */
+  recolour() {
+    for (const [, name, colour] of LINES) if (colour) this.map.setPaintProperty(name, "line-color", css(colour));
+    for (const [name, colour] of AREAS) this.map.setPaintProperty(`${name}-area`, "fill-color", css(colour));
+    this.map.setPaintProperty("ground", "background-color", css("--ground"));
+  }
+
+  #trails(past) {
+    this.map.getSource("trails").setData(trailMarks(this.mission, past, this.frame));
+  }
+
+  #vehicle(planned) {
+    return this.#marked(vehicleSymbol(planned, () => this.selection.toggle(planned.vehicle_id)));
+  }
+
+  #marked(symbol) {
+    return { ...symbol, marker: new maplibre.Marker({ element: symbol.root, subpixelPositioning: true }) };
+  }
+
+  #showVehicle(vehicle, team) {
+    const symbol = this.symbols.get(vehicle.vehicle_id);
+    if (!symbol) return;
+    this.#place(symbol.marker, vehicle.position_m);
+    if (vehicle.position_m === null) return;
+    const { yaw_rad } = vehicle;
+    const rotation_deg = yaw_rad === null ? null : this.frame.bearing_deg(yaw_rad) - this.map.getBearing();
+    showVehicle(symbol, vehicle, team, rotation_deg);
+  }
+
+  #place(marker, position_m) {
+    if (position_m === null) marker.remove();
+    else {
+      marker.setLngLat(this.frame.lonLat(position_m));
+      if (!marker.getElement().isConnected) marker.addTo(this.map);
+    }
+  }
+
+  #everything() {
+    const seen = this.team ? this.team.vehicles.map((each) => each.position_m).filter(Boolean) : [];
+    const points = seen.length ? seen : this.mission.vehicles.map((planned) => planned.start_m);
+    const target = this.team?.target;
+    return target ? [...points, ...around(target.position_m, this.mission.ring_radius_m)] : points;
+  }
+
+  #keepInView(team) {
+    const box = this.map.getContainer().getBoundingClientRect();
+    const points = team.vehicles.map((vehicle) => vehicle.position_m).filter(Boolean);
+    const isInside = ({ x, y }) => x > 40 && y > 40 && x < box.width - 40 && y < box.height - 40;
+    const isSeen = points.every((point_m) => isInside(this.map.project(this.frame.lonLat(point_m))));
+    if (this.hasFitted && (isSeen || this.map.isMoving())) return;
+    this.hasFitted = points.length > 0;
+    this.fit(this.#everything());
+  }
+
+  #follow(isFollowing) {
+    this.isFollowing = isFollowing;
+    this.hasFitted = false;
+    byId("follow").setAttribute("aria-pressed", String(isFollowing));
+  }
+
+  #buttons() {
+    byId("fit").addEventListener("click", () => this.frame && this.fit(this.#everything()));
+    byId("follow").addEventListener("click", () => this.#follow(!this.isFollowing));
+    byId("mission-up").addEventListener("click", () => this.#turn());
+    for (const box of byId("layers").querySelectorAll("input")) {
+      box.addEventListener("change", () => this.#switch(box.value, box.checked));
+    }
+  }
+
+  #turn() {
+    const isNorthUp = this.map.getBearing() !== 0 || !this.frame;
+    this.map.setBearing(isNorthUp ? 0 : this.frame.x_bearing_deg);
+    byId("mission-up").setAttribute("aria-pressed", String(!isNorthUp));
+    for (const vehicle of this.team?.vehicles ?? []) this.#showVehicle(vehicle, this.team);
+  }
+
+  #switch(layer, isShown) {
+    const visibility = isShown ? "visible" : "none";
+    for (const [, name, , , , belongs] of LINES) if (belongs === layer) this.map.setLayoutProperty(name, "visibility", visibility);
+    for (const [name] of AREAS) {
+      if (LINES.some(([, line, , , , belongs]) => line === name && belongs === layer)) {
+        this.map.setLayoutProperty(`${name}-area`, "visibility", visibility);
+      }
+    }
+    if (layer === "labels") this.map.getContainer().classList.toggle("without-labels", !isShown);
+  }
+
+  #showSelection() {
+    for (const [id, { root }] of this.symbols ?? []) {
+      root.classList.toggle("selected", this.selection.has(id));
+    }
+  }
+}
+
+const around = ([x, y], radius) => [[x - radius, y - radius], [x + radius, y + radius]];
+
+const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+function style() {
+  const sources = Object.fromEntries(["plan", "trails", "team"].map((name) => [name, { type: "geojson", data: EMPTY, maxzoom: 20 }]));
+  const ground = { id: "ground", type: "background", paint: { "background-color": css("--ground") } };
+  return { version: 8, sources, layers: [ground, ...AREAS.map(areaLayer), ...LINES.map(lineLayer)] };
+}
+
+function areaLayer([name, colour, opacity]) {
+  const paint = { "fill-color": css(colour), "fill-opacity": opacity };
+  return { id: `${name}-area`, type: "fill", source: "team", filter: ["==", ["get", "layer"], name], paint };
+}
+
+function lineLayer([source, name, colour, width, dashes]) {
+  const paint = { "line-color": colour ? css(colour) : ["get", "colour"], "line-width": width };
+  if (dashes) paint["line-dasharray"] = dashes;
+  return { id: name, type: "line", source, filter: ["==", ["get", "layer"], name], paint };
+}

@@ -1,0 +1,195 @@
+/** The operator's page: pictures of a live team or of a recorded flight, drawn by the same parts. */
+
+import { Alarms, Sound } from "./alarms.js";
+import { Cards } from "./cards.js";
+import { Commands } from "./commands.js";
+import { byId } from "./dom.js";
+import { Events } from "./events.js";
+import { Replay } from "./replay.js";
+import { Selection } from "./selection.js";
+import { openStream, streamUrl } from "./stream.js";
+import { Strips } from "./strips.js";
+import { Table } from "./table.js";
+import { Tabs } from "./tabs.js";
+import { startTheme } from "./theme.js";
+import { TopBar } from "./topbar.js";
+import { agedTeam } from "./vehicles.js";
+
+const PAST_S = 120;
+const PAST_EVERY_S = 0.5;
+const SILENCE_MAX_S = 2;
+const CHECK_EVERY_MS = 250;
+
+/** The parts of the page, fed with pictures: `start` with a mission, `show` with a team and those before it. */
+class Page {
+  constructor(send) {
+    this.selection = new Selection();
+    this.commands = new Commands(this.selection, send);
+    this.events = new Events(byId("events"), byId("polite"));
+    this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), byId("assertive"));
+    this.topbar = new TopBar();
+    this.strips = new Strips(byId("strips"));
+    this.parts = [new Cards(byId("cards"), this.selection), new Table(byId("table"))];
+    this.scene = null;
+    this.tabs = new Tabs(byId("views"), () => this.redraw());
+    startTheme(byId("theme"), () => this.#recolour());
+    this.#openScene();
+  }
+
+  start(mission) {
+    const isSame = isSamePlan(mission, this.mission);
+    this.mission = mission;
+    if (isSame) {
+      this.topbar.start(mission);
+      this.commands.start(mission);
+      return;
+    }
+    this.team = null;
+    this.selection.start(mission.vehicles.map(({ vehicle_id }) => vehicle_id));
+    for (const part of [this.topbar, this.commands, this.alarms, this.strips, ...this.parts]) part.start(mission);
+    this.scene?.start(mission).then(() => this.redraw());
+    document.body.dataset.source = mission.source;
+  }
+
+  /** Draw a team. @param {Object[]} past TeamPictures up to it, in the order of time */
+  show(team, past, isConnected) {
+    Object.assign(this, { team, past });
+    this.topbar.update(team, isConnected);
+    this.commands.update(team);
+    for (const part of this.parts) part.update(team);
+    this.redraw();
+  }
+
+  redraw() {
+    if (!this.team) return;
+    this.strips.update(this.past);
+    if (!byId("map-panel").hidden) this.scene?.update(this.team, this.past);
+  }
+
+  async #openScene() {
+    if (!document.createElement("canvas").getContext("webgl2")) {
+      byId("no-webgl").hidden = false;
+      byId("map-tools").hidden = true;
+      this.tabs.show(byId("table-tab"));
+      return;
+    }
+    const { Scene } = await import("./scene.js");
+    this.scene = new Scene(byId("map"), this.selection);
+    if (this.mission) this.scene.start(this.mission).then(() => this.redraw());
+  }
+
+  #recolour() {
+    this.scene?.recolour();
+    this.strips.recolour();
+    this.redraw();
+  }
+}
+
+/** Whether a mission is the one that is shown, but for who may command. */
+function isSamePlan(mission, shown) {
+  const plan = (each) => JSON.stringify({ ...each, operator: null });
+  return Boolean(shown) && plan(mission) === plan(shown);
+}
+
+/** A team in flight: what the station sends is drawn in the next frame, and grows stale when it sends nothing. */
+class Live {
+  constructor() {
+    this.isOpen = true; // until the first connection fails
+    this.team = null;
+    this.past = [];
+    this.arrived_ms = performance.now();
+    this.page = new Page((request) => this.stream.send(request));
+    const handlers = { picture: (picture) => this.#take(picture), connection: (isOpen) => this.#connection(isOpen) };
+    this.stream = openStream(streamUrl(), handlers);
+    setInterval(() => this.#check(), CHECK_EVERY_MS);
+  }
+
+  #take(picture) {
+    if (picture.kind === "mission") this.#start(picture);
+    else if (picture.kind === "event") this.page.events.add(picture);
+    else if (picture.kind === "answer") this.page.commands.answer(picture);
+    else if (picture.kind === "team") this.#team(picture);
+  }
+
+  #start(mission) {
+    if (!isSamePlan(mission, this.page.mission)) Object.assign(this, { team: null, past: [] });
+    this.page.start(mission);
+  }
+
+  #team(team) {
+    this.team = team;
+    this.arrived_ms = performance.now();
+    const last = this.past.at(-1);
+    if (last && (team.time_s ?? 0) < (last.time_s ?? 0)) this.past = []; // another flight has begun
+    if (!last || (team.time_s ?? 0) - (last.time_s ?? 0) >= PAST_EVERY_S) this.past.push(team);
+    while (this.past.length > PAST_S / PAST_EVERY_S) this.past.shift();
+    this.#warn();
+    this.frame ??= requestAnimationFrame(() => this.#draw());
+  }
+
+  #connection(isOpen) {
+    this.isOpen = isOpen;
+    if (isOpen) this.page.events.start(); // the station sends the past again
+    else this.page.commands.connectionLost();
+    this.#check();
+  }
+
+  get #silence_s() {
+    return (performance.now() - this.arrived_ms) / 1000;
+  }
+
+  get #isConnected() {
+    return this.isOpen && (this.team === null || this.#silence_s < SILENCE_MAX_S);
+  }
+
+  #aged() {
+    return this.team && agedTeam(this.team, this.#silence_s);
+  }
+
+  #warn() {
+    this.page.alarms.update(this.#aged(), this.#isConnected || Boolean(this.team?.ending));
+  }
+
+  #check() {
+    this.#warn();
+    if (!this.team) this.page.topbar.update(null, this.#isConnected);
+    else if (this.#silence_s > CHECK_EVERY_MS / 1000) this.frame ??= requestAnimationFrame(() => this.#draw());
+  }
+
+  #draw() {
+    this.frame = null;
+    if (this.team) this.page.show(this.#aged(), this.past, this.#isConnected);
+  }
+}
+
+/** Show a recorded flight: the same page, whose pictures are chosen by the time slider. */
+function showFlight(flight) {
+  const page = new Page(() => false);
+  page.start(flight.mission);
+  page.alarms.sound.turn(false);
+  new Replay(flight, (index) => {
+    const team = flight.teams[index];
+    page.show(team, pastOf(flight.teams, index), true);
+    page.alarms.update(team, true);
+    page.alarms.forgetOver();
+    page.events.showUntil(flight.events, team.time_s ?? 0);
+  });
+}
+
+function pastOf(teams, index) {
+  const from_s = (teams[index].time_s ?? 0) - PAST_S;
+  const first = teams.findIndex((team) => (team.time_s ?? 0) >= from_s);
+  return teams.slice(first, index + 1);
+}
+
+/** The recorded flight that this page holds or that the station serves; null for a live team. */
+async function recordedFlight() {
+  const held = byId("flight");
+  if (held) return JSON.parse(held.textContent);
+  const answer = await fetch("flight.json");
+  return answer.ok ? answer.json() : null;
+}
+
+const flight = await recordedFlight();
+if (flight) showFlight(flight);
+else new Live();

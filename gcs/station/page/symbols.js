@@ -1,0 +1,65 @@
+/** The vehicles and the target on the map: an arrow or a cross with a label, hatched where it is not current. */
+
+import { element, setAttribute, setText } from "./dom.js";
+import { metres, quantity } from "./units.js";
+import { lastSeen, trouble } from "./vehicles.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const ARROW = "M0,-15 L11,12 L0,6 L-11,12 Z";
+const ROUND = "M-9,0 A9,9 0 1 0 9,0 A9,9 0 1 0 -9,0 Z";
+
+/** The symbol of a planned vehicle. @param {function()} pressed */
+export function vehicleSymbol(planned, pressed) {
+  const id = planned.vehicle_id;
+  const shape = svg("path", { d: ARROW, fill: planned.colour, class: "shape" });
+  const picture = svg("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });
+  picture.append(hatching(`hatch-${id}`, planned.colour), shape);
+  const label = element("span", { class: "label" });
+  const root = element("button", { type: "button", class: "symbol", "data-vehicle": id, tabindex: "-1" }, picture, label);
+  root.addEventListener("click", pressed);
+  return { root, shape, picture, label, colour: planned.colour, id };
+}
+
+/** Show a vehicle's picture; `rotation_deg` is clockwise from the top of the screen, null where it is not known. */
+export function showVehicle(symbol, vehicle, team, rotation_deg) {
+  const state = trouble(vehicle, team);
+  const isCurrent = !vehicle.is_stale && state !== "ended";
+  setAttribute(symbol.root, "data-trouble", state);
+  setAttribute(symbol.root, "data-current", String(isCurrent));
+  setAttribute(symbol.shape, "d", rotation_deg === null ? ROUND : ARROW);
+  setAttribute(symbol.shape, "fill", isCurrent ? symbol.colour : `url(#hatch-${symbol.id})`);
+  setAttribute(symbol.shape, "stroke", isCurrent ? null : symbol.colour);
+  setAttribute(symbol.shape, "transform", `rotate(${(rotation_deg ?? 0).toFixed(0)})`);
+  const words = state === "ended" ? "ended" : lastSeen(vehicle);
+  const sign = state === "alarm" ? "■ " : "";
+  setText(symbol.label, `${sign}${symbol.id} · ${words || metres(vehicle.position_m[2])}`);
+}
+
+/** The symbol of the target. */
+export function targetSymbol() {
+  const picture = svg("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });
+  picture.append(svg("path", { d: "M-9,-9 L9,9 M-9,9 L9,-9", class: "target-cross" }));
+  const label = element("span", { class: "label" });
+  return { root: element("div", { class: "symbol target" }, picture, label), label };
+}
+
+const SIGHTING_AGE_MAX_S = 2;
+
+export function showTarget(symbol, target) {
+  const isOld = target.sighting_age_s > SIGHTING_AGE_MAX_S;
+  setAttribute(symbol.root, "data-current", String(!isOld));
+  const seen = isOld ? `, seen ${quantity(target.sighting_age_s, 0, "s")} ago` : "";
+  setText(symbol.label, `target${seen}`);
+}
+
+function hatching(id, colour) {
+  const pattern = svg("pattern", { id, width: 5, height: 5, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });
+  pattern.append(svg("rect", { width: 5, height: 5, class: "hatch-ground" }), svg("rect", { width: 2, height: 5, fill: colour }));
+  return pattern;
+}
+
+function svg(name, attributes) {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}

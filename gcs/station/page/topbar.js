@@ -1,0 +1,65 @@
+/** The top bar: the mission, its time, the ring, the worst alert, the link to the team, and who may command. */
+
+import { byId, SEVERITIES, setAttribute, setText } from "./dom.js";
+import { clock } from "./units.js";
+import { alert, trouble } from "./vehicles.js";
+
+const SOURCES = { flight: "flight", sitl: "practice on stubs", simulation: "simulation", log: "recorded flight" };
+const GRAVITY = ["alarm", "stale", "warning"];
+
+export class TopBar {
+  start(mission) {
+    this.mission = mission;
+    setText(byId("mission"), mission.mission);
+    setText(byId("source"), SOURCES[mission.source]);
+    setText(byId("rights"), rights(mission));
+    document.title = `${mission.mission} - cordon`;
+  }
+
+  /** Show a TeamPicture, or what keeps the page from one. */
+  update(team, isConnected) {
+    setLine("link", ...linkWords(team, isConnected));
+    if (!team) return;
+    setText(byId("elapsed"), team.time_s === null ? "not started" : `T+ ${clock(team.time_s)}`);
+    setText(byId("remaining"), remaining(team, this.mission));
+    setText(byId("ring"), `${team.ring_members} of ${team.vehicles.length}`);
+    setLine("worst", ...worst(team));
+    setText(byId("ending"), team.ending ? `Ended: ${team.ending}` : "");
+    byId("ending").hidden = !team.ending;
+  }
+}
+
+function setLine(id, text, state) {
+  setText(byId(id), text);
+  setAttribute(byId(id), "data-state", state);
+}
+
+function remaining(team, mission) {
+  if (team.ending || team.time_s === null) return clock(team.ending ? 0 : mission.duration_s);
+  return clock(Math.max(0, team.remaining_s ?? mission.duration_s - team.time_s));
+}
+
+function linkWords(team, isConnected) {
+  if (!isConnected) return ["■ no station", "alarm"];
+  if (!team) return ["waiting", "warning"];
+  return team.link ? [`▲ ${team.link}`, "warning"] : ["● connected", "information"];
+}
+
+function worst(team) {
+  if (team.ending) return ["ended", "ended"];
+  for (const state of GRAVITY) {
+    const vehicle = team.vehicles.find((each) => trouble(each, team) === state);
+    if (vehicle) return [`${sign(state)} ${vehicle.vehicle_id}: ${words(vehicle, state)}`, state];
+  }
+  return ["● none", "information"];
+}
+
+const sign = (state) => (state === "stale" ? "◌" : SEVERITIES[state].sign);
+
+const words = (vehicle, state) => alert(vehicle) || (state === "stale" ? "stale" : "see card");
+
+function rights(mission) {
+  if (mission.source === "log") return "recorded";
+  const { name, may } = mission.operator;
+  return may.length ? name || "this page" : "read only";
+}

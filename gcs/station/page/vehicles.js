@@ -1,0 +1,61 @@
+/** What the page makes of a vehicle's picture: whether it is current, how grave its trouble is, and in which words. */
+
+import { age, UNKNOWN } from "./units.js";
+
+/** A picture that is older than this, in seconds, shows no vehicle as if it flew there. */
+export const PICTURE_AGE_MAX_S = 1;
+const CHARGE_LOW = 0.35;
+const RANKS = { alarm: 0, stale: 1, warning: 2, information: 3, ended: 4 };
+
+/**
+ * The team as it is to be drawn when its picture arrived `since_s` ago: what the station no longer sends is stale.
+ * @param {Object} team a TeamPicture
+ */
+export function agedTeam(team, since_s) {
+  if (since_s <= PICTURE_AGE_MAX_S) return team;
+  const target = team.target && { ...team.target, sighting_age_s: team.target.sighting_age_s + since_s };
+  return { ...team, target, vehicles: team.vehicles.map((vehicle) => agedVehicle(vehicle, since_s)) };
+}
+
+function agedVehicle(vehicle, since_s) {
+  const age_s = vehicle.age_s === null ? null : vehicle.age_s + since_s;
+  const link_age_s = vehicle.link_age_s === null ? null : vehicle.link_age_s + since_s;
+  return { ...vehicle, age_s, link_age_s, is_stale: true };
+}
+
+/** "ended", "stale" or the severity of its alert: one word for the look and the place of a vehicle. */
+export function trouble(vehicle, team) {
+  if (vehicle.has_ended || team.ending) return "ended";
+  if (vehicle.severity === "alarm") return "alarm";
+  if (vehicle.is_stale) return "stale";
+  return warning(vehicle) ? "warning" : vehicle.severity;
+}
+
+/** A vehicle's alert, or else what its quantities warn of; empty for nothing. */
+export const alert = (vehicle) => vehicle.alert || warning(vehicle);
+
+function warning(vehicle) {
+  if (vehicle.fence_margin_m !== null && vehicle.fence_margin_m < 0) return "outside the fence";
+  return vehicle.battery !== null && vehicle.battery < CHARGE_LOW ? "battery low" : "";
+}
+
+/** Vehicles with the gravest trouble first, then by number. */
+export function byTrouble(team) {
+  const rank = (vehicle) => RANKS[trouble(vehicle, team)];
+  return team.vehicles.toSorted((a, b) => rank(a) - rank(b) || a.vehicle_id - b.vehicle_id);
+}
+
+/** How long ago a stale vehicle was seen; empty for one that is current. */
+export function lastSeen(vehicle) {
+  if (!vehicle.is_stale) return "";
+  const seen_s = Math.max(vehicle.age_s ?? 0, vehicle.link_age_s ?? 0);
+  return vehicle.age_s === null ? "not heard yet" : `last seen ${age(seen_s)} ago`;
+}
+
+/** What a card says first: how it ended, that it is stale, its alert, or that it is well. */
+export function headline(vehicle, team) {
+  if (vehicle.has_ended || team.ending) return ["ended", vehicle.ending].filter(Boolean).join(": ");
+  return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
+}
+
+export const tactic = (vehicle) => vehicle.tactic || UNKNOWN;

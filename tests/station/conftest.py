@@ -1,0 +1,60 @@
+"""A browser for tests of the operator's page: the system's Chromium, driven by Playwright."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+REQUIRED = "CORDON_REQUIRE_BROWSER"
+# WebGL without a graphics card, as in CI.
+ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+# A live station has no recorded flight, and one that is gone breaks and refuses connections.
+EXPECTED = ("404", "ERR_CONNECTION_", "WebSocket")
+
+OpenPage = Callable[..., Page]
+
+
+@pytest.fixture(scope="package")
+def browser() -> Iterator[Browser]:
+    """Return a browser; without one the test is skipped, and fails where CORDON_REQUIRE_BROWSER is set."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        reason = "no chromium, chromium-browser or google-chrome is installed: apt-get install chromium"
+        pytest.fail(f"{reason} ({REQUIRED} is set)") if os.environ.get(REQUIRED) else pytest.skip(reason)
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=program, args=ARGUMENTS)
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[OpenPage]:
+    """Return what opens a page of a station in a context of its own; errors of its scripts fail the test."""
+    errors: list[str] = []
+    contexts = []
+
+    def open_at(url: str, *, script: str = "", **settings: Any) -> Page:
+        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **settings})
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(10_000)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda message: _keep_error(message.text, message.type, errors))
+        if script:
+            page.add_init_script(script)
+        page.goto(url)
+        return page
+
+    yield open_at
+    for context in contexts:
+        context.close()
+    assert not errors
+
+
+def _keep_error(text: str, kind: str, errors: list[str]) -> None:
+    if kind == "error" and not any(expected in text for expected in EXPECTED):
+        errors.append(text)

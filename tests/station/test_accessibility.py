@@ -1,0 +1,107 @@
+"""Keyboard, contrast, names and sizes: axe-core finds nothing serious, wide and phone-sized, light and dark."""
+
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from gcs.station.picture import TeamPicture
+from tests.station.conftest import OpenPage
+from tests.support.canned_station import CannedStation
+from tests.support.station_pictures import changed, ring_flight, ring_mission, ring_team
+
+pytestmark = pytest.mark.browser
+AXE = (Path(__file__).parent / "vendor" / "axe.min.js").read_text(encoding="utf-8")
+WIDE, PHONE = {"width": 1920, "height": 1080}, {"width": 390, "height": 844}
+MISSION = ring_mission()
+TARGET_PX = 44
+
+
+def every_state(time_s: float) -> TeamPicture:
+    """Return a team with an alarm, a warning and a stale vehicle."""
+    team = ring_team(MISSION, 100.0 + time_s)
+    team = changed(team, 1, alert="GPS jammed", advice="Take over.", severity="alarm")
+    return changed(changed(team, 2, battery=0.2), 3, is_stale=True, age_s=9.0)
+
+
+def findings(page: Page) -> list[str]:
+    """Return what axe-core finds that is serious or critical."""
+    page.evaluate(AXE)
+    found = page.evaluate("axe.run().then(result => result.violations)")
+    grave = [each for each in found if each["impact"] in ("serious", "critical")]
+    return [f"{each['id']}: {node['target']} {node['failureSummary']}" for each in grave for node in each["nodes"]]
+
+
+SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_axe_finds_nothing_serious(open_page: OpenPage, size: dict[str, int], scheme: Literal["light", "dark"]) -> None:
+    with CannedStation(MISSION, every_state) as served:
+        page = open_page(served.url, viewport=size, color_scheme=scheme)
+        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+        expect(page.locator("#alarms li")).to_have_count(1)
+        assert findings(page) == []
+        page.get_by_role("tab", name="Table").click()
+        assert findings(page) == []
+        page.locator("[data-verb='kill']").click()
+        assert findings(page) == []
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_axe_finds_nothing_serious_in_a_replay(open_page: OpenPage, scheme: Literal["light", "dark"]) -> None:
+    with CannedStation(flight=ring_flight(40.0)) as served:
+        page = open_page(served.url, color_scheme=scheme)
+        expect(page.locator("#seek-time")).to_have_text("0:00 of 0:40")
+        page.locator("#seek").press("End")
+        page.get_by_role("tab", name="Strips").click()
+        assert findings(page) == []
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_what_is_touched_is_large_enough_and_on_the_screen(open_page: OpenPage, size: dict[str, int]) -> None:
+    with CannedStation(MISSION, every_state) as served:
+        page = open_page(served.url, viewport=size)
+        expect(page.locator("#alarms li")).to_have_count(1)
+        width = page.evaluate("document.documentElement.scrollWidth")
+        assert width <= size["width"]
+        small = []
+        for control in page.locator("button:visible, summary:visible, select:visible, label.select:visible").all():
+            box = control.bounding_box()
+            assert box is not None
+            if min(box["width"], box["height"]) < TARGET_PX - 0.5:
+                small.append((control.inner_text(), box))
+        assert small == []
+
+
+def test_commands_by_keyboard_alone(open_page: OpenPage) -> None:
+    with CannedStation(MISSION, every_state) as served:
+        page = open_page(served.url)
+        expect(page.locator("#verbs button")).to_have_count(6)
+        page.keyboard.press("Tab")
+        expect(page.get_by_role("link", name="To the commands")).to_be_focused()
+        page.keyboard.press("Enter")
+        page.keyboard.press("Tab")
+        expect(page.locator("[data-verb='hold']")).to_be_focused()
+        page.keyboard.press("Space")
+        page.wait_for_timeout(300)
+        assert [request.verb for request in served.requests] == ["hold"]
+        page.get_by_role("tab", name="Map").focus()
+        page.keyboard.press("ArrowRight")
+        expect(page.locator("#table")).to_be_visible()
+        expect(page.get_by_role("tab", name="Table")).to_be_focused()
+
+
+def test_theme_is_switched_and_kept(open_page: OpenPage) -> None:
+    with CannedStation(MISSION, every_state) as served:
+        page = open_page(served.url, color_scheme="light")
+        colour = "() => getComputedStyle(document.body).backgroundColor"
+        light = page.evaluate(colour)
+        page.get_by_role("button", name="Theme: ◐ Auto").click()
+        page.get_by_role("button", name="Theme: ○ Light").click()
+        assert page.evaluate(colour) != light
+        page.reload()
+        expect(page.get_by_role("button", name="Theme: ● Dark")).to_be_visible()
+        assert page.evaluate(colour) != light

@@ -1,0 +1,136 @@
+"""Alarms and events on the page: sound, words, acknowledgement, and what is read out."""
+
+from collections.abc import Iterator
+
+import pytest
+from msgspec.structs import replace
+from playwright.sync_api import Page, expect
+
+from gcs.station.picture import EventPicture, TeamPicture
+from tests.station.conftest import OpenPage
+from tests.support.canned_station import CannedStation
+from tests.support.station_pictures import changed, ring_mission, ring_team
+
+pytestmark = pytest.mark.browser
+REPEATED_MS = 2000
+# Counts the tones that are started: headless browsers have no loudspeaker.
+COUNT_TONES = (
+    "window.tones = 0; const start = OscillatorNode.prototype.start;"
+    "OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };"
+)
+MISSION = ring_mission()
+
+
+def well(time_s: float) -> TeamPicture:
+    return ring_team(MISSION, 100.0 + time_s)
+
+
+def link_lost(time_s: float) -> TeamPicture:
+    return changed(well(time_s), 2, alert="link lost", advice="Wait: it lands by itself.", severity="alarm")
+
+
+def two_alarms(time_s: float) -> TeamPicture:
+    return changed(link_lost(time_s), 3, alert="battery empty", advice="Land it.", severity="alarm")
+
+
+@pytest.fixture
+def served() -> Iterator[CannedStation]:
+    with CannedStation(MISSION, well) as station:
+        yield station
+
+
+@pytest.fixture
+def page(open_page: OpenPage, served: CannedStation) -> Page:
+    page = open_page(served.url, script=COUNT_TONES)
+    expect(page.locator(".card .tactic").first).to_have_text("encircle")
+    return page
+
+
+def tones_in(page: Page, time_ms: float) -> int:
+    before: int = page.evaluate("window.tones")
+    page.wait_for_timeout(time_ms)
+    after: int = page.evaluate("window.tones")
+    return after - before
+
+
+def test_alarm_sounds_until_it_is_acknowledged(page: Page, served: CannedStation) -> None:
+    expect(page.locator("#sound")).to_have_text("Sound: press once")
+    page.mouse.click(5, 5)  # browsers let a page sound after a gesture
+    expect(page.locator("#sound")).to_have_text("Sound on")
+    expect(page.locator("#alarm-bar")).to_be_hidden()
+    assert tones_in(page, 1.2 * REPEATED_MS) == 0
+    served.team = link_lost
+    expect(page.locator("#alarms li")).to_have_text(
+        "■ ALARM Vehicle 2: link lost. Wait: it lands by itself.", timeout=500
+    )
+    expect(page.locator("#assertive")).to_have_text("Alarm. Vehicle 2: link lost. Wait: it lands by itself.")
+    assert tones_in(page, 2.2 * REPEATED_MS) >= 4
+    page.get_by_role("button", name="Acknowledge").click()
+    expect(page.locator("#alarms li")).to_contain_text("(acknowledged)")
+    assert tones_in(page, 1.2 * REPEATED_MS) == 0
+    served.team = two_alarms
+    expect(page.locator("#alarms li")).to_have_count(2)
+    expect(page.get_by_role("button", name="Acknowledge")).to_be_visible()
+    assert tones_in(page, 1.2 * REPEATED_MS) >= 2
+
+
+def test_sound_can_be_turned_off(page: Page, served: CannedStation) -> None:
+    page.locator("#sound").click()
+    expect(page.locator("#sound")).to_have_text("Sound off")
+    served.team = link_lost
+    expect(page.locator("#alarms li")).to_have_count(1)
+    assert tones_in(page, 1.2 * REPEATED_MS) == 0
+
+
+def test_alarm_that_is_over_stays_until_it_is_acknowledged(page: Page, served: CannedStation) -> None:
+    page.mouse.click(5, 5)
+    served.team = link_lost
+    expect(page.locator("#alarms li")).to_contain_text("ALARM")
+    served.team = well
+    expect(page.locator("#alarms li")).to_contain_text("□ OVER Vehicle 2: link lost")
+    assert tones_in(page, 1.2 * REPEATED_MS) == 0
+    expect(page.locator("#worst")).to_have_text("● none")
+    page.get_by_role("button", name="Acknowledge").click()
+    expect(page.locator("#alarm-bar")).to_be_hidden()
+    served.team = link_lost  # it comes again: it is a new one
+    expect(page.locator("#alarms li")).to_have_attribute("data-state", "new")
+
+
+def test_end_of_the_flight_is_no_alarm(page: Page, served: CannedStation) -> None:
+    served.team = lambda time_s: replace(link_lost(time_s), ending="landed and disarmed")
+    expect(page.locator("#ending")).to_have_text("Ended: landed and disarmed")
+    served.is_refusing = True
+    served.disconnect()
+    expect(page.locator("#link")).to_have_text("■ no station")
+    page.wait_for_timeout(500)
+    expect(page.locator("#alarm-bar")).to_be_hidden()
+
+
+def event(number: int, severity: str = "information", vehicle_id: int | None = None) -> EventPicture:
+    return EventPicture(number, 60.0 * number, 1.7e9, severity, f"what {number}", vehicle_id)  # type: ignore[arg-type]
+
+
+def test_events_newest_first_and_each_once(page: Page, served: CannedStation) -> None:
+    page.wait_for_timeout(1100)
+    for each in (event(1), event(2, "warning", 3), event(3, "alarm", 1)):
+        served.send(each)
+    rows = page.locator("#events li")
+    expect(rows).to_have_count(3)
+    assert [row.inner_text().replace("\n", " ") for row in rows.all()] == [
+        "3:00 ■ ALARM Vehicle 1: what 3",
+        "2:00 ▲ Warning Vehicle 3: what 2",
+        "1:00 ● Information what 1",
+    ]
+    expect(page.locator("#polite")).to_have_text("ALARM: Vehicle 1: what 3")
+    served.disconnect()  # the station sends the past again
+    expect(page.locator("#link")).to_have_text("■ no station")
+    expect(page.locator("#link")).to_have_text("● connected")
+    served.send(event(4))
+    expect(rows).to_have_count(4)
+
+
+def test_past_events_are_shown_and_not_read_out(open_page: OpenPage, served: CannedStation) -> None:
+    served.events.extend(event(number) for number in range(1, 31))
+    page = open_page(served.url)
+    expect(page.locator("#events li")).to_have_count(30)
+    expect(page.locator("#polite")).to_be_empty()

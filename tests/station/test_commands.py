@@ -1,0 +1,254 @@
+"""What the page sends: each press once, with its confirmation, and nothing by a slip."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from msgspec.structs import replace
+from playwright.sync_api import Page, expect
+
+from gcs.station.picture import AnswerPicture, CommandRequest, OperatorRights, TeamPicture
+from tests.station.conftest import OpenPage
+from tests.support.canned_station import CannedStation
+from tests.support.station_pictures import changed, ring_mission, ring_team
+
+pytestmark = pytest.mark.browser
+HOLD_MS = 1000
+
+
+@pytest.fixture
+def served() -> Iterator[CannedStation]:
+    mission = ring_mission()
+    with CannedStation(mission, lambda time_s: ring_team(mission, 100.0 + time_s)) as station:
+        yield station
+
+
+@pytest.fixture
+def page(open_page: OpenPage, served: CannedStation) -> Page:
+    page = open_page(served.url)
+    expect(page.locator(".card .tactic").first).to_have_text("encircle")
+    return page
+
+
+def sent(page: Page, served: CannedStation) -> list[CommandRequest]:
+    """Return what has been sent, after a while in which more could come."""
+    page.wait_for_timeout(300)
+    return served.requests
+
+
+def verb(page: Page, name: str) -> Callable[[], None]:
+    return page.locator(f"#verbs [data-verb='{name}']").click
+
+
+def press_for(page: Page, name: str, time_ms: float) -> None:
+    page.locator(f"#verbs [data-verb='{name}']").hover()
+    page.mouse.down()
+    page.wait_for_timeout(time_ms)
+    page.mouse.up()
+
+
+def by_pilot(vehicle_id: int) -> Callable[[float], TeamPicture]:
+    return lambda time_s: changed(ring_team(ring_mission(), 100.0 + time_s), vehicle_id, tactic="pilot override")
+
+
+@pytest.mark.parametrize("name", ["hold", "resume", "abort"])
+def test_press_sends_one_command_to_all(page: Page, served: CannedStation, name: str) -> None:
+    verb(page, name)()
+    (request,) = sent(page, served)
+    assert (request.verb, request.vehicles, request.confirmation, request.overrides_pilot) == (name, None, "", False)
+    verb(page, name)()
+    assert len({each.request for each in sent(page, served)}) == 2
+
+
+def test_selection_says_whom_and_is_sent(page: Page, served: CannedStation) -> None:
+    page.get_by_label("Select vehicle 1").check()
+    page.get_by_label("Select vehicle 3").check()
+    expect(page.locator("#target-text")).to_have_text("To vehicles 1, 3")
+    expect(page.get_by_role("button", name="Hold 1, 3")).to_be_visible()
+    verb(page, "hold")()
+    page.get_by_role("button", name="All", exact=True).click()
+    expect(page.get_by_role("button", name="Land all 3, hold 1 s")).to_be_visible()
+    verb(page, "hold")()
+    assert [request.vehicles for request in sent(page, served)] == [(1, 3), None]
+
+
+@pytest.mark.parametrize("name", ["land", "rtl"])
+def test_land_and_return_have_to_be_held(page: Page, served: CannedStation, name: str) -> None:
+    verb(page, name)()
+    press_for(page, name, 0.8 * HOLD_MS)
+    assert sent(page, served) == []
+    press_for(page, name, 3.0 * HOLD_MS)  # held on: it is sent once
+    assert [(request.verb, request.vehicles) for request in sent(page, served)] == [(name, None)]
+
+
+def test_land_is_held_by_key(page: Page, served: CannedStation) -> None:
+    page.locator("#verbs [data-verb='land']").focus()
+    for key in ("Enter", " "):
+        page.keyboard.down(key)
+        page.wait_for_timeout(0.8 * HOLD_MS)
+        page.keyboard.up(key)
+    assert sent(page, served) == []
+    page.keyboard.down("Enter")
+    page.wait_for_timeout(1.5 * HOLD_MS)
+    page.keyboard.up("Enter")
+    assert [request.verb for request in sent(page, served)] == ["land"]
+
+
+def test_leaving_the_button_ends_the_hold(page: Page, served: CannedStation) -> None:
+    page.locator("#verbs [data-verb='land']").hover()
+    page.mouse.down()
+    page.wait_for_timeout(0.5 * HOLD_MS)
+    page.mouse.move(5, 5)
+    page.wait_for_timeout(HOLD_MS)
+    page.mouse.up()
+    page.locator("#verbs [data-verb='land']").focus()
+    page.keyboard.down("Enter")
+    page.wait_for_timeout(0.5 * HOLD_MS)
+    page.locator("#verbs [data-verb='hold']").focus()
+    page.wait_for_timeout(HOLD_MS)
+    page.keyboard.up("Enter")
+    assert sent(page, served) == []
+
+
+def test_time_in_which_the_page_stands_still_is_not_held(page: Page, served: CannedStation) -> None:
+    page.locator("#verbs [data-verb='land']").hover()
+    page.mouse.down()
+    page.wait_for_timeout(0.2 * HOLD_MS)
+    page.evaluate("() => { const end = performance.now() + 1500; while (performance.now() < end); }")
+    page.mouse.up()
+    assert sent(page, served) == []
+
+
+@pytest.mark.parametrize("name", ["hold", "resume", "abort"])
+def test_held_key_sends_once(page: Page, served: CannedStation, name: str) -> None:
+    page.locator(f"#verbs [data-verb='{name}']").focus()
+    for _ in range(20):  # what a keyboard repeats
+        page.keyboard.down("Enter")
+    page.keyboard.up("Enter")
+    assert len(sent(page, served)) == 1
+
+
+def test_kill_needs_its_word_typed(page: Page, served: CannedStation) -> None:
+    page.get_by_label("Select vehicle 2").check()
+    verb(page, "kill")()
+    expect(page.get_by_role("dialog")).to_contain_text("Cut the motors of vehicle 2")
+    expect(page.locator("#kill-send")).to_be_disabled()
+    page.keyboard.press("Enter")
+    page.keyboard.type("kil")
+    page.keyboard.press("Enter")
+    assert sent(page, served) == []
+    page.keyboard.type("l")
+    page.locator("#kill-send").click()
+    (request,) = sent(page, served)
+    assert (request.verb, request.vehicles, request.confirmation) == ("kill", (2,), "kill")
+    expect(page.get_by_role("dialog")).to_be_hidden()
+
+
+def paste(page: Page) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.evaluate("() => navigator.clipboard.writeText('kill')")
+    page.keyboard.press("Control+V")
+
+
+def drop_in(page: Page) -> None:
+    page.keyboard.insert_text("kill")  # as a completion or a dropped text
+
+
+def repeat(page: Page) -> None:
+    page.keyboard.type("ki")
+    page.keyboard.down("l")
+    page.keyboard.down("l")  # the keyboard's repeat
+    page.keyboard.up("l")
+
+
+def hold_k(page: Page) -> None:
+    for _ in range(20):
+        page.keyboard.down("k")
+    page.keyboard.up("k")
+
+
+@pytest.mark.parametrize("way", [paste, drop_in, repeat, hold_k], ids=lambda way: way.__name__)
+def test_word_that_was_not_typed_does_not_kill(page: Page, served: CannedStation, way: Callable[[Page], None]) -> None:
+    verb(page, "kill")()
+    way(page)
+    expect(page.locator("#kill-send")).to_be_disabled()
+    page.keyboard.press("Enter")
+    assert sent(page, served) == []
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog")).to_be_hidden()
+    verb(page, "kill")()
+    expect(page.locator("#kill-word")).to_have_value("")
+
+
+def test_resume_of_a_pilots_vehicle_asks_first(page: Page, served: CannedStation) -> None:
+    served.team = by_pilot(2)
+    expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("pilot override")
+    verb(page, "resume")()
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("Vehicle 2 is flown by its pilot")
+    expect(page.get_by_role("button", name="Leave it with the pilot")).to_be_focused()
+    for _ in range(5):  # a held key chooses nothing but the careful answer
+        page.keyboard.down("Enter")
+    page.keyboard.up("Enter")
+    assert sent(page, served) == []
+    verb(page, "resume")()
+    page.get_by_role("button", name="Resume only vehicles 1, 3").click()
+    verb(page, "resume")()
+    page.get_by_role("button", name="Take over all 3 vehicles").click()
+    requests = [(request.vehicles, request.overrides_pilot) for request in sent(page, served)]
+    assert requests == [((1, 3), False), (None, True)]
+    page.get_by_label("Select vehicle 1").check()
+    verb(page, "resume")()
+    assert (served_last(page, served).vehicles, served_last(page, served).overrides_pilot) == ((1,), False)
+
+
+def served_last(page: Page, served: CannedStation) -> CommandRequest:
+    return sent(page, served)[-1]
+
+
+def test_answers_are_shown_with_their_time(page: Page, served: CannedStation) -> None:
+    verb(page, "hold")()
+    (request,) = sent(page, served)
+    answers = page.locator(f"#answers [data-request='{request.request}']")
+    expect(answers).to_contain_text("Hold, all 3 vehicles")
+    expect(answers).to_contain_text("Waiting for all 3 vehicles")
+    served.send(AnswerPicture(request.request, "hold", 1, "holds", 0.12, is_obeyed=True, is_final=True))
+    served.send(AnswerPicture(request.request, "hold", 2, "is flown by its pilot", 0.2, is_obeyed=False, is_final=True))
+    expect(answers).to_contain_text("✓ Vehicle 1: holds, after 0.1\u00a0s")
+    expect(answers).to_contain_text("✗ Vehicle 2: is flown by its pilot, after 0.2\u00a0s")
+    expect(answers).to_contain_text("Waiting for vehicle 3")
+    served.send(AnswerPicture("0123", "hold", 3, "of another page", 0.2, is_obeyed=True, is_final=True))
+    expect(page.locator("#answers")).not_to_contain_text("of another page")
+
+
+def test_nothing_is_sent_again_after_a_reconnect(page: Page, served: CannedStation) -> None:
+    verb(page, "hold")()
+    (request,) = sent(page, served)
+    served.is_refusing = True
+    served.disconnect()
+    answers = page.locator("#answers > li")
+    expect(answers.first).to_contain_text("Connection lost before all 3 vehicles answered")
+    verb(page, "abort")()
+    expect(answers.first).to_contain_text("Not sent")
+    served.is_refusing = False
+    expect(page.locator("#link")).to_have_text("● connected", timeout=8000)
+    assert sent(page, served) == [request]
+
+
+def test_only_what_the_operator_may_is_offered(page: Page, served: CannedStation) -> None:
+    offered = "#verbs button"
+    assert [button.get_attribute("data-verb") for button in page.locator(offered).all()] == [
+        "hold",
+        "resume",
+        "rtl",
+        "land",
+        "abort",
+        "kill",
+    ]
+    served.send(replace(ring_mission(), operator=OperatorRights("ben", ("hold",))))
+    expect(page.locator(offered)).to_have_count(1)
+    expect(page.locator("#rights")).to_have_text("ben")
+    served.send(ring_mission(may=()))
+    expect(page.locator(offered)).to_have_count(0)
+    expect(page.locator("#read-only")).to_be_visible()
+    expect(page.locator("#rights")).to_have_text("read only")
+    expect(page.locator(".card")).to_have_count(3)

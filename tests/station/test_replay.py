@@ -1,0 +1,78 @@
+"""A recorded flight on the page: the slider, play, speed, and jumps to events."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.station.conftest import OpenPage
+from tests.support.canned_station import CannedStation
+from tests.support.station_pictures import ring_flight
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def page(open_page: OpenPage) -> Iterator[Page]:
+    with CannedStation(flight=ring_flight(60.0)) as station:
+        page = open_page(station.url)
+        expect(page.locator("#seek-time")).to_have_text("0:00 of 1:00")
+        yield page
+
+
+def seek(page: Page, picture: int) -> None:
+    slider = "node => { node.value = %d; node.dispatchEvent(new Event('input')); }"
+    page.locator("#seek").evaluate(slider % picture)
+
+
+def test_slider_shows_the_picture_of_that_time(page: Page) -> None:
+    expect(page.locator("#commands")).to_be_hidden()
+    expect(page.locator("#rights")).to_have_text("recorded")
+    expect(page.locator("#elapsed")).to_have_text("T+ 0:00")
+    expect(page.locator("#events li")).to_have_count(1)
+    seek(page, 5 * 42)
+    expect(page.locator("#elapsed")).to_have_text("T+ 0:42")
+    expect(page.locator("#seek")).to_have_attribute("aria-valuetext", "0:42 of 1:00")
+    expect(page.locator("#events li")).to_have_count(3)
+    expect(page.locator("#alarms")).to_contain_text("Vehicle 2: link lost")
+    expect(page.locator(".symbol[data-vehicle='2']")).to_have_attribute("data-current", "false")
+    expect(page.locator(".card").first).to_have_attribute("data-vehicle", "2")
+    # 42 s of 0.0003 a second from 82 %
+    expect(page.locator(".card[data-vehicle='1'] [data-quantity='battery']")).to_have_text("80\u00a0%")
+    seek(page, 5 * 20)
+    expect(page.locator("#alarm-bar")).to_be_hidden()
+    expect(page.locator("#events li")).to_have_count(2)
+    expect(page.locator(".symbol[data-vehicle='2']")).to_have_attribute("data-current", "true")
+
+
+def test_jumps_to_events(page: Page) -> None:
+    following, previous = (page.get_by_role("button", name=f"To the {which} event") for which in ("next", "previous"))
+    shown = []
+    for button in (following, following, following, previous, previous, previous, previous):
+        button.click()
+        shown.append(page.locator("#elapsed").inner_text())
+    assert shown == [f"T+ {time}" for time in ("0:10", "0:30", "1:00", "0:30", "0:10", "0:00", "0:00")]
+
+
+def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
+    page.locator("#speed").select_option("5")
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_timeout(2000)
+    page.get_by_role("button", name="Pause").click()
+    place = float(page.locator("#seek").input_value()) / 5.0
+    assert place == pytest.approx(10.0, abs=3.0)
+    page.wait_for_timeout(500)
+    assert float(page.locator("#seek").input_value()) / 5.0 == place
+    page.locator("#speed").select_option("20")
+    seek(page, 5 * 55)
+    page.get_by_role("button", name="Play").click()
+    expect(page.locator("#elapsed")).to_have_text("T+ 1:00")
+    expect(page.get_by_role("button", name="Play")).to_be_visible()
+
+
+def test_slider_by_keyboard(page: Page) -> None:
+    page.locator("#seek").focus()
+    page.keyboard.press("End")
+    expect(page.locator("#elapsed")).to_have_text("T+ 1:00")
+    page.keyboard.press("Home")
+    expect(page.locator("#elapsed")).to_have_text("T+ 0:00")

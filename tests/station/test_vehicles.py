@@ -1,0 +1,293 @@
+"""What the page shows of vehicles: cards, table, top bar and map, against the pictures that it was sent."""
+
+import math
+import re
+import time
+from collections.abc import Callable
+
+import pytest
+from msgspec.structs import replace
+from playwright.sync_api import Page, expect
+
+from gcs.station.picture import MissionPicture, TeamPicture
+from tests.station.conftest import OpenPage
+from tests.support.canned_station import CannedStation
+from tests.support.station_pictures import changed, ring_mission, ring_team
+
+pytestmark = pytest.mark.browser
+WITHIN_MS = 500
+SHOWN = {
+    "mode": "offboard",
+    "battery": "57 %",
+    "endurance": "11:07",
+    "height": "−7.3 m".replace("−", "-"),
+    "speed": "5.0 m/s",
+    "gps": "RTK, 17 sat",
+    "estimator": "dead reckoning",
+    "link": "0.4 s",
+    "heard": "0.2 s ago",
+    "nearest": "4.2 m to 3",
+    "margin": "1.2 m",
+    "fence": "6.5 m",
+    "radius": "9.8 m",
+    "rate": "-0.048 rad/s",
+    "lead": "90 °",
+}
+
+
+def with_own_values(team: TeamPicture) -> TeamPicture:
+    """Return the team with a value for vehicle 2 in every field that no other vehicle has."""
+    return changed(
+        team,
+        2,
+        age_s=0.2,
+        tactic="hold",
+        battery=0.57,
+        endurance_s=667.9,
+        position_m=(31.5, 4.25, -7.3),
+        velocity_m_s=(3.0, -4.0),
+        gps_fix="RTK",
+        satellites=17,
+        estimator="dead reckoning",
+        link_age_s=0.4,
+        nearest_id=3,
+        nearest_m=4.2,
+        fence_margin_m=6.5,
+        radius_m=9.8,
+        angular_rate_rad_s=-0.048,
+        lead_rad=math.pi / 2.0,
+    )
+
+
+def with_nothing_known(team: TeamPicture) -> TeamPicture:
+    """Return the team with nothing known of vehicle 2 but that it is there."""
+    return changed(team, 2, **dict.fromkeys(_NUMBERS), mode="", tactic="", gps_fix="", estimator="")
+
+
+_NUMBERS = [
+    "position_m",
+    "yaw_rad",
+    "velocity_m_s",
+    "setpoint_m",
+    "battery",
+    "endurance_s",
+    "satellites",
+    "link_age_s",
+    "nearest_id",
+    "nearest_m",
+    "fence_margin_m",
+    "radius_m",
+    "angular_rate_rad_s",
+    "lead_rad",
+]
+
+
+def station(change: Callable[[TeamPicture], TeamPicture] = lambda team: team, vehicles: int = 3) -> CannedStation:
+    mission = ring_mission(vehicles)
+    return CannedStation(mission, lambda time_s: change(ring_team(mission, 100.0 + time_s)))
+
+
+def texts(page: Page, place: str) -> dict[str, str]:
+    """Return what a card or a row shows, by the names of the quantities."""
+    shown: dict[str, str] = page.eval_on_selector_all(
+        f"{place} [data-quantity]",
+        "nodes => Object.fromEntries(nodes.map(node => [node.dataset.quantity, node.textContent]))",
+    )
+    return {name: text.replace("\u00a0", " ") for name, text in shown.items()}
+
+
+def order(page: Page) -> list[str]:
+    """Return the numbers of the cards from the first to the last."""
+    numbers: list[str] = page.eval_on_selector_all(".card", "cards => cards.map(card => card.dataset.vehicle)")
+    return numbers
+
+
+def test_every_field_is_on_the_card_and_in_the_table(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page(served.url)
+        expect(page.locator(".card")).to_have_count(3)
+        served.team = lambda _: with_own_values(ring_team(ring_mission(), 100.0))
+        page.wait_for_timeout(WITHIN_MS)
+        assert texts(page, ".card[data-vehicle='2']") == SHOWN
+        expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("hold")
+        page.get_by_role("tab", name="Table").click()
+        row = texts(page, "#table [data-vehicle='2']")
+        assert row == {**SHOWN, "tactic": "hold", "x": "31.5 m", "y": "4.3 m", "alert": "no alert"}
+
+
+def test_what_is_not_known_is_a_dash(open_page: OpenPage) -> None:
+    with station(with_nothing_known) as served:
+        page = open_page(served.url)
+        expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("–")
+        shown = texts(page, ".card[data-vehicle='2']")
+        assert {name for name, text in shown.items() if text != "–"} == {"heard"}
+        expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
+        expect(page.locator(".symbol[data-vehicle='2']")).to_have_count(0)
+
+
+def test_top_bar(open_page: OpenPage) -> None:
+    def change(team: TeamPicture) -> TeamPicture:
+        return replace(changed(team, 3, alert="link lost", severity="alarm"), time_s=185.0, ring_members=2)
+
+    with station(change) as served:
+        page = open_page(served.url)
+        expect(page.locator("#elapsed")).to_have_text("T+ 3:05")
+        shown = {
+            name: page.locator(f"#{name}").inner_text() for name in ("remaining", "ring", "worst", "link", "rights")
+        }
+        assert shown == {
+            "remaining": "6:55",
+            "ring": "2 of 3",
+            "worst": "■ 3: link lost",
+            "link": "● connected",
+            "rights": "anna",
+        }
+        served.team = lambda _: replace(ring_team(ring_mission(), 600.0), ending="killed by the operator")
+        expect(page.locator("#ending")).to_have_text("Ended: killed by the operator", timeout=WITHIN_MS)
+        assert {card.get_attribute("data-trouble") for card in page.locator(".card").all()} == {"ended"}
+        served.team = lambda _: replace(ring_team(ring_mission(), 0.0), time_s=None, link="case2 is not flying")
+        expect(page.locator("#link")).to_have_text("▲ case2 is not flying", timeout=WITHIN_MS)
+        expect(page.locator("#elapsed")).to_have_text("not started")
+
+
+def test_gravest_trouble_comes_first(open_page: OpenPage) -> None:
+    def change(team: TeamPicture) -> TeamPicture:
+        team = changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
+        team = changed(changed(team, 4, is_stale=True, age_s=3.0), 3, alert="GPS jammed", severity="warning")
+        return changed(changed(team, 2, battery=0.34), 1, has_ended=True)
+
+    with station(change, vehicles=6) as served:
+        page = open_page(served.url)
+        expect(page.locator(".card").first).to_have_attribute("data-vehicle", "5")
+        assert order(page) == ["5", "4", "2", "3", "6", "1"]
+        words = [card.inner_text().replace("\n", " ") for card in page.locator(".card .badge").all()]
+        assert words == ["■ ALARM", "◌ STALE", "▲ Warning", "▲ Warning", "", "□ Ended"]
+        expect(page.locator(".card[data-vehicle='5'] .advice")).to_have_text("Wait.")
+
+
+def test_cut_link_is_drawn_stale_and_dated(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page(served.url)
+        expect(page.locator(".symbol[data-vehicle='2'] .label")).to_have_text("2 · 8.2\u00a0m")
+        served.team = lambda _: changed(ring_team(ring_mission(), 130.0), 2, is_stale=True, age_s=12.3)
+        symbol = page.locator(".symbol[data-vehicle='2']")
+        expect(symbol.locator(".label")).to_have_text("2 · last seen 12\u00a0s ago", timeout=WITHIN_MS)
+        expect(symbol.locator(".shape")).to_have_attribute("fill", "url(#hatch-2)")
+        expect(page.locator(".card[data-vehicle='2']")).to_have_attribute("data-trouble", "stale")
+        expect(page.locator(".symbol[data-vehicle='1'] .shape")).to_have_attribute("fill", "#0077BB")
+
+
+@pytest.mark.parametrize("way", ["silent", "closed"])
+def test_station_that_is_gone_leaves_nothing_alive(open_page: OpenPage, way: str) -> None:
+    """The page's own clock: no vehicle is drawn as if it flew where the last picture had it."""
+    with station() as served:
+        page = open_page(served.url)
+        expect(page.locator(".symbol[data-vehicle][data-current='true']")).to_have_count(3)
+        served.is_silent = served.is_refusing = True
+        if way == "closed":
+            served.disconnect()
+        expect(page.locator(".symbol[data-vehicle][data-current='false']")).to_have_count(3, timeout=1500)
+        expect(page.locator("#link")).to_have_text("■ no station", timeout=2500)
+        expect(page.locator(".symbol.target .label")).to_contain_text(re.compile(r"seen \d"))
+        expect(page.locator("#alarms")).to_contain_text("No connection to the station")
+        served.is_silent = served.is_refusing = False
+        expect(page.locator(".symbol[data-vehicle][data-current='true']")).to_have_count(3, timeout=8000)
+        expect(page.locator("#link")).to_have_text("● connected")
+
+
+def pixels(page: Page, vehicle: int) -> tuple[float, float]:
+    box = page.locator(f".symbol[data-vehicle='{vehicle}']").bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0
+
+
+def scale_px_m(page: Page) -> float:
+    """Return the pixels of a metre by the map's scale bar."""
+    bar = page.locator(".maplibregl-ctrl-scale")
+    box, number = bar.bounding_box(), re.match(r"(\d+)\D*m", bar.inner_text())
+    assert box is not None
+    assert number is not None
+    return box["width"] / float(number[1])
+
+
+def test_map_is_in_metres_and_north_is_up(open_page: OpenPage) -> None:
+    """Case 2's x axis points east: x is to the right of the screen, y up; with the mission up, x is up and y left."""
+    places_m = {1: (30.0, 0.0, 8.0), 2: (45.0, -9.0, 8.0), 3: (38.0, -5.0, 8.0)}
+
+    def change(team: TeamPicture) -> TeamPicture:
+        for number, place_m in places_m.items():
+            team = changed(team, number, position_m=place_m, yaw_rad=math.pi / 2.0)
+        return replace(team, target=replace(team.target, position_m=(36.0, -5.0)))  # type: ignore[type-var]
+
+    with station(change) as served:
+        page = open_page(served.url)
+        expect(page.locator(".symbol[data-vehicle='3']")).to_be_visible()
+        page.wait_for_timeout(1000)  # until the camera is there
+        scale = scale_px_m(page)
+        (x1, y1), (x2, y2) = pixels(page, 1), pixels(page, 2)
+        assert (x2 - x1, y2 - y1) == pytest.approx((15.0 * scale, 9.0 * scale), rel=0.03)
+        arrow = page.locator(".symbol[data-vehicle='1'] .shape")
+        expect(arrow).to_have_attribute("transform", "rotate(0)")
+        page.get_by_role("button", name="Mission up").click()
+        page.wait_for_timeout(1000)
+        scale = scale_px_m(page)
+        (x1, y1), (x2, y2) = pixels(page, 1), pixels(page, 2)
+        assert (x2 - x1, y2 - y1) == pytest.approx((9.0 * scale, -15.0 * scale), rel=0.03)
+        expect(arrow).to_have_attribute("transform", "rotate(-90)")
+
+
+def test_layers_and_selection_on_the_map(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page(served.url)
+        label = page.locator(".symbol[data-vehicle='1'] .label")
+        expect(label).to_be_visible()
+        page.locator(".symbol[data-vehicle='1']").click()
+        expect(page.get_by_label("Select vehicle 1")).to_be_checked()
+        expect(page.locator("#target-text")).to_have_text("To vehicle 1")
+        page.locator("#layers summary").click()
+        for box in page.locator("#layers input").all():
+            box.uncheck()
+        expect(label).to_be_hidden()
+
+
+def test_without_webgl_the_table_shows_all(open_page: OpenPage) -> None:
+    no_webgl = (
+        "const get = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
+        "  return kind.startsWith('webgl') ? null : get.call(this, kind, ...more); };"
+    )
+    with station(with_own_values) as served:
+        page = open_page(served.url, script=no_webgl)
+        expect(page.locator("#table [data-vehicle='2'] [data-quantity='battery']")).to_have_text("57\u00a0%")
+        assert texts(page, ".card[data-vehicle='2']") == SHOWN
+        page.get_by_role("tab", name="Map").click()
+        expect(page.locator("#no-webgl")).to_contain_text("WebGL is missing")
+
+
+def test_strips_and_reload_in_flight(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page(served.url)
+        page.get_by_role("tab", name="Strips").click()
+        expect(page.locator("#strips figure canvas")).to_have_count(4)
+        page.get_by_label("Select vehicle 2").check()
+        page.reload()
+        expect(page.locator(".card")).to_have_count(3)
+        expect(page.get_by_label("Select vehicle 2")).not_to_be_checked()
+        expect(page.locator("#target-text")).to_have_text("To all 3 vehicles")
+        expect(page.locator(".symbol[data-vehicle][data-current='true']")).to_have_count(3)
+        assert served.requests == []
+
+
+def test_another_mission_replaces_the_vehicles(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page(served.url)
+        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+        other: MissionPicture = replace(ring_mission(2), mission="other")
+        served.team = None
+        time.sleep(0.2)
+        served.mission = other
+        served.send(other)
+        served.team = lambda time_s: ring_team(other, time_s)
+        expect(page.locator("#mission")).to_have_text("other")
+        expect(page.locator(".card")).to_have_count(2)
+        expect(page.locator(".symbol[data-vehicle]")).to_have_count(2)

@@ -1,0 +1,122 @@
+"""A station for tests of the page: serves its folder and canned pictures over a real WebSocket, and keeps requests."""
+
+import mimetypes
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.sync.server import Server, ServerConnection, serve
+
+from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, FlightPicture, MissionPicture, TeamPicture
+
+PAGE = Path(__file__).parents[2] / "gcs" / "station" / "page"
+RATE_HZ = 10.0
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture
+
+
+class CannedStation:
+    """Serves a live team, whose pictures `team` makes of the seconds since the start, or a recorded flight.
+
+    Use it as a context manager. Tests change `team` and `is_silent` at any time; `requests` is what pages asked for.
+    """
+
+    def __init__(
+        self,
+        mission: MissionPicture | None = None,
+        team: Callable[[float], TeamPicture] | None = None,
+        flight: FlightPicture | None = None,
+    ) -> None:
+        """Prepare to serve on a free port of loopback."""
+        self.mission, self.team, self.flight = mission, team, flight
+        self.is_silent = False
+        self.is_refusing = False
+        self.requests: list[CommandRequest] = []
+        self.events: list[EventPicture] = []
+        self._connections: set[ServerConnection] = set()
+        self._stopped = threading.Event()
+        self._server: Server = serve(self._serve, "127.0.0.1", 0, process_request=self._answer, compression=None)
+        self._threads = [threading.Thread(target=work) for work in (self._server.serve_forever, self._publish)]
+
+    @property
+    def url(self) -> str:
+        """The page's address."""
+        return f"http://127.0.0.1:{self._server.socket.getsockname()[1]}/"
+
+    def __enter__(self) -> Self:
+        """Begin to serve."""
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End all connections and threads."""
+        self._stopped.set()
+        self.disconnect()
+        self._server.shutdown()
+        for thread in self._threads:
+            thread.join(5.0)
+
+    def send(self, picture: Live) -> None:
+        """Send a picture to all pages."""
+        if isinstance(picture, EventPicture):
+            self.events.append(picture)
+        for connection in tuple(self._connections):
+            _send(connection, picture)
+
+    def disconnect(self) -> None:
+        """Close the connections of all pages."""
+        for connection in tuple(self._connections):
+            connection.close()
+
+    def _serve(self, connection: ServerConnection) -> None:
+        for picture in (self.mission, self.team and self.team(0.0), *self.events):
+            if picture is not None:
+                _send(connection, picture)
+        self._connections.add(connection)
+        try:
+            for message in connection:
+                self.requests.append(msgspec.json.decode(message, type=CommandRequest))
+        finally:
+            self._connections.discard(connection)
+
+    def _publish(self) -> None:
+        began_s = time.monotonic()
+        while not self._stopped.wait(1.0 / RATE_HZ):
+            if self.team is not None and not self.is_silent:
+                self.send(self.team(time.monotonic() - began_s))
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        path = request.path.partition("?")[0]
+        if path == "/stream" and not self.is_refusing:
+            return None
+        if path == "/flight.json" and self.flight is not None:
+            return _response(200, "application/json", msgspec.json.encode(self.flight))
+        file = PAGE / (path.lstrip("/") or "index.html")
+        if not file.is_file():
+            return _response(404, "text/plain", b"not here")
+        return _response(200, mimetypes.guess_type(file.name)[0] or "text/plain", file.read_bytes())
+
+
+def _response(status: int, kind: str, body: bytes) -> Response:
+    headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Content-Security-Policy": POLICY})
+    return Response(status, "", headers, body)
+
+
+def _send(connection: ServerConnection, picture: Live) -> None:
+    with suppress(ConnectionClosed):
+        connection.send(msgspec.json.encode(picture).decode())

@@ -1,0 +1,110 @@
+"""Pictures for tests of the operator's page: a team on its ring about a target that moves."""
+
+import math
+
+from msgspec.structs import replace
+
+from agents.team.messages import Verb
+from gcs.station.picture import (
+    EventPicture,
+    FlightPicture,
+    MissionPicture,
+    OperatorRights,
+    PlannedVehicle,
+    TargetPicture,
+    TeamPicture,
+    VehiclePicture,
+)
+from gcs.style import COLOURS
+
+ALL_VERBS: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "kill", "formation")
+FENCE_M = ((-20.0, -35.0), (75.0, -35.0), (75.0, 35.0), (-20.0, 35.0))
+RADIUS_M, RATE_RAD_S = 10.0, 0.05
+
+
+def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = ALL_VERBS) -> MissionPicture:
+    """Return a mission of so many vehicles, and an operator who may command."""
+    return MissionPicture(
+        mission="case2",
+        source="sitl",
+        duration_s=600.0,
+        rate_hz=10.0,
+        origin_deg=(47.397742, 8.545594),
+        x_bearing_deg=90.0,
+        ring_radius_m=RADIUS_M,
+        ring_rate_rad_s=RATE_RAD_S,
+        separation_m=3.0,
+        keep_out_m=4.0,
+        altitude_min_m=2.0,
+        altitude_max_m=30.0,
+        vehicles=tuple(
+            PlannedVehicle(number, COLOURS[(number - 1) % len(COLOURS)], (0.0, 4.0 - 4.0 * index, 0.0), 8.0, FENCE_M)
+            for index, number in enumerate(range(1, vehicles + 1))
+        ),
+        operator=OperatorRights("anna", may),
+    )
+
+
+def ring_team(mission: MissionPicture, time_s: float) -> TeamPicture:
+    """Return the team on its ring at a time, evenly spaced."""
+    vehicles = len(mission.vehicles)
+    target_m = (35.0 + 0.1 * time_s, -5.0)
+    return TeamPicture(
+        time_s=time_s,
+        wall_s=1.7e9 + time_s,
+        vehicles=tuple(_on_ring(index, vehicles, target_m, time_s) for index in range(vehicles)),
+        target=TargetPicture(target_m, (0.1, 0.0), (0.4, 0.15, 0.2), 0.1),
+        ring_members=vehicles,
+    )
+
+
+def _on_ring(index: int, vehicles: int, target_m: tuple[float, float], time_s: float) -> VehiclePicture:
+    angle = 2.0 * math.pi * index / vehicles + RATE_RAD_S * time_s
+    ahead = angle + 0.06
+    chord_m = 2.0 * RADIUS_M * math.sin(math.pi / max(vehicles, 2))
+    position_m = (target_m[0] + RADIUS_M * math.cos(angle), target_m[1] + RADIUS_M * math.sin(angle), 8.0 + 0.2 * index)
+    return VehiclePicture(
+        vehicle_id=index + 1,
+        age_s=0.1,
+        is_stale=False,
+        tactic="encircle",
+        mode="offboard",
+        position_m=position_m,
+        yaw_rad=angle + math.pi,
+        velocity_m_s=(-0.5 * math.sin(angle) + 0.1, 0.5 * math.cos(angle)),
+        setpoint_m=(target_m[0] + RADIUS_M * math.cos(ahead), target_m[1] + RADIUS_M * math.sin(ahead)),
+        battery=0.82 - 0.03 * index - 0.0003 * time_s,
+        endurance_s=840.0 - time_s,
+        satellites=14 + index % 3,
+        gps_fix="3D fix",
+        estimator="good",
+        link_age_s=0.1,
+        nearest_id=(index + 1) % vehicles + 1,
+        nearest_m=chord_m,
+        fence_margin_m=20.0 + index,
+        radius_m=RADIUS_M + 0.1 * math.sin(time_s + index),
+        angular_rate_rad_s=RATE_RAD_S,
+        lead_rad=2.0 * math.pi / vehicles,
+    )
+
+
+def changed(team: TeamPicture, vehicle_id: int, **fields: object) -> TeamPicture:
+    """Return a team's picture with fields of one vehicle replaced."""
+    vehicles = (replace(each, **fields) if each.vehicle_id == vehicle_id else each for each in team.vehicles)
+    return replace(team, vehicles=tuple(vehicles))
+
+
+def ring_flight(duration_s: float = 60.0) -> FlightPicture:
+    """Return a recorded flight at 5 Hz with an event after 10 s and an alarm of vehicle 2 after 30 s."""
+    mission = replace(ring_mission(may=()), source="log", duration_s=duration_s, operator=OperatorRights())
+    teams = [ring_team(mission, number / 5.0) for number in range(int(5.0 * duration_s) + 1)]
+    alarm = {"alert": "link lost", "advice": "Wait: it returns and lands by itself.", "severity": "alarm"}
+    teams = [
+        changed(team, 2, is_stale=True, age_s=2.0, **alarm) if (team.time_s or 0.0) >= 30.0 else team for team in teams
+    ]
+    events = (
+        EventPicture(1, 0.0, 1.7e9, "information", "the mission begins"),
+        EventPicture(2, 10.0, 1.7e9 + 10.0, "warning", "decides to encircle", 1),
+        EventPicture(3, 30.0, 1.7e9 + 30.0, "alarm", "link lost", 2),
+    )
+    return FlightPicture(mission, tuple(teams), events)
