@@ -144,6 +144,7 @@ class MavsdkLink:
             await self._enter(FlightMode.HOLD, action.hold)
         await self._until_ready(lambda: feed.status.armable)
         climb_m = await self._plan_climb(altitude_m)
+        began_s = time.monotonic()
         await calls.command("arm", action.arm)
         await calls.command("take off", action.takeoff)
         await calls.until(lambda: feed.status.armed, MODE_TIMEOUT_S, lambda: "did not arm", "see its messages")
@@ -154,7 +155,7 @@ class MavsdkLink:
             "land it, and examine its log",
         )
         if not feed.status.armed:
-            raise calls.refusal("disarmed during take-off", "resolve the cause that the autopilot reports")
+            raise calls.refusal("disarmed during take-off", "resolve the cause that the autopilot reports", began_s)
 
     async def start_offboard(self) -> None:
         """Enter offboard; setpoints must be flowing. Returns when the flight mode confirms it."""
@@ -297,21 +298,20 @@ class MavsdkLink:
 
     async def _until_ready(self, condition: Callable[[], bool]) -> None:
         _, feed, calls, _, _ = self._connected()
-        await calls.until(
-            condition,
-            self._config.ready_timeout_s,
-            lambda: f"was not ready ({feed.failing()})",
-            "resolve the cause that the autopilot reports",
-        )
+        within_s = self._config.ready_timeout_s
+        if not await calls.reached(condition, calls.wall_s(within_s)):
+            failure = f"was not ready ({feed.failing()}) within {within_s:g} s"
+            raise calls.unready(failure, "resolve the cause that the autopilot reports")
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
         """Request a mode, again and again: autopilots accept the command also where they cannot enter the mode yet."""
         _, feed, calls, _, _ = self._connected()
-        end_s, entered = time.monotonic() + calls.wall_s(MODE_TIMEOUT_S), False
+        began_s, entered = time.monotonic(), False
+        end_s = began_s + calls.wall_s(MODE_TIMEOUT_S)
         while not entered:
             if time.monotonic() > end_s:
                 failure = f"is in {feed.status.mode.value} and did not enter {mode.value} within {MODE_TIMEOUT_S:g} s"
-                raise calls.refusal(failure, "resolve the cause that the autopilot reports")
+                raise calls.refusal(failure, "resolve the cause that the autopilot reports", began_s)
             await self._request(mode, function)
             entered = await calls.reached(lambda: feed.status.mode is mode, REQUEST_PERIOD_S)
 

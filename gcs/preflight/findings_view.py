@@ -22,8 +22,8 @@ HEADLINES = {
 }
 
 
-def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = True) -> RenderableType:
-    """Return the findings as a table; a finding of several vehicles is one row with all their ids.
+def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = False) -> RenderableType:
+    """Return the findings as a table, refusals last; a finding of several vehicles is one row with all their ids.
 
     Without `passes` the passed checks are only counted.
     """
@@ -32,7 +32,8 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = T
     table.add_column(max_width=SUBJECT_WIDTH)
     table.add_column()
     alike: dict[Finding, list[str]] = {}
-    for finding in (each for each in findings if passes or each.grade is not Grade.PASS):
+    by_grade = [each for grade in reversed(Grade) for each in findings if each.grade is grade]
+    for finding in (each for each in by_grade if passes or each.grade is not Grade.PASS):
         alike.setdefault(replace(finding, subject=""), []).append(finding.subject)
     for finding, subjects in alike.items():
         cell = Text(finding.found)

@@ -144,7 +144,7 @@ class _VehicleQuery(NamedTuple):
             multicopter=self.system.vehicle_type() is Vehicle.MULTICOPTER,
             status=feed.status,
             health=feed.health(),
-            says=feed.texts(),
+            failed_checks=feed.texts.failed_checks(),
             origin_m=feed.origin_m,
             lost=lost,
             position_m=feed.position_m,
