@@ -36,6 +36,10 @@ SLOW_STATUS = ("battery", "home", "gps_info", "position")
 """Telemetry at half the status rate. ArduPilot sends only what is requested, PX4 more than a radio carries."""
 
 
+class NotReadyError(VehicleRefusedError):
+    """A vehicle is not ready yet: waiting may resolve it."""
+
+
 class VehicleCalls:
     """Runs MAVSDK's blocking calls for one vehicle, and waits for their effect.
 
@@ -119,16 +123,16 @@ class VehicleCalls:
         Of a request these are the texts since it was made at `since_s` [s, monotonic].
         """
         texts = () if since_s is None else self._feed.texts.refusing(since_s)
-        return self._refusal(reason, next_step, texts)
+        return VehicleRefusedError(self._explained(reason, texts), next_step)
 
-    def unready(self, reason: str, next_step: str) -> VehicleRefusedError:
+    def unready(self, reason: str, next_step: str) -> "NotReadyError":
         """Return the refusal of a vehicle that is not ready, with the checks that it reports as failed."""
-        return self._refusal(reason, next_step, self._feed.texts.failed_checks())
+        return NotReadyError(self._explained(reason, self._feed.texts.failed_checks()), next_step)
 
-    def _refusal(self, reason: str, next_step: str, texts: Sequence[str]) -> VehicleRefusedError:
+    def _explained(self, reason: str, texts: Sequence[str]) -> str:
         lost = "" if self._feed.status.connected else "; its link is lost"
         reported = f"; the autopilot reports {quoted(texts)}" if texts else ""
-        return VehicleRefusedError(f"vehicle {self._system_id} {reason}{lost}{reported}", next_step)
+        return f"vehicle {self._system_id} {reason}{lost}{reported}"
 
     async def request_message(self, direct: Any, message: int, rate_hz: float) -> None:
         """Request a message that MAVSDK's telemetry does not know at a rate [Hz]; a refusal is no error."""

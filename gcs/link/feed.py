@@ -131,6 +131,11 @@ class VehicleFeed:
         """Whether the mission frame is local, without a position on Earth."""
         return self._frame.is_local
 
+    @property
+    def mode_received(self) -> bool:
+        """Whether a flight mode has been received."""
+        return self._mode is not None
+
     def missing(self) -> str:
         """Return the names of the telemetry that has not been received yet; empty when it is complete."""
         parts = {"local position": self.position_m, "flight mode": self._mode, "health": self._health}
@@ -233,7 +238,7 @@ class VehicleFeed:
         local_position_ok = health.is_local_position_ok or (self.is_local and self.position_m is not None)
         self._update(local_position_ok=bool(local_position_ok), armable=bool(health.is_armable))
         if health.is_armable:
-            self.texts.forget_checks()
+            self.texts.note_pass()
 
     def _take_battery(self, battery: Any) -> None:
         percent = battery.remaining_percent

@@ -35,8 +35,7 @@ SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
 """PX4 has needed 45 s to detect a landing from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
-LAND_ATTEMPTS = 3
-KILL_ATTEMPTS, KILL_HEARD_S = 5, 2.0
+LAND_ATTEMPTS, KILL_ATTEMPTS, KILL_HEARD_S = 3, 5, 2.0
 """Heartbeats, which confirm disarming, come once a second."""
 WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
@@ -119,10 +118,7 @@ class MavsdkLink:
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
         await request_rates(calls, feed, self._config.settings)
-        feed.origin_m = await self._origin(self._config.ready_timeout_s)
-        await calls.until(
-            lambda: not feed.missing(), MODE_TIMEOUT_S, lambda: f"sent no {feed.missing()}", "check its estimator"
-        )
+        await self._locate()
         feed.on_telemetry = on_telemetry
         feed.on_loss, feed.on_return = self._mute, self._attention.set
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
@@ -369,6 +365,13 @@ class MavsdkLink:
         await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
         if feed.origin_m is None:
             feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)
+
+    async def _locate(self) -> None:
+        """Find the origin of the vehicle, and wait for its first telemetry; raises VehicleRefusedError."""
+        _, feed, calls, _, _ = self._connected()
+        feed.origin_m = await self._origin(self._config.ready_timeout_s)
+        missing = feed.missing
+        await calls.until(lambda: not missing(), MODE_TIMEOUT_S, lambda: f"sent no {missing()}", "check its estimator")
 
     async def _origin(self, timeout_s: float) -> Triple | None:
         """Return the origin of the vehicle's NED frame in the mission frame.

@@ -4,6 +4,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Iterable
+from math import inf
 from typing import NamedTuple
 
 from mavsdk.plugins.telemetry import StatusTextType
@@ -32,6 +33,7 @@ class StatusTexts:
 
     def __init__(self) -> None:
         self._texts: deque[_StatusText] = deque(maxlen=TEXTS_KEPT)
+        self._passed_s = -inf
 
     def take(self, text: str, severity: StatusTextType) -> None:
         """Add a text that arrives now."""
@@ -44,14 +46,12 @@ class StatusTexts:
 
     def failed_checks(self) -> tuple[str, ...]:
         """Return the checks that failed of late."""
-        since_s = time.monotonic() - CHECK_S
-        return _distinct(each.text for each in self._texts if each.received_s >= since_s and names_check(each.text))
+        since_s = max(self._passed_s, time.monotonic() - CHECK_S)
+        return _distinct(each.text for each in self._texts if each.received_s > since_s and names_check(each.text))
 
-    def forget_checks(self) -> None:
-        """Drop the failed checks: they pass now."""
-        kept = [each for each in self._texts if not names_check(each.text)]
-        self._texts.clear()
-        self._texts.extend(kept)
+    def note_pass(self) -> None:
+        """Take it that all checks pass now."""
+        self._passed_s = time.monotonic()
 
 
 def names_check(text: str) -> bool:

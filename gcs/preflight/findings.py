@@ -98,6 +98,7 @@ class VehicleFacts:
     firmware: str = ""
     multicopter: bool = False
     status: VehicleStatus = field(default_factory=VehicleStatus)
+    mode_received: bool = True
     health: Mapping[str, bool] = field(default_factory=dict)
     failed_checks: tuple[str, ...] = ()
     origin_m: Triple | None = None

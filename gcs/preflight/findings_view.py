@@ -39,7 +39,7 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = F
         cell = Text(finding.found)
         if finding.grade is not Grade.PASS:
             cell.append(f"\nwhy: {finding.why}\nnext: {finding.next_step}", style="dim")
-        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(_joined(subjects)), cell)
+        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(joined_subjects(subjects)), cell)
     grade = worst(findings)
     count = Counter(finding.grade for finding in findings)
     counted = ", ".join(f"{count[each]} {each.value}" for each in Grade)
@@ -52,7 +52,8 @@ def findings_json(mission: str, findings: Sequence[Finding]) -> str:
     return json.dumps({"mission": mission, "grade": worst(findings).value, "findings": listed}, ensure_ascii=False)
 
 
-def _joined(subjects: Sequence[str]) -> str:
+def joined_subjects(subjects: Sequence[str]) -> str:
+    """Return the subjects of findings that are alike as one."""
     if len(subjects) == 1:
         return subjects[0]
     return "vehicles " + ", ".join(subject.removeprefix("vehicle ") for subject in subjects)

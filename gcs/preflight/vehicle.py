@@ -57,6 +57,10 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
         yield Finding(Grade.REFUSE, facts.subject, "armed", f"it is {state} already", why, "land and disarm it")
     else:
         yield Finding(Grade.PASS, facts.subject, "armed", "it is disarmed, on the ground")
+    if not facts.mode_received:
+        why, step = "the mode shows who controls the vehicle", "wait until its heartbeats arrive, check the link"
+        yield Finding(Grade.REFUSE, facts.subject, "mode", "it sent no flight mode", why, step, temporary=True)
+        return
     yield Finding.graded(
         Grade.PASS if status.mode in (*CALM_MODES, FlightMode.LAND) else Grade.WARNING,  # as its last flight left it
         facts.subject,

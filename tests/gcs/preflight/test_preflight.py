@@ -212,6 +212,7 @@ def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
 def test_what_waiting_may_resolve(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[dict[str, Any], bool], ...] = (
         ({"health": {}}, True),
+        ({"mode_received": False}, True),
         ({"health": {**dict.fromkeys(HEALTH, True), "home position": False}}, True),
         ({"health": {**dict.fromkeys(HEALTH, True), "arming checks": False}}, True),
         ({"health": {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False}}, False),
