@@ -3,6 +3,7 @@
 import asyncio
 from dataclasses import dataclass, field
 from datetime import date
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -16,13 +17,18 @@ class CheckOptions:
     """What `cordon check` is given."""
 
     mission: MissionName = field(kw_only=False)
+    all: Annotated[bool, Parameter(negative="", help="List the passed checks too, not only their number.")] = False
     json: Json = False
 
 
 def check(options: CheckOptions) -> Exit:
     """Run the preflight checks of a mission and its vehicles, without arming. Parameters are only read.
 
+    Refusals are listed last, above the count.
+
     Example: cordon check case2
+
+    Example: cordon check case2 --all
     """
     from gcs.cli.output import print_result
     from gcs.console.terminal import STDERR
@@ -32,7 +38,7 @@ def check(options: CheckOptions) -> Exit:
 
     mission = bus_mission(options.mission)
     findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today())
-    STDERR.print(findings_view(mission.mission.name, findings))
+    STDERR.print(findings_view(mission.mission.name, findings, passes=options.all))
     if options.json:
         print_result(findings_json(mission.mission.name, findings))
     return exit_code(findings)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from gcs.cli.options import (
     RESULT,
@@ -36,6 +37,13 @@ class FlyOptions:
     speed: Speed = None
     only: Annotated[int | None, Parameter(help="Run the agent of this vehicle alone; the others run elsewhere.")] = None
     duration: Duration = None
+    wait: Annotated[
+        float,
+        Parameter(
+            validator=Number(gte=0, lte=3600),
+            help="Seconds to wait on the ground for vehicles that are about to be ready; 0 refuses them at once.",
+        ),
+    ] = 60.0
     log: Log = None
     recorded: Recorded = True
     live: Annotated[
@@ -75,7 +83,11 @@ def fly(options: FlyOptions) -> int:
     The flight runs in a process of its own. A supervisor kills that process when a control loop hangs: the autopilots'
     failsafes then act.
 
+    Vehicles that have no position yet, or do not pass their arming checks, are waited for; Ctrl-C ends the wait.
+
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
+
+    Example: cordon fly px4-trio --wait 120
     """
     hold_back()
     for option, given in (("--live-address", options.live_address), ("--live-origin", options.live_origin)):
@@ -122,6 +134,7 @@ def _fly(options: FlyOptions) -> Exit:
         mission.vehicles if only is None else (only,),
         options.sitl,
         options.speed or (1.0 if options.sitl else None),
+        wait_s=options.wait,
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
 

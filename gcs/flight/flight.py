@@ -13,6 +13,7 @@ from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
+from gcs.flight.preparation.readiness import Readiness
 from gcs.flight.stubs import FlightStubs
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
@@ -117,11 +118,12 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
     """Connect, agree on the clock's speed and check everything before a vehicle is armed."""
     await team.connect()
     await target.connect()
+    readiness = Readiness(team)
     if team.plan.speed is None:
-        await team.measure_speed()
+        await readiness.measure_speed()
     for agent in team.agents:
         agent.announce()
-    findings = await team.findings()
+    findings = await readiness.findings()
     report(findings)
     refused = sum(finding.grade is Grade.REFUSE for finding in findings)
     if refused:

@@ -19,6 +19,7 @@ class FlightPlan:
     """What to fly: mission, duration, vehicles, speed of time (None: measure it), and the agents' equipment.
 
     `stubs` are started with the flight on request; `log` is the open log, None for a flight that is not recorded.
+    `wait_s` [wall s] is how long vehicles that are about to be ready are waited for on the ground.
     """
 
     mission: Mission
@@ -28,6 +29,7 @@ class FlightPlan:
     speed: float | None
     equipment: Equipment | None = None
     log: LogProcess | None = None
+    wait_s: float = 60.0
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""

@@ -69,7 +69,7 @@ def _report_supervisor_lost() -> None:
 def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
     """Print the findings that are not passes."""
     if any(finding.grade is not Grade.PASS for finding in findings):
-        STDERR.print(findings_view(mission.mission.name, findings, passes=False))
+        STDERR.print(findings_view(mission.mission.name, findings))
 
 
 def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:

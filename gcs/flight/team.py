@@ -26,7 +26,7 @@ from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
-from gcs.preflight.findings import Finding
+from gcs.preflight.findings import VehicleFacts
 from gcs.preflight.link_facts import CheckedLink
 from sitl.server.server import StubRecord, TruthTrack
 
@@ -154,13 +154,9 @@ class Team:
         for member in self.members:
             member.link.set_speed(self.clock.speed)
 
-    async def findings(self) -> Sequence[Finding]:
-        """Return the preflight findings; the facts that they come from are recorded."""
-        from_links = (member.link.facts(member.vehicle.id) for member in self.members)
-        facts = await asyncio.gather(*from_links)
-        for each in facts:
-            self.recording.meet(each)
-        return self.plan.findings(facts)
+    async def facts(self, settle_s: float) -> Sequence[VehicleFacts]:
+        """Return what the vehicles on the ground report of themselves, once they are well or `settle_s` has passed."""
+        return await asyncio.gather(*(member.link.facts(member.vehicle.id, settle_s) for member in self.members))
 
     def record(
         self, stubs: StubRecord | None, wall_time_s: float, outcomes: Mapping[int, Outcome]

@@ -16,6 +16,7 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
+from gcs.link.status_texts import quoted
 from gcs.mission.mission import LinkSection
 
 Result = TypeVar("Result")
@@ -25,7 +26,6 @@ WALL_WAIT_MIN_S = 3.0
 """Shortest wait at any speed of the simulation: threads and heartbeats take wall time."""
 TEXT_DELAY_S = 0.3
 """Wait for the status text that explains a refusal: PX4 sends it beside the acknowledgement."""
-TEXT_AGE_S = 15.0
 SPEED_SNAP = 0.1
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
@@ -34,6 +34,10 @@ STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
 SLOW_STATUS = ("battery", "home", "gps_info", "position")
 """Telemetry at half the status rate. ArduPilot sends only what is requested, PX4 more than a radio carries."""
+
+
+class NotReadyError(VehicleRefusedError):
+    """A vehicle is not ready yet: waiting may resolve it."""
 
 
 class VehicleCalls:
@@ -61,7 +65,7 @@ class VehicleCalls:
 
         Each attempt waits `each_s` [wall s] for the effect. Raises VehicleRefusedError when all attempts fail.
         """
-        accepted = False
+        accepted, began_s = False, time.monotonic()
         for _ in range(attempts):
             with suppress(MavsdkError, RuntimeError):
                 await asyncio.get_running_loop().run_in_executor(self._urgent, function)
@@ -72,10 +76,13 @@ class VehicleCalls:
                     return
                 await asyncio.sleep(POLL_PERIOD_S)
         failure = "did not carry it out" if accepted else "did not acknowledge it"
-        raise self.refusal(f"{failure}: command to {verb}, sent {attempts} times", "take over by remote control")
+        raise self.refusal(
+            f"{failure}: command to {verb}, sent {attempts} times", "take over by remote control", began_s
+        )
 
     async def command(self, verb: str, function: Callable[..., object], *arguments: object, attempts: int = 1) -> None:
         """Run a call that the autopilot may refuse; raises VehicleRefusedError when all attempts are refused."""
+        began_s = time.monotonic()
         for attempt in range(1, attempts + 1):
             try:
                 await self.run(function, *arguments)
@@ -84,7 +91,7 @@ class VehicleCalls:
                     await asyncio.sleep(TEXT_DELAY_S)
                     result = getattr(getattr(error, "result", None), "name", str(error))
                     raise self.refusal(
-                        f"refused to {verb} ({result})", "resolve the cause that the autopilot reports"
+                        f"refused to {verb} ({result})", "resolve the cause that the autopilot reports", began_s
                     ) from error
             else:
                 return
@@ -93,8 +100,9 @@ class VehicleCalls:
         self, condition: Callable[[], bool], timeout_s: float, failure: Callable[[], str], next_step: str
     ) -> None:
         """Wait for a condition; raises VehicleRefusedError with `failure()` after `timeout_s` of the mission clock."""
+        began_s = time.monotonic()
         if not await self.reached(condition, self.wall_s(timeout_s)):
-            raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step)
+            raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step, began_s)
 
     async def reached(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Wait for a condition, `within_s` of the wall clock at most, and return whether it is there."""
@@ -109,12 +117,22 @@ class VehicleCalls:
         """Return the wall seconds to wait for an action that takes `mission_s`."""
         return max(mission_s / self.speed, WALL_WAIT_MIN_S)
 
-    def refusal(self, reason: str, next_step: str) -> VehicleRefusedError:
-        """Return the refusal with its reason, the state of the link, and the autopilot's latest status texts."""
-        texts = self._feed.texts(since_s=time.monotonic() - TEXT_AGE_S)
+    def refusal(self, reason: str, next_step: str, since_s: float | None = None) -> VehicleRefusedError:
+        """Return the refusal with its reason, the state of the link, and the status texts that explain it.
+
+        Of a request these are the texts since it was made at `since_s` [s, monotonic].
+        """
+        texts = () if since_s is None else self._feed.texts.refusing(since_s)
+        return VehicleRefusedError(self._explained(reason, texts), next_step)
+
+    def unready(self, reason: str, next_step: str) -> "NotReadyError":
+        """Return the refusal of a vehicle that is not ready, with the checks that it reports as failed."""
+        return NotReadyError(self._explained(reason, self._feed.texts.failed_checks()), next_step)
+
+    def _explained(self, reason: str, texts: Sequence[str]) -> str:
         lost = "" if self._feed.status.connected else "; its link is lost"
-        reported = f"; the autopilot reports {texts}" if texts else ""
-        return VehicleRefusedError(f"vehicle {self._system_id} {reason}{lost}{reported}", next_step)
+        reported = f"; the autopilot reports {quoted(texts)}" if texts else ""
+        return f"vehicle {self._system_id} {reason}{lost}{reported}"
 
     async def request_message(self, direct: Any, message: int, rate_hz: float) -> None:
         """Request a message that MAVSDK's telemetry does not know at a rate [Hz]; a refusal is no error."""
@@ -191,7 +209,7 @@ async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFram
     end_s = time.monotonic() + calls.wall_s(timeout_s)
     while (place := await calls.run(_origin, feed.plugin)) is None:
         if time.monotonic() > end_s:
-            raise calls.refusal(
+            raise calls.unready(
                 f"has no position after {timeout_s:g} s ({feed.failing()})", "wait for GPS, or check it"
             )
     origin_m = frame.mission_from_geodetic(place)

@@ -2,7 +2,6 @@
 
 import asyncio
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
@@ -18,6 +17,7 @@ from estimation.state import Telemetry
 from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth
 from gcs.link.postbox import Postbox
 from gcs.link.self_reports import SelfReports, tilt_deg
+from gcs.link.status_texts import StatusTexts
 
 MODES = {
     MavsdkMode.UNKNOWN: FlightMode.UNKNOWN,
@@ -39,7 +39,6 @@ HEALTH_ITEMS = {
 }
 NEEDS_GPS = ("global position", "home position", "arming checks")
 """Without GPS PX4's arming checks fail until take-off is selected: they apply to its present mode, hold."""
-TEXTS_KEPT = 20
 CLOCK_BACK_S = 0.5
 """A step of the autopilot's clock by more than this backwards is a restart: no datagram is as late."""
 
@@ -71,6 +70,7 @@ class VehicleFeed:
         self.clock_received = False
         self.plugin: Any = TelemetryPlugin(system)
         self.reports = SelfReports(system, self._update)
+        self.texts = StatusTexts()
         self.truth_message = ARDUPILOT_TRUTH if system.autopilot_type() is Autopilot.ARDUPILOT else PX4_TRUTH
         self.truth = truth
         self._system = system
@@ -81,7 +81,6 @@ class VehicleFeed:
         self._home_z_m: float | None = None
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
-        self._status_texts: deque[tuple[float, str]] = deque(maxlen=TEXTS_KEPT)
         self._postbox = postbox
 
     def subscribe(self) -> None:
@@ -132,6 +131,11 @@ class VehicleFeed:
         """Whether the mission frame is local, without a position on Earth."""
         return self._frame.is_local
 
+    @property
+    def mode_received(self) -> bool:
+        """Whether a flight mode has been received."""
+        return self._mode is not None
+
     def missing(self) -> str:
         """Return the names of the telemetry that has not been received yet; empty when it is complete."""
         parts = {"local position": self.position_m, "flight mode": self._mode, "health": self._health}
@@ -155,11 +159,6 @@ class VehicleFeed:
         if self._health is None:
             return "no health report"
         return ", ".join(item for item, healthy in self.health().items() if not healthy)
-
-    def texts(self, since_s: float = 0.0) -> str:
-        """Return the autopilot's status texts since a monotonic time, quoted, without repetitions; may be empty."""
-        texts = dict.fromkeys(text for at_s, text in self._status_texts if at_s >= since_s)
-        return ", ".join(f"“{text}”" for text in texts)
 
     def close(self) -> None:
         """Unsubscribe from everything; blocks until running callbacks have returned."""
@@ -238,6 +237,8 @@ class VehicleFeed:
         # MAVSDK derives it from the health of GPS, optical flow and vision only.
         local_position_ok = health.is_local_position_ok or (self.is_local and self.position_m is not None)
         self._update(local_position_ok=bool(local_position_ok), armable=bool(health.is_armable))
+        if health.is_armable:
+            self.texts.note_pass()
 
     def _take_battery(self, battery: Any) -> None:
         percent = battery.remaining_percent
@@ -256,7 +257,7 @@ class VehicleFeed:
         self._home_z_m = self._frame.mission_from_geodetic(place)[2]
 
     def _take_text(self, text: Any) -> None:
-        self._status_texts.append((time.monotonic(), text.text.strip()))
+        self.texts.take(text.text, text.type)
         self.reports.take_text(text.text)
 
     def _take_connected(self, connected: bool) -> None:

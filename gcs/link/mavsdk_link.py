@@ -35,8 +35,7 @@ SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
 """PX4 has needed 45 s to detect a landing from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
-LAND_ATTEMPTS = 3
-KILL_ATTEMPTS, KILL_HEARD_S = 5, 2.0
+LAND_ATTEMPTS, KILL_ATTEMPTS, KILL_HEARD_S = 3, 5, 2.0
 """Heartbeats, which confirm disarming, come once a second."""
 WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
@@ -119,10 +118,7 @@ class MavsdkLink:
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
         await request_rates(calls, feed, self._config.settings)
-        feed.origin_m = await self._origin(self._config.ready_timeout_s)
-        await calls.until(
-            lambda: not feed.missing(), MODE_TIMEOUT_S, lambda: f"sent no {feed.missing()}", "check its estimator"
-        )
+        await self._locate()
         feed.on_telemetry = on_telemetry
         feed.on_loss, feed.on_return = self._mute, self._attention.set
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
@@ -144,6 +140,7 @@ class MavsdkLink:
             await self._enter(FlightMode.HOLD, action.hold)
         await self._until_ready(lambda: feed.status.armable)
         climb_m = await self._plan_climb(altitude_m)
+        began_s = time.monotonic()
         await calls.command("arm", action.arm)
         await calls.command("take off", action.takeoff)
         await calls.until(lambda: feed.status.armed, MODE_TIMEOUT_S, lambda: "did not arm", "see its messages")
@@ -154,7 +151,7 @@ class MavsdkLink:
             "land it, and examine its log",
         )
         if not feed.status.armed:
-            raise calls.refusal("disarmed during take-off", "resolve the cause that the autopilot reports")
+            raise calls.refusal("disarmed during take-off", "resolve the cause that the autopilot reports", began_s)
 
     async def start_offboard(self) -> None:
         """Enter offboard; setpoints must be flowing. Returns when the flight mode confirms it."""
@@ -297,21 +294,20 @@ class MavsdkLink:
 
     async def _until_ready(self, condition: Callable[[], bool]) -> None:
         _, feed, calls, _, _ = self._connected()
-        await calls.until(
-            condition,
-            self._config.ready_timeout_s,
-            lambda: f"was not ready ({feed.failing()})",
-            "resolve the cause that the autopilot reports",
-        )
+        within_s = self._config.ready_timeout_s
+        if not await calls.reached(condition, calls.wall_s(within_s)):
+            failure = f"was not ready ({feed.failing()}) within {within_s:g} s"
+            raise calls.unready(failure, "resolve the cause that the autopilot reports")
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
         """Request a mode, again and again: autopilots accept the command also where they cannot enter the mode yet."""
         _, feed, calls, _, _ = self._connected()
-        end_s, entered = time.monotonic() + calls.wall_s(MODE_TIMEOUT_S), False
+        began_s, entered = time.monotonic(), False
+        end_s = began_s + calls.wall_s(MODE_TIMEOUT_S)
         while not entered:
             if time.monotonic() > end_s:
                 failure = f"is in {feed.status.mode.value} and did not enter {mode.value} within {MODE_TIMEOUT_S:g} s"
-                raise calls.refusal(failure, "resolve the cause that the autopilot reports")
+                raise calls.refusal(failure, "resolve the cause that the autopilot reports", began_s)
             await self._request(mode, function)
             entered = await calls.reached(lambda: feed.status.mode is mode, REQUEST_PERIOD_S)
 
@@ -369,6 +365,13 @@ class MavsdkLink:
         await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
         if feed.origin_m is None:
             feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)
+
+    async def _locate(self) -> None:
+        """Find the origin of the vehicle, and wait for its first telemetry; raises VehicleRefusedError."""
+        _, feed, calls, _, _ = self._connected()
+        feed.origin_m = await self._origin(self._config.ready_timeout_s)
+        missing = feed.missing
+        await calls.until(lambda: not missing(), MODE_TIMEOUT_S, lambda: f"sent no {missing()}", "check its estimator")
 
     async def _origin(self, timeout_s: float) -> Triple | None:
         """Return the origin of the vehicle's NED frame in the mission frame.

@@ -60,4 +60,4 @@ def _position(facts: VehicleFacts, report: EstimatorReport, *, local: bool) -> I
 
 
 def _finding(facts: VehicleFacts, grade: Grade, found: str, step: str) -> Finding:
-    return Finding(grade, facts.subject, "estimator", found, WHY, step)
+    return Finding(grade, facts.subject, "estimator", found, WHY, step, temporary=True)

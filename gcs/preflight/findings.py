@@ -26,7 +26,10 @@ class Grade(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at: what was found, and unless it is well, why it matters and what to do."""
+    """One thing that was looked at: what was found, and unless it is well, why it matters and what to do.
+
+    A `temporary` one may be resolved by waiting: the vehicle is about to be ready.
+    """
 
     grade: Grade
     subject: str
@@ -34,15 +37,19 @@ class Finding:
     found: str
     why: str = ""
     next_step: str = ""
+    temporary: bool = False
 
     def __post_init__(self) -> None:
         if self.grade is not Grade.PASS and not (self.why and self.next_step):
             raise ValueError(f"{self.check} of {self.subject}: {self.grade.value} without a reason and a next step")
 
     @classmethod
-    def graded(cls, grade: Grade, subject: str, check: str, found: str, why: str, next_step: str) -> "Finding":
+    def graded(
+        cls, grade: Grade, subject: str, check: str, found: str, why: str, next_step: str, *, temporary: bool = False
+    ) -> "Finding":
         """Return a finding whose grade was computed: when all is well there is nothing to do next."""
-        return cls(grade, subject, check, found, why, "" if grade is Grade.PASS else next_step)
+        well = grade is Grade.PASS
+        return cls(grade, subject, check, found, why, "" if well else next_step, temporary and not well)
 
 
 class AutopilotKind(Enum):
@@ -78,9 +85,10 @@ class VehicleFacts:
     """What one vehicle says about itself on the ground; None is what it did not say.
 
     `unreachable` and `lost` hold (reason, next step) of a vehicle that is not to be talked to, and of one that does not
-    know its place. Positions are in the mission frame [m], rates are in the autopilot's own time, `clock_ratio` is how
-    many times faster than the wall that runs. `firmware` is a version, empty where it tells none. A parameter that
-    could not be read is None, so are `estimator` and `fence_areas`. `link` is what arrived with its system id, from it
+    know its place. `failed_checks` are its status texts about these. Positions are in the mission frame [m], rates are
+    in the autopilot's own time, `clock_ratio` is how many times faster than the wall that runs. `firmware` is a
+    version, empty where it tells none. A parameter that could not be read is None, so are `estimator` and
+    `fence_areas`. `link` is what arrived with its system id, from it
     and from others. Raises ValueError for numbers that are not finite.
     """
 
@@ -90,8 +98,9 @@ class VehicleFacts:
     firmware: str = ""
     multicopter: bool = False
     status: VehicleStatus = field(default_factory=VehicleStatus)
+    mode_received: bool = True
     health: Mapping[str, bool] = field(default_factory=dict)
-    says: str = ""
+    failed_checks: tuple[str, ...] = ()
     origin_m: Triple | None = None
     lost: tuple[str, str] | None = None
     position_m: Triple | None = None
@@ -110,6 +119,11 @@ class VehicleFacts:
         numbers += [value for value in self.parameters.values() if value is not None]
         if not all(map(isfinite, numbers)):
             raise ValueError(f"the facts about vehicle {self.vehicle_id} hold a number that is not finite")
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether its health is reported, and all of it is well."""
+        return bool(self.health) and all(self.health.values())
 
     @property
     def subject(self) -> str:

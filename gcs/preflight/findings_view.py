@@ -22,8 +22,8 @@ HEADLINES = {
 }
 
 
-def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = True) -> RenderableType:
-    """Return the findings as a table; a finding of several vehicles is one row with all their ids.
+def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = False) -> RenderableType:
+    """Return the findings as a table, refusals last; a finding of several vehicles is one row with all their ids.
 
     Without `passes` the passed checks are only counted.
     """
@@ -32,13 +32,14 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = T
     table.add_column(max_width=SUBJECT_WIDTH)
     table.add_column()
     alike: dict[Finding, list[str]] = {}
-    for finding in (each for each in findings if passes or each.grade is not Grade.PASS):
+    by_grade = [each for grade in reversed(Grade) for each in findings if each.grade is grade]
+    for finding in (each for each in by_grade if passes or each.grade is not Grade.PASS):
         alike.setdefault(replace(finding, subject=""), []).append(finding.subject)
     for finding, subjects in alike.items():
         cell = Text(finding.found)
         if finding.grade is not Grade.PASS:
             cell.append(f"\nwhy: {finding.why}\nnext: {finding.next_step}", style="dim")
-        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(_joined(subjects)), cell)
+        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(joined_subjects(subjects)), cell)
     grade = worst(findings)
     count = Counter(finding.grade for finding in findings)
     counted = ", ".join(f"{count[each]} {each.value}" for each in Grade)
@@ -51,7 +52,8 @@ def findings_json(mission: str, findings: Sequence[Finding]) -> str:
     return json.dumps({"mission": mission, "grade": worst(findings).value, "findings": listed}, ensure_ascii=False)
 
 
-def _joined(subjects: Sequence[str]) -> str:
+def joined_subjects(subjects: Sequence[str]) -> str:
+    """Return the subjects of findings that are alike as one."""
     if len(subjects) == 1:
         return subjects[0]
     return "vehicles " + ", ".join(subject.removeprefix("vehicle ") for subject in subjects)

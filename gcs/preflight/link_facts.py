@@ -17,7 +17,7 @@ from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
-from gcs.link.calls import VehicleCalls, find_origin, measure_clock, request_rates
+from gcs.link.calls import NotReadyError, VehicleCalls, find_origin, measure_clock, request_rates
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
@@ -33,7 +33,6 @@ ORIGIN_TIMEOUT_S = 5.0
 STATUS_TIMEOUT_S = 4.0
 LISTENING_S = 1.5
 PARAMETERS_TIMEOUT_S = 3.0
-READY_TIMEOUT_S = 20.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter times of the preflight check in `fly`, whose links are connected already."""
 GPS_PERIODS = 4.0
@@ -64,14 +63,18 @@ async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_
 class CheckedLink(MavsdkLink):
     """A vehicle's link that also reads the facts for the preflight checks; it sets nothing."""
 
-    async def facts(self, vehicle_id: int) -> VehicleFacts:
-        """Return the facts of a connected vehicle, after it is healthy or `READY_TIMEOUT_S` has passed."""
+    async def facts(self, vehicle_id: int, settle_s: float) -> VehicleFacts:
+        """Return the facts of a connected vehicle, once it is healthy or `settle_s` [wall s] has passed."""
         system, feed, calls, *_ = self._connected()
-        with suppress(VehicleRefusedError):  # the facts state the failing items
-            await calls.until(lambda: _is_healthy(feed), READY_TIMEOUT_S, lambda: "is not ready", "wait")
+        await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s)
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.settings)
         facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
         return replace(facts, link=self.report)
+
+    async def _locate(self) -> None:
+        """Find the vehicle's origin, if it has one yet: otherwise it is not ready, as its facts state."""
+        with suppress(NotReadyError):
+            self._connected().feed.origin_m = await self._origin(0.0)
 
 
 async def _facts(
@@ -143,15 +146,16 @@ class _VehicleQuery(NamedTuple):
             firmware=firmware,
             multicopter=self.system.vehicle_type() is Vehicle.MULTICOPTER,
             status=feed.status,
+            mode_received=feed.mode_received,
             health=feed.health(),
-            says=feed.texts(),
+            failed_checks=feed.texts.failed_checks(),
             origin_m=feed.origin_m,
             lost=lost,
             position_m=feed.position_m,
             gps=None if feed.is_local else gps,
             estimator=estimator,
             clock_ratio=ratio,
-            telemetry_rate_hz=rate_hz if feed.origin_m is not None else None,  # else nothing is delivered
+            telemetry_rate_hz=rate_hz if feed.position_m is not None else None,  # else there is none to send
             telemetry_rate_asked_hz=self.rates.telemetry_rate_hz,
             parameters=parameters,
             fence_areas=areas,

@@ -1,11 +1,13 @@
 """Preflight, one vehicle on the ground, and the vehicles beside each other: all but their parameters."""
 
+import re
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from math import hypot
 
 from agents.ports import FlightMode
 from estimation.frames import Triple
+from gcs.link.status_texts import quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, tolerated
@@ -55,6 +57,10 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
         yield Finding(Grade.REFUSE, facts.subject, "armed", f"it is {state} already", why, "land and disarm it")
     else:
         yield Finding(Grade.PASS, facts.subject, "armed", "it is disarmed, on the ground")
+    if not facts.mode_received:
+        why, step = "the mode shows who controls the vehicle", "wait until its heartbeats arrive, check the link"
+        yield Finding(Grade.REFUSE, facts.subject, "mode", "it sent no flight mode", why, step, temporary=True)
+        return
     yield Finding.graded(
         Grade.PASS if status.mode in (*CALM_MODES, FlightMode.LAND) else Grade.WARNING,  # as its last flight left it
         facts.subject,
@@ -71,10 +77,9 @@ def health(facts: VehicleFacts) -> Iterator[Finding]:
     What only follows from something told elsewhere is not told again: arming checks fail with any other item, and a
     vehicle without a place has no positions.
     """
-    says = f"; it says {facts.says}" if facts.says else ""
     if not facts.health:
         why, step = "an autopilot that does not report is not ready to arm", "wait until it has started, check the link"
-        yield Finding(Grade.REFUSE, facts.subject, "health", f"it sent no health report{says}", why, step)
+        yield Finding(Grade.REFUSE, facts.subject, "health", "it sent no health report", why, step, temporary=True)
     failing = [item for item, well in facts.health.items() if not well]
     told = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
     for item in told if failing == [ARMING_CHECKS] else [item for item in told if item != ARMING_CHECKS]:
@@ -84,18 +89,35 @@ def health(facts: VehicleFacts) -> Iterator[Finding]:
             Grade.WARNING if by_mode else Grade.REFUSE,
             facts.subject,
             "health",
-            f"{item}: not well{f' in {facts.status.mode.value}' if by_mode else ''}{says}",
+            f"{item}: not well{f' in {facts.status.mode.value}' if by_mode else ''}{_says(facts, item)}",
             "the autopilot will refuse to arm, or will not know where it flies",
             HEALTH_STEPS.get(item, "clear what it complains about"),
+            temporary=item in (*POSITION_ITEMS, ARMING_CHECKS),
         )
-    if facts.health and all(facts.health.values()):
+    if facts.is_ready:
         yield Finding(Grade.PASS, facts.subject, "health", f"all of its {len(facts.health)} health items are well")
+
+
+def _says(facts: VehicleFacts, *items: str) -> str:
+    """Return what the autopilot reports about health items, to follow a finding; empty if it reports nothing."""
+    about = [_ABOUT[item] for item in items if item in _ABOUT]
+    texts = [text for text in facts.failed_checks if any(words.search(text) for words in about)]
+    return f"; it says {quoted(texts)}" if texts else ""
 
 
 def _lost(facts: VehicleFacts) -> bool:
     return facts.origin_m is None or facts.position_m is None
 
 
+_PLACE = re.compile(r"pos|estimat|ekf|ahrs|gps|gnss|home|navigation", re.IGNORECASE)
+_ABOUT = {
+    "gyrometer calibration": re.compile("gyro", re.IGNORECASE),
+    "accelerometer calibration": re.compile("accel", re.IGNORECASE),
+    "magnetometer calibration": re.compile(r"compass|\bmag", re.IGNORECASE),
+    **dict.fromkeys(POSITION_ITEMS, _PLACE),
+    ARMING_CHECKS: re.compile(""),
+}
+"""Words of the failed checks that explain each health item: arming depends on them all."""
 HEALTH_STEPS = {
     "gyrometer calibration": "calibrate the gyrometer with a ground station",
     "accelerometer calibration": "calibrate the accelerometer with a ground station",
@@ -136,12 +158,13 @@ def _without_a_place(facts: VehicleFacts, *, local: bool) -> Finding:
     found, step = facts.lost or ("it sent no local position", "wait for its estimator, or check it")
     unwell = [item for item in POSITION_ITEMS if not facts.health.get(item, True)]
     if unwell:
-        says = f"; it says {facts.says}" if facts.says else ""
-        found = f"it does not know where it is ({', '.join(unwell)}: not well){says}"
+        found = f"it does not know where it is ({', '.join(unwell)}: not well){_says(facts, *unwell)}"
         source = "its GPS first; with a good fix" if not local else "its external position first; with that"
         step = f"see to {source}, restart the autopilot, and look at its messages"
     why = "without a place in the mission frame it cannot keep clear of the others"
-    return Finding(Grade.REFUSE, facts.subject, "origin", found, why, step)
+    return Finding(
+        Grade.REFUSE, facts.subject, "origin", found, why, step, temporary=facts.lost is None or bool(unwell)
+    )
 
 
 def _off_start(position_m: Triple, vehicle: MissionVehicle) -> tuple[float, float]:
@@ -158,6 +181,7 @@ def _start(facts: VehicleFacts, vehicle: MissionVehicle, off_m: tuple[float, flo
         f"{_signed(off_m[0])} m along x, {_signed(off_m[1])} m along y",
         "on the way to their places in the line the vehicles' paths would cross",
         "put it on its start_m, or correct start_m or [frame] in the mission",
+        temporary=not facts.is_ready,
     )
 
 
@@ -177,6 +201,7 @@ def _height(facts: VehicleFacts, vehicle: MissionVehicle, ground_m: float) -> Fi
         f"{vehicle.section.altitude_m:g} m it climbs {climb_m:.1f} m",
         "altitudes count from the mission's origin for all: a wrong datum is a wrong height above the ground",
         "set frame.altitude_m to the height of the ground as the autopilots state it; in a local frame, origin_m",
+        temporary=not facts.is_ready,
     )
 
 
@@ -195,6 +220,7 @@ def gps(facts: VehicleFacts) -> Iterator[Finding]:
         f"GPS: {fix}, {facts.gps.satellites} satellites",
         "without a 3D fix it does not know where it is" if blind else "with few satellites it may be wrong by metres",
         "give it a free view of the sky and wait a few minutes; then check its receiver and cable",
+        temporary=True,
     )
 
 
@@ -228,6 +254,7 @@ def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
         f"its motion comes {reached:.1f} times a second; {asked:g} were asked for",
         "the vehicle is steered, and kept clear of the others, by what it last said",
         "use a faster link, come nearer, or turn other streams down (PX4: MAV_0_RATE, ArduPilot: SR0_*)",
+        temporary=True,
     )
 
 
@@ -266,9 +293,10 @@ def clock_lag(vehicle_id: int, peer: int, lag_s: float) -> Finding:
 def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:
     """Check those vehicles against each other whose place and clock are known."""
     placed = {each.vehicle_id: each.position_m for each in team if each.position_m is not None}
+    settled = all(each.is_ready for each in team)
     if len(placed) > 1:
-        yield _agreement(mission, placed)
-        yield _apart(mission, placed)
+        yield _agreement(mission, placed, settled=settled)
+        yield _apart(mission, placed, settled=settled)
     ratios = [each.clock_ratio for each in team if each.clock_ratio is not None]
     if ratios and max(ratios) > (1.0 + CLOCK_TOLERANCE) * min(ratios):
         speeds = " and ".join(f"{ratio:.3g}" for ratio in sorted(set(ratios)))
@@ -279,10 +307,11 @@ def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding
             f"the vehicles' clocks run at different speeds: {speeds} times the wall's",
             "one mission clock cannot serve them all",
             "run all simulators at one speed, and none beside real vehicles",
+            temporary=not settled,
         )
 
 
-def _agreement(mission: Mission, placed: dict[int, Triple]) -> Finding:
+def _agreement(mission: Mission, placed: dict[int, Triple], *, settled: bool) -> Finding:
     """Find the two that stand most differently from the mission; a shift common to all does not count."""
     off_m = {i: _off_start(position_m, mission.vehicle(i)) for i, position_m in placed.items()}
     worst_m, one, other = max(
@@ -296,10 +325,11 @@ def _agreement(mission: Mission, placed: dict[int, Triple]) -> Finding:
         "the most of any two",
         "origins that disagree bring vehicles together that seem apart, and their paths cross",
         "put them on their start_m; if they are, restart the autopilots and wait for better GPS",
+        temporary=not settled,
     )
 
 
-def _apart(mission: Mission, placed: dict[int, Triple]) -> Finding:
+def _apart(mission: Mission, placed: dict[int, Triple], *, settled: bool) -> Finding:
     nearest_m, one, other = min(
         (hypot(placed[i][0] - placed[k][0], placed[i][1] - placed[k][1]), i, k) for i, k in combinations(placed, 2)
     )
@@ -312,4 +342,5 @@ def _apart(mission: Mission, placed: dict[int, Triple]) -> Finding:
         f"safety.separation_m is {separation_m:g} m",
         "they would climb side by side, nearer than they may ever be",
         "put them farther apart, or check their GPS",
+        temporary=not settled,
     )

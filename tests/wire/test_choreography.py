@@ -33,6 +33,7 @@ from sitl.autopilot.px4 import Autopilot
 from tests.support.mission_text import INSECURE, LOW, LOW_M
 from tests.support.paths import ROOT
 from tests.support.wire import served
+from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
 
@@ -232,3 +233,26 @@ async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -
     finally:
         speaking.cancel()
         await bus.close()
+
+
+async def test_a_vehicle_that_finds_its_place_late_is_waited_for(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = load_mission(mission_file("case2", LOW))
+    one, two, three = stub_configs(mission)
+    watched, told, written = Watched(monkeypatch), list[Finding](), StringIO()
+    async with served([one, replace(two, localised=False), three], SPEED):
+        plan = FlightPlan(mission, 5.0, mission.vehicles, stubs=False, speed=SPEED, wait_s=0.0)
+        with pytest.raises(VehicleRefusedError, match="nothing was armed"):
+            await fly(plan, LiveView(Console(file=written)), told.extend)
+        assert {each.subject for each in told if each.grade is Grade.REFUSE} == {"vehicle 2"}
+        assert watched.asked == []
+        told.clear()
+        asyncio.get_running_loop().call_later(14.0, setattr, watched.vehicles[1], "_localised", True)
+        flight = await fly(replace(plan, wait_s=60.0), LiveView(Console(file=written)), told.extend)
+    assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
+    assert not [each for each in told if each.grade is Grade.REFUSE]
+    waits = [line for line in written.getvalue().splitlines() if line.startswith("  ")]
+    assert waits
+    assert all(line.startswith("  vehicle 2: ") for line in waits)
+    assert facts_missing(" ".join(waits), "GPS: no fix", "it does not know where it is") == []

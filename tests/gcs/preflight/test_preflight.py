@@ -178,7 +178,7 @@ def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
     health = {**dict.fromkeys(HEALTH, True), "local position": False, "global position": False}
     findings = team(
         health=health,
-        says="“Preflight Fail: no GPS”",
+        failed_checks=("Preflight Fail: no GPS", "PreArm: Gyros not calibrated"),
         origin_m=None,
         position_m=None,
         lost=("did not know where it is within 5 s (local position, global position)", "wait for GPS, or check it"),
@@ -188,6 +188,7 @@ def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
     gps, place = (each for each in findings if each.grade is Grade.REFUSE)
     assert facts_missing(gps.found, "no fix", "0 satellites") == facts_missing(gps.next_step, "receiver") == []
     assert facts_missing(place.found, "local position, global position", "“Preflight Fail: no GPS”") == []
+    assert "Gyros" not in place.found
     assert facts_missing(place.next_step, "GPS", "restart the autopilot") == []
     assert {each.subject for each in findings if each.grade is Grade.REFUSE} == {"vehicle 2"}
     assert exit_code(findings) is Exit.REFUSED
@@ -197,6 +198,42 @@ def test_arming_checks_that_fail_with_something_else_are_not_told_twice() -> Non
     health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False, "arming checks": False}
     told = [each.found for each in team(health=health) if each.grade is Grade.REFUSE]
     assert told == ["gyrometer calibration: not well"]
+
+
+def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
+    health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False}
+    checks = ("PreArm: Gyros not calibrated", "PreArm: Battery 1 low voltage failsafe")
+    (gyro,) = (each for each in team(health=health, failed_checks=checks) if each.grade is Grade.REFUSE)
+    assert gyro.found == "gyrometer calibration: not well; it says “PreArm: Gyros not calibrated”"
+    arming = {**dict.fromkeys(HEALTH, True), "arming checks": False}
+    (refused,) = (each for each in team(health=arming, failed_checks=checks) if each.grade is Grade.REFUSE)
+    assert facts_missing(refused.found, *checks) == []
+
+
+def test_what_waiting_may_resolve(subtests: pytest.Subtests) -> None:
+    rows: tuple[tuple[dict[str, Any], bool], ...] = (
+        ({"health": {}}, True),
+        ({"mode_received": False}, True),
+        ({"health": {**dict.fromkeys(HEALTH, True), "home position": False}}, True),
+        ({"health": {**dict.fromkeys(HEALTH, True), "arming checks": False}}, True),
+        ({"health": {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False}}, False),
+        ({"position_m": None, "origin_m": None}, True),
+        ({"position_m": None, "origin_m": None, "lost": ("it is far away", "set the origin")}, False),
+        ({"gps": GpsFix(0, 0), "health": {"global position": False}}, True),
+        ({"estimator": replace(SURE, ratios={**RATIOS, "compass": 1.5})}, True),
+        ({"telemetry_rate_hz": 7.9}, True),
+        ({"multicopter": False}, False),
+        ({"parameters": {**PX4, "COM_OF_LOSS_T": 6.0}}, False),
+        ({"unreachable": ("no heartbeat", "start it")}, False),
+        ({"position_m": (50.0, 0.0, 0.0)}, False),
+        ({"position_m": (50.0, 0.0, 0.0), "health": {"local position": False}}, True),
+    )
+    for changes, temporary in rows:
+        with subtests.test(changes=changes):
+            refused = [each for each in team(**changes) if each.grade is Grade.REFUSE]
+            assert refused
+            assert {each.temporary for each in refused} == {temporary}
+    assert not any(each.temporary for each in team() if each.grade is Grade.PASS)
 
 
 def test_in_a_local_frame_nobody_asks_for_a_place_on_earth() -> None:
@@ -438,7 +475,7 @@ def test_the_gravest_come_first_and_all_is_told_to_people_and_to_scripts() -> No
     told = json.loads(findings_json("case2", findings))
     assert (told["mission"], told["grade"], len(told["findings"])) == ("case2", "refuse", len(findings))
     battery = told["findings"][1]
-    assert list(battery) == ["grade", "subject", "check", "found", "why", "next_step"]
+    assert list(battery) == ["grade", "subject", "check", "found", "why", "next_step", "temporary"]
     assert [battery[key] for key in ("grade", "subject", "check")] == ["warning", "vehicle 2", "battery"]
     assert "30%" in battery["found"]
     assert battery["why"]
@@ -446,13 +483,19 @@ def test_the_gravest_come_first_and_all_is_told_to_people_and_to_scripts() -> No
 
 
 def test_people_read_reason_and_next_step_only_of_what_is_not_well(rendered: Callable[[object], str]) -> None:
-    text = rendered(findings_view("case2", team(multicopter=False)))
-    assert text.count("why: ") == text.count("next: ") == 1
+    findings = team(multicopter=False, gps=GpsFix(3, 7))
+    text = rendered(findings_view("case2", findings, passes=True))
+    assert text.count("why: ") == text.count("next: ") == 2
     lines = text.splitlines()
-    assert lines[0].split()[:3] == ["refuse", "vehicle", "2"]
-    assert facts_missing(lines[-1], "case2", "1 refuse", "0 warning") == []
+    grades = [line.split()[0] for line in lines[:-1] if line.split()[0] in {"pass", "warning", "refuse"}]
+    assert grades == sorted(grades, key=["pass", "warning", "refuse"].index), "refusals are next to the prompt"
+    assert grades[-2:] == ["warning", "refuse"]
+    assert facts_missing(lines[-1], "case2", "1 refuse", "1 warning") == []
     assert sum("it is a multicopter" in line for line in lines) == 1, "what is the same is told once"
     assert any("vehicles 1, 3" in line and "it is a multicopter" in line for line in lines)
+    few = rendered(findings_view("case2", findings))
+    assert [line.split()[0] for line in few.splitlines() if not line.startswith(" ")] == ["warning", "refuse", "case2:"]
+    assert few.splitlines()[-1] == lines[-1], "the passes are still counted"
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import pytest
 from mavsdk.plugins.action import ActionError, ActionResult
+from mavsdk.plugins.telemetry import StatusTextType
 
 from agents.ports import FlightMode, Setpoint, VehicleLink, VehicleRefusedError, VehicleStatus
 from agents.shell.ticker import Ticker
@@ -27,6 +28,7 @@ from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.status_texts import StatusTexts
 from gcs.mission.mission import LinkSection
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.px4 import Autopilot
@@ -410,12 +412,12 @@ class FakeFeed:
     def __init__(self, origin: Callable[[], object]) -> None:
         self.status = VehicleStatus(connected=True)
         self.plugin = SimpleNamespace(get_gps_global_origin=origin)
+        self.texts = StatusTexts()
+        self.texts.take("EKF3 IMU0 is using GPS", StatusTextType.INFO)
+        self.texts.take("Preflight Fail: no GPS", StatusTextType.CRITICAL)
 
     def failing(self) -> str:
         return "global position, arming checks"
-
-    def texts(self, since_s: float = 0.0) -> str:
-        return "“Preflight Fail: no GPS”"
 
 
 @pytest.fixture
@@ -432,6 +434,7 @@ async def test_a_vehicle_that_finds_itself_nowhere_is_refused(calls_and_feed: tu
         await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
     for fact in ("0.1 s", "(global position, arming checks)", "“Preflight Fail: no GPS”"):
         assert fact in refusal.value.reason
+    assert "is using GPS" not in refusal.value.reason
     feed.plugin.get_gps_global_origin = lambda: Geodetic(-33.9, 151.2, 20.0)
     with pytest.raises(VehicleRefusedError, match="km from the mission's origin") as refusal:
         await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
@@ -447,13 +450,19 @@ async def test_a_refused_command_says_why_in_the_autopilots_words(
 
     def arm() -> None:
         attempts.append(1)
+        feed.texts.take("Arming denied: throttle not at minimum", StatusTextType.CRITICAL)
         raise ActionError(ActionResult.COMMAND_DENIED, "arm()")
 
     feed.status = VehicleStatus(connected=False)
     with pytest.raises(VehicleRefusedError) as refusal:
         await calls.command("arm", arm, attempts=3)
-    for fact in ("vehicle 4 refused to arm (COMMAND_DENIED)", "link is lost", "“Preflight Fail: no GPS”"):
+    for fact in (
+        "vehicle 4 refused to arm (COMMAND_DENIED)",
+        "link is lost",
+        "“Arming denied: throttle not at minimum”",
+    ):
         assert fact in refusal.value.reason
+    assert "no GPS" not in refusal.value.reason, "it came before the command"
     assert len(attempts) == 3
     await calls.close()
 

@@ -1,0 +1,1 @@
+"""Before take-off: waiting for vehicles that are about to be ready."""

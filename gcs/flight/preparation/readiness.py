@@ -1,0 +1,85 @@
+"""Waiting on the ground for vehicles that are about to be ready."""
+
+import time
+from collections.abc import Sequence
+
+from agents.ports import VehicleRefusedError
+from gcs.flight.team import Team
+from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.findings_view import joined_subjects
+from gcs.preflight.preflight import worst
+
+FIRST_REPORTS_S = 3.0
+"""Within this time a vehicle that is ready has reported everything: home once a second, health twice [wall s]."""
+PERIOD_S = 1.0
+
+
+class Readiness:
+    """The wait for one team, `plan.wait_s` wall seconds at most, from now on; shows what each vehicle lacks."""
+
+    def __init__(self, team: Team) -> None:
+        self._team = team
+        self._end_s = time.monotonic() + team.plan.wait_s
+        self._shown: set[tuple[str, str]] = set()
+
+    async def measure_speed(self) -> None:
+        """Set the clock to the autopilots' speed; raises VehicleRefusedError where it cannot be measured in time."""
+        while True:
+            try:
+                return await self._team.measure_speed()
+            except VehicleRefusedError as refusal:
+                if self._left_s <= 0.0:
+                    raise
+                self._show([f"waiting, {self._left_s:.0f} s left: {refusal.reason}"], {("", refusal.reason)})
+
+    async def findings(self) -> Sequence[Finding]:
+        """Return the preflight findings; the facts that they come from are recorded.
+
+        While nothing but the vehicles' readiness forbids take-off, they are checked again. Once they are ready, and
+        where something else forbids take-off, one more check decides: on a busy computer clocks and rates vary.
+        """
+        settle_s, decides = FIRST_REPORTS_S, False
+        while True:
+            facts = await self._team.facts(settle_s)
+            findings = self._team.plan.findings(facts)
+            lacks = about_to_pass(findings)
+            well = worst(findings) is not Grade.REFUSE
+            if self._left_s <= 0.0 or (not lacks and (decides or (well and not self._shown))):
+                break
+            settle_s, decides = min(PERIOD_S, self._left_s), not lacks
+            if lacks:
+                lines = [f"waiting until these are ready, {self._left_s:.0f} s left:", *lack_lines(lacks)]
+                self._show(lines, {(each.subject, each.check) for each in lacks})
+            elif self._shown and self._team.plan.speed is None:
+                await self.measure_speed()
+        if self._shown:
+            self._team.view.update([], 0.0)
+        for each in facts:
+            self._team.recording.meet(each)
+        return findings
+
+    @property
+    def _left_s(self) -> float:
+        return max(0.0, self._end_s - time.monotonic())
+
+    def _show(self, lines: Sequence[str], lacks: set[tuple[str, str]]) -> None:
+        """Show what is waited for: on a terminal always, elsewhere when it has changed."""
+        if self._team.view.is_live:
+            self._team.view.update([], 0.0, "\n".join(lines))
+        elif lacks != self._shown:
+            self._team.view.print_line("\n".join(lines))
+        self._shown = lacks
+
+
+def about_to_pass(findings: Sequence[Finding]) -> Sequence[Finding]:
+    """Return the refusals, if waiting may resolve all of them; else none."""
+    refused = [each for each in findings if each.grade is Grade.REFUSE]
+    return refused if all(each.temporary for each in refused) else []
+
+
+def lack_lines(lacks: Sequence[Finding]) -> list[str]:
+    """Return a line for each thing that is lacking, with the vehicles that lack it."""
+    subjects: dict[str, list[str]] = {}
+    for each in lacks:
+        subjects.setdefault(each.found, []).append(each.subject)
+    return [f"  {joined_subjects(named)}: {found}" for found, named in subjects.items()]

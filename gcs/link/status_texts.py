@@ -1,0 +1,73 @@
+"""The status texts of an autopilot, and which of them explain a refusal."""
+
+import re
+import time
+from collections import deque
+from collections.abc import Iterable
+from math import inf
+from typing import NamedTuple
+
+from mavsdk.plugins.telemetry import StatusTextType
+
+TEXTS_KEPT = 20
+CHECK_S = 35.0
+"""A failed check counts for so long: ArduPilot repeats them every 30 s."""
+_CHECK = re.compile(r"^(PreArm|Arm): |\b(preflight fail|arming denied|not ready)\b", re.IGNORECASE)
+_REFUSAL = re.compile(
+    r"\b(denied|reject(ed|ing)|refus(ed|ing)|not available|not possible|mode change\b.*\bfailed)\b", re.IGNORECASE
+)
+
+
+class _StatusText(NamedTuple):
+    received_s: float
+    severe: bool
+    text: str
+
+
+class StatusTexts:
+    """The newest status texts by the monotonic clock [s].
+
+    Autopilots report progress in the same way as reasons. A text explains a refused request if it came after it and
+    says so, or is an error at least. It explains a vehicle that is not ready if it names a failed check.
+    """
+
+    def __init__(self) -> None:
+        self._texts: deque[_StatusText] = deque(maxlen=TEXTS_KEPT)
+        self._passed_s = -inf
+
+    def take(self, text: str, severity: StatusTextType) -> None:
+        """Add a text that arrives now."""
+        self._texts.append(_StatusText(time.monotonic(), severity >= StatusTextType.ERROR, text.strip()))
+
+    def refusing(self, since_s: float) -> tuple[str, ...]:
+        """Return the texts that explain the refusal of what was requested at `since_s`."""
+        late = (each for each in self._texts if each.received_s >= since_s)
+        return _distinct(each.text for each in late if each.severe or names_refusal(each.text))
+
+    def failed_checks(self) -> tuple[str, ...]:
+        """Return the checks that failed of late."""
+        since_s = max(self._passed_s, time.monotonic() - CHECK_S)
+        return _distinct(each.text for each in self._texts if each.received_s > since_s and names_check(each.text))
+
+    def note_pass(self) -> None:
+        """Take it that all checks pass now."""
+        self._passed_s = time.monotonic()
+
+
+def names_check(text: str) -> bool:
+    """Return whether a text of PX4 or ArduPilot names a check that failed."""
+    return _CHECK.search(text) is not None
+
+
+def names_refusal(text: str) -> bool:
+    """Return whether a text of PX4 or ArduPilot refuses something."""
+    return names_check(text) or _REFUSAL.search(text) is not None
+
+
+def quoted(texts: Iterable[str]) -> str:
+    """Return texts in quotation marks; empty without any."""
+    return ", ".join(f"“{text}”" for text in texts)
+
+
+def _distinct(texts: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(texts))

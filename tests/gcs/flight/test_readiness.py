@@ -1,0 +1,116 @@
+"""What is waited for on the ground, by the findings of checks one after the other."""
+
+import asyncio
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from agents.ports import VehicleRefusedError
+from gcs.flight.preparation import readiness
+from gcs.flight.preparation.readiness import Readiness, lack_lines
+from gcs.flight.team import Team
+from gcs.preflight.findings import Finding, Grade
+
+WELL = Finding(Grade.PASS, "vehicle 1", "gps", "GPS: 3D fix, 14 satellites")
+WARNED = Finding(Grade.WARNING, "vehicle 1", "battery", "its battery is at 40%", "it may not last", "charge it")
+
+
+def lack(vehicle: int, found: str, *, temporary: bool = True) -> Finding:
+    return Finding(Grade.REFUSE, f"vehicle {vehicle}", "gps", found, "why", "next", temporary=temporary)
+
+
+NO_FIX = lack(2, "GPS: no fix, 0 satellites")
+CLOCKS = Finding(Grade.REFUSE, "mission", "clocks", "they run at different speeds", "why", "next")
+WRONG = lack(3, "COM_OF_LOSS_T = 6", temporary=False)
+
+
+class FakeTeam:
+    """A team whose checks find one list after the other, the last one for ever."""
+
+    def __init__(self, wait_s: float, *checks: Sequence[Finding], speeds: Sequence[bool] = (True,)) -> None:
+        self.checks, self.speeds = list(checks), list(speeds)
+        self.settled_s: list[float] = []
+        self.recorded: list[object] = []
+        self.lines: list[str] = []
+        self.measured = 0
+        self.plan = SimpleNamespace(wait_s=wait_s, speed=None, findings=self._findings)
+        self.recording = SimpleNamespace(meet=self.recorded.append)
+        self.view = SimpleNamespace(is_live=False, print_line=self.lines.append, update=lambda *_: None)
+
+    async def facts(self, settle_s: float) -> list[str]:
+        self.settled_s.append(settle_s)
+        await asyncio.sleep(0.01)
+        return [f"facts {len(self.settled_s)}"]
+
+    async def measure_speed(self) -> None:
+        self.measured += 1
+        await asyncio.sleep(0.01)
+        if not (self.speeds.pop(0) if len(self.speeds) > 1 else self.speeds[0]):
+            raise VehicleRefusedError("vehicle 1 sends no attitude", "check the link")
+
+    def _findings(self, _facts: object) -> Sequence[Finding]:
+        return self.checks.pop(0) if len(self.checks) > 1 else self.checks[0]
+
+
+async def checked(team: FakeTeam) -> Sequence[Finding]:
+    return await Readiness(cast(Team, team)).findings()
+
+
+@pytest.mark.parametrize("first", [[WELL], [WELL, WARNED]], ids=["well", "warned"])
+async def test_a_team_that_is_ready_is_checked_once(first: list[Finding]) -> None:
+    team = FakeTeam(30.0, first, [NO_FIX])
+    assert await checked(team) == first
+    assert team.settled_s == [readiness.FIRST_REPORTS_S]
+    assert team.lines == []
+
+
+async def test_what_waiting_cannot_change_is_checked_once_more_and_refused() -> None:
+    team = FakeTeam(30.0, [NO_FIX, WRONG], [NO_FIX, WRONG], [WELL])
+    assert await checked(team) == [NO_FIX, WRONG]
+    assert team.lines == []
+    assert await checked(FakeTeam(30.0, [CLOCKS], [WELL], [CLOCKS])) == [WELL], "a busy computer measured it wrong"
+
+
+async def test_without_a_wait_it_is_refused_at_once() -> None:
+    team = FakeTeam(0.0, [NO_FIX], [WELL])
+    assert await checked(team) == [NO_FIX]
+    assert team.lines == []
+
+
+async def test_vehicles_about_to_be_ready_are_waited_for() -> None:
+    both = [NO_FIX, lack(3, NO_FIX.found)]
+    team = FakeTeam(30.0, both, both, [NO_FIX, WARNED], [WARNED, CLOCKS], [WARNED])
+    assert await checked(team) == [WARNED], "what is found in the moment they become ready is measured again"
+    assert team.recorded == ["facts 5"], "the log holds what was true at the end"
+    assert team.measured == 1
+    first, second = team.lines
+    assert "vehicles 2, 3: GPS: no fix, 0 satellites" in first
+    assert "vehicle 2: GPS: no fix, 0 satellites" in second
+
+
+async def test_the_wait_ends() -> None:
+    team = FakeTeam(0.2, [NO_FIX])
+    async with asyncio.timeout(5.0):
+        assert await checked(team) == [NO_FIX]
+    assert len(team.settled_s) > 2
+
+
+async def test_what_waiting_uncovers_is_refused_at_once() -> None:
+    team = FakeTeam(30.0, [NO_FIX], [NO_FIX, WRONG], [NO_FIX, WRONG], [WELL])
+    assert await checked(team) == [NO_FIX, WRONG]
+
+
+async def test_a_speed_that_cannot_be_measured_yet() -> None:
+    await Readiness(cast(Team, FakeTeam(30.0, speeds=(False, False, True)))).measure_speed()
+    with pytest.raises(VehicleRefusedError, match="no attitude"):
+        await Readiness(cast(Team, FakeTeam(0.05, speeds=(False,)))).measure_speed()
+
+
+def test_vehicles_that_lack_the_same_share_a_line() -> None:
+    lines = lack_lines([NO_FIX, lack(3, NO_FIX.found), lack(3, "home position: not well")])
+    assert [line.strip() for line in lines] == [
+        "vehicles 2, 3: GPS: no fix, 0 satellites",
+        "vehicle 3: home position: not well",
+    ]
