@@ -1,7 +1,7 @@
 """Terminal output of a flight: the live table of the team."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
@@ -116,15 +116,20 @@ def live_table(rows: Sequence[LiveRow], wide: bool, closed: bool) -> Table:
     for name, justify in (*LIVE_COLUMNS, *(WIDE_COLUMNS if wide else ())):
         table.add_column(Text(name), justify=justify, no_wrap=True)
     for row in rows:
-        over = closed or bool(row.ending)
-        cells = _cells(row, wide, over)
-        table.add_row(*([Text(cell.plain) for cell in cells] if over else cells), style="dim" if over else "")
+        if closed or row.ending:
+            table.add_row(*(Text(cell.plain) for cell in _cells(_off_the_ring(row), wide, True)), style="dim")
+        else:
+            table.add_row(*_cells(row, wide, False))
     return table
 
 
 def plain_line(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> str:
     """Return the table as one line of plain text, vehicles separated by bars."""
     return " | ".join([f"t={mission_time_s:.1f}s", *map(_plain_vehicle, rows), *filter(None, [message])])
+
+
+def _off_the_ring(row: LiveRow) -> LiveRow:
+    return replace(row, radius_m=None, angular_rate_rad_s=None, spacing_lead_deg=None, spacing_lag_deg=None)
 
 
 def _cells(row: LiveRow, wide: bool, over: bool) -> list[Text]:

@@ -1,6 +1,6 @@
 """A live table of a team on a terminal: what it is about, its vehicles, what is wrong with them, and what to do."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Generic, Protocol, Self, TypeVar
@@ -203,27 +203,31 @@ def fence_cell(margin_m: float | None) -> Text:
 
 def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
     """Return a line for each alert with what to do, the gravest first."""
-    vehicles: dict[str, list[int]] = {}
-    for row in rows:
-        if row.alert:
-            vehicles.setdefault(row.alert, []).append(row.vehicle_id)
-    alerts = sorted(vehicles, key=lambda alert: _GRAVEST_FIRST.index(severity(alert)))
-    lines = [_alert(alert, vehicles[alert]) for alert in alerts[:_ALERTS_MAX]]
-    if len(alerts) > _ALERTS_MAX:
-        lines.append(Text(f"and {len(alerts) - _ALERTS_MAX} more alerts", style="yellow"))
-    return lines
-
-
-def _alert(alert: str, vehicle_ids: Sequence[int]) -> Text:
-    how_grave = severity(alert)
-    whose = f"vehicle{'s' * (len(vehicle_ids) > 1)} {', '.join(map(str, vehicle_ids))}"
-    return Text(f"{WORDS[how_grave]}{whose}: {alert}: {advice(alert)}", style=STYLES[how_grave])
+    whose = _vehicles({row.vehicle_id: row.alert for row in rows})
+    ranked = sorted(whose, key=lambda alert: _GRAVEST_FIRST.index(severity(alert)))
+    lines = [
+        Text(f"{WORDS[severity(alert)]}{whose[alert]}: {alert}: {advice(alert)}", style=STYLES[severity(alert)])
+        for alert in ranked
+    ]
+    return _first(lines, _ALERTS_MAX, "alerts")
 
 
 def _notes(rows: Sequence[TeamRow]) -> list[Text]:
-    notes = [Text(f"vehicle {row.vehicle_id}: {row.note}", style="yellow") for row in rows if row.note]
-    more = [Text(f"and {len(notes) - _NOTES_MAX} more notes", style="yellow")] if len(notes) > _NOTES_MAX else []
-    return [*notes[:_NOTES_MAX], *more]
+    whose = _vehicles({row.vehicle_id: row.note for row in rows})
+    return _first([Text(f"{whose[note]}: {note}", style="yellow") for note in whose], _NOTES_MAX, "notes")
+
+
+def _vehicles(texts: Mapping[int, str]) -> dict[str, str]:
+    """Return the vehicles of each text but the empty one, as text."""
+    ids: dict[str, list[str]] = {}
+    for vehicle_id, text in texts.items():
+        ids.setdefault(text, []).append(str(vehicle_id))
+    return {text: f"vehicle{'s' * (len(of) > 1)} {', '.join(of)}" for text, of in ids.items() if text}
+
+
+def _first(lines: list[Text], count: int, what: str) -> list[Text]:
+    more = len(lines) - count
+    return [*lines[:count], Text(f"and {more} more {what}", style="yellow")] if more > 0 else lines
 
 
 def _most_urgent(rows: Sequence[RowT], count: int) -> Sequence[RowT]:

@@ -43,9 +43,9 @@ async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[],
 
 def _piloted(team: Team) -> set[int]:
     """Return the vehicles that pilots have, of this process and of others."""
-    latest, pilot = team.journal.latest.values(), Tactic.PILOT_OVERRIDE
-    here = {status.vehicle_id for status in latest if status.tactic is pilot}
-    return here | {peer.sender for status in latest for peer in status.peers if peer.tactic == pilot.value}
+    newest, pilot = team.newest.values(), Tactic.PILOT_OVERRIDE
+    here = {status.vehicle_id for status in newest if status.tactic is pilot}
+    return here | {peer.sender for status in newest for peer in status.peers if peer.tactic == pilot.value}
 
 
 async def _opened(team: Team, identity: Identity, stack: AsyncExitStack) -> PeerBus:

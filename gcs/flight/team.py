@@ -58,7 +58,7 @@ class Team:
     """The members of this process and everything that they share in one flight.
 
     `stop` is the operator's request to end; `view` is what the terminal shows; `signing_keys` are those of the links,
-    by the vehicle's system id.
+    by the vehicle's system id. `newest` is each vehicle's newest status, also on its way up and down.
     """
 
     plan: FlightPlan
@@ -70,6 +70,7 @@ class Team:
     signing_keys: Mapping[int, bytes] = field(default_factory=dict, repr=False)
     stop: Stop = field(default_factory=Stop)
     members: list[Member] = field(default_factory=list)
+    newest: dict[int, CoreStatus] = field(default_factory=dict)
 
     @property
     def agents(self) -> list[Agent]:
@@ -130,6 +131,7 @@ class Team:
         return Agent(parts)
 
     def _observe(self, status: CoreStatus, tick_us: float | None) -> None:
+        self.newest[status.vehicle_id] = status
         self.journal.note(status, tick_us)
         if tick_us is not None:
             self.recording.cost(status.vehicle_id, status.time_s, tick_us)

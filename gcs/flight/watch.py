@@ -1,7 +1,7 @@
 """The live view of a flight: the team's state, its events and late findings, several times a second."""
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 from math import degrees, hypot
 
@@ -11,6 +11,7 @@ from agents.outputs import CoreStatus
 from agents.ports import VehicleStatus
 from agents.shell.computer import short_of
 from agents.shell.life import Phase
+from estimation.state import Telemetry
 from gcs.console.advice import event_severity
 from gcs.console.live import LiveRow, flight_title
 from gcs.console.table_view import NO_HINT
@@ -26,6 +27,7 @@ FindingsReport = Callable[[Sequence[Finding]], None]
 
 _PERIOD_S = 0.2
 _COMPUTER_EVERY = 25
+DISARMED = "disarmed"
 
 
 class Watch:
@@ -76,13 +78,12 @@ class Watch:
     def _update(self, hint: Text) -> None:
         team, mission = self._team, self._team.plan.mission
         time_s = None if team.start_s is None else max(team.clock.now_s() - team.start_s, 0.0)
-        latest = team.journal.latest
-        places_m = _places_m(latest.values())
-        rows = [self._row(member, latest.get(member.vehicle.id), places_m) for member in team.members]
+        places_m = _places_m(team)
+        rows = [self._row(member, team.newest.get(member.vehicle.id), places_m) for member in team.members]
         flying = any(not row.ending for row in rows)
         message = "holding and landing; Ctrl-C once more: land at once" if flying and team.stop.wanted.is_set() else ""
         title = flight_title(
-            mission.mission.name, time_s, team.plan.duration_s, _ring_members(latest.values()), len(mission.vehicles)
+            mission.mission.name, time_s, team.plan.duration_s, _ring_members(team), len(mission.vehicles)
         )
         team.view.update(rows, time_s or 0.0, message, hint, title)
 
@@ -124,7 +125,7 @@ class Watch:
         fence, place_m = self._fences.get(vehicle_id), places_m.get(vehicle_id)
         nearest = nearest_other(vehicle_id, places_m)
         polar, place = (None, None) if status is None else (status.polar, status.place)
-        situation = None if status is None else status.situation
+        motion = member.link.motion
         alert = "" if status is None or ending else status.alert
         is_over = alert in self._over[vehicle_id]
         return LiveRow(
@@ -139,38 +140,42 @@ class Watch:
             battery=vehicle.battery,
             note="" if status is None or ending else _remark(status, alert if is_over else ""),
             alert="" if is_over else alert,
-            height_m=None if situation is None else situation.height_m,
-            speed_m_s=None if status is None or status.motion is None else hypot(*status.motion[2:].tolist()),
+            height_m=None if motion is None else motion.position_m[2],
+            speed_m_s=None if motion is None else hypot(*motion.velocity_m_s[:2]),
             nearest_id=None if nearest is None else nearest[0],
             nearest_m=None if nearest is None else nearest[1],
             separation_m=self._team.plan.mission.safety.separation_m,
             fence_m=None if fence is None or place_m is None else fence.clearance_m(place_m),
-            link_age_s=self._link_age_s(member),
+            link_age_s=None if motion is None else self._age_s(motion),
             gps=_gps(vehicle),
             ending=ending,
         )
 
-    def _link_age_s(self, member: Member) -> float | None:
-        """Return the age of a vehicle's newest telemetry [wall s]."""
-        motion, clock = member.link.motion, self._team.clock
-        return None if motion is None else max(clock.now_s() - motion.time_s, 0.0) / clock.speed
+    def _age_s(self, motion: Telemetry) -> float:
+        """Return the age of a sample [wall s]."""
+        clock = self._team.clock
+        return max(clock.now_s() - motion.time_s, 0.0) / clock.speed
 
 
-def _places_m(latest: Iterable[CoreStatus]) -> dict[int, Place]:
-    """Return where all vehicles are, as they know themselves, or as the others have received it."""
-    places_m: dict[int, Place] = {}
-    for status in latest:
-        places_m |= {peer.sender: peer.position_m for peer in status.peers if peer.sender not in places_m}
-    for status in latest:
-        if status.motion is not None:
-            x, y, *_ = status.motion.tolist()
-            places_m[status.vehicle_id] = (x, y)
+def _places_m(team: Team) -> dict[int, Place]:
+    """Return where all vehicles in flight are: by their autopilots, or as the others have received it."""
+    places_m = {peer.sender: peer.position_m for status in team.newest.values() for peer in status.peers}
+    for member in team.members:
+        if _ending(member) == DISARMED:
+            places_m.pop(member.vehicle.id, None)
+        elif member.link.motion is not None:
+            x, y, _ = member.link.motion.position_m
+            places_m[member.vehicle.id] = (x, y)
     return places_m
 
 
-def _ring_members(latest: Iterable[CoreStatus]) -> int:
-    here = {status.vehicle_id for status in latest if status.place is not None}
-    return len(here.union(*(status.angles for status in latest)))
+def _ring_members(team: Team) -> int:
+    """Return how many vehicles fly on the ring, as they know themselves, or as the others have received it."""
+    flying = [member.vehicle.id for member in team.members if not _ending(member)]
+    statuses = [team.newest[each] for each in flying if each in team.newest]
+    here = {status.vehicle_id for status in statuses if status.place is not None}
+    received = {sender for status in statuses for sender in status.angles}
+    return len(here | received.difference(member.vehicle.id for member in team.members))
 
 
 def _ending(member: Member) -> str:
@@ -180,7 +185,7 @@ def _ending(member: Member) -> str:
     status = member.link.status
     if not status.connected:
         return "no link"
-    return "handed over" if status.armed else "disarmed"
+    return "handed over" if status.armed else DISARMED
 
 
 def _gps(vehicle: VehicleStatus) -> str:

@@ -286,6 +286,34 @@ async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fl
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l"), "the cursor is there again"
 
 
+async def test_on_a_terminal_no_vehicle_of_a_killed_process_is_left_standing_as_if_it_flew(fly: Fly) -> None:
+    here, there = os.openpty()
+    shown = bytearray()
+    loop = asyncio.get_running_loop()
+    loop.add_reader(here, lambda: shown.extend(os.read(here, 65536)))
+    try:
+        flight = await fly(terminal=there)
+        await flight.aloft()
+        await until(lambda: b"offboard" in shown, 5.0, "the live view")
+        flight.strike(signal.SIGKILL)
+        code, _ = await flight.ended()
+        await until(lambda: b"next: " in shown, 5.0, "the supervisor's words")
+    finally:
+        loop.remove_reader(here)
+        os.close(here)
+        os.close(there)
+    assert code == 4
+    text = shown.decode(errors="replace")
+    erased = text.rindex("\x1b8\x1b[J")
+    assert "\x1b7" in text[: text.rindex("dead-man")][-20:], "each table marks where it begins"
+    assert "offboard" in text[:erased]
+    assert "ended by signal 9" in text[erased:]
+    assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l"), "the cursor is there again"
+    assert text.rindex("\x1b[?2004l") > text.rindex("\x1b[?2004h"), "pasted text is not marked any more"
+    assert "leaves offboard" in text[erased:]
+    assert not re.search(r"offboard +\d", text[erased:])
+
+
 async def test_a_signal_to_the_supervisor_counts_and_a_second_one_means_at_once(fly: Fly) -> None:
     flight = await fly()
     await flight.aloft()

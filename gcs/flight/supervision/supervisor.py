@@ -25,8 +25,11 @@ _CONSEQUENCE = (
 _NEXT_STEP = (
     "next: watch them, and take control by remote control or a ground station: cordon does not reconnect to them"
 )
-_BELOW_THE_LIVE_VIEW = "\x1b[?25h\n"
-"""Shows the cursor, which the live view hides, and leaves its last line."""
+_HERE = "\x1b7"
+_NO_LIVE_VIEW = "\x1b[?25h\x1b[?2004l"
+"""Shows the cursor, which the live view hides, and ends the marking of pasted text."""
+_ERASED = "\x1b8\x1b[J"
+"""Erases the live view, which shows vehicles in flight, from where it begins, or from _HERE on where none was drawn."""
 
 
 def is_supervised() -> bool:
@@ -55,7 +58,7 @@ def supervise() -> int:
     lines = _report(flying.pid, code, silences_s, monitor)
     if not lines:
         return code
-    for line in (*terminal.restored(), *lines):
+    for line in (*terminal.restored(killed=code < 0), *lines):
         with suppress(OSError):  # the terminal may be gone
             os.write(sys.stderr.fileno(), f"{line}\n".encode())
     return Exit.ENDED_IN_FLIGHT if monitor.has_flown else Exit.REFUSED
@@ -114,10 +117,19 @@ class _Terminal:
 
     def __init__(self) -> None:
         self._attributes = termios.tcgetattr(sys.stdin) if sys.stdin.isatty() else None
+        self._shows = sys.stderr.isatty()
+        if self._shows:
+            with suppress(OSError):
+                os.write(sys.stderr.fileno(), _HERE.encode())
 
-    def restored(self) -> list[str]:
-        """Restore its attributes, and return what to write to it for the rest."""
+    def restored(self, killed: bool) -> list[str]:
+        """Restore its attributes, and return what to write to it for the rest: a live view that was killed is erased.
+
+        One that ended by itself has drawn the vehicles' last state as such.
+        """
         if self._attributes is not None:
             with suppress(termios.error):  # it is gone
                 termios.tcsetattr(sys.stdin, termios.TCSANOW, self._attributes)
-        return [_BELOW_THE_LIVE_VIEW] if sys.stderr.isatty() else []
+        if not self._shows:
+            return []
+        return [_NO_LIVE_VIEW + (_ERASED if killed else "")]

@@ -182,6 +182,7 @@ def test_a_view_that_fails_before_it_shows_a_team_leaves_nothing() -> None:
         output.seek(output.truncate(0))
         raise RuntimeError("the flight failed")
     assert "looking" not in output.getvalue()
+    assert "ENDED" not in output.getvalue()
 
 
 def test_a_number_has_the_colour_and_the_sign_of_its_severity(subtests: pytest.Subtests) -> None:

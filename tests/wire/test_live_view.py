@@ -1,0 +1,133 @@
+"""What the live view of a flight shows, against the vehicles as they truly are; an alert that ends, and the end."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from io import StringIO
+from math import dist
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from gcs.console.live import LiveRow, LiveView
+from gcs.flight.flight import fly
+from gcs.flight.plan import FlightPlan
+from gcs.flight.stubs import stub_configs
+from gcs.mission.file import load_mission
+from sitl.autopilot.px4 import Autopilot
+from sitl.faults import VehicleFaults
+from sitl.mavlink.protocol import MavlinkVehicle
+from sitl.mavlink.reports import MavlinkConfig
+from tests.support.mission_text import LOW, LOW_M
+from tests.support.wire import StubWatch, served, until
+
+pytestmark = pytest.mark.wire
+
+SPEED = 4.0
+HALF_M = 30.0
+RING_M_S = 0.05 * 10.0
+NEAR = (
+    ("distance_max_m = 12.0", "distance_max_m = 40.0"),
+    ("range_m = 15.0", "range_m = 60.0"),
+    ("start_m = [35.0, -5.0]", "start_m = [14.0, 0.0]"),
+    ("velocity_m_s = [0.1, 0.0]", "velocity_m_s = [0.0, 0.0]"),
+    ("[safety]\n", "[safety]\nfence_m = [[-30.0, -30.0], [30.0, -30.0], [30.0, 30.0], [-30.0, 30.0]]\n"),
+    LOW,
+)
+"""A ring that forms soon, within a square fence."""
+
+
+class Shown:
+    """What the live view has shown last, and all its titles and lines."""
+
+    def __init__(self) -> None:
+        self.rows: dict[int, LiveRow] = {}
+        self.titles: list[str] = []
+        self.lines: list[tuple[str, str]] = []
+
+    def update(self, rows: Sequence[LiveRow], *rest: Any) -> None:
+        self.rows = {row.vehicle_id: row for row in rows}
+        self.titles += rest[3:]
+
+    def print_line(self, text: str, how_grave: str = "information") -> None:
+        self.lines.append((text, how_grave))
+
+    def flies_at(self, vehicle_id: int, speed_m_s: float) -> bool:
+        shown_m_s = self.rows[vehicle_id].speed_m_s
+        return shown_m_s is not None and abs(shown_m_s - speed_m_s) < 0.1
+
+    def alerts(self) -> dict[int, str]:
+        return {i: row.alert for i, row in self.rows.items() if row.alert}
+
+
+def faults_of_stubs(monkeypatch: pytest.MonkeyPatch) -> dict[int, VehicleFaults]:
+    """Return the faults of the stubs that will be made, by system id."""
+    faults: dict[int, VehicleFaults] = {}
+    make = MavlinkVehicle.__init__
+
+    def made(vehicle: MavlinkVehicle, autopilot: Autopilot, config: MavlinkConfig, *rest: Any) -> None:
+        make(vehicle, autopilot, config, *rest)
+        faults[config.system_id] = vehicle._faults
+
+    monkeypatch.setattr(MavlinkVehicle, "__init__", made)
+    return faults
+
+
+def place_m(vehicle: Autopilot) -> tuple[float, float]:
+    x, y, _ = vehicle.airframe.position_m
+    return x, y
+
+
+async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    mission = load_mission(mission_file("case2", *NEAR))
+    watch, shown, view = StubWatch(monkeypatch), Shown(), LiveView(Console(file=StringIO()))
+    faults = faults_of_stubs(monkeypatch)
+    monkeypatch.setattr(view, "update", shown.update)
+    monkeypatch.setattr(view, "print_line", shown.print_line)
+    async with served(stub_configs(mission), SPEED):
+        plan = FlightPlan(mission, 100.0, mission.vehicles, stubs=False, speed=SPEED)
+        flight = asyncio.create_task(fly(plan, view))
+        vehicles = watch.vehicles
+        try:
+            await until(lambda: flight.done() or bool(shown.titles and "ring 3 of 3" in shown.titles[-1]), 30.0)
+            with subtests.test("numbers"):
+                await until(lambda: all(shown.flies_at(i, RING_M_S) for i in shown.rows), 20.0, "the speed of the ring")
+                # Stubs and view are a few tenths of a second of mission time apart.
+                for i, row in shown.rows.items():
+                    vehicle, here_m = vehicles[i], place_m(vehicles[i])
+                    others_m = {dist(here_m, place_m(other)): k for k, other in vehicles.items() if k != i}
+                    assert row.height_m == pytest.approx(vehicle.airframe.position_m[2], abs=0.2)
+                    assert row.height_m == pytest.approx(LOW_M, abs=0.5)
+                    assert row.fence_m == pytest.approx(HALF_M - max(map(abs, here_m)), abs=1.0)
+                    assert row.nearest_m == pytest.approx(min(others_m), abs=1.0)
+                    assert row.nearest_id is not None
+                    nearest_m = dist(here_m, place_m(vehicles[row.nearest_id]))
+                    assert nearest_m == pytest.approx(min(others_m), abs=1.0)
+                    assert row.gps.startswith("3D ")
+                    assert row.link_age_s is not None
+                    assert row.link_age_s < 1.0
+                assert "case2  T+" in shown.titles[-1]
+            with subtests.test("an alert ends"):
+                faults[2].estimator_ratio = 0.7
+                await until(lambda: shown.alerts() == {2: "estimator degraded"}, 10.0, "the alert")
+                faults[2].estimator_ratio = 0.0
+                await until(lambda: not shown.alerts(), 10.0, "the end of the alert")
+                graves = [grave for text, grave in shown.lines if "estimator degraded" in text]
+                assert graves == ["warning", "information"]
+            with subtests.test("an alert is over that holds its vehicle until it resumes"):
+                faults[2].estimator_ratio = 1.5
+                await until(lambda: shown.alerts() == {2: "estimator failing"}, 10.0, "the alert")
+                assert shown.rows[2].note == ""
+                faults[2].estimator_ratio = 0.0
+                await until(lambda: not shown.alerts(), 10.0, "the end of the alert")
+                assert shown.rows[2].tactic == "hold"
+                assert "estimator failing is over: resume" in shown.rows[2].note
+            await flight
+        finally:
+            flight.cancel()
+            await asyncio.gather(flight, return_exceptions=True)
+    assert {row.ending for row in shown.rows.values()} == {"disarmed"}
+    assert all(row.height_m == pytest.approx(0.0, abs=0.3) for row in shown.rows.values())
+    assert "ring 0 of 3" in shown.titles[-1]
