@@ -31,6 +31,8 @@ from gcs.metrics.transitions import transitions
 
 NONE_ENGAGES = EngagementReference()
 FORMATION_START_S = 30.0
+SETTLED_FOR_S = 10.0
+"""A ring that keeps within its limits for so long has settled, even if it leaves them later."""
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
 
@@ -52,7 +54,8 @@ def evaluate(
     window = _within(record.time_s, window_s)
     vehicles = _vehicle_results(record, motion, ring, formation, window)
     settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
-    ring_result = RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
+    late = _unsettled(record.time_s, motion, ring, max(engaged_s)) if engaged_s else (None, None)
+    ring_result = RingResult(settling_time_s, *_spacing_errors_deg(motion, window), *late)
     closest_m = _closest_approach_m(record)
     engagers = engagement(record, engages, each_engaged_s)
     return FlightResult(
@@ -108,6 +111,27 @@ def _settled_at_s(time_s: Vector, motion: RingMotion, ring: RingReference, last_
     valid = motion.measured & (time_s >= last_engaged_s - TIME_GRAIN_S)
     valid[: outside[-1] + 1 if outside.size else 0] = False
     return float(time_s[np.argmax(valid)]) if valid.any() else None
+
+
+def _unsettled(
+    time_s: Vector, motion: RingMotion, ring: RingReference, last_engaged_s: float
+) -> tuple[float | None, float | None]:
+    """Return when the ring had settled first, and when it left its limits last after that; None if it never did.
+
+    It counts as settled once it was within its limits for `SETTLED_FOR_S`.
+    """
+    off = off_ring(motion, ring)
+    known = (off | motion.measured) & (time_s >= last_engaged_s - TIME_GRAIN_S)
+    off, at_s = off[known], time_s[known]
+    changes = np.flatnonzero(np.diff(off)) + 1
+    begins, ends = np.append(0, changes), np.append(changes, off.size)
+    stays = [
+        (at_s[begin], at_s[end]) for begin, end in zip(begins, ends, strict=True) if end < off.size and not off[begin]
+    ]
+    settled_s = next((begin_s for begin_s, end_s in stays if end_s - begin_s >= SETTLED_FOR_S), None)
+    if settled_s is None:
+        return None, None
+    return _grid_time(float(settled_s)), _grid_time(float(stays[-1][1]))
 
 
 def _window_s(time_s: Vector, settled_s: float | None) -> tuple[float, float]:
