@@ -49,13 +49,8 @@ def evaluate(
     each_engaged_s = engagement_times_s(record)
     engaged_s = [time_s for time_s in each_engaged_s if time_s is not None]
     motion = ring_motion(record)
-    settled_s = _settled_at_s(record.time_s, motion, ring, max(engaged_s)) if engaged_s else None
-    window_s = _window_s(record.time_s, settled_s) if engaged_s else None
-    window = _within(record.time_s, window_s)
-    vehicles = _vehicle_results(record, motion, ring, formation, window)
-    settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
-    late = _unsettled(record.time_s, motion, ring, max(engaged_s)) if engaged_s else (None, None)
-    ring_result = RingResult(settling_time_s, *_spacing_errors_deg(motion, window), *late)
+    window_s, ring_result = _judged_ring(record.time_s, motion, ring, engaged_s)
+    vehicles = _vehicle_results(record, motion, ring, formation, window := _within(record.time_s, window_s))
     closest_m = _closest_approach_m(record)
     engagers = engagement(record, engages, each_engaged_s)
     return FlightResult(
@@ -82,6 +77,19 @@ def evaluate(
         ended=FlightEnding.of(record.endings),
         engagement=engagers,
     )
+
+
+def _judged_ring(
+    time_s: Vector, motion: RingMotion, ring: RingReference, engaged_s: list[float]
+) -> tuple[tuple[float, float] | None, RingResult]:
+    """Return the window of the ring metrics, None where none engaged, and the ring as a whole."""
+    if not engaged_s:
+        return None, RingResult()
+    settled_s = _settled_at_s(time_s, motion, ring, max(engaged_s))
+    window_s = _window_s(time_s, settled_s)
+    settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
+    errors_deg = _spacing_errors_deg(motion, _within(time_s, window_s))
+    return window_s, RingResult(settling_time_s, *errors_deg, *_unsettled(time_s, motion, ring, max(engaged_s)))
 
 
 def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:

@@ -54,11 +54,15 @@ def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ..
         ),
     )
     entries = [VerdictEntry(name, meaning, held, _evidence(measured)) for name, meaning, held, measured in rows]
-    closest = result.closest_approach_m
-    apart = () if closest is None else ((f"{closest:.3f} m", f"at least {allowed.separation_m:g} m"),)
+    return (*entries, *_of_team(result, allowed.separation_m))
+
+
+def _of_team(result: FlightResult, separation_m: float) -> tuple[VerdictEntry, ...]:
+    """Return the verdicts that are no condition of the paper's."""
+    holds, closest = result.verdicts, result.closest_approach_m
+    apart = () if closest is None else ((f"{closest:.3f} m", f"at least {separation_m:g} m"),)
     engaged = engaged_line(result.engagement)
     return (
-        *entries,
         VerdictEntry("separation", "closest approach", holds.separation, apart),
         VerdictEntry("engaged", "who was to", holds.engaged, ((engaged, ""),) if engaged else ()),
     )
