@@ -76,7 +76,7 @@ def fly(options: FlyOptions) -> int:
             raise InputError([f"{option}: it needs --live"])
     from gcs.flight.supervision.supervisor import is_supervised, supervise
 
-    return _fly(options) if is_supervised() else supervise()
+    return _fly(options) if is_supervised() else supervise(json=options.json)
 
 
 def _fly(options: FlyOptions) -> Exit:
