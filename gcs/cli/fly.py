@@ -99,7 +99,7 @@ def fly(options: FlyOptions) -> int:
 
     if is_supervised():
         return _fly(options)
-    return _supervise_beside_station(options) if options.station else supervise()
+    return _supervise_beside_station(options) if options.station else supervise(json=options.json)
 
 
 def _supervise_beside_station(options: FlyOptions) -> int:
@@ -114,7 +114,7 @@ def _supervise_beside_station(options: FlyOptions) -> int:
         if failed is not None:
             return failed
         print_line(line)
-        return supervise()
+        return supervise(json=options.json)
 
 
 def _fly(options: FlyOptions) -> Exit:

@@ -11,6 +11,7 @@ from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import EstimateResult, FlightResult, VehicleResult, reference_line
 from gcs.metrics.reynolds_view import reynolds_grid
+from gcs.metrics.window import window_line
 
 VERDICT_SIGNS = {True: ("✓", "bold green"), False: ("✗", "bold red"), None: ("–", "dim")}
 VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
@@ -33,6 +34,7 @@ def summary(result: FlightResult) -> RenderableType:
         *(() if result.ended is None else (_ending(result.ended),)),
         _headline(result),
         _verdict_table(result),
+        *((Text(line, style="dim"),) if (line := window_line(result)) else ()),
         Text(),
         _vehicle_table(result),
         *(() if result.estimate is None else (_estimate_line(result.estimate),)),

@@ -86,7 +86,8 @@ class FlightEnding:
     @property
     def headline(self) -> str:
         """How it ended, in one line."""
-        return f"{HEADLINES[self.how]}: {named(self.vehicles)}" if self.is_early else HEADLINES[self.how]
+        whose = f": {named(self.vehicles)}" if self.is_early and self.vehicles else ""
+        return f"{HEADLINES[self.how]}{whose}"
 
 
 def named(vehicles: Iterable[int]) -> str:

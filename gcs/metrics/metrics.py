@@ -31,6 +31,8 @@ from gcs.metrics.transitions import transitions
 
 NONE_ENGAGES = EngagementReference()
 FORMATION_START_S = 30.0
+SETTLED_FOR_S = 10.0
+"""A ring that keeps within its limits for so long has settled, even if it leaves them later."""
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
 
@@ -47,12 +49,8 @@ def evaluate(
     each_engaged_s = engagement_times_s(record)
     engaged_s = [time_s for time_s in each_engaged_s if time_s is not None]
     motion = ring_motion(record)
-    settled_s = _settled_at_s(record.time_s, motion, ring, max(engaged_s)) if engaged_s else None
-    window_s = _window_s(record.time_s, settled_s) if engaged_s else None
-    window = _within(record.time_s, window_s)
-    vehicles = _vehicle_results(record, motion, ring, formation, window)
-    settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
-    ring_result = RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
+    window_s, ring_result = _judged_ring(record.time_s, motion, ring, engaged_s)
+    vehicles = _vehicle_results(record, motion, ring, formation, window := _within(record.time_s, window_s))
     closest_m = _closest_approach_m(record)
     engagers = engagement(record, engages, each_engaged_s)
     return FlightResult(
@@ -79,6 +77,19 @@ def evaluate(
         ended=FlightEnding.of(record.endings),
         engagement=engagers,
     )
+
+
+def _judged_ring(
+    time_s: Vector, motion: RingMotion, ring: RingReference, engaged_s: list[float]
+) -> tuple[tuple[float, float] | None, RingResult]:
+    """Return the window of the ring metrics, None where none engaged, and the ring as a whole."""
+    if not engaged_s:
+        return None, RingResult()
+    settled_s = _settled_at_s(time_s, motion, ring, max(engaged_s))
+    window_s = _window_s(time_s, settled_s)
+    settling_time_s = None if settled_s is None else _grid_time(settled_s - max(engaged_s))
+    errors_deg = _spacing_errors_deg(motion, _within(time_s, window_s))
+    return window_s, RingResult(settling_time_s, *errors_deg, *_unsettled(time_s, motion, ring, max(engaged_s)))
 
 
 def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
@@ -108,6 +119,27 @@ def _settled_at_s(time_s: Vector, motion: RingMotion, ring: RingReference, last_
     valid = motion.measured & (time_s >= last_engaged_s - TIME_GRAIN_S)
     valid[: outside[-1] + 1 if outside.size else 0] = False
     return float(time_s[np.argmax(valid)]) if valid.any() else None
+
+
+def _unsettled(
+    time_s: Vector, motion: RingMotion, ring: RingReference, last_engaged_s: float
+) -> tuple[float | None, float | None]:
+    """Return when the ring had settled first, and when it left its limits last after that; None if it never did.
+
+    It counts as settled once it was within its limits for `SETTLED_FOR_S`.
+    """
+    off = off_ring(motion, ring)
+    known = (off | motion.measured) & (time_s >= last_engaged_s - TIME_GRAIN_S)
+    off, at_s = off[known], time_s[known]
+    changes = np.flatnonzero(np.diff(off)) + 1
+    begins, ends = np.append(0, changes), np.append(changes, off.size)
+    stays = [
+        (at_s[begin], at_s[end]) for begin, end in zip(begins, ends, strict=True) if end < off.size and not off[begin]
+    ]
+    settled_s = next((begin_s for begin_s, end_s in stays if end_s - begin_s >= SETTLED_FOR_S), None)
+    if settled_s is None:
+        return None, None
+    return _grid_time(float(settled_s)), _grid_time(float(stays[-1][1]))
 
 
 def _window_s(time_s: Vector, settled_s: float | None) -> tuple[float, float]:

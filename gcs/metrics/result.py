@@ -93,11 +93,17 @@ class VehicleResult:
 
 @dataclass(frozen=True, slots=True)
 class RingResult:
-    """The ring as a whole: time from the last engagement to settling, and the spacings between neighbours."""
+    """The ring as a whole: time from the last engagement to settling, and the spacings between neighbours.
+
+    `unsettled_at_s` is when a ring that had settled left its limits for the last time, None if it never did after the
+    last engagement; `first_settled_at_s` is when it had settled first, None without that.
+    """
 
     settling_time_s: float | None = None
     spacing_error_rms_deg: float | None = None
     spacing_error_max_deg: float | None = None
+    first_settled_at_s: float | None = None
+    unsettled_at_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from gcs.metrics.ending import named
 from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import FlightResult, reference_line
+from gcs.metrics.window import window_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
 
@@ -53,11 +54,15 @@ def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ..
         ),
     )
     entries = [VerdictEntry(name, meaning, held, _evidence(measured)) for name, meaning, held, measured in rows]
-    closest = result.closest_approach_m
-    apart = () if closest is None else ((f"{closest:.3f} m", f"at least {allowed.separation_m:g} m"),)
+    return (*entries, *_of_team(result, allowed.separation_m))
+
+
+def _of_team(result: FlightResult, separation_m: float) -> tuple[VerdictEntry, ...]:
+    """Return the verdicts that are no condition of the paper's."""
+    holds, closest = result.verdicts, result.closest_approach_m
+    apart = () if closest is None else ((f"{closest:.3f} m", f"at least {separation_m:g} m"),)
     engaged = engaged_line(result.engagement)
     return (
-        *entries,
         VerdictEntry("separation", "closest approach", holds.separation, apart),
         VerdictEntry("engaged", "who was to", holds.engaged, ((engaged, ""),) if engaged else ()),
     )
@@ -137,7 +142,6 @@ def _engaged(result: FlightResult) -> list[str]:
 def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
     if result.window_s is None:
         return []
-    settled = result.ring.settling_time_s
     radius_m = _worst(v.radius_error_rms_m for v in result.vehicles)
     largest_m = _worst(v.radius_error_max_m for v in result.vehicles)
     parts = []
@@ -145,11 +149,11 @@ def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
         parts.append(f"radius {radius_m:.3f} m rms ({largest_m:.2f} m max) of {criteria.ring.radius_m:g} m")
     if result.ring.spacing_error_rms_deg is not None:
         parts.append(f"spacing {result.ring.spacing_error_rms_deg:.2f}° rms")
-    if settled is None:
-        start = "The ring did not settle; errors in the last quarter of the flight"
-    else:
-        start = f"The ring settled {settled:.1f} s after the last engagement; errors from then on"
-    return [f"{start}: {', '.join(parts)}."] if parts else []
+    window = window_line(result)
+    errors = f"{window[:1].upper()}{window[1:]}"
+    settled = result.ring.settling_time_s
+    after = "" if settled is None else f" It settled {settled:.1f} s after the last engagement."
+    return [f"{errors}.{after} Errors: {', '.join(parts)}."] if parts else []
 
 
 def _estimate(result: FlightResult) -> list[str]:

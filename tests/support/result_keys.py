@@ -11,7 +11,7 @@ RESULT_KEYS = {
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
         "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"
     ),
-    "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg",
+    "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg first_settled_at_s unsettled_at_s",
     "transitions": (
         "begins_at_s members settling_time_s speed_max_m_s forwards_min_m_s acceleration_max_m_s2 "
         "spacing_overshoot_deg spacing_monotonic"

@@ -222,7 +222,7 @@ async def test_on_its_way_up_one_vehicle_is_told_to_land_and_another_is_killed(f
         await until(lambda: vehicles[2].mode is NavMode.LAND, 6.0)
         await _kill(team, 3, armed=(1, 2))
         outcomes = await team.outcomes()  # the mission needs everybody: vehicle 1 comes down without being told
-    assert [outcomes[i].ending for i in (1, 2, 3)] == [Ending.STOPPED, Ending.STOPPED, Ending.KILLED]
+    assert [outcomes[i].ending for i in (1, 2, 3)] == [Ending.FAILSAFE, Ending.STOPPED, Ending.KILLED]
     assert outcomes[3].flew
     assert not any(vehicle.armed for vehicle in vehicles.values())
 

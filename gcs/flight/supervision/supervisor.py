@@ -13,11 +13,16 @@ import sys
 import termios
 import time
 from contextlib import suppress
+from dataclasses import asdict
+from json import dumps
 
 from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, LoopMonitor
+from gcs.metrics.ending import FlightEnding, How
 from gcs.signals import relay
 
+OVERLOAD = 1.5
+"""The load average per core from which a computer counts as overloaded: half as many programs again as it has cores."""
 _CONSEQUENCE = (
     "their autopilots are on their own now: PX4 leaves offboard about 1 s after the last setpoint and does what"
     " COM_OBL_RC_ACT says, hold or land; ArduPilot stays at its last setpoint until its FS_GCS_ENABLE acts"
@@ -37,10 +42,11 @@ def is_supervised() -> bool:
     return HEARTBEAT_VARIABLE in os.environ
 
 
-def supervise() -> int:
+def supervise(*, json: bool = False) -> int:
     """Run this process's command line once more as the flying process; return the exit code of the whole.
 
-    Signals must be held back already. What goes wrong is written to standard error.
+    Signals must be held back already. What goes wrong is written to standard error; with `json`, how a flight ended
+    whose process did not live to say so is written to standard output.
     """
     for number in (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU):
         signal.signal(number, signal.SIG_IGN)  # a terminal must not stop a flight: Ctrl-Z does not make it hold
@@ -58,6 +64,9 @@ def supervise() -> int:
     lines = _report(flying.pid, code, silences_s, monitor)
     if not lines:
         return code
+    if json and code < 0 and monitor.flying:
+        with suppress(OSError):
+            os.write(sys.stdout.fileno(), f"{dumps({'ended': asdict(_ending(monitor, lines[1]))})}\n".encode())
     for line in (*terminal.restored(killed=code < 0), *lines):
         with suppress(OSError):  # the terminal may be gone
             os.write(sys.stderr.fileno(), f"{line}\n".encode())
@@ -109,7 +118,24 @@ def _report(process_id: int, code: int, silences_s: dict[int, float], monitor: L
     else:
         return []
     flying = ", ".join(map(str, monitor.flying))
-    return [reason, f"vehicle {flying}: {_CONSEQUENCE}" if flying else _CONSEQUENCE, _NEXT_STEP]
+    reason += overload(os.getloadavg()[0], os.cpu_count() or 1)
+    return [
+        _ending(monitor, reason).headline,
+        reason,
+        f"vehicle {flying}: {_CONSEQUENCE}" if flying else _CONSEQUENCE,
+        _NEXT_STEP,
+    ]
+
+
+def _ending(monitor: LoopMonitor, reason: str) -> FlightEnding:
+    return FlightEnding(How.WATCHDOG, f"{reason[:1].upper()}{reason[1:]}.", monitor.flying)
+
+
+def overload(load: float, cores: int) -> str:
+    """Return a clause that names an overloaded computer, by its load average over a minute; empty if it was none."""
+    if load <= OVERLOAD * cores:
+        return ""
+    return f"; this computer was overloaded (load {load:.1f} on {cores} cores): fly slower, or end other programs"
 
 
 class _Terminal:

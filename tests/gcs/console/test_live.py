@@ -330,10 +330,11 @@ def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
         ["✗", "separation", "closest approach 1.370 m"],
     ]
     assert lines[7].split() == ["–", "engaged"]
-    assert lines[11].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
-    assert lines[12].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
-    assert lines[16].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
-    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[18]
+    assert lines[8].strip() == "ring judged over 309.1 s, from 290.9 to 600.0 s: from settling to the end"
+    assert lines[12].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
+    assert lines[13].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
+    assert lines[17].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
+    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[19]
 
 
 def test_the_summary_names_the_reference_and_the_figures_beside_it() -> None:

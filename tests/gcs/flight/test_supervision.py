@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from gcs.flight.supervision import supervisor
 from gcs.flight.supervision.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartbeat
 from gcs.flight.supervision.protocol import (
     ALIVE,
@@ -89,6 +90,31 @@ def test_heartbeats_may_arrive_in_pieces() -> None:
 def test_what_is_no_heartbeat_is_an_error() -> None:
     with pytest.raises(ValueError, match="99"):
         LoopMonitor().receive(bytes([99, 1, 0, 0]))
+
+
+# What it says of a flight that it ended
+
+
+def silent(*vehicle_ids: int) -> LoopMonitor:
+    monitor = LoopMonitor()
+    monitor.receive(b"".join(map(tick, vehicle_ids)))
+    return monitor
+
+
+@pytest.mark.parametrize(("load", "overloaded"), [(1.9, False), (3.0, False), (6.2, True)])
+def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0))
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    headline, reason, *_ = supervisor._report(77, -9, {1: 0.6, 2: 0.7}, silent(1, 2))
+    assert headline == "Ended by the watchdog: vehicles 1 and 2"
+    assert reason.startswith(
+        "no tick of the control loop of vehicle 1 for 0.6 s, vehicle 2 for 0.7 s: the flying process 77"
+    )
+    assert ("overloaded (load 6.2 on 2 cores)" in reason) is overloaded
+
+
+def test_a_flight_that_ended_as_it_should_has_no_words_of_the_watchdog() -> None:
+    assert supervisor._report(77, 0, {}, LoopMonitor()) == []
 
 
 # The flying process's end

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.state import Vector
-from gcs.metrics.metrics import engagement_times_s, evaluate
+from gcs.metrics.metrics import SETTLED_FOR_S, engagement_times_s, evaluate
 from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
 from gcs.metrics.result import (
     FlightResult,
@@ -24,6 +24,8 @@ from gcs.metrics.result import (
     VerdictTolerances,
 )
 from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.window import window_line
+from tests.support.result_keys import RESULT_KEYS
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -283,7 +285,7 @@ def test_where_nobody_engages_the_ring_metrics_are_null() -> None:
     result = judged(line(1), line(2))
     plain = result.to_dict()
     assert plain["window_s"] is None
-    assert plain["ring"] == dict.fromkeys(("settling_time_s", "spacing_error_rms_deg", "spacing_error_max_deg"))
+    assert plain["ring"] == dict.fromkeys(RESULT_KEYS["ring"].split())
     assert (result.verdicts.c1, result.verdicts.c2, result.verdicts.c3) == (None, None, None)
     assert result.verdicts.formation is True
     assert result.vehicles[0].radius_error_rms_m is None
@@ -535,7 +537,7 @@ def test_json_has_the_documented_keys_in_their_order() -> None:
         "cohesion_mean_m",
         "cohesion_max_m",
     ]
-    assert list(told["ring"]) == ["settling_time_s", "spacing_error_rms_deg", "spacing_error_max_deg"]
+    assert list(told["ring"]) == RESULT_KEYS["ring"].split()
     assert told["loop"] == {
         "rate_hz": 10.0,
         "ticks": 18000,
@@ -685,3 +687,46 @@ def test_a_target_that_nothing_simulates_is_drawn_where_the_vehicles_see_it() ->
     np.testing.assert_allclose(flown.target_path_m, TARGET_M, atol=1e-9)
     np.testing.assert_array_equal(record(*seen).target_path_m, TARGET_M)
     assert evaluate(flown, RING, FORMATION, TOLERANCES).vehicles[0].radius_error_max_m == pytest.approx(0.3, rel=0.1)
+
+
+# --- the window ---
+
+
+def off_between(*spans_s: tuple[float, float]) -> list[VehicleTrack]:
+    """Three on a ring, of which the first is a metre off its radius during these spans."""
+    off = np.any([(begin_s <= TIME_S) & (end_s > TIME_S) for begin_s, end_s in spans_s], axis=0)
+    return [orbit(1, 0.0, radius_m=np.where(off, 11.0, 10.0)), *ring_of_three()[1:]]
+
+
+def test_a_ring_that_unsettled_late_is_told_as_that() -> None:
+    """The same flight was: settled after 575 s, judged over the last 25 s."""
+    result = judged(*off_between((0.0, 20.0), (560.0, 575.0)))
+    assert result.window_s == (575.0, 600.0)
+    assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (20.0, 560.0)
+    assert window_line(result) == (
+        "ring judged over only 25.0 s, from 575.0 to 600.0 s: "
+        "it settled at 20.0 s and unsettled at 560.0 s, settled again at 575.0 s"
+    )
+
+
+def test_a_ring_that_unsettled_for_good_is_told_as_that() -> None:
+    result = judged(*off_between((0.0, 20.0), (300.0, 305.0), (590.0, 601.0)))
+    assert result.ring.settling_time_s is None
+    assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (20.0, 590.0)
+    assert window_line(result).endswith("it settled at 20.0 s and unsettled at 590.0 s, not again: the last quarter")
+
+
+def test_a_ring_that_settled_once_or_never_left_nothing() -> None:
+    settled, never = judged(*off_between((0.0, 20.0))), judged(*off_between((0.0, 601.0)))
+    briefly = judged(*off_between((0.0, 20.0), (20.0 + SETTLED_FOR_S - 1.0, 100.0)))
+    for result in (settled, never, briefly):
+        assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (None, None)
+    assert window_line(settled) == "ring judged over 580.0 s, from 20.0 to 600.0 s: from settling to the end"
+    assert window_line(never) == "ring judged over 150.0 s, from 450.0 to 600.0 s: did not settle: the last quarter"
+    assert window_line(judged(line(1), line(2))) == ""
+
+
+def test_a_gap_in_the_data_settles_nothing() -> None:
+    tracks = off_between((0.0, 20.0), (40.0, 60.0))
+    assert judged(*tracks).ring.unsettled_at_s == 40.0
+    assert judged(tracks[0], silenced(tracks[1], 15.0, 40.0), tracks[2]).ring.unsettled_at_s is None
