@@ -1,7 +1,8 @@
 """Measure what each vehicle of a team sends to its peers: messages and bytes a second, on one ring and in formation.
 
 All vehicles see the target; in formation they are 5 m apart, and noise and plants are those of membership.py. What they
-send counts once the team has settled. The bytes are those of the messages, which Zenoh and the network add to.
+send counts once the team has settled. The bytes are those of the messages, which Zenoh and the network add to. Each
+observer is sent a report a second of each vehicle as well; the share is that with one observer.
 """
 
 import sys
@@ -11,6 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.outputs import TickOutput
+from agents.shell.reporter import target_report
+from agents.team.codec import encode
+from agents.team.messages import VehicleReport
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
@@ -33,14 +37,23 @@ def formation(count: int) -> Mission:
     return parsed(mission)
 
 
-def traffic(mission: Mission, duration_s: float) -> tuple[float, float, float]:
-    """Return a vehicle's messages and bytes a second, and the bytes of the largest message."""
+def report_size(output: TickOutput) -> int:
+    """Return the bytes of the report that goes with a tick."""
+    target = target_report(output.status)
+    known = (True, True, 0.05, 1.234, 0.712, 1234.0, 3, 14, "good", 1.7e9, 600.0, "", target)
+    return len(encode(VehicleReport(output.status.vehicle_id, 1.7e9, "offboard", *known)))
+
+
+def traffic(mission: Mission, duration_s: float) -> tuple[float, float, float, float]:
+    """Return a vehicle's messages and bytes a second, the bytes of the largest message, and those of a report."""
     sizes: Counter[int] = Counter()
-    rate_hz = mission.mission.rate_hz
+    rate_hz, report = mission.mission.rate_hz, 0
 
     def observe(tick: int, _vehicle: int, output: TickOutput) -> None:
+        nonlocal report
         if tick >= SETTLED_S * rate_hz:
             sizes.update(len(message.payload) for message in output.messages)
+            report = max(report, report_size(output))
 
     simulate(
         simulated_vehicles(mission, 0),
@@ -52,18 +65,23 @@ def traffic(mission: Mission, duration_s: float) -> tuple[float, float, float]:
         progress=lambda _: None,
     )
     seconds = len(mission.vehicles) * (duration_s - SETTLED_S)
-    return sizes.total() / seconds, sum(size * times for size, times in sizes.items()) / seconds, max(sizes)
+    bytes_s = sum(size * times for size, times in sizes.items()) / seconds
+    return sizes.total() / seconds, bytes_s, max(sizes), report
 
 
 def main(counts: Sequence[int], duration_s: float) -> int:
     """Print the table."""
-    print("| | vehicles | messages a second of each | bytes a second of each | largest | of all, share of 57600 baud |")
-    print("|---|---|---|---|---|---|")
+    print(
+        "| | vehicles | messages a second of each | bytes a second of each | largest | report | "
+        "of all, share of 57600 baud |"
+    )
+    print("|---|---|---|---|---|---|---|")
     for name, mission in (("ring", ring), ("formation", formation)):
         for count in counts:
-            messages_hz, bytes_s, largest = traffic(mission(count), duration_s)
-            share = count * bytes_s / RADIO_BYTES_S
-            print(f"| {name} | {count} | {messages_hz:.1f} | {bytes_s:.0f} | {largest} | {share:.0%} |", flush=True)
+            messages_hz, bytes_s, largest, report = traffic(mission(count), duration_s)
+            share = count * (bytes_s + report) / RADIO_BYTES_S
+            row = (name, count, f"{messages_hz:.1f}", f"{bytes_s:.0f}", largest, report, f"{share:.0%}")
+            print(f"| {' | '.join(map(str, row))} |", flush=True)
     return 0
 
 

@@ -26,7 +26,8 @@ from gcs.flightlog.records import Decision
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.station.live_team import LiveTeam
-from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.recorded_flight import recorded_flight
 from sitl.autopilot.modes import NavMode
 from sitl.server.process import unix_clock
 from sitl.server.server import Stub, serve
@@ -246,6 +247,7 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
         await until(lambda: "no flight" in scene.team.link, 3.0, "the flight is over")
     assert not scene.faults, (len(scene.faults), scene.compared, scene.faults[:20])
     compare_with_log(scene, read_log(log_path))
+    compare_with_replay(scene, recorded_flight(read_log(log_path)))
     texts = {(each.vehicle_id, each.text) for each in scene.events}
     for vehicle_id in (1, 2, 3):
         for text in ("connected, tactic standby", "encircle -> return and land", "flight ended: completed"):
@@ -274,6 +276,23 @@ def compare_with_log(scene: Scene, log: FlightLog) -> None:
             compare_with_decisions(shown, recent)
             compared += 1
     assert compared > 30
+
+
+def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
+    """Compare what the page replays with what it showed in flight at that time of the mission."""
+    assert replayed.teams[-1].ending == "Landed and disarmed"
+    by_time = {round(team.time_s or 0.0, 1): team for team in replayed.teams if team.time_s is not None}
+    compared = 0
+    for team in (each for each in scene.teams if each.ring_members == 3 and each.time_s is not None):
+        again = by_time.get(round(team.time_s or 0.0, 1))
+        for live, later in zip(team.vehicles, again.vehicles if again else (), strict=False):
+            compared += 1
+            assert (live.vehicle_id, live.tactic) == (later.vehicle_id, later.tactic)
+            for name in ("mode", "satellites", "gps_fix", "estimator", "alert", "is_stale"):
+                assert getattr(live, name) == getattr(later, name), name
+            assert abs((live.battery or 0.0) - (later.battery or 0.0)) <= 0.011
+            assert dist(live.position_m or (), later.position_m or ()) < 1.0
+    assert compared > 60
 
 
 def compare_with_decisions(shown: VehiclePicture, recent: Sequence[Any]) -> None:

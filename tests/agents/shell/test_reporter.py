@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.outputs import CoreStatus
-from agents.ports import GpsThreat, VehicleStatus
+from agents.ports import FlightMode, GpsThreat, VehicleStatus
 from agents.shell.life import Phase
 from agents.shell.outcome import Ending, Outcome
 from agents.shell.reporter import ended_words, estimator_words, target_report
@@ -117,6 +117,25 @@ def test_a_mode_and_an_end_are_reported_at_once() -> None:
         await asyncio.sleep(0.25)
         assert listener.newest.ended == "killed: an operator had its motors cut", "what ends is said without a wait"
         assert not listener.newest.armed
+        await flight.outcome()
+
+    run_simulated(main())
+
+
+def test_an_end_is_reported_at_once_where_nothing_else_changes() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        listener = Listener(flight)
+        await flight.begin(60.0)
+        await flight.until(Phase.FLYING)
+        flight.link.change(mode=FlightMode.HOLD)
+        await flight.until(Phase.PILOT_OVERRIDE)
+        await asyncio.sleep(2.5)
+        assert (listener.newest.mode, listener.newest.ended) == ("hold", "")
+        flight.stop.ask()
+        flight.stop.ask()
+        await flight.until(Phase.ENDED)
+        assert listener.newest.ended.startswith("stood down: the flight mode became 'hold'")
         await flight.outcome()
 
     run_simulated(main())

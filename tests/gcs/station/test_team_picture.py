@@ -185,6 +185,8 @@ def test_a_vehicle_whose_link_is_cut_is_stale_at_once_though_its_agent_speaks() 
     assert shown.link_age_s == pytest.approx(1.4)
     page.hears(2.6, state(1, START_S + 1.6, alert=Condition.TELEMETRY_STALE.value))
     assert page.vehicle(1, 2.6).alert == "telemetry stale"
+    page.hears(2.7, state(1, START_S + 1.7, alert=Condition.BUS_FLOODED.value))
+    assert page.vehicle(1, 2.7).severity == "alarm", "whatever else it warns of"
     page.hears(3.0, state(1, START_S + 2.0), report(1, START_S + 2.0))
     assert not page.vehicle(1, 3.0).is_stale
     link = [(each.text, each.severity) for each in page.events if "link" in each.text]
@@ -205,8 +207,8 @@ def test_alerts_have_advice_and_severity_and_disappear() -> None:
 
 def test_how_flights_end_and_how_the_next_one_begins() -> None:
     page = Page()
-    for vehicle_id in (1, 2, 3):
-        page.hears(1.0, state(vehicle_id, START_S, (4.0 * vehicle_id, 0.0)), report(vehicle_id, START_S))
+    for vehicle_id, x_m in ((1, 4.0), (2, 8.0), (3, 9.0)):
+        page.hears(1.0, state(vehicle_id, START_S, (x_m, 0.0)), report(vehicle_id, START_S))
     page.hears(1.5, report(3, START_S + 0.5, ended="killed: an operator had its motors cut"))
     team = page.team(1.6)
     assert [each.has_ended for each in team.vehicles] == [False, False, True]
