@@ -16,6 +16,7 @@ from agents.notes import Notes
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Connection, Setpoint, VehicleStatus
+from agents.safety.descent import Descent
 from agents.safety.failsafe import POSITION_ALERTS, Condition
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
@@ -73,6 +74,7 @@ class VehicleCore:
         self._yaw = Yaw(config)
         self._altitude = Altitude(config)
         self._tactic = Tactic.STANDBY
+        self.descent: Descent | None = None  # why it comes down, before its mission's end
         self._layer_m = config.take_off_altitude_m
         self._start_s = inf
         self._formed_s: float | None = None
@@ -100,9 +102,8 @@ class VehicleCore:
     def _carry_out(self, now_s: float) -> None:
         """Carry out the operator's order that has become due: an abort that has hovered for long enough."""
         self._now_s = now_s
-        event = self._orders.due(self._tactic, now_s)
-        if event is not None:
-            self._change(event)
+        if (event := self._orders.due(self._tactic, now_s)) is not None:
+            self._change(event, descent=Descent(verb="abort"))
 
     def _estimate(self, now_s: float) -> Situation | None:
         """Estimate: what is known of the team, the target and the vehicle itself; None before any telemetry."""
@@ -125,7 +126,7 @@ class VehicleCore:
         for text in self._failsafe.news():
             self._notes.add(situation.now_s, "failsafe", text)
         if event is not None:
-            self._change(event)
+            self._change(event, descent=Descent(self.alert))
         self._follow_mission(situation)
         self._layer_m = self._chosen_layer_m(situation)
         return Task(self._tactic, situation, self._layer_m)
@@ -144,8 +145,7 @@ class VehicleCore:
         guarded = Guarded(aim_m)
         if task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE):
             guarded = self._kept_apart(situation, aim_m)
-        news = self._interventions.news(situation.now_s, aim_m, guarded)
-        if news is not None:
+        if (news := self._interventions.news(situation.now_s, aim_m, guarded)) is not None:
             self._notes.add(situation.now_s, "guard", *news)
         self._fault_detector.unsolved = plan.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         return guarded
@@ -228,8 +228,8 @@ class VehicleCore:
                 return config.altitude_m
         return self._layer_m
 
-    def _change(self, event: Event, because: str = "") -> None:
-        """Change the tactic as the table says, unless a failsafe refuses to resume."""
+    def _change(self, event: Event, because: str = "", descent: Descent | None = None) -> None:
+        """Change the tactic as the table says, unless a failsafe refuses to resume; `descent` is why it comes down."""
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
             self._notes.add(self._now_s, "failsafe", f"resume refused: {reason}")
             return
@@ -239,6 +239,7 @@ class VehicleCore:
             return
         self._notes.add(self._now_s, "tactic", f"{self._tactic.value} -> {after.value}: {event.value}", because)
         self._tactic = after
+        self.descent = (self.descent or descent) if after in (Tactic.RETURN_AND_LAND, Tactic.LAND) else None
         if event is Event.RESUME:
             self._failsafe.resume()
         if event is Event.PILOT_TOOK_OVER:
@@ -372,9 +373,8 @@ class VehicleCore:
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
-        event = self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume())
-        if event is not None:
-            self._change(event)
+        if (event := self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume())) is not None:
+            self._change(event, descent=Descent(verb=command.verb, origin=command.origin))
         if self._orders.reshaping is not None:
             self._reshape(self._orders.reshaping)
 

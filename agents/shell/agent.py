@@ -11,7 +11,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
-from agents.shell.outcome import Ending, LoopReport, Outcome, Stop
+from agents.shell.outcome import Ending, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.parts import AgentParts
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
@@ -23,7 +23,6 @@ ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats come once a second: after this, an arming that was under way has been reported."""
 HOLD_BEFORE_LANDING_S = 3.0
 
-_STOPPED = Outcome(Ending.STOPPED, "the operator ended the flight")
 _KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "find it, and see to it before it flies again")
 _FAILED = Outcome(Ending.FAILED)
 _ALL_BUT_KILL = tuple(kind for kind in Kind if kind is not Kind.KILL)
@@ -338,8 +337,9 @@ class Agent:
         self._outcome = outcome
 
     def _report_land_decision(self) -> None:
-        why = f"failsafe: {self._core.alert}" if self._core.alert else "it was told to land"
-        self._report(Outcome(Ending.STOPPED, why))
+        """Report why the vehicle came down: without a reason of its own the mission was over."""
+        descent = self._core.descent
+        self._report(Outcome(Ending.COMPLETED) if descent is None else outcome_of(descent))
 
     def _report_refusal(self) -> None:
         if self._refusal is not None:
@@ -370,8 +370,8 @@ class Agent:
             Action.STOP_OFFBOARD: self._stop_offboard,
             Action.LAND: self._land,
             Action.CUT_MOTORS: self._cut_motors,
-            Action.REPORT_COMPLETED: lambda: self._report(Outcome(Ending.COMPLETED)),
-            Action.REPORT_STOPPED: lambda: self._report(_STOPPED),
+            Action.REPORT_COMPLETED: self._report_land_decision,
+            Action.REPORT_STOPPED: lambda: self._report(self._stop.outcome),
             Action.REPORT_LAND_DECISION: self._report_land_decision,
             Action.REPORT_REFUSAL: self._report_refusal,
             Action.REPORT_OVERRIDE: self._report_override,

@@ -117,6 +117,7 @@ _CHECK_HURRIED: Transition = (
     (Action.REPORT_STOPPED, Action.END_MISSION, Action.CHECK_ARMED),
 )
 _ABANDON_STOPPED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_STOPPED, Action.ABANDON_TAKE_OFF))
+_ABANDON_DECIDED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_LAND_DECISION, Action.ABANDON_TAKE_OFF))
 _ABANDON: Transition = (Phase.CHECKING_ARMED, (Action.ABANDON_TAKE_OFF,))
 _RETURN_STOPPED: Transition = (Phase.RETURNING, (Action.REPORT_STOPPED, Action.END_MISSION))
 # The pilot has the vehicle.
@@ -145,7 +146,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.TAKE_OFF, LifeEvent.TAKE_OFF_DONE): (Phase.HOVERING, (Action.START_CONTROL,)),
     (Phase.TAKE_OFF, LifeEvent.TAKE_OFF_REFUSED): _CHECK_REFUSED,
     (Phase.TAKE_OFF, LifeEvent.OPERATOR_STOP): _ABANDON_STOPPED,
-    (Phase.TAKE_OFF, LifeEvent.LAND_DECIDED): _ABANDON_STOPPED,
+    (Phase.TAKE_OFF, LifeEvent.LAND_DECIDED): _ABANDON_DECIDED,
     (Phase.TAKE_OFF, LifeEvent.KILL): _KILL,
     (Phase.TAKE_OFF, LifeEvent.FAULT): _ABANDON,
     (Phase.TAKE_OFF, LifeEvent.ABORTED): _ABANDON,

@@ -4,12 +4,21 @@ import asyncio
 from dataclasses import dataclass
 from enum import Enum
 
+from agents.safety.descent import Descent
+from agents.safety.failsafe import Condition
+
 
 class Ending(Enum):
     """How an agent's flight ended."""
 
     COMPLETED = "completed"
     STOPPED = "stopped"
+    """By the operator: the end of the flight, a landing or a return."""
+    ABORTED = "aborted"
+    BATTERY = "battery"
+    FAILSAFE = "failsafe"
+    ORPHANED = "orphaned"
+    """Its supervisor was gone: it held and landed."""
     REFUSED = "refused"
     KILLED = "killed"
     PILOT_OVERRIDE = "stood down"
@@ -26,15 +35,30 @@ class Outcome:
     flew: bool = False
 
 
+BY_OPERATOR = Outcome(Ending.STOPPED, "the operator ended the flight")
+_BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BATTERY_CRITICAL, Condition.NO_WAY_HOME))
+
+
+def outcome_of(descent: Descent) -> Outcome:
+    """Return the outcome of a vehicle that came down before its mission's end."""
+    if descent.verb:
+        return Outcome(Ending.ABORTED if descent.verb == "abort" else Ending.STOPPED, descent.reason)
+    return Outcome(Ending.BATTERY if descent.condition in _BATTERY else Ending.FAILSAFE, descent.reason)
+
+
 class Stop:
-    """The operator's request to stop: vehicles hold, return and land; at the second request they land at once."""
+    """The request to stop: vehicles hold, return and land; at the second request they land at once."""
 
     def __init__(self) -> None:
         self.wanted = asyncio.Event()
         self.hurried = asyncio.Event()
+        self.outcome = BY_OPERATOR
+        """That of the vehicles which are stopped: the first request's."""
 
-    def ask(self) -> None:
+    def ask(self, outcome: Outcome = BY_OPERATOR) -> None:
         """Request the stop, or the landing at once if the stop was requested before."""
+        if not self.wanted.is_set():
+            self.outcome = outcome
         (self.hurried if self.wanted.is_set() else self.wanted).set()
 
 

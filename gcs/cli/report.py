@@ -92,6 +92,8 @@ def _compare_flights(first: Sequence[Path], second: Path, options: ReportOptions
     if options.json:
         print_result(dumps({"flights": [result.to_dict() for result in results]}, allow_nan=False))
     whole = not any(flight.is_damaged for flight in flights)
+    if any(result.ended_early for result in results):
+        return Exit.ENDED_IN_FLIGHT
     return Exit.HOLDS if whole and all(result.all_hold for result in results) else Exit.VERDICT_FAILED
 
 

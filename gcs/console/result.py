@@ -18,5 +18,7 @@ def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
 
 
 def verdict_of(result: FlightResult) -> Exit:
-    """Return the exit code of a flight that was flown to its end."""
+    """Return the exit code of a flight: how it ended comes before its verdicts."""
+    if result.ended_early:
+        return Exit.ENDED_IN_FLIGHT
     return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED

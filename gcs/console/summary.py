@@ -1,4 +1,4 @@
-"""Terminal output of a result: verdicts with their measurements, and a table of the vehicles."""
+"""Terminal output of a result: how the flight ended, verdicts with their measurements, and a table of the vehicles."""
 
 from collections.abc import Sequence
 
@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.live import TACTIC_STYLES, number
+from gcs.metrics.ending import FlightEnding
 from gcs.metrics.result import EstimateResult, FlightResult, VehicleResult, reference_line
 from gcs.metrics.reynolds_view import reynolds_grid
 
@@ -25,9 +26,10 @@ VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
 
 
 def summary(result: FlightResult) -> RenderableType:
-    """Return a flight's result for a terminal: verdicts with their measurements, and a table of the vehicles."""
+    """Return a flight's result for a terminal: how it ended, verdicts with measurements, a table of the vehicles."""
     flocking = reynolds_grid(result.reynolds)
     return Group(
+        *(() if result.ended is None else (_ending(result.ended),)),
         _headline(result),
         _verdict_table(result),
         Text(),
@@ -36,6 +38,13 @@ def summary(result: FlightResult) -> RenderableType:
         *(() if flocking is None else (Text(), flocking, Text())),
         _loop_line(result),
     )
+
+
+def _ending(ended: FlightEnding) -> Text:
+    """Return how the flight ended; the reason stands below where it is not that the mission was over."""
+    if not ended.is_early:
+        return Text(ended.headline, style="bold green")
+    return Text.assemble((f"✗ {ended.headline}", "bold red"), f"\n{ended.reason}")
 
 
 def _headline(result: FlightResult) -> Text:

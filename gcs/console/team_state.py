@@ -82,6 +82,10 @@ class TeamState:
             case _:
                 pass
 
+    def end(self, vehicle_id: int) -> None:
+        """Take that a vehicle's flight has ended: that it falls silent is no event."""
+        self._latest.pop(vehicle_id, None)
+
     def rows(self, now_s: float) -> list[WatchRow]:
         """Return a row for each vehicle of the mission."""
         return [self._row(each, now_s) for each in sorted(self.vehicle_ids)]

@@ -9,7 +9,7 @@ from time import perf_counter
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
-from agents.shell.outcome import Ending, Outcome, Stop
+from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
@@ -28,6 +28,7 @@ from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
 
 _UNSUPERVISED = Unsupervised()
+_ORPHANED = Outcome(Ending.ORPHANED, "the flight's supervisor was gone")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,9 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
         claims = stack.enter_context(flight_claims(plan.mission, plan.vehicles, stubs=plan.stubs))
-        supervisor.relay(lambda: loop.call_soon_threadsafe(team.stop.ask))
+        supervisor.relay(
+            lambda: loop.call_soon_threadsafe(team.stop.ask, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
+        )
         stubs = await stack.enter_async_context(flight_stubs)
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
@@ -88,8 +91,8 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         hint = await command_by_keyboard(team, stack)
         outcomes = await _fly_members(team, Watch(team, report, hint))
         wall_time_s = perf_counter() - began_s
-    record = team.record(stubs.record, wall_time_s)
-    team.complete(stubs.record, record)
+    record = team.record(stubs.record, wall_time_s, outcomes)
+    team.complete(stubs.record, record, outcomes)
     reached = clock.speed if stubs.record is None else stubs.record.speed_reached
     return Flight(outcomes, record, clock.speed, reached)
 
@@ -143,9 +146,10 @@ async def _fly_member(team: Team, member: Member) -> Outcome:
         outcome = await member.agent.fly(team.plan.duration_s, team.stop)
     except Exception as error:  # a bug in one agent must not take the others out of the air uncontrolled
         traceback.print_exc()
-        team.stop.ask()
+        team.stop.ask(Outcome(Ending.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
         return Outcome(Ending.FAILED, f"{type(error).__name__}: {error}", "report this with the text above", flew=True)
     never_began = member.agent.start_s is None and not team.stop.wanted.is_set()
     if never_began or (outcome.ending is Ending.REFUSED and not outcome.flew):
-        team.stop.ask()  # the mission needs every vehicle: those in the air land again
+        # The mission needs every vehicle: those in the air land again.
+        team.stop.ask(Outcome(Ending.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
     return outcome

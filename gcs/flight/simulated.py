@@ -11,6 +11,7 @@ from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY
+from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
@@ -21,6 +22,8 @@ from sitl.vehicle.imperfections import Imperfections
 
 if TYPE_CHECKING:
     from gcs.flightlog.simulation import SimulationRecording
+
+_COMES_DOWN = (Tactic.RETURN_AND_LAND, Tactic.LAND)
 
 
 def fly_simulated(
@@ -55,27 +58,36 @@ def fly_simulated(
     )
     wall_time_s = perf_counter() - began_s
     if recording is not None:
-        recording.end(mission.ids, flight, wall_time_s)
+        recording.end(observed.endings(mission.ids), flight, wall_time_s)
     return _record(mission, seed, flight, observed, wall_time_s)
 
 
 class _Observed:
-    """What is noted of the vehicles' decisions: tactics (T, N), events, and what the guard did."""
+    """What is noted of the vehicles' decisions: tactics (T, N), events, what the guard did, and the latest status."""
 
     def __init__(self, ticks: int, vehicles: int) -> None:
         self.tactics = np.full((ticks, vehicles), "unknown", dtype="<U16")
         self.events: list[FlightEvent] = []
         self.guard = GuardTally()
-        self._latest: list[Tactic | None] = [None] * vehicles
+        self._latest: list[CoreStatus | None] = [None] * vehicles
 
     def note(self, tick: int, vehicle: int, status: CoreStatus) -> None:
         """Note one tick of one vehicle; its tactic holds until another one is noted."""
-        if status.tactic is not self._latest[vehicle]:
-            self._latest[vehicle] = status.tactic
+        latest, self._latest[vehicle] = self._latest[vehicle], status
+        if latest is None or status.tactic is not latest.tactic:
             self.tactics[tick:, vehicle] = status.tactic.value
         self.guard.note(status.guarded)
         if status.notes:
             self.events += [FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes]
+
+    def endings(self, vehicle_ids: Sequence[int]) -> tuple[VehicleEnding, ...]:
+        """Return how the flights ended: in the air with the simulation, or before that by a failsafe's landing."""
+        return tuple(
+            VehicleEnding(vehicle_id, How.FAILSAFE, status.alert)
+            if status is not None and status.alert and status.tactic in _COMES_DOWN
+            else VehicleEnding(vehicle_id, How.SIMULATED, "in the air when the simulation ended")
+            for vehicle_id, status in zip(vehicle_ids, self._latest, strict=True)
+        )
 
 
 def simulated_vehicles(
@@ -164,4 +176,5 @@ def _record(
         wall_time_s=wall_time_s,
         guard=observed.guard,
         events=in_order(observed.events),
+        endings=observed.endings(mission.ids),
     )

@@ -9,7 +9,7 @@ from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
-from agents.shell.outcome import Stop
+from agents.shell.outcome import Ending, Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.team.perception import Perception
 from gcs.console.live import LiveView
@@ -22,12 +22,26 @@ from gcs.keys.team_keys import TeamKeys
 from gcs.link.config import LinkConfig
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
+from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
 from gcs.preflight.findings import Finding
 from gcs.preflight.link_facts import CheckedLink
 from sitl.server.server import StubRecord, TruthTrack
+
+_HOW = {
+    Ending.COMPLETED: How.LANDED,
+    Ending.STOPPED: How.OPERATOR,
+    Ending.ABORTED: How.ABORTED,
+    Ending.BATTERY: How.BATTERY,
+    Ending.FAILSAFE: How.FAILSAFE,
+    Ending.ORPHANED: How.WATCHDOG,
+    Ending.REFUSED: How.REFUSED,
+    Ending.KILLED: How.KILLED,
+    Ending.PILOT_OVERRIDE: How.PILOT,
+    Ending.FAILED: How.ERROR,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +162,9 @@ class Team:
             self.recording.meet(each)
         return self.plan.findings(facts)
 
-    def record(self, stubs: StubRecord | None, wall_time_s: float) -> FlightRecord | None:
+    def record(
+        self, stubs: StubRecord | None, wall_time_s: float, outcomes: Mapping[int, Outcome]
+    ) -> FlightRecord | None:
         """Return the record of the mission, None if it never began."""
         start_s = self.start_s
         if start_s is None or not self.journal.latest:
@@ -163,6 +179,7 @@ class Team:
             sum(loop.missed for loop in loops),
             wall_time_s,
             self._received_truth() if stubs is None else stubs.tracks,
+            endings=tuple(ending_of(vehicle_id, outcome) for vehicle_id, outcome in outcomes.items()),
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
 
@@ -173,16 +190,23 @@ class Team:
             TruthTrack.of(each, truth.samples) for each, truth in truths if truth is not None and truth.samples
         )
 
-    def complete(self, stubs: StubRecord | None, record: FlightRecord | None) -> None:
+    def complete(self, stubs: StubRecord | None, record: FlightRecord | None, outcomes: Mapping[int, Outcome]) -> None:
         """Add to the log what is known once the flight is over."""
         true = {} if stubs is None else {track.vehicle_id: track for track in stubs.tracks}  # by system id
         for member in self.members:
             loop = member.agent.loop
-            self.recording.end_vehicle(member.vehicle.id, VehicleEnd(loop.ticks, loop.missed, member.agent.ended_s))
+            ending = ending_of(member.vehicle.id, outcomes[member.vehicle.id])
+            end = VehicleEnd(loop.ticks, loop.missed, member.agent.ended_s, ending.how.value, ending.reason)
+            self.recording.end_vehicle(member.vehicle.id, end)
             if member.vehicle.system_id in true:
                 self.recording.reveal(member.vehicle.id, true[member.vehicle.system_id])
         if record is not None:
             self.recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))
+
+
+def ending_of(vehicle_id: int, outcome: Outcome) -> VehicleEnding:
+    """Return how a vehicle's flight ended, from the outcome of its agent."""
+    return VehicleEnding(vehicle_id, _HOW[outcome.ending], outcome.reason or "landed and disarmed")
 
 
 def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:

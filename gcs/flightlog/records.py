@@ -216,11 +216,16 @@ class Truth(msgspec.Struct, frozen=True):
 
 
 class VehicleEnd(msgspec.Struct, frozen=True):
-    """How a vehicle's control loop fared as a whole, and when its mission ended and the way down began."""
+    """How a vehicle's control loop fared as a whole, when its mission ended and the way down began, how and why.
+
+    `how` is a word of `gcs.metrics.ending.How`, empty in older logs.
+    """
 
     ticks: int
     missed: int
     ended_s: float | None
+    how: str = ""
+    reason: str = ""
 
 
 class RunEnd(msgspec.Struct, frozen=True):

@@ -8,6 +8,7 @@ from agents.tape import TapedCore
 from gcs.flightlog.recorder import Recorder, VehicleTape
 from gcs.flightlog.records import Cost, Run, RunEnd, Truth, VehicleEnd
 from gcs.flightlog.writer import LogWriter
+from gcs.metrics.ending import VehicleEnding
 from sitl.simulation.simulation import SimulatedFlight
 
 DRAIN_PERIOD_S = 1.0
@@ -36,17 +37,17 @@ class SimulationRecording:
             self._drained_s = now_s
             self._recorder.drain()
 
-    def end(self, vehicles: Sequence[int], flight: SimulatedFlight, wall_time_s: float) -> None:
-        """Add the truth, and what each tick took."""
+    def end(self, endings: Sequence[VehicleEnding], flight: SimulatedFlight, wall_time_s: float) -> None:
+        """Add the truth, what each tick took, and how each vehicle's flight ended, in the order of the flight."""
         ticks = flight.time_s.size
-        for column, vehicle_id in enumerate(vehicles):
-            tape, times_s = self._tapes[vehicle_id], flight.time_s.tolist()
+        for column, ending in enumerate(endings):
+            tape, times_s = self._tapes[ending.vehicle], flight.time_s.tolist()
             known = (each[:, column].tolist() for each in (flight.motion, flight.altitude_m, flight.tick_us))
             for self._now_s, motion, altitude_m, tick_us in zip(times_s, *known, strict=True):
                 x, y, x_rate, y_rate = motion
                 tape.note(Truth(self._now_s, (x, y, altitude_m), (x_rate, y_rate, 0.0)))
                 tape.note(Cost(self._now_s, tick_us))
-            tape.note(VehicleEnd(ticks, 0, None))
+            tape.note(VehicleEnd(ticks, 0, None, ending.how.value, ending.reason))
             self._recorder.drain()
         self._recorder.note(0, 0, RunEnd(float(flight.time_s[-1]), wall_time_s))
         self._recorder.close()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from agents.outputs import CoreStatus
 from agents.team.messages import MemberState, NeighbourAngle
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.event_log import EventLog
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.metrics.truth import missing_truth, true_track
@@ -46,7 +47,8 @@ class _Samples:
 class RunTotals:
     """The totals of a run: source, ticks and missed ticks of all loops, wall time, and truth where it is known.
 
-    `truth` is what simulators know, by system id. `seed` overrides the seed of the mission.
+    `truth` is what simulators know, by system id. `seed` overrides the seed of the mission. `endings` are those of the
+    vehicles of which that is known.
     """
 
     source: str
@@ -55,6 +57,7 @@ class RunTotals:
     wall_time_s: float
     truth: tuple[TruthTrack, ...] = ()
     seed: int | None = None
+    endings: tuple[VehicleEnding, ...] = ()
 
 
 class Journal:
@@ -140,6 +143,7 @@ class Journal:
             events=in_order(self.event_log.events, start_s),
             estimates=beside,
             truth_missing=missing,
+            endings=run.endings,
         )
 
     def _estimated_tracks(self, grid_s: Vector) -> tuple[VehicleTrack, ...]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.state import Vector
+from gcs.metrics.ending import FlightEnding
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.result import (
     EstimatedVehicleResult,
@@ -70,6 +71,7 @@ def evaluate(
         events=record.events,
         estimate=_estimate_result(record, ring, window),
         truth_missing=record.truth_missing or None,
+        ended=FlightEnding.of(record.endings),
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agents.safety.guard import Guarded
 from estimation.state import POSITION, VELOCITY, Vector
+from gcs.metrics.ending import VehicleEnding
 
 Mask = NDArray[np.bool_]
 
@@ -77,7 +78,8 @@ class FlightRecord:
     motion is the true one, NaN where nothing simulates it. `guard` counts the interventions, None if unknown. `events`
     are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
-    reference at the estimate, empty where there is none or no truth at all.
+    reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
+    which that is known, none in older logs.
     """
 
     mission: str
@@ -94,6 +96,7 @@ class FlightRecord:
     events: tuple[FlightEvent, ...] = ()
     estimates: tuple[VehicleTrack, ...] = ()
     truth_missing: str = ""
+    endings: tuple[VehicleEnding, ...] = ()
 
     def relative(self, track: VehicleTrack) -> tuple[Vector, Vector]:
         """Return position and velocity (T, 2) of a track relative to its target, both from the same source."""

@@ -11,6 +11,7 @@ from math import isfinite
 
 import numpy as np
 
+from gcs.metrics.ending import FlightEnding
 from gcs.metrics.record import FlightEvent, LoopStatistics
 
 
@@ -216,7 +217,8 @@ class FlightResult:
     """The result of a flight, in the order of its JSON form.
 
     `estimate` stands beside figures by truth where the vehicles' estimates are known as well. `truth_missing` is why
-    the figures are by estimate although simulators sent truth, None otherwise.
+    the figures are by estimate although simulators sent truth, None otherwise. `ended` is None in logs of versions that
+    did not record how a flight ended.
     """
 
     mission: str
@@ -239,6 +241,12 @@ class FlightResult:
     events: tuple[FlightEvent, ...] = ()
     estimate: EstimateResult | None = None
     truth_missing: str | None = None
+    ended: FlightEnding | None = None
+
+    @property
+    def ended_early(self) -> bool:
+        """Whether it is known to have ended in flight, before its mission was over."""
+        return self.ended is not None and self.ended.is_early
 
     @property
     def all_hold(self) -> bool:
@@ -252,11 +260,13 @@ class FlightResult:
 
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
-        plain = asdict(self)
+        plain = {"mission": self.mission, "ended": None, **asdict(self)}  # how it ended comes before any figure
         for key in ("vehicles", "transitions", "events"):
             plain[key] = list(plain[key])
         if self.estimate is not None:
             plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
+        if self.ended is not None:
+            plain["ended"]["vehicles"] = list(self.ended.vehicles)
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
         return plain

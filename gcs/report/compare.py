@@ -139,6 +139,8 @@ def comparison_table(first: ComparedFlight, second: ComparedFlight) -> TerminalT
     names = ("", first.name, second.name, f"{second.name} − {first.name}", "better")
     for index, name in enumerate(names):
         table.add_column(Text(name), justify="right" if 0 < index < 4 else "left")
+    if first.result.ended or second.result.ended:
+        table.add_row(Text("ended", style="bold"), *(_ending(each.result) for each in (first, second)))
     for name, holds in first.result.verdicts.named().items():
         marks = (VERDICT_SIGNS[each] for each in (holds, second.result.verdicts.named()[name]))
         table.add_row(Text(name, style="bold"), *(Text(sign, style=style) for sign, style in marks))
@@ -146,6 +148,12 @@ def comparison_table(first: ComparedFlight, second: ComparedFlight) -> TerminalT
         better = Text(each.better, style="green")
         table.add_row(*map(Text, (each.metric, each.first, each.second, each.difference)), better)
     return table
+
+
+def _ending(result: FlightResult) -> Text:
+    """Return how a flight ended, in a word."""
+    style = "bold red" if result.ended_early else "green"
+    return Text("–") if result.ended is None else Text(result.ended.how.value, style=style)
 
 
 def write_comparison(first: ComparedFlight, second: ComparedFlight, path: Path) -> None:

@@ -68,7 +68,12 @@ def _evidence(measured: Sequence[tuple[str, float | None, float, str, str, str]]
 
 
 def headline(result: FlightResult) -> str:
-    """Return the verdicts in one line."""
+    """Return the verdicts in one line: of a flight that ended early, those of the part that was flown."""
+    words = _verdicts_line(result)
+    return f"Until then: {words[:1].lower()}{words[1:]}" if result.ended_early else words
+
+
+def _verdicts_line(result: FlightResult) -> str:
     held = list(result.verdicts.named().values())
     applied, failed = len(held) - held.count(None), held.count(False)
     if not applied:
@@ -81,6 +86,7 @@ def headline(result: FlightResult) -> str:
 def summary(result: FlightResult, criteria: Criteria) -> str:
     """Return the flight in a paragraph."""
     sentences = [
+        *_ended(result),
         _flown(result),
         *_engaged(result),
         *_ring(result, criteria),
@@ -91,6 +97,13 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
         f"{headline(result)}.",
     ]
     return re.sub(r"(\d) (s|m|setpoints?)\b", "\\1\u00a0\\2", " ".join(sentences))
+
+
+def _ended(result: FlightResult) -> list[str]:
+    ended = result.ended
+    if ended is None:
+        return []
+    return [f"{ended.headline}.", ended.reason] if ended.is_early else [f"{ended.headline}."]
 
 
 def _flown(result: FlightResult) -> str:

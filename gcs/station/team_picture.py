@@ -20,13 +20,17 @@ from gcs.station.vehicle_picture import LINK_CUT, SILENT, Surroundings, fix_word
 
 @dataclass(slots=True)
 class _Heard:
-    """The newest messages of one vehicle, and when they were received [wall s]."""
+    """The newest messages of one vehicle, and when they were received [wall s].
+
+    `sighted_s` is when it saw the target last, by its own clock.
+    """
 
     any_s: float = -inf
     state: MemberState | None = None
     state_s: float = -inf
     report: VehicleReport | None = None
     report_s: float = -inf
+    sighted_s: float = -inf
 
     @property
     def ended(self) -> str:
@@ -72,10 +76,13 @@ class TeamPictures:
         match message:
             case MemberState():
                 heard.state, heard.state_s = message, now_s
+                heard.sighted_s = max((each.time_s for each in message.sightings), default=heard.sighted_s)
             case VehicleReport():
                 self._events += [(message.sender, *event) for event in _news(heard.report, message)]
                 if heard.report is not None and _is_of_another_flight(heard.report, message):
-                    heard.state, heard.state_s = None, -inf
+                    heard.state, heard.state_s, heard.sighted_s = None, -inf, -inf
+                if message.ended:
+                    self._state.end(message.sender)
                 heard.report, heard.report_s = message, now_s
             case _:
                 pass
@@ -160,9 +167,7 @@ class TeamPictures:
     def _target(self, now_s: float) -> TargetPicture | None:
         """Return the estimate of the vehicle that is heard and whose sighting is the newest, as it goes on."""
         known = [
-            _estimate(each.report, max(_time_s(each.state), each.report.time_s))
-            for each in self._heard.values()
-            if each.report is not None and now_s - each.any_s <= SILENT_AFTER_S and not each.ended
+            _estimate(each) for each in self._heard.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended
         ]
         return min((each for each in known if each is not None), key=lambda each: each.sighting_age_s, default=None)
 
@@ -240,14 +245,17 @@ def _with_report(picture: VehiclePicture, heard: _Heard, now_s: float) -> Vehicl
     )
 
 
-def _estimate(report: VehicleReport, time_s: float) -> TargetPicture | None:
-    """Return the target as a vehicle reported it, at its velocity until `time_s` of the vehicle's clock."""
-    if report.target is None:
+def _estimate(heard: _Heard) -> TargetPicture | None:
+    """Return the target as a vehicle reported it, at its velocity until the vehicle's newest state."""
+    report = heard.report
+    if report is None or report.target is None:
         return None
-    later_s, (x, y), (x_rate, y_rate) = time_s - report.time_s, report.target.position_m, report.target.velocity_m_s
+    target, time_s = report.target, max(_time_s(heard.state), report.time_s)
+    later_s, (x, y), (x_rate, y_rate) = time_s - report.time_s, target.position_m, target.velocity_m_s
+    sighted_s = max(report.time_s - target.sighting_age_s, heard.sighted_s)
     return TargetPicture(
         (x + x_rate * later_s, y + y_rate * later_s),
-        report.target.velocity_m_s,
-        report.target.covariance_m2,
-        report.target.sighting_age_s + later_s,
+        target.velocity_m_s,
+        target.covariance_m2,
+        max(time_s - sighted_s, 0.0),
     )

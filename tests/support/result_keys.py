@@ -2,9 +2,10 @@
 
 RESULT_KEYS = {
     "": (
-        "mission seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
+        "mission ended seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
         "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate truth_missing"
     ),
+    "ended": "how reason vehicles",
     "vehicles": (
         "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
         "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"

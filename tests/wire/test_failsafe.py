@@ -84,7 +84,7 @@ async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(
         finally:
             flights.cancel()
             await asyncio.gather(flights, return_exceptions=True)
-    assert (outcomes[3].ending, outcomes[3].reason) == (Ending.STOPPED, "failsafe: battery low")
+    assert (outcomes[3].ending, outcomes[3].reason) == (Ending.BATTERY, "battery low")
     assert [outcomes[i].ending for i in (1, 2)] == [Ending.COMPLETED] * 2
     assert not any(vehicle.armed for vehicle in watch.vehicles.values())
     assert not [each for each in notes if "late ticks" in each or "clock" in each], notes

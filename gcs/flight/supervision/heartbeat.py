@@ -27,6 +27,11 @@ class SupervisorLink(Protocol):
         """Return the heartbeat of a vehicle's agent."""
         ...
 
+    @property
+    def is_lost(self) -> bool:
+        """Whether the supervisor is gone."""
+        ...
+
     def relay(self, ask: Callable[[], object]) -> None:
         """Call `ask`, on another thread, for each request of the operator to end."""
         ...
@@ -34,6 +39,8 @@ class SupervisorLink(Protocol):
 
 class Unsupervised:
     """No supervisor: signals reach this process directly, as in a program that calls `gcs.flight.flight`."""
+
+    is_lost = False
 
     def heartbeat(self, _vehicle_id: int) -> Heartbeat:
         """Return a heartbeat that is not sent."""
@@ -57,6 +64,7 @@ class SupervisorHeartbeat:
         self._on_lost = on_lost
         self._listener: threading.Thread | None = None
         self._closing = False
+        self.is_lost = False
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -98,6 +106,7 @@ class SupervisorHeartbeat:
             requests = received.count(STOP) if received else 0
             lost = received == b"" or silent_polls == SUPERVISOR_SILENCE_POLLS
             if lost:
+                self.is_lost = True
                 requests = 0 if asked else 1  # a second one would mean: land at once
             for _ in range(requests):
                 ask()

@@ -18,6 +18,7 @@ from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, VehicleEnd
 from gcs.flightlog.run import mission_of
+from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.mission.mission import Mission
 from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
@@ -56,6 +57,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         max(_wall_time_s(log) for log in logs),
         tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
+        tuple(ending for each in vehicles if (ending := each.ending(start_s)) is not None),
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]
@@ -175,6 +177,13 @@ class _VehicleReader:
     def missed(self) -> int:
         """Number of missed ticks."""
         return sum(self._rows.skipped) if self._end is None else self._end.missed
+
+    def ending(self, start_s: float) -> VehicleEnding | None:
+        """Return how its flight ended: where the log does not say so it ends before that; None in older logs."""
+        if self._end is None:
+            ends = f"its log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
+            return VehicleEnding(self.vehicle_id, How.IN_FLIGHT, ends)
+        return VehicleEnding(self.vehicle_id, How(self._end.how), self._end.reason) if self._end.how else None
 
     def truth(self, mission: Mission) -> TruthTrack | None:
         """Return the true motion of the vehicle, known afterwards or else received in flight; None if not known."""

@@ -25,7 +25,7 @@ EVENTS = (
 TABLE = {
     Phase.GROUND: "c.. ... .. ... ... ... .. .. .. K.. ..",
     Phase.COMPARING_CLOCKS: ".tX ... .. ... q.. ... .. .. .. k.. xx",
-    Phase.TAKE_OFF: "... vX. .. ... w.. w.. .. .. .. k.. WW",
+    Phase.TAKE_OFF: "... vX. .. ... w.. h.. .. .. .. k.. WW",
     Phase.HOVERING: "... ..o .. ... .q. d.. .. .. .. k.. xx",
     Phase.ENTERING_OFFBOARD: "... ... aX ... .q. d.. .. .. .. k.. xx",
     Phase.AGREEING_START: "... ... .. mX. s.. dp. .. .. .. k.. xx",
@@ -61,6 +61,7 @@ LETTERS: dict[str, tuple[Phase | None, tuple[Action, ...]]] = {
     "x": (Phase.CHECKING_ARMED, (A.CHECK_ARMED,)),
     "X": (Phase.CHECKING_ARMED, (A.REPORT_REFUSAL, A.CHECK_ARMED)),
     "d": (Phase.CHECKING_ARMED, (A.REPORT_LAND_DECISION, A.CHECK_ARMED)),
+    "h": (Phase.CHECKING_ARMED, (A.REPORT_LAND_DECISION, A.ABANDON_TAKE_OFF)),
     "q": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.CHECK_ARMED)),
     "Q": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.END_MISSION, A.CHECK_ARMED)),
     "w": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.ABANDON_TAKE_OFF)),

@@ -37,6 +37,7 @@ TARGET_M_S = np.tile([0.1, -0.03], (TIME_S.size, 1))
 
 KEYS = [
     "mission",
+    "ended",
     "seed",
     "source",
     "reference",

@@ -13,6 +13,7 @@ from agents.team.messages import (
     NeighbourAngle,
     OperatorCommand,
     StartProposal,
+    TargetPackage,
     TargetReport,
     VehicleReport,
 )
@@ -216,6 +217,7 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
     page.hears(2.0, report(1, START_S + 1.0, ended="completed"), report(2, START_S + 1.0, ended="completed"))
     assert page.team(2.1).ending == "1, 2 completed; 3 killed: an operator had its motors cut"
     assert page.team(60.0).time_s == page.team(2.1).time_s, "the mission's time stands still"
+    assert not any("no messages" in each.text for each in page.events), "what has ended may fall silent"
     assert page.team(60.0).link == ""
     ended = [(each.vehicle_id, each.severity) for each in page.events if each.text.startswith("flight ended")]
     assert ended == [(3, "warning"), (1, "information"), (2, "information")]
@@ -248,6 +250,11 @@ def test_the_target_is_that_of_the_newest_sighting_and_goes_on() -> None:
     assert target.position_m == pytest.approx((35.4, -5.2))
     assert (target.velocity_m_s, target.covariance_m2) == ((0.5, -0.25), (0.4, 0.1, 0.6))
     assert target.sighting_age_s == pytest.approx(1.8)
+    seen = TargetPackage(1, START_S + 0.9, (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2, (2,))
+    page.hears(2.0, state(2, START_S + 1.0, sightings=(seen,)))
+    target = page.team(2.0).target
+    assert target is not None
+    assert target.sighting_age_s == pytest.approx(0.1), "it goes on seeing it between its reports"
     assert page.team(9.0).target is None, "who is not heard tells nothing of the target any more"
 
 

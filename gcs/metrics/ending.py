@@ -1,0 +1,95 @@
+"""How a flight ended: of each vehicle, and of the flight as a whole."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class How(StrEnum):
+    """How a flight ended, the gravest first: the words of logs and of the JSON output."""
+
+    KILLED = "killed"
+    ERROR = "error"
+    WATCHDOG = "watchdog"
+    IN_FLIGHT = "in flight"
+    """The log ends there."""
+    PILOT = "pilot"
+    REFUSED = "refused"
+    BATTERY = "battery"
+    FAILSAFE = "failsafe"
+    UNKNOWN = "unknown"
+    """A newer version's word."""
+    ABORTED = "aborted"
+    OPERATOR = "operator"
+    LANDED = "landed"
+    SIMULATED = "simulated"
+
+    @classmethod
+    def _missing_(cls, _value: object) -> "How":
+        return cls.UNKNOWN
+
+
+HEADLINES = {
+    How.KILLED: "Killed by the operator",
+    How.ERROR: "Ended by an error of cordon",
+    How.WATCHDOG: "Ended by the watchdog",
+    How.IN_FLIGHT: "The log ends in flight",
+    How.PILOT: "A pilot took over",
+    How.REFUSED: "Ended by a refusal of the autopilot",
+    How.BATTERY: "Ended by the battery",
+    How.FAILSAFE: "Ended by a failsafe",
+    How.UNKNOWN: "Ended in a way that this version does not know",
+    How.ABORTED: "Aborted by the operator",
+    How.OPERATOR: "Ended by the operator",
+    How.LANDED: "Landed and disarmed",
+    How.SIMULATED: "Flown to the end of the simulation",
+}
+_GRAVITY = {how: place for place, how in enumerate(How)}
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleEnding:
+    """How one vehicle's flight ended, and why in a few words."""
+
+    vehicle: int
+    how: How
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class FlightEnding:
+    """How a flight ended: the gravest ending of a vehicle, the endings of all in a sentence, and whose it is."""
+
+    how: How
+    reason: str
+    vehicles: tuple[int, ...]
+
+    @classmethod
+    def of(cls, endings: Sequence[VehicleEnding]) -> "FlightEnding | None":
+        """Return the ending of the flight of these vehicles, None without any."""
+        if not endings:
+            return None
+        ordered = sorted(endings, key=lambda each: (_GRAVITY[each.how], each.vehicle))
+        how = ordered[0].how
+        alike: dict[str, list[int]] = {}
+        for each in ordered:
+            alike.setdefault(each.reason, []).append(each.vehicle)
+        sentence = "; ".join(f"{named(vehicles)}: {reason}" for reason, vehicles in alike.items())
+        concerned = tuple(each.vehicle for each in ordered if each.how is how)
+        return cls(how, f"{sentence[:1].upper()}{sentence[1:]}.", concerned)
+
+    @property
+    def is_early(self) -> bool:
+        """Whether it ended in flight, before its mission was over."""
+        return self.how not in (How.LANDED, How.SIMULATED)
+
+    @property
+    def headline(self) -> str:
+        """How it ended, in one line."""
+        return f"{HEADLINES[self.how]}: {named(self.vehicles)}" if self.is_early else HEADLINES[self.how]
+
+
+def named(vehicles: Iterable[int]) -> str:
+    """Return vehicles by their ids: `vehicle 2`, `vehicles 1, 2 and 3`."""
+    *others, last = map(str, vehicles)
+    return f"vehicles {', '.join(others)} and {last}" if others else f"vehicle {last}"

@@ -1,0 +1,160 @@
+"""A vehicle of a log, as the operator's page shows it at given times: what its agent knew then."""
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from agents.ports import VehicleStatus
+from agents.shell.reporter import estimator_words
+from agents.tape import Autopilot
+from agents.team.messages import LINK_SILENT_S
+from estimation.state import MOTION, Telemetry
+from gcs.console.advice import Severity, event_severity
+from gcs.console.team_state import SILENT_AFTER_S
+from gcs.flightlog.reader import FlightLog, LogRecord
+from gcs.flightlog.records import Decision, VehicleEnd
+from gcs.metrics.ending import How
+from gcs.station.picture import TargetPicture, VehiclePicture
+from gcs.station.vehicle_picture import LINK_CUT, SILENT, fix_words, vehicle_alert
+
+_ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
+"""What a page can show: centimetres, and a hundredth of a degree."""
+_VARIANCE_DIGITS = 6
+
+_AS_PLANNED = frozenset({How.LANDED, How.SIMULATED})
+
+
+class Sampled(NamedTuple):
+    """A vehicle at one time, without its surroundings, and its estimate of the target."""
+
+    vehicle: VehiclePicture
+    target: TargetPicture | None
+
+
+class _Tick(NamedTuple):
+    """What a vehicle decided on a tick, and what it knew of itself then."""
+
+    decision: Any
+    status: VehicleStatus | None
+    altitude_m: float
+    motion_s: float | None
+
+
+class RecordedVehicle:
+    """A vehicle's records, gone through once; `events` holds what has happened so far: time, text and severity."""
+
+    def __init__(self, log: FlightLog, vehicle_id: int) -> None:
+        self.vehicle_id = vehicle_id
+        self.events: list[tuple[float, str, Severity]] = []
+        self._records = log.vehicles.get(vehicle_id, [])
+        self._speed = log.run.speed
+        self._end = next(log.of_kind(vehicle_id, VehicleEnd), None)
+
+    def sampled(self, times_s: Iterable[float]) -> Iterator[Sampled]:
+        """Return the vehicle at times in order, each by its newest tick then; raises LogError for a damaged record."""
+        ticks = self._ticks()
+        tick: _Tick | None = None
+        following = next(ticks, None)
+        for time_s in times_s:
+            while following is not None and following.decision.time_s <= time_s:
+                tick, following = following, next(ticks, None)
+            if tick is None:
+                yield Sampled(VehiclePicture(self.vehicle_id), None)
+            else:
+                is_over = following is None and self._end is not None and tick.decision.time_s < time_s
+                yield Sampled(self._vehicle(tick, time_s, has_ended=is_over), _target(tick, time_s))
+
+    def _ticks(self) -> Iterator[_Tick]:
+        """Return the ticks, and note events on the way."""
+        status: VehicleStatus | None = None
+        altitude_m, motion_s = 0.0, None
+        for record in self._records:
+            if record.kind is Decision:
+                decision = record.message()
+                for note in decision.notes:
+                    self.events.append((note.time_s, note.text, event_severity(note.kind, note.text)))
+                yield _Tick(decision, status, altitude_m, motion_s)
+            elif record.kind is Autopilot:
+                before, status = status, record.read(Autopilot).status
+                if before is not None and before.mode is not status.mode:
+                    text = f"mode {before.mode.value} -> {status.mode.value}"
+                    self.events.append((self._received_s(record), text, "information"))
+            elif record.kind is Telemetry:
+                altitude_m, motion_s = record.message().position_m[2], self._received_s(record)
+            elif record.kind is VehicleEnd and self._end is not None and self._end.how:
+                how_grave: Severity = "information" if How(self._end.how) in _AS_PLANNED else "warning"
+                self.events.append((self._received_s(record), f"flight ended: {self._end.reason}", how_grave))
+
+    def _received_s(self, record: LogRecord) -> float:
+        return record.time_ns * 1e-9 * self._speed
+
+    def _vehicle(self, tick: _Tick, time_s: float, *, has_ended: bool) -> VehiclePicture:
+        decision = tick.decision
+        age_s = (time_s - decision.time_s) / self._speed
+        link_age_s = None if tick.motion_s is None else max(time_s - tick.motion_s, 0.0) / self._speed
+        is_cut = link_age_s is not None and link_age_s > LINK_SILENT_S
+        is_stale = age_s > SILENT_AFTER_S or is_cut
+        lost = (LINK_CUT if is_cut else SILENT) if is_stale else ""
+        alert, advice, severity = vehicle_alert("" if has_ended else decision.alert or lost, is_lost=bool(lost))
+        picture = VehiclePicture(
+            self.vehicle_id,
+            age_s=_rounded(age_s),
+            is_stale=is_stale,
+            has_ended=has_ended,
+            tactic=decision.tactic,
+            link_age_s=_rounded(link_age_s),
+            alert=alert,
+            advice=advice,
+            severity=severity,
+            ending=self._end.reason if has_ended and self._end is not None else "",
+        )
+        return _with_status(_with_motion(picture, tick), tick.status)
+
+
+def _with_motion(picture: VehiclePicture, tick: _Tick) -> VehiclePicture:
+    decision = tick.decision
+    if not decision.HasField("own"):
+        return picture
+    x, y, x_rate, y_rate = (round(each, _LENGTH_DIGITS) for each in list(decision.own.mean)[MOTION])
+    setpoint = decision.setpoint if decision.HasField("setpoint") else None
+    on_ring = decision.HasField("place") and decision.HasField("polar")
+    lead_rad = decision.place.lead_rad if on_ring and decision.place.HasField("lead_rad") else None
+    return replace(
+        picture,
+        position_m=(x, y, round(tick.altitude_m, _LENGTH_DIGITS)),
+        velocity_m_s=(x_rate, y_rate),
+        setpoint_m=None if setpoint is None else tuple(_rounded(each) for each in setpoint.position_m[:2]),
+        yaw_rad=None if setpoint is None else round(setpoint.yaw_rad, _ANGLE_DIGITS),
+        radius_m=_rounded(decision.polar.radius_m) if on_ring else None,
+        angular_rate_rad_s=round(decision.polar.angular_rate_rad_s, _ANGLE_DIGITS) if on_ring else None,
+        lead_rad=None if lead_rad is None else round(lead_rad, _ANGLE_DIGITS),
+    )
+
+
+def _with_status(picture: VehiclePicture, status: VehicleStatus | None) -> VehiclePicture:
+    if status is None:
+        return picture
+    return replace(
+        picture,
+        mode=status.mode.value,
+        battery=status.battery,
+        endurance_s=status.endurance_s,
+        satellites=status.satellites,
+        gps_fix=fix_words(status.gps_dimensions),
+        estimator=estimator_words(status),
+    )
+
+
+def _target(tick: _Tick, time_s: float) -> TargetPicture | None:
+    if not tick.decision.HasField("target"):
+        return None
+    target = tick.decision.target
+    x, y, x_rate, y_rate = (round(each, _LENGTH_DIGITS) for each in target.mean)
+    covariance = list(target.covariance)
+    xx, xy, yy = (round(covariance[at], _VARIANCE_DIGITS) for at in (0, 1, 5))
+    return TargetPicture((x, y), (x_rate, y_rate), (xx, xy, yy), round(max(time_s - target.sighted_s, 0.0), 2))
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, _LENGTH_DIGITS)

@@ -1,0 +1,100 @@
+"""How a vehicle's flight ended: whatever brings it down is named, the operator's commands with who gave them."""
+
+import asyncio
+from collections.abc import Callable
+
+import pytest
+
+from agents.safety.descent import Descent
+from agents.safety.failsafe import Condition
+from agents.shell.life import Phase
+from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop, outcome_of
+from tests.support.fake_flight import FakeFlight
+from tests.support.simulated_loop import run_simulated
+
+DURATION_S = 60.0
+FLYING_S = 5.0
+BETWEEN_TICKS_S = 20.05
+"""A mission of this length ends between two ticks."""
+
+
+def ended(disturb: Callable[[FakeFlight], object], duration_s: float = DURATION_S) -> Outcome:
+    """Disturb a flight on its mission, and return its outcome."""
+
+    async def main() -> Outcome:
+        flight = FakeFlight()
+        await flight.begin(duration_s)
+        await flight.until(Phase.FLYING)
+        await asyncio.sleep(FLYING_S)
+        disturb(flight)
+        return await flight.outcome()
+
+    return run_simulated(main())
+
+
+def twice(flight: FakeFlight) -> None:
+    flight.link.change(battery=0.05)
+    asyncio.get_running_loop().call_later(1.0, lambda: flight.command("hold"))
+
+
+CAUSES: dict[str, tuple[Callable[[FakeFlight], object], tuple[Ending, str]]] = {
+    "land": (lambda flight: flight.command("land"), (Ending.STOPPED, "land by test")),
+    "return": (lambda flight: flight.command("rtl"), (Ending.STOPPED, "rtl by test")),
+    "abort": (lambda flight: flight.command("abort"), (Ending.ABORTED, "abort by the operator")),
+    "battery critical": (lambda flight: flight.link.change(battery=0.05), (Ending.BATTERY, "battery critical")),
+    "battery low": (lambda flight: flight.link.change(battery=0.18), (Ending.BATTERY, "battery low")),
+    "held meanwhile": (twice, (Ending.BATTERY, "battery critical")),
+    "kill": (lambda flight: flight.command("kill"), (Ending.KILLED, "an operator had its motors cut")),
+    "Ctrl-C": (lambda flight: flight.stop.ask(), (Ending.STOPPED, "the operator ended the flight")),
+}
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_what_ended_the_flight_is_its_outcome(cause: str) -> None:
+    disturb, expected = CAUSES[cause]
+    outcome = ended(disturb)
+    assert (outcome.ending, outcome.reason) == expected
+    assert outcome.flew
+
+
+def test_the_first_cause_counts() -> None:
+    def return_then_land(flight: FakeFlight) -> None:
+        flight.command("rtl")
+        flight.command("land")
+
+    assert ended(return_then_land).reason == "rtl by test"
+
+
+def test_a_mission_that_is_over_while_the_vehicle_comes_down_was_not_completed() -> None:
+    def return_at_last(flight: FakeFlight) -> None:
+        assert flight.agent.start_s is not None
+        over_s = flight.agent.start_s + BETWEEN_TICKS_S - flight.clock.now_s()
+        asyncio.get_running_loop().call_later(over_s - 0.02, lambda: flight.command("rtl"))
+
+    assert ended(return_at_last, BETWEEN_TICKS_S).reason == "rtl by test"
+
+
+def test_a_vehicle_that_resumed_completes_its_mission() -> None:
+    def abort_and_resume(flight: FakeFlight) -> None:
+        flight.command("abort")
+        flight.command("resume")
+
+    assert ended(abort_and_resume) == Outcome(Ending.COMPLETED, flew=True)
+
+
+def test_every_condition_is_a_failsafe_and_those_of_the_battery_are_the_battery() -> None:
+    of_battery = {each.value for each in Condition if "battery" in each.value or "home" in each.value}
+    for condition in Condition:
+        expected = Ending.BATTERY if condition.value in of_battery else Ending.FAILSAFE
+        assert outcome_of(Descent(condition.value)) == Outcome(expected, condition.value)
+
+
+def test_a_stop_keeps_the_reason_of_its_first_request() -> None:
+    stop = Stop()
+    stop.ask(Outcome(Ending.ORPHANED, "its supervisor was gone"))
+    stop.ask()
+    assert stop.outcome == Outcome(Ending.ORPHANED, "its supervisor was gone")
+    assert stop.hurried.is_set()
+    by_default = Stop()
+    by_default.ask()
+    assert by_default.outcome is BY_OPERATOR

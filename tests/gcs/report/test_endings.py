@@ -1,0 +1,114 @@
+"""A report says of how the flight ended what the flight said, before any verdict, and its exit code follows that."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from gcs.cli.report import ReportOptions, report
+from gcs.console.result import verdict_of
+from gcs.console.summary import summary as terminal_summary
+from gcs.errors import Exit
+from gcs.flightlog.reader import FlightLog, LogRecord, read_log
+from gcs.flightlog.records import RunEnd, VehicleEnd
+from gcs.metrics.ending import FlightEnding, How
+from gcs.metrics.result import FlightResult, Verdicts
+from gcs.report.evidence.reading import read_flight
+from gcs.report.page import report_html
+from gcs.report.summary import headline
+from tests.support.flight_logs import engaging, record_simulation, rewrite
+from tests.support.report_evidence import flown
+
+KILLED = FlightEnding(How.KILLED, "Vehicle 2: an operator had its motors cut.", (2,))
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
+    path = tmp_path_factory.mktemp("logs") / "flight.mcap"
+    record_simulation(engaging(), path)
+    return read_log(path)
+
+
+def ended(log: FlightLog) -> FlightEnding | None:
+    return FlightEnding.of(read_flight([log]).evidence.record.endings)
+
+
+def replaced(how: str, reason: str) -> Callable[[LogRecord], object]:
+    """Return a change of a vehicle's records: its flight ended otherwise."""
+
+    def change(record: LogRecord) -> object:
+        read = record.read(record.kind)
+        return msgspec.structs.replace(read, how=how, reason=reason) if isinstance(read, VehicleEnd) else read
+
+    return change
+
+
+def without(kind: type[object]) -> Callable[[LogRecord], object]:
+    return lambda record: None if record.kind is kind else record.read(record.kind)
+
+
+def test_what_the_flight_said_of_its_end_is_in_its_log(log: FlightLog, tmp_path: Path) -> None:
+    whole = ended(log)
+    assert whole is not None
+    assert (whole.how, whole.vehicles) == (How.SIMULATED, (1, 2, 3))
+    killed = ended(rewrite(log, tmp_path / "killed.mcap", 2, replaced("killed", "its motors were cut")))
+    assert killed is not None
+    assert (killed.how, killed.vehicles) == (How.KILLED, (2,))
+    assert killed.reason.startswith("Vehicle 2: its motors were cut; vehicles 1 and 3: ")
+    assert report([tmp_path / "killed.mcap"], options=ReportOptions()) is Exit.ENDED_IN_FLIGHT
+
+
+def test_a_log_that_does_not_say_how_a_vehicle_ended_ends_in_flight(log: FlightLog, tmp_path: Path) -> None:
+    cut = ended(rewrite(log, tmp_path / "cut.mcap", 3, without(VehicleEnd)))
+    assert cut is not None
+    assert (cut.how, cut.vehicles) == (How.IN_FLIGHT, (3,))
+    assert cut.headline == "The log ends in flight: vehicle 3"
+    assert "40.0 s after the mission's start" in cut.reason
+    assert report([tmp_path / "cut.mcap"], options=ReportOptions()) is Exit.ENDED_IN_FLIGHT
+
+
+def test_an_older_log_ends_as_it_did(log: FlightLog, tmp_path: Path) -> None:
+    """Its ends have no words."""
+    older = log
+    for vehicle_id in (1, 2, 3):
+        older = rewrite(older, tmp_path / f"older-{vehicle_id}.mcap", vehicle_id, replaced("", ""))
+    assert ended(older) is None
+    assert read_log(older.path).end is not None
+    assert ended(rewrite(older, tmp_path / "no-run-end.mcap", 0, without(RunEnd))) is None
+    assert report([older.path], options=ReportOptions()) in (Exit.HOLDS, Exit.VERDICT_FAILED)
+
+
+def all_held(ending: FlightEnding | None) -> FlightResult:
+    _, result, _ = flown(3, duration_s=60.0, rate_hz=5.0)
+    return replace(result, verdicts=Verdicts(True, True, True, True, True), ended=ending)
+
+
+def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
+    evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
+    result = all_held(KILLED)
+    assert headline(result) == "Until then: all verdicts hold"
+    page = report_html(evidence, result, criteria)
+    assert page.index("Killed by the operator: vehicle 2") < page.index("all verdicts hold")
+    assert "All verdicts hold" not in page
+    assert page.index("an operator had its motors cut") < page.index("all verdicts hold")
+    console = Console(file=StringIO(), width=100)
+    console.print(terminal_summary(result))
+    assert isinstance(console.file, StringIO)
+    lines = console.file.getvalue().splitlines()
+    assert lines[0].rstrip() == "✗ Killed by the operator: vehicle 2"
+    assert lines[1].rstrip() == KILLED.reason
+
+
+def test_the_exit_code_follows_how_it_ended(subtests: pytest.Subtests) -> None:
+    for how in How:
+        with subtests.test(how=how):
+            early = how not in (How.LANDED, How.SIMULATED)
+            held = verdict_of(all_held(FlightEnding(how, "Why.", (1,))))
+            assert held is (Exit.ENDED_IN_FLIGHT if early else Exit.HOLDS)
+    assert verdict_of(all_held(None)) is Exit.HOLDS
+    failed = replace(all_held(None), verdicts=Verdicts(False, None, None, None, None))
+    assert verdict_of(failed) is Exit.VERDICT_FAILED

@@ -1,0 +1,333 @@
+"""The pictures of a team that flies in another process: against its stubs, its log, and links that are cut."""
+
+import asyncio
+import json
+import os
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import atan2, cos, dist, radians, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.tape import Start
+from estimation.state import Vector
+from gcs.flight.stubs import prepared_configs
+from gcs.flightlog.reader import FlightLog, read_log
+from gcs.flightlog.records import Decision
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from gcs.station.live_team import LiveTeam
+from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.recorded_flight import recorded_flight
+from sitl.autopilot.modes import NavMode
+from sitl.server.process import unix_clock
+from sitl.server.server import Stub, serve
+from tests.support.mission_text import LOW
+from tests.support.paths import ROOT
+from tests.support.wire import until
+
+pytestmark = [pytest.mark.wire, pytest.mark.long]
+
+SPEED, DURATION_S = 4.0, 100.0
+SOON = (
+    ("distance_max_m = 12.0", "distance_max_m = 40.0"),
+    ("range_m = 15.0", "range_m = 60.0"),
+    ("start_m = [35.0, -5.0]", "start_m = [14.0, 0.0]"),
+    ("velocity_m_s = [0.1, 0.0]", "velocity_m_s = [0.05, 0.0]"),
+    (
+        "separation_m = 3.0",
+        "separation_m = 3.0\nfence_m = [[-30.0, -40.0], [60.0, -40.0], [60.0, 40.0], [-30.0, 40.0]]",
+    ),
+)
+"""What makes the ring form soon, inside a fence."""
+WITHIN_S = 0.5
+"""How old what is shown may be [wall s]."""
+STALE_WITHIN_S = 1.5
+NEAR_M, NEAR_RAD = 0.15, 0.03
+"""How far off what is shown may be: the states go on unchanged within 0.1 m."""
+MODES = {NavMode.OFFBOARD: "offboard", NavMode.HOLD: "hold", NavMode.LAND: "land", NavMode.TAKE_OFF: "take-off"}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The true state of a team at one time [Unix s]."""
+
+    wall_s: float
+    place_m: dict[int, tuple[float, float, float]]
+    velocity_m_s: dict[int, tuple[float, float]]
+    yaw_rad: dict[int, float]
+    mode: dict[int, str]
+    battery: dict[int, float]
+
+    @classmethod
+    def of(cls, stubs: dict[int, Stub], mission: Mission) -> "Truth":
+        bodies = {i: stub.autopilot.airframe for i, stub in stubs.items()}
+        x_bearing_rad = radians(mission.frame.x_bearing_deg)
+        return cls(
+            time.time(),
+            {i: body.position_m for i, body in bodies.items()},
+            {i: body.velocity_m_s[:2] for i, body in bodies.items()},
+            {i: x_bearing_rad - body.heading_rad for i, body in bodies.items()},
+            {i: MODES.get(stub.autopilot.mode, "other") for i, stub in stubs.items()},
+            {i: stub.autopilot.battery_fraction for i, stub in stubs.items()},
+        )
+
+    def nearest(self, vehicle_id: int) -> float:
+        here_m = self.place_m[vehicle_id][:2]
+        return min(dist(here_m, there_m[:2]) for i, there_m in self.place_m.items() if i != vehicle_id)
+
+    def fence_margin(self, vehicle_id: int) -> float:
+        x, y, _ = self.place_m[vehicle_id]
+        return min(x + 30.0, 60.0 - x, y + 40.0, 40.0 - y)
+
+
+@dataclass
+class Scene:
+    """A flight of stubs that are in this process, and what a page is sent of it."""
+
+    mission: Mission
+    stubs: dict[int, Stub] = field(default_factory=dict)
+    truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=200))
+    teams: list[TeamPicture] = field(default_factory=list)
+    events: list[EventPicture] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    compared: int = 0
+
+    def publish(self, picture: MissionPicture | TeamPicture | EventPicture) -> None:
+        match picture:
+            case TeamPicture():
+                self.teams.append(picture)
+                if picture.ring_members == 3 and all(each.fence_margin_m is not None for each in picture.vehicles):
+                    self.compare(picture)
+            case EventPicture():
+                self.events.append(picture)
+            case _:
+                pytest.fail(f"published {picture}")
+
+    @property
+    def team(self) -> TeamPicture:
+        return self.teams[-1]
+
+    def vehicle(self, vehicle_id: int) -> VehiclePicture:
+        return next(each for each in self.team.vehicles if each.vehicle_id == vehicle_id)
+
+    def compare(self, team: TeamPicture) -> None:
+        """Note what of a picture was true at no time in the last half second."""
+        recent = [each for each in self.truths if each.wall_s >= time.time() - WITHIN_S]
+        self.compared += 1
+        for shown in team.vehicles:
+            self.faults += [f"{shown.vehicle_id}: {name}" for name, true in checks(shown, recent) if not true]
+
+    async def follow_truth(self) -> None:
+        while True:
+            if self.stubs:
+                self.truths.append(Truth.of(self.stubs, self.mission))
+            await asyncio.sleep(0.02)
+
+
+def checks(shown: VehiclePicture, recent: Sequence[Truth]) -> Iterable[tuple[str, bool]]:
+    """Return for each field of a vehicle in control whether it was true at a time of late."""
+    i = shown.vehicle_id
+
+    def some(off: Callable[[Truth], float], near: float) -> bool:
+        return any(abs(off(each)) <= near for each in recent)
+
+    assert shown.position_m is not None
+    assert shown.velocity_m_s is not None
+    place_m, velocity_m_s, yaw_rad = shown.position_m, shown.velocity_m_s, shown.yaw_rad or 0.0
+    yield "position", off_path_m(place_m, [each.place_m[i] for each in recent]) <= NEAR_M
+    yield "velocity", some(lambda each: dist(velocity_m_s, each.velocity_m_s[i]), 0.3)
+    yield "yaw", some(lambda each: angle(yaw_rad - each.yaw_rad[i]), 0.1)
+    yield "mode", any(shown.mode == each.mode[i] for each in recent)
+    yield "battery", shown.battery is not None and abs(shown.battery - recent[-1].battery[i]) <= 0.011
+    yield "nearest", some(lambda each: (shown.nearest_m or 0.0) - each.nearest(i), 2.0 * NEAR_M)
+    yield "fence margin", some(lambda each: (shown.fence_margin_m or 0.0) - each.fence_margin(i), NEAR_M)
+    yield "satellites", (shown.satellites, shown.gps_fix, shown.estimator) == (14, "3D", "good")
+    yield "age", shown.age_s is not None and shown.age_s < WITHIN_S and not shown.is_stale
+    yield "link age", shown.link_age_s is not None and shown.link_age_s < WITHIN_S
+    yield "alert", (shown.alert, shown.advice, shown.severity, shown.has_ended) == ("", "", "information", False)
+
+
+def off_path_m(place_m: tuple[float, float, float], path_m: Sequence[tuple[float, float, float]]) -> float:
+    """Return how far a place is off the way along places: on a busy computer few of them were noted."""
+    return min(off_leg_m(np.array(place_m), np.array(one), np.array(other)) for one, other in pairwise(path_m))
+
+
+def off_leg_m(place_m: Vector, one_m: Vector, other_m: Vector) -> float:
+    leg_m = other_m - one_m
+    along = float(np.clip((place_m - one_m) @ leg_m / max(float(leg_m @ leg_m), 1e-12), 0.0, 1.0))
+    return float(np.linalg.norm(place_m - one_m - along * leg_m))
+
+
+def angle(turn_rad: float) -> float:
+    return atan2(sin(turn_rad), cos(turn_rad))
+
+
+@asynccontextmanager
+async def stubs(scene: Scene) -> AsyncIterator[None]:
+    """Serve the mission's vehicles in this process."""
+    stop, ready = asyncio.Event(), asyncio.Event()
+
+    def take(served: Sequence[Stub]) -> None:
+        scene.stubs = {stub.config.vehicle_id: stub for stub in served}
+        ready.set()
+
+    configs = prepared_configs(scene.mission, SPEED)
+    serving = asyncio.create_task(serve(configs, speed=SPEED, now_s=unix_clock(SPEED), stop=stop, on_ready=take))
+    try:
+        await asyncio.wait_for(ready.wait(), 10.0)
+        yield
+    finally:
+        stop.set()
+        await serving
+
+
+@asynccontextmanager
+async def fly(mission: str, log: Path, duration_s: float) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Fly in a process of its own."""
+    pipe = asyncio.subprocess.PIPE
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gcs", "fly", mission, "--duration", f"{duration_s:g}", "--log", str(log), "--json"),
+        stdout=pipe, stderr=pipe, env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"},
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
+
+
+def flying_process(supervisor: int) -> int:
+    """Return the id of the process that a supervisor watches over."""
+    return int(Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()[0])
+
+
+@asynccontextmanager
+async def watched(scene: Scene) -> AsyncIterator[None]:
+    """Make pictures of it."""
+    tasks = [asyncio.create_task(scene.follow_truth())]
+    tasks.append(asyncio.create_task(LiveTeam(scene.mission, "sitl").run(scene.publish)))
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        ended = await asyncio.gather(*tasks, return_exceptions=True)
+        assert all(isinstance(each, asyncio.CancelledError) for each in ended), ended
+
+
+async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callable[..., str], tmp_path: Path) -> None:
+    path, log_path = mission_file("case2", *SOON, LOW), tmp_path / "flight.mcap"
+    scene = Scene(load_mission(path))
+    live = LiveTeam(scene.mission)
+    assert live.mission(OperatorRights("anna")).operator.name == "anna"
+    async with stubs(scene), watched(scene):
+        await until(lambda: bool(scene.teams) and "no flight" in scene.team.link, 3.0, "it waits for a flight")
+        async with fly(path, log_path, DURATION_S) as process:
+            await until(lambda: all(each.mode for each in scene.team.vehicles), 20.0, "all on the ground")
+            assert scene.team.link == ""
+            assert [(each.position_m, each.is_stale) for each in scene.team.vehicles] == [(None, False)] * 3
+            await until(lambda: scene.compared > 50, 60.0, "a ring of three")
+            output, errors = await asyncio.wait_for(process.communicate(), 60.0)
+            assert process.returncode in (0, 1), errors.decode()
+        await until(lambda: all(each.has_ended for each in scene.team.vehicles), 3.0, "the end")
+        team = scene.team
+        assert team.ending == "completed"
+        assert [each.ending for each in team.vehicles] == ["completed"] * 3
+        await until(lambda: "no flight" in scene.team.link, 3.0, "the flight is over")
+    assert not scene.faults, (len(scene.faults), scene.compared, scene.faults[:20])
+    compare_with_log(scene, read_log(log_path))
+    compare_with_replay(scene, recorded_flight(read_log(log_path)))
+    texts = {(each.vehicle_id, each.text) for each in scene.events}
+    for vehicle_id in (1, 2, 3):
+        for text in ("connected, tactic standby", "encircle -> return and land", "flight ended: completed"):
+            assert (vehicle_id, text) in texts
+    assert [each.number for each in scene.events] == list(range(1, len(scene.events) + 1))
+    assert json.loads(output)
+
+
+def compare_with_log(scene: Scene, log: FlightLog) -> None:
+    """Compare time, tactic, setpoint, ring and target with what the flight recorded, and with where the target was."""
+    start_s = next(log.of_kind(1, Start)).at_s
+    decisions = {i: list(log.of_kind(i, Decision)) for i in (1, 2, 3)}
+    compared = 0
+    for team in scene.teams[::5]:
+        if team.ring_members < 3 or team.time_s is None or team.remaining_s is None:
+            continue
+        now_s = team.wall_s * SPEED
+        assert abs(team.time_s - (now_s - start_s)) <= WITHIN_S * SPEED
+        assert abs(team.time_s + team.remaining_s - DURATION_S) < 1e-6
+        target_m = scene.mission.target.motion.position_m(team.time_s)
+        assert team.target is not None
+        assert dist(team.target.position_m, target_m) < NEAR_M
+        assert 0.0 <= team.target.sighting_age_s < WITHIN_S * SPEED
+        for shown in team.vehicles:
+            recent = [each for each in decisions[shown.vehicle_id] if -WITHIN_S * SPEED <= each.time_s - now_s <= 0.0]
+            compare_with_decisions(shown, recent)
+            compared += 1
+    assert compared > 30
+
+
+def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
+    """Compare what the page replays with what it showed in flight at that time of the mission."""
+    assert replayed.teams[-1].ending == "Landed and disarmed"
+    by_time = {round(team.time_s or 0.0, 1): team for team in replayed.teams if team.time_s is not None}
+    compared = 0
+    for team in (each for each in scene.teams if each.ring_members == 3 and each.time_s is not None):
+        again = by_time.get(round(team.time_s or 0.0, 1))
+        for live, later in zip(team.vehicles, again.vehicles if again else (), strict=False):
+            compared += 1
+            assert (live.vehicle_id, live.tactic) == (later.vehicle_id, later.tactic)
+            for name in ("mode", "satellites", "gps_fix", "estimator", "alert", "is_stale"):
+                assert getattr(live, name) == getattr(later, name), name
+            assert abs((live.battery or 0.0) - (later.battery or 0.0)) <= 0.011
+            assert dist(live.position_m or (), later.position_m or ()) < 1.0
+    assert compared > 60
+
+
+def compare_with_decisions(shown: VehiclePicture, recent: Sequence[Any]) -> None:
+    assert shown.setpoint_m is not None
+    assert any(each.tactic == shown.tactic for each in recent)
+    assert min(dist(each.setpoint.position_m[:2], shown.setpoint_m) for each in recent if each.setpoint) < NEAR_M
+    polar = [each.polar for each in recent if each.polar is not None]
+    assert min(abs(each.radius_m - (shown.radius_m or 0.0)) for each in polar) < NEAR_M
+    assert min(abs(each.angular_rate_rad_s - (shown.angular_rate_rad_s or 0.0)) for each in polar) < NEAR_RAD
+    leads_rad = [each.place.lead_rad for each in recent if each.place is not None and each.place.lead_rad is not None]
+    assert not leads_rad or min(abs(each - (shown.lead_rad or 0.0)) for each in leads_rad) < 2.0 * NEAR_RAD
+
+
+async def test_a_cut_link_and_a_killed_flight_are_drawn_stale(mission_file: Callable[..., str], tmp_path: Path) -> None:
+    path = mission_file("case2", *SOON, LOW)
+    scene = Scene(load_mission(path))
+    async with stubs(scene), watched(scene), fly(path, tmp_path / "flight.mcap", 200.0) as process:
+        await until(lambda: bool(scene.teams) and scene.team.ring_members == 3, 60.0, "a ring of three")
+        await asyncio.sleep(1.0)
+        scene.faults.clear()
+        cut_s = time.monotonic()
+        scene.stubs[2].faults.link_cut = True
+        await until(lambda: scene.vehicle(2).is_stale, 5.0)
+        assert time.monotonic() - cut_s < STALE_WITHIN_S
+        assert not scene.vehicle(1).is_stale
+        await until(lambda: scene.vehicle(2).alert == "telemetry stale", 5.0)
+        assert scene.vehicle(2).severity == "alarm"
+        assert (scene.vehicle(2).link_age_s or 0.0) > 0.8
+        scene.stubs[2].faults.link_cut = False
+        await until(lambda: not scene.vehicle(2).is_stale, 10.0, "the link comes back")
+
+        killed_s = time.monotonic()
+        os.kill(flying_process(process.pid), signal.SIGKILL)
+        await until(lambda: all(each.is_stale for each in scene.team.vehicles), 5.0)
+        assert time.monotonic() - killed_s < STALE_WITHIN_S
+        await until(lambda: all(each.has_ended for each in scene.team.vehicles), 15.0, "the flight is over")
+        assert "not heard at the end" in scene.team.ending
+    assert [each.severity for each in scene.events if each.text == "link to its autopilot cut"] == ["alarm"]
