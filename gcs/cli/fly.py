@@ -15,6 +15,8 @@ from gcs.cli.options import (
     Plot,
     Recorded,
     Speed,
+    Station,
+    StationAddress,
     bus_mission,
     chosen_vehicle,
 )
@@ -66,13 +68,8 @@ class FlyOptions:
             "repeated.",
         ),
     ] = ()
-    station: Annotated[
-        bool, Parameter(negative="", group=RESULT, help="Serve the operator's page, as `cordon station` does.")
-    ] = False
-    station_address: Annotated[
-        str | None,
-        Parameter(group=RESULT, help="Where --station listens, HOST:PORT, in place of 127.0.0.1:8766."),
-    ] = None
+    station: Station = False
+    station_address: StationAddress = None
     json: Json = False
     plot: Plot = None
 

@@ -52,6 +52,19 @@ Recorded = Annotated[
         help="Whether the flight is recorded. By default it is, in ~/.local/share/cordon/logs.",
     ),
 ]
+STATION_ADDRESS = "127.0.0.1:8766"
+Station = Annotated[
+    bool,
+    Parameter(
+        negative="",
+        group=RESULT,
+        help="Serve the operator's page, as `cordon station` does: beside a flight, after a simulation.",
+    ),
+]
+StationAddress = Annotated[
+    str | None,
+    Parameter(group=RESULT, help=f"Where --station listens, HOST:PORT, in place of {STATION_ADDRESS}."),
+]
 
 
 def loaded_mission(name: str) -> "Mission":

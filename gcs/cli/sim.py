@@ -2,13 +2,26 @@
 
 import gc
 from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import RESULT, Duration, Json, Log, MissionName, Plot, loaded_mission
-from gcs.errors import Exit
+from gcs.cli.options import (
+    RESULT,
+    STATION_ADDRESS,
+    Duration,
+    Json,
+    Log,
+    MissionName,
+    Plot,
+    Station,
+    StationAddress,
+    loaded_mission,
+)
+from gcs.errors import Exit, InputError
 from gcs.signals import hold_back, pending
 
 
@@ -24,6 +37,8 @@ class SimOptions:
     ] = None
     duration: Duration = None
     log: Log = None
+    station: Station = False
+    station_address: StationAddress = None
     json: Json = False
     plot: Plot = None
     timing: Annotated[
@@ -42,20 +57,38 @@ def sim(options: SimOptions) -> Exit:
     Example: cordon sim case2-field --seed 7 --plot flight.png
     """
     hold_back()
-    from gcs.cli.output import SimulationProgress, check_plot, present
+    if options.station_address and not options.station:
+        raise InputError(["--station-address: it needs --station"])
     from gcs.console.terminal import print_problem
+
+    try:
+        verdict, log = _sim(options)
+    except KeyboardInterrupt:
+        print_problem("the simulation was interrupted")
+        return Exit.ENDED_IN_FLIGHT
+    if not options.station or log is None:
+        return verdict
+    from gcs.cli.station import StationOptions, station
+
+    shown = station(log, options=StationOptions(address=options.station_address or STATION_ADDRESS))
+    return verdict if shown is Exit.HOLDS else shown
+
+
+def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
+    """Fly; return the verdict and the log. Raises InputError, and KeyboardInterrupt for Ctrl-C."""
+    from gcs.cli.output import SimulationProgress, check_plot, present
     from gcs.flight.simulated import fly_simulated
 
     check_plot(options.plot)
     mission = loaded_mission(options.mission)
     flown_s = options.duration or mission.mission.duration_s
     seed = mission.mission.seed if options.seed is None else options.seed
-    recording = None
-    if options.log is not None:
+    recording, log = None, _log_path(options, mission.mission.name)
+    if log is not None:
         from gcs.flight.recording import report_log
         from gcs.flight.simulation_log import simulation_recording
 
-        recording = simulation_recording(mission, options.log, seed, flown_s)
+        recording = simulation_recording(mission, log, seed, flown_s)
 
     def update(time_s: float) -> None:
         if pending():
@@ -63,14 +96,22 @@ def sim(options: SimOptions) -> Exit:
         progress.update(time_s)
 
     gc.freeze()  # modules stay until the end: a full collection would traverse them for 60 ms, within a tick
-    try:
-        with SimulationProgress(mission.mission.name, flown_s) as progress:
-            record = fly_simulated(mission, seed, flown_s, update, recording)
-    except KeyboardInterrupt:
-        print_problem("the simulation was interrupted")
-        return Exit.ENDED_IN_FLIGHT
+    with SimulationProgress(mission.mission.name, flown_s) as progress:
+        record = fly_simulated(mission, seed, flown_s, update, recording)
     timed = options.seed is None if options.timing is None else options.timing
     verdict = present(mission, record, json=options.json, plot=options.plot, timed=timed)
     if recording is not None:
         report_log(recording.writer)
-    return verdict
+    return verdict, log
+
+
+def _log_path(options: SimOptions, mission: str) -> Path | None:
+    """Return where to record: the page needs a log. Raises InputError where there is no place for one."""
+    if options.log is not None or not options.station:
+        return options.log
+    from gcs.flightlog.place import default_path
+
+    try:
+        return default_path(mission, None, datetime.now())
+    except OSError as error:
+        raise InputError([f"--station: {error}; name a file by --log"]) from error

@@ -1,4 +1,4 @@
-"""`cordon station`: the operator's page of a running team."""
+"""`cordon station`: the operator's page of a running team, or of a recorded flight."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import KeyName, RunningMission, bus_mission
+from gcs.cli.options import STATION_ADDRESS, KeyName, RunningMission, bus_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -17,18 +17,16 @@ if TYPE_CHECKING:
 
     from gcs.station.access import Access
 
-ADDRESS = "127.0.0.1:8766"
-
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationOptions:
-    """What `cordon station` is given."""
+    """What `cordon station` is given beside a log."""
 
     mission: RunningMission = "case2"
     address: Annotated[
         str, Parameter(help="Where the page is served, HOST:PORT. Beyond this computer with --tls and --token-file.")
-    ] = ADDRESS
+    ] = STATION_ADDRESS
     tls: Annotated[
         tuple[Path, Path] | None, Parameter(help="The certificate and the private key of the server, PEM files.")
     ] = None
@@ -43,7 +41,12 @@ class StationOptions:
 _DEFAULTS = StationOptions()
 
 
-def station(*, options: StationOptions = _DEFAULTS) -> Exit:
+def station(
+    log: Annotated[Path | None, Parameter(help="A flight's log, to be shown in place of a running team.")] = None,
+    /,
+    *,
+    options: StationOptions = _DEFAULTS,
+) -> Exit:
     """Serve the operator's page: what a team does, its alarms, and commands. Open the address that is printed.
 
     It listens to the team as `cordon watch` does, before, in and after flights. It commands only with an operator's
@@ -55,7 +58,7 @@ def station(*, options: StationOptions = _DEFAULTS) -> Exit:
     if options.tiles is not None and not options.tiles.is_dir():
         raise InputError([f"--tiles: no folder {str(options.tiles)!r}"])
     access = _access(options)
-    return _serve_team(access, options)
+    return _serve_flight(log, access, options) if log is not None else _serve_team(access, options)
 
 
 def _access(options: StationOptions) -> "Access":
@@ -87,11 +90,27 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
     return _serve(serve, access, f"team {mission.network.team}")
 
 
+def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit:
+    """Serve the page of a recorded flight; raises InputError for a log that cordon did not record."""
+    from gcs.cli.output import print_log_faults
+    from gcs.flightlog.reader import read_log
+    from gcs.station.recorded_flight import recorded_flight
+    from gcs.station.server import recorded_app, serve
+    from gcs.vehicle_logs.foreign import is_foreign
+
+    if is_foreign(path):
+        raise InputError([f"{path}: it was not recorded by cordon: `cordon report` shows what it holds"])
+    log = read_log(path)
+    print_log_faults(log)
+    app = recorded_app(recorded_flight(log), tiles=options.tiles)
+    return _serve(lambda listening, stop: serve(app, access, listening, stop), access, path.name)
+
+
 def _serve(serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]", access: "Access", subject: str) -> Exit:
     """Serve until Ctrl-C, or until the flight ends that this station belongs to."""
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import print_result
-    from gcs.console.terminal import print_problem
+    from gcs.console.terminal import print_line, print_problem
     from gcs.signals import relay
     from gcs.station.beside import lifeline
     from gcs.station.server import listen
@@ -101,12 +120,14 @@ def _serve(serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]", a
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
-    print_result(f"page of {subject}: {access.url}")
+    beside = lifeline()
+    say = print_line if beside is None else print_result  # a flight reads it, and says it
+    say(f"page of {subject}: {access.url}")
 
     async def run() -> None:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        if (end := lifeline()) is not None:
-            loop.add_reader(end, stop.set)
+        if beside is not None:
+            loop.add_reader(beside, stop.set)
         else:
             relay(lambda: loop.call_soon_threadsafe(stop.set))
         await serve(listening, stop)

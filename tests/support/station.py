@@ -134,11 +134,11 @@ class AnsweringTeam:
 
 
 @asynccontextmanager
-async def answering_team(mission: Mission) -> AsyncIterator[AnsweringTeam]:
-    """Run a team on the bus of a mission."""
+async def answering_team(mission: Mission, dead: int | None = None) -> AsyncIterator[AnsweringTeam]:
+    """Run a team on the bus of a mission, without a vehicle that is dead."""
     team = AnsweringTeam(tactics=dict.fromkeys(mission.ids, "encircle"))
     async with AsyncExitStack() as stack:
-        for vehicle_id in mission.ids:
+        for vehicle_id in set(mission.ids) - {dead}:
             await stack.enter_async_context(_member(mission, vehicle_id, team))
         yield team
 

@@ -1,6 +1,7 @@
 """`cordon station` as its users meet it: a process, its address, and its end; alone and beside a flight."""
 
 import asyncio
+import gzip
 import http.client
 import json
 import os
@@ -12,14 +13,17 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from urllib.parse import unquote
 
+import msgspec
 import pytest
 import websockets
 from websockets.asyncio.client import ClientConnection
 
+from gcs.station.picture import FlightPicture
 from tests.support.mission_text import LOW
-from tests.support.paths import ROOT
+from tests.support.paths import DATA, ROOT
 from tests.support.station import asked, received
 from tests.support.wire import LOOPBACK, free_port
 
@@ -81,17 +85,17 @@ async def test_without_a_flight_the_page_says_that_it_waits_and_ctrl_c_ends_it_a
 ) -> None:
     address = f"{LOOPBACK}:{free_port()}"
     with cordon("station", "--mission", mission_file("case2"), "--address", address) as process:
-        assert process.stdout is not None
-        port, cookie = entered(process.stdout.readline())
+        assert process.stderr is not None
+        port, cookie = entered(process.stderr.readline())
         async with stream(port, cookie) as page:
             assert (await received(page, "mission"))["operator"]["may"] == []
             while "no flight" not in (await received(page, "team"))["link"]:
                 pass
             began_s = time.monotonic()
             process.send_signal(number)
-            _, err = await asyncio.to_thread(process.communicate, timeout=10.0)
+            out, err = await asyncio.to_thread(process.communicate, timeout=10.0)
             assert time.monotonic() - began_s < END_S
-        assert (process.returncode, err) == (0, "")
+        assert (process.returncode, out, err) == (0, "", "")
 
 
 def test_an_address_that_is_taken_is_refused_and_bad_input_is_told(
@@ -118,6 +122,42 @@ def test_an_address_that_is_taken_is_refused_and_bad_input_is_told(
                 out, err = process.communicate(timeout=20.0)
                 assert (process.returncode, out) == (3, "")
                 assert "cannot listen" in err
+
+
+def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
+    mission_file: Callable[..., str], tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    address, log = f"{LOOPBACK}:{free_port()}", tmp_path / "flight.mcap"
+    simulation = ("sim", mission_file("case2"), "--duration", "20", "--json", "--log", str(log))
+    for arguments in (
+        (*simulation, "--station", "--station-address", address),
+        ("station", str(log), "--address", address),
+    ):
+        with subtests.test(arguments[0]), cordon(*arguments) as process:
+            assert process.stderr is not None
+            line = next(line for line in process.stderr if "page of" in line)
+            port, cookie = entered(line)
+            connection = http.client.HTTPConnection(LOOPBACK, port, timeout=5.0)
+            connection.request("GET", "/flight.json", headers={"Cookie": cookie})
+            flight = msgspec.json.decode(gzip.decompress(connection.getresponse().read()), type=FlightPicture)
+            assert {each.vehicle_id for each in flight.mission.vehicles} == {1, 2, 3}
+            assert flight.teams[-1].time_s == pytest.approx(20.0, abs=0.5)
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=10.0)
+            assert process.returncode == 0
+            assert [json.loads(each)["mission"] for each in out.splitlines()] in ([], ["case2"])
+            assert "Traceback" not in err
+
+
+def test_a_log_that_is_none_of_cordons_is_bad_input(tmp_path: Path, subtests: pytest.Subtests) -> None:
+    text = tmp_path / "text.mcap"
+    text.write_text("no log")
+    for log in (DATA / "px4-quad.ulg", DATA / "arducopter.bin", text, tmp_path / "none.mcap"):
+        with subtests.test(log.name), cordon("station", str(log)) as process:
+            out, err = process.communicate(timeout=20.0)
+            assert (process.returncode, out) == (2, "")
+            assert log.name in err
+            assert "Traceback" not in err
 
 
 async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(

@@ -52,7 +52,9 @@ async def test_a_page_is_shown_the_mission_then_what_comes_and_a_late_one_the_la
         assert [event["text"] for event in events] == [f"event {number}" for number in range(50, 250)]
         assert [event["number"] for event in events] == list(range(51, 251))
         served.source.team(3.0)
-        assert (await received(page, "team"))["time_s"] == 3.0
+        served.source.event("the next")
+        assert json.loads(await page.recv())["time_s"] == 3.0
+        assert json.loads(await page.recv())["text"] == "the next"
 
 
 @pytest.mark.parametrize(
