@@ -6,7 +6,7 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Page, expect
 
-from gcs.station.picture import TeamPicture
+from gcs.station.picture import EventPicture, TeamPicture
 from tests.station.conftest import OpenPage
 from tests.support.canned_station import CannedStation
 from tests.support.station_pictures import changed, ring_flight, ring_mission, ring_team
@@ -58,6 +58,18 @@ def test_axe_finds_nothing_serious_in_a_replay(open_page: OpenPage, scheme: Lite
         page.locator("#seek").press("End")
         page.get_by_role("tab", name="Strips").click()
         assert findings(page) == []
+
+
+def test_many_events_take_no_room_from_the_map(open_page: OpenPage) -> None:
+    with CannedStation(MISSION, every_state) as served:
+        page = open_page(served.url, viewport=WIDE)
+        expect(page.locator("#verbs button")).to_have_count(6)
+        before = page.locator("#map-panel").bounding_box()
+        for number in range(1, 101):
+            served.send(EventPicture(number, float(number), 1.7e9, "information", "something happened"))
+        expect(page.locator("#events li")).to_have_count(100)
+        assert page.locator("#map-panel").bounding_box() == before
+        assert page.locator("[data-verb='kill']").is_visible()
 
 
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])

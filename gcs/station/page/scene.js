@@ -130,9 +130,10 @@ export class Scene {
   }
 
   #keepInView(team) {
-    const box = this.map.getContainer().getBoundingClientRect();
+    const canvas = this.map.getCanvas(); // its size is read without a new layout of the page
+    const [width, height] = [canvas.width, canvas.height].map((size) => size / this.map.getPixelRatio());
     const points = team.vehicles.map((vehicle) => vehicle.position_m).filter(Boolean);
-    const isInside = ({ x, y }) => x > 40 && y > 40 && x < box.width - 40 && y < box.height - 40;
+    const isInside = ({ x, y }) => x > 40 && y > 40 && x < width - 40 && y < height - 40;
     const isSeen = points.every((point_m) => isInside(this.map.project(this.frame.lonLat(point_m))));
     if (this.hasFitted && (isSeen || this.map.isMoving())) return;
     this.hasFitted = points.length > 0;
