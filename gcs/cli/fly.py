@@ -82,6 +82,8 @@ def fly(options: FlyOptions) -> int:
 
     Vehicles that have no position yet, or do not pass their arming checks, are waited for; Ctrl-C ends the wait.
 
+    With --sitl, --speed is an upper limit: a computer that does not hold it flies more slowly.
+
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 
     Example: cordon fly px4-trio --wait 120

@@ -4,7 +4,7 @@ import asyncio
 import traceback
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack, ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 from agents.ports import VehicleRefusedError
@@ -13,6 +13,7 @@ from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
+from gcs.flight.preparation.held_speed import held_speed
 from gcs.flight.preparation.readiness import Readiness
 from gcs.flight.stubs import FlightStubs
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
@@ -54,6 +55,8 @@ async def fly(
 
     Ctrl-C makes every vehicle hold and land, a second one land at once.
     """
+    if plan.stubs and plan.speed is not None:
+        plan = replace(plan, speed=_held_speed(plan, plan.speed, view))
     clock = MissionClock(plan.speed or 1.0)
     with ExitStack() as stack:
         keys = stack.enter_context(flight_keys(plan.mission))
@@ -62,6 +65,14 @@ async def fly(
             recording = stack.enter_context(FlightRecording(plan.log, clock))
         team = Team(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
         return await _fly(team, report, supervisor)
+
+
+def _held_speed(plan: FlightPlan, asked: float, view: LiveView) -> float:
+    """Return the speed that this computer holds, and show it if that is less than what was asked for."""
+    held = held_speed(asked, len(plan.vehicles) * plan.mission.mission.rate_hz)
+    if held < asked:
+        view.print_line(f"this computer holds speed {held:g} of the {asked:g} asked for")
+    return held
 
 
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -> Flight:

@@ -1,1 +1,1 @@
-"""Before take-off: waiting for vehicles that are about to be ready."""
+"""Before take-off: the speed that the computer holds, and the wait for vehicles that are about to be ready."""
