@@ -12,22 +12,12 @@ from cyclopts import App, CycloptsError
 
 from gcs.errors import Exit, InputError
 
-VERBS = (
-    "check",
-    "command",
-    "drill",
-    "excite",
-    "fly",
-    "identify",
-    "keys",
-    "log",
-    "replay",
-    "report",
-    "sim",
-    "sitl",
-    "station",
-    "target",
-    "watch",
+OF_A_TEAM = ("command", "station", "target", "watch")
+"""The verbs for a team that flies already."""
+VERBS = tuple(
+    sorted(
+        ("check", "drill", "excite", "fly", "identify", "keys", "log", "replay", "report", "sim", "sitl", *OF_A_TEAM)
+    )
 )
 
 app = App(
@@ -37,7 +27,8 @@ app = App(
     version=lambda: f"{version('cordon-gcs')} ({_runs()})",
 )
 for _verb in VERBS:
-    app.command(f"gcs.cli.{_verb}:{_verb}", name=_verb)
+    _module = f"gcs.cli.team.{_verb}" if _verb in OF_A_TEAM else f"gcs.cli.{_verb}"
+    app.command(f"{_module}:{_verb}", name=_verb)
 
 
 def main() -> None:

@@ -68,7 +68,7 @@ def sim(options: SimOptions) -> Exit:
         return Exit.ENDED_IN_FLIGHT
     if not options.station or log is None:
         return verdict
-    from gcs.cli.station import StationOptions, station
+    from gcs.cli.team.station import StationOptions, station
 
     shown = station(log, options=StationOptions(address=options.station_address or STATION_ADDRESS))
     return verdict if shown is Exit.HOLDS else shown
