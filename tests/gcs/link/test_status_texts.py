@@ -1,4 +1,4 @@
-"""Which status texts explain a refusal: texts that PX4 1.17 and ArduCopter 4.7 sent, as recorded."""
+"""Which status texts explain a refusal, with texts in the words of PX4 1.17 and ArduCopter 4.7."""
 
 import pytest
 from mavsdk.plugins.telemetry import StatusTextType
