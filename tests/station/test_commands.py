@@ -114,6 +114,7 @@ def test_time_in_which_the_page_stands_still_is_not_held(page: Page, served: Can
     page.mouse.down()
     page.wait_for_timeout(0.2 * HOLD_MS)
     page.evaluate("() => { const end = performance.now() + 1500; while (performance.now() < end); }")
+    page.wait_for_timeout(100)
     page.mouse.up()
     assert sent(page, served) == []
 

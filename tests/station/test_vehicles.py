@@ -236,6 +236,27 @@ def test_map_is_in_metres_and_north_is_up(open_page: OpenPage) -> None:
         expect(arrow).to_have_attribute("transform", "rotate(-90)")
 
 
+def test_map_turns_by_the_bearing_of_the_x_axis(open_page: OpenPage) -> None:
+    """With x at 30° from north, a way of 20 m along x goes 10 m east, one of 20 m along y 10 m north."""
+    mission = replace(ring_mission(), x_bearing_deg=30.0)
+    places_m = {1: (0.0, 0.0, 8.0), 2: (20.0, 0.0, 8.0), 3: (0.0, 20.0, 8.0)}
+
+    def team(time_s: float) -> TeamPicture:
+        shown = replace(ring_team(mission, time_s), target=None)
+        for number, place_m in places_m.items():
+            shown = changed(shown, number, position_m=place_m)
+        return shown
+
+    with CannedStation(mission, team) as served:
+        page = open_page(served.url)
+        expect(page.locator(".symbol[data-vehicle='3']")).to_be_visible()
+        page.wait_for_timeout(1000)
+        scale, (x1, y1), (x2, y2), (x3, y3) = scale_px_m(page), *(pixels(page, number) for number in (1, 2, 3))
+        along_x_m, along_y_m = ((x2 - x1) / scale, (y1 - y2) / scale), ((x3 - x1) / scale, (y1 - y3) / scale)
+        assert along_x_m == pytest.approx((10.0, 17.32), abs=0.6)
+        assert along_y_m == pytest.approx((-17.32, 10.0), abs=0.6)
+
+
 def test_layers_and_selection_on_the_map(open_page: OpenPage) -> None:
     with station() as served:
         page = open_page(served.url)
