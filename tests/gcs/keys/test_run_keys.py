@@ -95,7 +95,9 @@ def test_all_processes_of_a_run_fly_its_vehicles_with_one_certificate(runtime: P
         (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
         own = grants.pop(str(name.value))
         assert own.presence == ("alive/1", "alive/2")
-        assert sorted(own.topics) == sorted(f"{topic}/{i}" for topic in ("answer", "member", "start") for i in (1, 2))
+        assert sorted(own.topics) == sorted(
+            f"{topic}/{i}" for topic in ("@report", "answer", "member", "start") for i in (1, 2)
+        )
         others = [topic for grant in grants.values() for topic in (*grant.topics, *grant.presence)]
         assert not [topic for topic in others if not topic.startswith(("command/", "perception/"))]
 
