@@ -15,6 +15,13 @@ ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--ena
 # A live station has no recorded flight, and one that is gone breaks and refuses connections.
 EXPECTED = ("404", "ERR_CONNECTION_", "WebSocket")
 
+NO_WEBGL = (
+    "const get = HTMLCanvasElement.prototype.getContext;"
+    "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
+    "  return kind.startsWith('webgl') ? null : get.call(this, kind, ...more); };"
+)
+"""A script for tests that need no map: without a graphics card it takes most of the processor."""
+
 OpenPage = Callable[..., Page]
 
 

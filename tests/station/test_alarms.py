@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from gcs.station.picture import EventPicture, TeamPicture
-from tests.station.conftest import OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage
 from tests.support.canned_station import CannedStation
 from tests.support.station_pictures import changed, ring_mission, ring_team
 
@@ -41,7 +41,7 @@ def served() -> Iterator[CannedStation]:
 
 @pytest.fixture
 def page(open_page: OpenPage, served: CannedStation) -> Page:
-    page = open_page(served.url, script=COUNT_TONES)
+    page = open_page(served.url, script=NO_WEBGL + COUNT_TONES)
     expect(page.locator(".card .tactic").first).to_have_text("encircle")
     return page
 

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from gcs.station.picture import MissionPicture, TeamPicture
-from tests.station.conftest import OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage
 from tests.support.canned_station import CannedStation
 from tests.support.station_pictures import changed, ring_mission, ring_team
 
@@ -272,13 +272,8 @@ def test_layers_and_selection_on_the_map(open_page: OpenPage) -> None:
 
 
 def test_without_webgl_the_table_shows_all(open_page: OpenPage) -> None:
-    no_webgl = (
-        "const get = HTMLCanvasElement.prototype.getContext;"
-        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
-        "  return kind.startsWith('webgl') ? null : get.call(this, kind, ...more); };"
-    )
     with station(with_own_values) as served:
-        page = open_page(served.url, script=no_webgl)
+        page = open_page(served.url, script=NO_WEBGL)
         expect(page.locator("#table [data-vehicle='2'] [data-quantity='battery']")).to_have_text("57\u00a0%")
         assert texts(page, ".card[data-vehicle='2']") == SHOWN
         page.get_by_role("tab", name="Map").click()
