@@ -45,7 +45,7 @@ def open_page(browser: Browser) -> Iterator[OpenPage]:
     contexts = []
 
     def open_at(url: str, *, script: str = "", **settings: Any) -> Page:
-        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **settings})
+        context = browser.new_context(**{"viewport": {"width": 1024, "height": 640}, **settings})
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(10_000)
