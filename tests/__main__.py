@@ -27,10 +27,10 @@ SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WOR
 AGAIN = ("--reruns", "2", "--reruns-delay", "3")
 """Watchdogs and leases run on the wall clock: a test that lacked the processor runs again; the summary counts it."""
 BROWSER = ("-m", "browser")
-"""Tests that drive a browser wait as well, but draw on the processor: one after the other, beside the others."""
+"""Tests that drive a browser wait as well, but draw on the processor: after those on sockets, one after the other."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
 """Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
-GIVES_WAY, GIVES_SOME_WAY = ("nice", "-n", "19"), ("nice", "-n", "10")
+GIVES_WAY = ("nice", "-n", "19")
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
 """Matrices here are small: more threads only spin, in the way of the other processes. These are hundreds, and would
 each compile what they import.
@@ -46,13 +46,12 @@ def main() -> int:
         checks = _failing_checks()
         tests_fail = _run("pytest", *arguments) != 0
     else:
-        with (
-            _pytest(*COMPUTING, prefix=GIVES_WAY) as computing,
-            _pytest(*BROWSER, *AGAIN, prefix=GIVES_SOME_WAY) as browser,
-            _pytest(*SOCKETS, *AGAIN) as sockets,
-        ):
-            checks = _failing_checks()
-            passed = [sockets(), browser(), computing()]
+        with _pytest(*COMPUTING, prefix=GIVES_WAY) as computing:
+            with _pytest(*SOCKETS, *AGAIN) as sockets:
+                checks = _failing_checks()
+                passed = [sockets()]
+            with _pytest(*BROWSER, *AGAIN) as browser:
+                passed += [browser(), computing()]
         tests_fail = not all(passed)
     for check in checks:
         print(f"failed: {check}", file=sys.stderr)
