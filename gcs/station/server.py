@@ -80,12 +80,12 @@ class Stream:
             self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
 
 
-def live_app(stream: Stream, page: Path = PAGE, tiles: Path | None = None) -> ASGIApp:
+def live_app(stream: Stream, page: Path = PAGE) -> ASGIApp:
     """Return the pages of a running team."""
-    return _app([WebSocketRoute("/stream", stream.serve)], page, tiles)
+    return _app(WebSocketRoute("/stream", stream.serve), page)
 
 
-def recorded_app(flight: FlightPicture, page: Path = PAGE, tiles: Path | None = None) -> ASGIApp:
+def recorded_app(flight: FlightPicture, page: Path = PAGE) -> ASGIApp:
     """Return the page of a recorded flight."""
     packed = gzip.compress(msgspec.json.encode(flight), compresslevel=6)
     headers = {"Content-Encoding": "gzip", "Cache-Control": "no-store"}
@@ -93,13 +93,12 @@ def recorded_app(flight: FlightPicture, page: Path = PAGE, tiles: Path | None = 
     async def recorded(_request: Request) -> Response:
         return Response(packed, media_type="application/json", headers=headers)
 
-    return _app([Route("/flight.json", recorded)], page, tiles)
+    return _app(Route("/flight.json", recorded), page)
 
 
-def _app(routes: list[BaseRoute], page: Path, tiles: Path | None) -> Starlette:
-    folder = [] if tiles is None else [Mount("/tiles", StaticFiles(directory=tiles))]
+def _app(data: BaseRoute, page: Path) -> Starlette:
     files = Mount("/", StaticFiles(directory=page, html=True, check_dir=False))
-    return Starlette(routes=[*routes, *folder, files])
+    return Starlette(routes=[data, files])
 
 
 async def serve_team(
@@ -108,7 +107,6 @@ async def serve_team(
     access: Access,
     listening: socket.socket,
     stop: asyncio.Event,
-    tiles: Path | None = None,
     page: Path = PAGE,
 ) -> None:
     """Serve the pages of a running team until `stop`; raises InputError when the source does."""
@@ -117,7 +115,7 @@ async def serve_team(
     running = [
         asyncio.create_task(source.run(broadcast.publish)),
         asyncio.create_task(ours.run(lambda rights: broadcast.publish(source.mission(rights)))),
-        asyncio.create_task(serve(live_app(Stream(broadcast, ours), page, tiles), access, listening, stop)),
+        asyncio.create_task(serve(live_app(Stream(broadcast, ours), page), access, listening, stop)),
     ]
     try:
         done, _ = await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)

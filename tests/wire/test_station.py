@@ -109,7 +109,6 @@ def test_an_address_that_is_taken_is_refused_and_bad_input_is_told(
             ("every host", ("--address", "0.0.0.0:8766"), 2, "--tls"),
             ("no port", ("--address", "localhost"), 2, "--address"),
             ("no token", ("--token-file", "/nowhere"), 2, "/nowhere"),
-            ("no tiles", ("--tiles", "/nowhere"), 2, "--tiles"),
         ):
             with subtests.test(name), cordon("station", "--mission", mission, *arguments) as process:
                 out, err = process.communicate(timeout=20.0)

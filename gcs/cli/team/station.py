@@ -33,7 +33,6 @@ class StationOptions:
     token_file: Annotated[
         Path | None, Parameter(help="A file with the token that opens the page, in place of one that cordon keeps.")
     ] = None
-    tiles: Annotated[Path | None, Parameter(help="A folder of map tiles, Z/X/Y.png, to draw under the scene.")] = None
     key: KeyName = None
     sitl: Annotated[bool, Parameter(negative="", help="Say on the page that the vehicles are stubs.")] = False
 
@@ -55,10 +54,8 @@ def station(
     Example: cordon station --mission case2
     """
     hold_back()
-    if options.tiles is not None and not options.tiles.is_dir():
-        raise InputError([f"--tiles: no folder {str(options.tiles)!r}"])
     access = _access(options)
-    return _serve_flight(log, access, options) if log is not None else _serve_team(access, options)
+    return _serve_team(access, options) if log is None else _serve_flight(log, access)
 
 
 def _access(options: StationOptions) -> "Access":
@@ -85,12 +82,12 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
         return Commands(mission, options.key, broadcast.publish)
 
     async def serve(listening: "socket.socket", stop: asyncio.Event) -> None:
-        await serve_team(team, commands, access, listening, stop, options.tiles)
+        await serve_team(team, commands, access, listening, stop)
 
     return _serve(serve, access, f"team {mission.network.team}")
 
 
-def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit:
+def _serve_flight(path: Path, access: "Access") -> Exit:
     """Serve the page of a recorded flight; raises InputError for a log that cordon did not record."""
     from gcs.cli.output import print_log_faults
     from gcs.flightlog.reader import read_log
@@ -102,7 +99,7 @@ def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit
         raise InputError([f"{path}: it was not recorded by cordon: `cordon report` shows what it holds"])
     log = read_log(path)
     print_log_faults(log)
-    app = recorded_app(recorded_flight(log), tiles=options.tiles)
+    app = recorded_app(recorded_flight(log))
     return _serve(lambda listening, stop: serve(app, access, listening, stop), access, path.name)
 
 
