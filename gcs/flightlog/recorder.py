@@ -1,7 +1,7 @@
-"""The flight recorder: tapes for the cores, and a thread that writes them to a log.
+"""The flight recorder: tapes for the cores, and what takes their records to a log.
 
-A tape only appends to a queue. `drain` encodes and writes, in a thread of its own during a flight: a slow, full or
-missing disk does not disturb it.
+A tape only appends to a queue. `drain` hands the records to a writer, in a thread of its own during a flight: a slow,
+full or missing disk does not disturb it.
 """
 
 import threading

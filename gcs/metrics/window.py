@@ -9,7 +9,7 @@ SHORT_S = 60.0
 def window_line(result: FlightResult) -> str:
     """Return over which part of the flight the ring is judged, and why; empty without a ring.
 
-    A ring that settled and left its limits later is told as that.
+    A ring that settled and left its limits later is reported as such.
     """
     if result.window_s is None:
         return ""

@@ -1,7 +1,7 @@
 """Profile flights of stub vehicles: processor by process, thread and stage, lateness of ticks, memory, start-up.
 
 Each flight is `cordon fly` with default settings, recorded. Cores and memory are those of its processes, which are the
-supervisor, the flying process and the log's; the stubs are a process of their own, and are told apart.
+supervisor, the flying process and the log's; the stubs are a process of their own, with a column of its own.
 The stages are measured in a flight of their own, because measuring costs something.
 """
 
