@@ -2,7 +2,6 @@
 
 import asyncio
 import time
-from collections.abc import Callable
 
 from agents.ports import VehicleRefusedError
 from agents.team.messages import BusMessage
@@ -11,19 +10,18 @@ from gcs.console.watched_bus import WatchedBus
 from gcs.errors import InputError
 from gcs.mission.mission import Mission
 from gcs.station.mission_picture import mission_picture
-from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, Source, TeamPicture
+from gcs.station.picture import FlightSource, MissionPicture, OperatorRights
+from gcs.station.source import Publish
 from gcs.station.team_picture import TeamPictures
 
 PICTURES_HZ = 10.0
 _FOLLOWED_EVERY_S, _TRIED_AGAIN_S = 0.2, 1.0
 
-Publish = Callable[[MissionPicture | TeamPicture | EventPicture], None]
-
 
 class LiveTeam:
     """A source of pictures of the flights of one mission's team, one after the other."""
 
-    def __init__(self, mission: Mission, source: Source = "flight") -> None:
+    def __init__(self, mission: Mission, source: FlightSource = "flight") -> None:
         """Take the mission that flies; `source` is what its vehicles are."""
         self._mission = mission
         self._source = source

@@ -1,12 +1,12 @@
 """What does not change in flight, for the operator's page."""
 
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.station.picture import MissionPicture, OperatorRights, PlannedVehicle, Source
+from gcs.station.picture import FlightSource, MissionPicture, OperatorRights, PlannedVehicle
 from gcs.style import COLOURS
 
 
 def mission_picture(
-    mission: Mission, source: Source, duration_s: float, operator: OperatorRights | None = None
+    mission: Mission, source: FlightSource, duration_s: float, operator: OperatorRights | None = None
 ) -> MissionPicture:
     """Return a mission as the page shows it, flown for `duration_s`; without an operator it only shows."""
     frame, ring, safety = mission.frame, mission.encirclement, mission.safety

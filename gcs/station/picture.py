@@ -11,9 +11,9 @@ import msgspec
 
 from agents.team.messages import Verb
 from estimation.frames import Triple
+from gcs.console.advice import Severity
 
-Severity = Literal["information", "warning", "alarm"]
-Source = Literal["flight", "sitl", "simulation", "log"]
+FlightSource = Literal["flight", "sitl", "simulation", "log"]
 Pair = tuple[float, float]
 
 
@@ -45,7 +45,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     """
 
     mission: str
-    source: Source
+    source: FlightSource
     duration_s: float
     rate_hz: float
     origin_deg: Pair | None
