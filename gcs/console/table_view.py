@@ -118,6 +118,10 @@ class TableView(Generic[RowT]):
         """Whether the table is drawn on a terminal."""
         return self._live is not None
 
+    def shows_at(self, time_s: float) -> bool:
+        """Whether an update at this time is shown: on a terminal always, elsewhere when the next line is due."""
+        return self._live is not None or self._line_is_due(time_s)
+
     def update(
         self, rows: Sequence[RowT], time_s: float, message: str = "", hint: Text = NO_HINT, title: str = ""
     ) -> None:

@@ -78,6 +78,8 @@ class Watch:
     def _update(self, hint: Text) -> None:
         team, mission = self._team, self._team.plan.mission
         time_s = None if team.start_s is None else max(team.clock.now_s() - team.start_s, 0.0)
+        if not team.view.shows_at(time_s or 0.0):
+            return  # the rows of a large team take a noticeable part of a tick
         places_m = _places_m(team)
         rows = [self._row(member, team.newest.get(member.vehicle.id), places_m) for member in team.members]
         flying = any(not row.ending for row in rows)

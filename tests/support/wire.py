@@ -4,9 +4,12 @@ import asyncio
 import os
 import random
 import socket
+import subprocess
+import sys
+import time
 from collections import defaultdict
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from itertools import islice
 from typing import Any
 
@@ -17,6 +20,7 @@ from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig, serve
+from tests.support.paths import ROOT
 
 LOOPBACK = "127.0.0.1"
 
@@ -89,3 +93,26 @@ async def until(condition: Callable[[], bool], timeout_s: float = 20.0, waiting_
         assert loop.time() < end_s, f"{waiting_for} never came true"
         await asyncio.sleep(0.005)
     return loop.time()
+
+
+def until_now(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    """Wait for a condition where no event loop runs."""
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+@contextmanager
+def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    """Run a command beside the test, on no terminal."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-m", "gcs", *arguments], stdout=pipe, stderr=pipe, text=True, env=environment
+    ) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()

@@ -4,15 +4,12 @@ import asyncio
 import gzip
 import http.client
 import json
-import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -23,29 +20,14 @@ from websockets.asyncio.client import ClientConnection
 
 from gcs.station.picture import FlightPicture
 from tests.support.mission_text import LOW
-from tests.support.paths import DATA, ROOT
+from tests.support.paths import DATA
 from tests.support.station import asked, received
-from tests.support.wire import LOOPBACK, free_port
+from tests.support.wire import LOOPBACK, cordon, free_port
 
 pytestmark = pytest.mark.wire
 
 END_S = 2.0
 """Ctrl-C ends a station within this time, on a busy computer."""
-
-
-@contextmanager
-def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run a command beside the test, on no terminal."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
-    pipe = subprocess.PIPE
-    with subprocess.Popen(
-        [sys.executable, "-m", "gcs", *arguments], stdout=pipe, stderr=pipe, text=True, env=environment
-    ) as process:
-        try:
-            yield process
-        finally:
-            if process.poll() is None:
-                process.kill()
 
 
 def entered(line: str) -> tuple[int, str]:

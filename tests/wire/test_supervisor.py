@@ -12,8 +12,8 @@ import signal
 import socket
 import sys
 import termios
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -138,6 +138,21 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
     server.close()
 
 
+@contextmanager
+def terminal() -> Iterator[tuple[int, int, bytearray]]:
+    """Open a terminal; return its user's end, the program's, and what the program has written on it so far."""
+    here, there = os.openpty()
+    shown = bytearray()
+    loop = asyncio.get_running_loop()
+    loop.add_reader(here, lambda: shown.extend(os.read(here, 65536)))
+    try:
+        yield here, there, shown
+    finally:
+        loop.remove_reader(here)
+        os.close(here)
+        os.close(there)
+
+
 def _take_terminal() -> None:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
@@ -259,11 +274,7 @@ async def test_who_is_orphaned_holds_and_lands(fault: signal.Signals, fly: Fly) 
 
 
 async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fly) -> None:
-    here, there = os.openpty()
-    shown = bytearray()
-    loop = asyncio.get_running_loop()
-    loop.add_reader(here, lambda: shown.extend(os.read(here, 65536)))
-    try:
+    with terminal() as (here, there, shown):
         flight = await fly(terminal=there)
         await flight.aloft()
         os.write(here, b"\x1a")
@@ -275,10 +286,6 @@ async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fl
         out_s = await until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
         assert out_s - began_s >= HOLD_S, "they hold first: in a hurry they would not"
         code, _ = await flight.ended()
-    finally:
-        loop.remove_reader(here)
-        os.close(here)
-        os.close(there)
     assert code == 4
     assert flight.all_down
     text = shown.decode(errors="replace")
@@ -287,21 +294,13 @@ async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fl
 
 
 async def test_on_a_terminal_no_vehicle_of_a_killed_process_is_left_standing_as_if_it_flew(fly: Fly) -> None:
-    here, there = os.openpty()
-    shown = bytearray()
-    loop = asyncio.get_running_loop()
-    loop.add_reader(here, lambda: shown.extend(os.read(here, 65536)))
-    try:
+    with terminal() as (_, there, shown):
         flight = await fly(terminal=there)
         await flight.aloft()
         await until(lambda: b"offboard" in shown, 5.0, "the live view")
         flight.strike(signal.SIGKILL)
         code, _ = await flight.ended()
         await until(lambda: b"next: " in shown, 5.0, "the supervisor's words")
-    finally:
-        loop.remove_reader(here)
-        os.close(here)
-        os.close(there)
     assert code == 4
     text = shown.decode(errors="replace")
     erased = text.rindex("\x1b8\x1b[J")

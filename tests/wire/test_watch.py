@@ -2,14 +2,11 @@
 
 import asyncio
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from io import StringIO
 
 import pytest
@@ -24,8 +21,7 @@ from gcs.console.watch import WatchView, watch
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.support.mission_text import INSECURE, LOW
-from tests.support.paths import ROOT
-from tests.support.wire import until
+from tests.support.wire import cordon, until
 
 pytestmark = pytest.mark.wire
 
@@ -37,21 +33,6 @@ SOON = (
 )
 """What makes the ring form soon."""
 WATCHES = 3
-
-
-@contextmanager
-def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run a command beside the test, on no terminal."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
-    pipe = subprocess.PIPE
-    with subprocess.Popen(
-        [sys.executable, "-m", "gcs", *arguments], stdout=pipe, stderr=pipe, text=True, env=environment
-    ) as process:
-        try:
-            yield process
-        finally:
-            if process.poll() is None:
-                process.kill()
 
 
 @asynccontextmanager

@@ -4,8 +4,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,6 +18,7 @@ from gcs.mission.file import load_mission
 from gcs.viewer.address import Address
 from tests.support.flight_logs import engaging, files_up_to, record_simulation
 from tests.support.paths import ROOT
+from tests.support.wire import until_now
 
 MISSION = load_mission("case2")
 RECORDS = 500
@@ -34,13 +33,6 @@ for number in range({RECORDS}):
 log.flush()
 os.kill(os.getpid(), signal.SIGKILL)
 """
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 def opened(path: Path) -> LogProcess:
@@ -71,7 +63,7 @@ def test_a_log_is_completed_when_the_flying_process_is_killed(tmp_path: Path) ->
     path = tmp_path / "log.mcap"
     flying = subprocess.run([sys.executable, "-c", KILLED.format(path=str(path))], cwd=ROOT, check=False, timeout=60)
     assert flying.returncode == -signal.SIGKILL
-    until(lambda: "it was never closed" not in str(read_log(path).faults))
+    until_now(lambda: "it was never closed" not in str(read_log(path).faults))
     assert [each.read(Tick).now_s for each in read_log(path).vehicles[1]] == list(range(RECORDS))
 
 
@@ -102,7 +94,7 @@ def test_a_disk_that_is_full_is_told(tmp_path: Path) -> None:
     for number in range(RECORDS):
         log.write(1, number, number, Tick(number * 0.123456789))
     log.flush()
-    until(lambda: log.fault != "")
+    until_now(lambda: log.fault != "")
     assert log.fault == "File too large"
     log.close()
 

@@ -21,6 +21,7 @@ from gcs.flightlog.records import RunEnd
 from gcs.flightlog.writer import LogWriter
 from gcs.mission.file import load_mission
 from tests.support.flight_logs import engaging, files_up_to, record_into
+from tests.support.wire import until_now
 
 DURATION_S = 20.0
 TICKS = 200
@@ -49,13 +50,6 @@ def hanging(writer: LogWriter, monkeypatch: pytest.MonkeyPatch) -> HangingDisk:
 
 def recorder_of(writer: LogWriter) -> Recorder:
     return Recorder(writer, time.time, lambda: 1.0)
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 # A disk that is full
@@ -132,14 +126,14 @@ def test_a_disk_that_hangs_is_not_noticed_by_who_flies(tmp_path: Path, monkeypat
     with RecorderThread(recording):
         for tick in range(TICKS):
             if tick == 20:
-                until(lambda: not recording._queue)
+                until_now(lambda: not recording._queue)
                 disk.works.clear()
                 time.sleep(0.3)  # the recorder has begun to wait for the disk
             began_s = time.perf_counter()
             tape.write(Tick(float(tick)))
             slowest_s = max(slowest_s, time.perf_counter() - began_s)
         disk.works.set()
-        until(lambda: not recording._queue)
+        until_now(lambda: not recording._queue)
         tape.write(Tick(float(TICKS)))
     assert slowest_s < 0.05
     assert writer.fault == "its disk is too slow: records are missing"
@@ -172,7 +166,7 @@ def test_leaving_a_flight_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, mo
     assert time.perf_counter() - began_s < 1.0
     assert recording.fault == "its disk has not answered for 0.3 s: it is not closed"
     disk.works.set()
-    until(lambda: not thread._thread.is_alive())
+    until_now(lambda: not thread._thread.is_alive())
 
 
 # Bugs
@@ -198,7 +192,7 @@ def test_a_recorder_that_fails_says_so(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(writer, "flush", fail)
     recording = recorder_of(writer)
     with RecorderThread(recording):
-        until(lambda: bool(recording.fault))
+        until_now(lambda: bool(recording.fault))
         recording.note(0, 0, RunEnd(1.0, 1.0))
     assert recording.fault == "the recorder ended: RuntimeError: out of order"
 
