@@ -1,6 +1,6 @@
 """What may be wrong with one vehicle and its link: set, and taken back, while the vehicle is served."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 from estimation.frames import Triple
 
@@ -23,6 +23,29 @@ class VehicleFaults:
     push_m_s2: tuple[float, float] = (0.0, 0.0)
     estimator_ratio: float = 0.0
     endurance_s: float | None = None
+
+    def add(self, others: "VehicleFaults") -> None:
+        """Have the others as well; of one that both have, the others' value counts."""
+        for each in fields(self):
+            if (value := getattr(others, each.name)) != each.default:
+                setattr(self, each.name, value)
+
+    def clear(self) -> None:
+        """Have none."""
+        for each in fields(self):
+            setattr(self, each.name, each.default)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleInjection:
+    """What is injected into a vehicle: faults beside those that it has, the and the share of its battery that is left.
+
+    With `selects_hold` its mode becomes hold, as if another ground station had selected it.
+    """
+
+    faults: VehicleFaults = field(default_factory=VehicleFaults)
+    battery_fraction: float | None = None
+    selects_hold: bool = False
 
 
 def shifted(place_m: Triple, by_m: Triple) -> Triple:

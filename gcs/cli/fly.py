@@ -37,6 +37,15 @@ class FlyOptions:
     mission: MissionName = field(kw_only=False)
     sitl: Annotated[bool, Parameter(negative="", help="Start stub vehicles too: no hardware is needed.")] = False
     speed: Speed = None
+    fault: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="",
+            show_default=False,
+            help="Practice with --sitl: a fault of `cordon drill`, NAME@SECONDS or NAME@SECONDS:VEHICLE, such as "
+            "link-cut@120:2; may be repeated.",
+        ),
+    ] = ()
     only: Annotated[int | None, Parameter(help="Run the agent of this vehicle alone; the others run elsewhere.")] = None
     duration: Duration = None
     wait: Annotated[
@@ -86,6 +95,8 @@ def fly(options: FlyOptions) -> int:
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 
+    Example: cordon fly case2 --sitl --station --fault link-cut@60:2
+
     Example: cordon fly px4-trio --wait 120
     """
     hold_back()
@@ -118,6 +129,7 @@ def _supervise_beside_station(options: FlyOptions) -> int:
 
 def _fly(options: FlyOptions) -> Exit:
     from gcs.cli.output import check_plot, present
+    from gcs.flight.faults.schedule import scheduled_faults
     from gcs.flight.plan import FlightPlan
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.run import run_flight
@@ -126,14 +138,18 @@ def _fly(options: FlyOptions) -> Exit:
     mission = bus_mission(options.mission)
     if options.sitl and options.only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
+    if options.fault and not options.sitl:
+        raise InputError(["--fault: it needs --sitl: no fault is injected into other vehicles"])
     only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
+    duration_s = options.duration or mission.mission.duration_s
     plan = FlightPlan(
         mission,
-        options.duration or mission.mission.duration_s,
+        duration_s,
         mission.vehicles if only is None else (only,),
         options.sitl,
         options.speed or (1.0 if options.sitl else None),
         wait_s=options.wait,
+        faults=scheduled_faults(options.fault, mission, duration_s),
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
 

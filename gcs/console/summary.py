@@ -55,7 +55,8 @@ def _headline(result: FlightResult) -> Text:
     took = "" if result.wall_time_s is None else f" in {result.wall_time_s:.1f} s{factor}"
     source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
     reference = f"\n{reference_line(result)}"
-    return Text.assemble((result.mission, "bold"), (source, "dim"), (reference, "dim"))
+    practice = f"\npractice: {', '.join(result.faults)}" if result.faults else ""
+    return Text.assemble((result.mission, "bold"), (source, "dim"), (reference, "dim"), (practice, "yellow"))
 
 
 def _verdict_table(result: FlightResult) -> Table:

@@ -1,16 +1,38 @@
 """A flight over MAVLink and Zenoh whose buses, sensors and process can be made to fail."""
 
 import os
+import socket as sockets
+import threading
+
+import msgspec
 
 from gcs.console.result import show_result, verdict_of
-from gcs.drill.injected_faults import FailingEquipment, FaultReceiver
 from gcs.errors import Exit
+from gcs.flight.faults.failing_equipment import FailingEquipment
+from gcs.flight.faults.team_faults import PresentFaults, TeamFaults
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions
 from gcs.flight.run import run_flight
 from gcs.flightlog.place import FOLDER_VARIABLE
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
+
+
+class FaultReceiver(PresentFaults):
+    """The present faults of this process, as received from the drill."""
+
+    def listen(self, path: str) -> None:
+        """Send this process's id; from then on receive faults, on a thread of its own."""
+        connection = sockets.socket(sockets.AF_UNIX)
+        connection.connect(path)
+        connection.sendall(b"%d\n" % os.getpid())
+        threading.Thread(target=self._receive, args=(connection,), name="drill", daemon=True).start()
+
+    def _receive(self, connection: sockets.socket) -> None:
+        with connection.makefile("rb") as lines:
+            for line in lines:
+                self.set(msgspec.json.decode(line, type=TeamFaults))
+        os._exit(0)  # the drill has ended, and its vehicles with it
 
 
 def fly(name: str, speed: float, duration_s: float, *, socket: str, logs: str) -> Exit:

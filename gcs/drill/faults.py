@@ -10,30 +10,11 @@ from typing import Generic, TypeVar
 from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
 from gcs.drill.flight import DrillFlight
-from gcs.drill.injected_faults import FLOOD_HZ, InjectedFaults
-from gcs.drill.injections import (
-    BUS_DELAY_S,
-    LINK_DELAY_S,
-    cut_link,
-    delay,
-    disturb_estimator,
-    drain,
-    exhaust,
-    hang,
-    impersonate,
-    inject,
-    jump_aside,
-    kill,
-    lie,
-    push_outwards,
-    select_hold,
-    silence_motion,
-    stop,
-)
 from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
 from gcs.drill.stubs import StubFlight
-from gcs.errors import InputError
+from gcs.flight.faults.catalogue import BUS_DELAY_S, LINK_DELAY_S, fault_named, required_fault
+from gcs.flight.faults.failing_equipment import FLOOD_HZ
 from gcs.flight.stubs import station_timeout_s
 from gcs.mission.mission import Mission
 
@@ -50,12 +31,10 @@ PUSHED_S = 3.0
 """How long it takes until half of that shows in a comparison, at the pace of the bundled stub plants [s]."""
 ESTIMATOR_S = 1.0
 """How often an autopilot is asked to report its estimator [s]."""
-RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
 FLOODED_S = 1.0
 """Within this time a flood has shown [wall s]."""
 CONTRADICTED_S = 1.0
 """Within this time several contradictory messages have been received [mission s]."""
-LOSS = 0.5
 TOLERATED_S = 20.0
 """How long the team has to fly on under a fault that requires no reaction [mission s]."""
 RESPACED_S = 60.0
@@ -76,7 +55,7 @@ _TACTICS = {
 class Drill(Generic[Flight]):
     """One fault: `expect` returns the expected reaction, given the roles and the flight's speed.
 
-    It takes `vehicles_min` airborne vehicles. One that `ends_flight` is the flight's last; one that `lands_subject`
+    One that `ends_flight` is the flight's last; one that `lands_subject`
     leaves the others. Its times are in wall seconds with `by_wall`, otherwise in mission seconds. It is cleared after
     `undo_after_s` [wall s], or once the reaction was observed; where none is expected, the team is watched for
     `watched_s` [mission s]. With `waits_for_spacing` it begins once the ring is evenly spaced, and with
@@ -85,16 +64,20 @@ class Drill(Generic[Flight]):
 
     fault: str
     expected: str
-    inject: Callable[[Flight, Roles], None]
     expect: Callable[[Roles, float], Expectation]
     undo_after_s: float | None = None
     by_wall: bool = False
     ends_flight: bool = False
     lands_subject: bool = False
     watched_s: float = 0.0
-    vehicles_min: int = 1
     waits_for_spacing: bool = False
     waits_for_estimate: bool = False
+
+    @property
+    def vehicles_min(self) -> int:
+        """How many airborne vehicles it takes."""
+        fault = fault_named(self.fault)
+        return 1 if fault is None else fault.vehicles_min
 
     def unsuitable(self, mission: Mission) -> str:
         """Return why a mission cannot have this drill, empty if it can."""
@@ -199,62 +182,50 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "half of all messages lost",
         f"all fly on for {TOLERATED_S:g} s",
-        inject(lambda _roles, _speed: InjectedFaults(loss=LOSS)),
         _tolerated,
         watched_s=TOLERATED_S,
     ),
     Drill(
         "latency",
         f"all fly on for {TOLERATED_S:g} s (bus {BUS_DELAY_S:g} s, link {LINK_DELAY_S:g} s each way)",
-        delay,
         _tolerated,
         watched_s=TOLERATED_S,
     ),
     Drill(
         "stranger",
         f"all fly on for {TOLERATED_S:g} s",
-        lambda flight, _roles: flight.intrude(),
         _tolerated,
         watched_s=TOLERATED_S,
-        vehicles_min=2,
     ),
     Drill(
         "flood",
         f"the others: {_reaction(Condition.BUS_FLOODED)} ({FLOOD_HZ:g} messages a second)",
-        inject(lambda roles, _speed: InjectedFaults(flooders=(roles.subject,))),
         _flooded,
         by_wall=True,
-        vehicles_min=2,
     ),
-    Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", impersonate, _doubted, vehicles_min=2),
-    Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", lie, _doubted, vehicles_min=2),
+    Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _doubted),
+    Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _doubted),
     Drill(
         "one vehicle not heard",
         f"the others: {_reaction(Condition.PEER_SILENT)}",
-        inject(lambda roles, _speed: InjectedFaults(unheard=(roles.subject,))),
         _peer_silent,
         by_wall=True,
-        vehicles_min=2,
     ),
     Drill(
         "nobody hears anybody",
         f"all: {_reaction(Condition.PEERS_SILENT)}",
-        inject(lambda roles, _speed: InjectedFaults(unheard=roles.airborne)),
         by_table(Condition.PEERS_SILENT, lambda roles: roles.airborne),
         by_wall=True,
-        vehicles_min=2,
     ),
     Drill(
         "telemetry frozen",
         _reaction(Condition.TELEMETRY_STALE),
-        silence_motion,
         by_table(Condition.TELEMETRY_STALE, the_subject),
         by_wall=True,
     ),
     Drill(
         "GPS jump",
         _reaction(Condition.ESTIMATOR_JUMPED),
-        jump_aside,
         _jump,
         waits_for_spacing=True,
         waits_for_estimate=True,
@@ -262,38 +233,32 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "estimator degraded",
         _reaction(Condition.ESTIMATOR_DEGRADED),
-        disturb_estimator(RATIO_DEGRADED),
         by_table(Condition.ESTIMATOR_DEGRADED, the_subject, found_within_s=ESTIMATOR_S),
     ),
     Drill(
         "estimator failing",
         _reaction(Condition.ESTIMATOR_FAILING),
-        disturb_estimator(RATIO_FAILING),
         by_table(Condition.ESTIMATOR_FAILING, the_subject, found_within_s=ESTIMATOR_S),
     ),
     Drill(
         "not following",
         _reaction(Condition.NOT_FOLLOWING),
-        push_outwards,
         by_table(Condition.NOT_FOLLOWING, the_subject, found_within_s=PUSHED_S),
         waits_for_estimate=True,
     ),
     Drill(
         "foreign mode",
         _reaction(Condition.PILOT_TOOK_OVER),
-        select_hold,
         by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S),
     ),
     Drill(
         "target lost",
         f"all on the ring: {_reaction(Condition.TARGET_STALE)}",
-        inject(lambda _roles, _speed: InjectedFaults(blind=True)),
         by_table(Condition.TARGET_STALE, lambda roles: roles.on_ring),
     ),
     Drill(
         "link cut",
         f"out of offboard, and not back after {CUT_S:g} s; the others close the gap",
-        cut_link,
         cut,
         undo_after_s=CUT_S,
         lands_subject=True,
@@ -301,27 +266,24 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill(
         "battery low",
         _reaction(Condition.BATTERY_LOW),
-        drain(lambda mission: (mission.failsafe.battery_low + mission.failsafe.battery_critical) / 2.0),
         by_table(Condition.BATTERY_LOW, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
     Drill(
         "battery critical",
         _reaction(Condition.BATTERY_CRITICAL),
-        drain(lambda mission: mission.failsafe.battery_critical * 0.8),
         by_table(Condition.BATTERY_CRITICAL, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
     Drill(
         "no way home",
         _reaction(Condition.NO_WAY_HOME),
-        exhaust,
         by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends_flight=True),
-    Drill("frozen agent", "all out of offboard", stop, dead, by_wall=True, ends_flight=True),
-    Drill("frozen interpreter", "all out of offboard", hang, dead, by_wall=True, ends_flight=True),
+    Drill("killed agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
+    Drill("frozen agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
+    Drill("frozen interpreter", "all out of offboard", dead, by_wall=True, ends_flight=True),
 )
 """In the order in which one flight can have them: first those that a vehicle resumes from, then those that it lands
 for, at last those that end the flight."""
@@ -329,10 +291,5 @@ for, at last those that end the flight."""
 
 def chosen(faults: Sequence[str]) -> tuple[Drill[StubFlight], ...]:
     """Return the drills of these faults, all if none is named; raises InputError for an unknown fault."""
-    names = [fault.replace("-", " ").lower() for fault in faults]
-    known = {drill.fault.lower(): drill for drill in DRILLS}
-    unknown = [fault for fault, name in zip(faults, names, strict=True) if name not in known]
-    if unknown:
-        known_names = ", ".join(drill.fault.replace(" ", "-") for drill in DRILLS)
-        raise InputError([f"--fault: there is no drill {fault!r} (there are {known_names})" for fault in unknown])
-    return tuple(drill for drill in DRILLS if not names or drill.fault.lower() in names)
+    names = {required_fault(each).name for each in faults}
+    return tuple(drill for drill in DRILLS if not names or drill.fault in names)

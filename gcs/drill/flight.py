@@ -19,10 +19,13 @@ from estimation.frames import Triple
 from estimation.profile.shelf import bundled_profiles
 from gcs.console.command_client import CommandClient
 from gcs.console.team_bus import guest_bus
-from gcs.drill.injected_faults import InjectedFaults
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
-from gcs.drill.stranger import Stranger
+from gcs.drill.roles import Roles
+from gcs.flight.faults.catalogue import required_fault
+from gcs.flight.faults.injection import Injection, Scene
+from gcs.flight.faults.stranger import Stranger
+from gcs.flight.faults.team_faults import TeamFaults
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
@@ -46,7 +49,7 @@ class ProcessUnderTest:
         self.pid = int(await reader.readline())
         self._writer = writer
 
-    def inject(self, faults: InjectedFaults) -> None:
+    def inject(self, faults: TeamFaults) -> None:
         """Set its faults from now on."""
         if self._writer is not None:
             self._writer.write(msgspec.json.encode(faults) + b"\n")
@@ -96,9 +99,25 @@ class DrillFlight:
         """Return the time of the log [wall s]."""
         return time.monotonic()
 
-    def inject(self, faults: InjectedFaults) -> None:
-        """Set the flying process's faults from now on."""
-        self._under_test.inject(faults)
+    def fail(self, fault: str, roles: Roles) -> None:
+        """Inject a fault of the catalogue; those of vehicles are for a subclass to inject."""
+        self._inject(required_fault(fault).inject(self._scene(roles)))
+
+    def _scene(self, roles: Roles) -> Scene:
+        return Scene(roles.mission, roles.subject, roles.airborne, self.places_m(), self.speed)
+
+    def places_m(self) -> Mapping[int, Triple]:
+        """Return where the vehicles are [m], as they report it."""
+        return self.positions_m
+
+    def _inject(self, injection: Injection) -> None:
+        if injection.ends_flight:
+            self.abandon()
+        if injection.signal is not None:
+            os.kill(self._under_test.pid, injection.signal)
+        if injection.stranger:
+            self._intrude()
+        self._under_test.inject(injection.team)
 
     async def serve(self, stack: AsyncExitStack) -> None:
         """Start the vehicles, to be ended with the stack; raises VehicleRefusedError."""
@@ -113,7 +132,7 @@ class DrillFlight:
 
     def clear_faults(self) -> None:
         """Clear all faults that can be cleared."""
-        self.inject(InjectedFaults())
+        self._under_test.inject(TeamFaults())
         if self._stranger is not None:
             self._stranger.cancel()
             self._stranger = None
@@ -122,14 +141,10 @@ class DrillFlight:
         """Return the time of the team's clock [mission s]."""
         raise NotImplementedError
 
-    def intrude(self) -> None:
+    def _intrude(self) -> None:
         """Let a stranger speak in the vehicles' names and command them, until the faults are cleared."""
         self._stranger = asyncio.create_task(Stranger(self.mission, self.mission_now_s).run())
         self._stack.push_async_callback(_cancelled, self._stranger)
-
-    def signal(self, number: int) -> None:
-        """Send the flying process a signal."""
-        os.kill(self._under_test.pid, number)
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for a condition [wall s]; return whether it became true."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from math import hypot
 
 from agents.tactics import Tactic
+from gcs.flight.faults.injection import last_in_line
 from gcs.mission.mission import Mission
 
 REACH_SHARE = 1.2
@@ -24,8 +25,8 @@ class Roles:
 
     @property
     def subject(self) -> int:
-        """The vehicle that faults are injected into: the last in line, the leader only when no other is airborne."""
-        return max(self.airborne, key=lambda i: (i != self.mission.formation.leader, self.mission.ids.index(i)))
+        """The vehicle that faults are injected into."""
+        return last_in_line(self.mission, self.airborne)
 
     @property
     def others(self) -> tuple[int, ...]:

@@ -128,7 +128,7 @@ class DrillRun(Generic[Flight]):
         if drill.waits_for_spacing:
             await flight.until(lambda: respaced(roles.on_ring, flight.log), RESPACED_S / self._speed)
         began_s = flight.now_s()
-        drill.inject(flight, roles)
+        flight.fail(drill.fault, roles)
         await self._watch(drill, expected, flight, began_s)
         failed = failures(expected, flight.log, began_s, flight.now_s())
         stalled_s = flight.stalled_s(began_s)

@@ -7,9 +7,10 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 from agents.ports import VehicleRefusedError
+from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
+from gcs.flight.faults.injection import Injection
 from gcs.flight.stubs import prepared_configs, station_timeout_s
-from sitl.faults import VehicleFaults
 from sitl.mavlink.dialects import AutopilotKind
 from sitl.server.server import Stub, serve
 
@@ -86,13 +87,20 @@ class StubFlight(DrillFlight):
             if stub.config.autopilot is AutopilotKind.ARDUPILOT:
                 stub.autopilot.parameters.set("FS_GCS_TIMEOUT", station_timeout_s(self._clock.speed))
 
+    def places_m(self) -> Mapping[int, Triple]:
+        """Return where the vehicles truly are [m]."""
+        return {i: stub.autopilot.airframe.position_m for i, stub in self.stubs.items()}
+
+    def _inject(self, injection: Injection) -> None:
+        super()._inject(injection)
+        for i, each in injection.vehicles.items():
+            self.stubs[i].inject(each)
+
     def clear_faults(self) -> None:
         """Clear the faults of flying process, links and vehicles."""
         super().clear_faults()
-        healthy = VehicleFaults()
         for stub in self.stubs.values():
-            for name in VehicleFaults.__slots__:
-                setattr(stub.faults, name, getattr(healthy, name))
+            stub.faults.clear()
 
 
 async def _stopped(stop: asyncio.Event, serving: "asyncio.Task[object]") -> None:

@@ -13,6 +13,7 @@ from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
+from gcs.flight.practice import Practice
 from gcs.flight.preparation.held_speed import held_speed
 from gcs.flight.preparation.readiness import Readiness
 from gcs.flight.stubs import FlightStubs
@@ -57,6 +58,9 @@ async def fly(
     """
     if plan.stubs and plan.speed is not None:
         plan = replace(plan, speed=_held_speed(plan, plan.speed, view))
+    practice = Practice(plan.faults)
+    if plan.faults:
+        plan = replace(plan, equipment=practice.equipment())
     clock = MissionClock(plan.speed or 1.0)
     with ExitStack() as stack:
         keys = stack.enter_context(flight_keys(plan.mission))
@@ -64,7 +68,7 @@ async def fly(
         if plan.log is not None:
             recording = stack.enter_context(FlightRecording(plan.log, clock))
         team = Team(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
-        return await _fly(team, report, supervisor)
+        return await _fly(team, report, supervisor, practice)
 
 
 def _held_speed(plan: FlightPlan, asked: float, view: LiveView) -> float:
@@ -75,7 +79,7 @@ def _held_speed(plan: FlightPlan, asked: float, view: LiveView) -> float:
     return held
 
 
-async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -> Flight:
+async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, practice: Practice) -> Flight:
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.speed))
     # First of all: what stubs cannot serve is bad input, whatever else is in use.
@@ -101,7 +105,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink) -
         team.recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
         hint = await command_by_keyboard(team, stack)
-        outcomes = await _fly_members(team, Watch(team, report, hint))
+        outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
         wall_time_s = perf_counter() - began_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
@@ -144,12 +148,13 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
         )
 
 
-async def _fly_members(team: Team, watch: Watch) -> dict[int, Outcome]:
-    watching = asyncio.create_task(watch.run())
+async def _fly_members(team: Team, watch: Watch, practice: Coroutine[None, None, None]) -> dict[int, Outcome]:
+    beside = [asyncio.create_task(watch.run()), asyncio.create_task(practice)]
     try:
         outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
     finally:
-        watching.cancel()
+        for task in beside:
+            task.cancel()
         watch.end()
     return {member.vehicle.id: outcome for member, outcome in zip(team.members, outcomes, strict=True)}
 

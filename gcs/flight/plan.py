@@ -6,6 +6,7 @@ from datetime import date
 from time import time
 
 from gcs.flight.equipment import Equipment
+from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.log_process.handle import LogProcess
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
@@ -19,7 +20,8 @@ class FlightPlan:
     """What to fly: mission, duration, vehicles, speed of time (None: measure it), and the agents' equipment.
 
     `stubs` are started with the flight on request; `log` is the open log, None for a flight that is not recorded.
-    `wait_s` [wall s] is how long vehicles that are about to be ready are waited for on the ground.
+    `wait_s` [wall s] is how long vehicles that are about to be ready are waited for on the ground. `faults` are those
+    that stubs are to have, by their times.
     """
 
     mission: Mission
@@ -30,6 +32,7 @@ class FlightPlan:
     equipment: Equipment | None = None
     log: LogProcess | None = None
     wait_s: float = 60.0
+    faults: tuple[ScheduledFault, ...] = ()
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
@@ -49,4 +52,5 @@ class FlightPlan:
             speed=speed,
             began_s=time(),
             duration_s=self.duration_s,
+            faults=[fault.given for fault in self.faults],
         )

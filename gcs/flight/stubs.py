@@ -17,6 +17,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.parameters import CORDON_ID
 from gcs.signals import relay
 from sitl.autopilot.parameters import Value
+from sitl.faults import VehicleInjection
 from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.mavlink.signing import SigningKey
@@ -119,6 +120,12 @@ class FlightStubs:
                 f"the stub vehicles did not start: {error}", "check whether other stub vehicles run already"
             ) from error
         return self
+
+    def inject(self, system_id: int, injection: VehicleInjection) -> None:
+        """Let a vehicle fail from now on."""
+        if self._process is not None:
+            with suppress(OSError):  # they died in flight
+                self._process.inject(system_id, injection)
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

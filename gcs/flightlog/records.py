@@ -53,6 +53,7 @@ class Run(msgspec.Struct, frozen=True):
 
     `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records passes; `source` is
     simulation, sitl or flight. `vehicles` are those whose cores are recorded here, out of the mission's.
+    `faults` are those that were injected into stub vehicles, as `link-cut@120:2`.
     """
 
     format: int
@@ -66,6 +67,7 @@ class Run(msgspec.Struct, frozen=True):
     duration_s: float
     vehicles: tuple[int, ...]
     versions: tuple[Version, ...]
+    faults: tuple[str, ...] = ()
 
 
 class Parameter(msgspec.Struct, frozen=True):

@@ -29,8 +29,9 @@ def run_of(
     speed: float,
     began_s: float,
     duration_s: float,
+    faults: Sequence[str] = (),
 ) -> Run:
-    """Return what is to be said of a run; `began_s` is Unix time."""
+    """Return what is to be said of a run; `began_s` is Unix time, `faults` are those injected into stub vehicles."""
     plants = tuple(PlantText(name, text) for name, text in sorted(mission.profile_texts.items()))
     return Run(
         format=FORMAT,
@@ -44,6 +45,7 @@ def run_of(
         duration_s=duration_s,
         vehicles=tuple(vehicles),
         versions=versions(),
+        faults=tuple(faults),
     )
 
 

@@ -48,7 +48,7 @@ class RunTotals:
     """The totals of a run: source, ticks and missed ticks of all loops, wall time, and truth where it is known.
 
     `truth` is what simulators know, by system id. `seed` overrides the seed of the mission. `endings` are those of the
-    vehicles of which that is known.
+    vehicles of which that is known. `faults` are those injected into stub vehicles.
     """
 
     source: str
@@ -58,6 +58,7 @@ class RunTotals:
     truth: tuple[TruthTrack, ...] = ()
     seed: int | None = None
     endings: tuple[VehicleEnding, ...] = ()
+    faults: tuple[str, ...] = ()
 
 
 class Journal:
@@ -144,6 +145,7 @@ class Journal:
             estimates=beside,
             truth_missing=missing,
             endings=run.endings,
+            faults=run.faults,
         )
 
     def _estimated_tracks(self, grid_s: Vector) -> tuple[VehicleTrack, ...]:

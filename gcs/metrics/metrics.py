@@ -51,8 +51,7 @@ def evaluate(
     motion = ring_motion(record)
     window_s, ring_result = _judged_ring(record.time_s, motion, ring, engaged_s)
     vehicles = _vehicle_results(record, motion, ring, formation, window := _within(record.time_s, window_s))
-    closest_m = _closest_approach_m(record)
-    engagers = engagement(record, engages, each_engaged_s)
+    closest_m, engagers = _closest_approach_m(record), engagement(record, engages, each_engaged_s)
     return FlightResult(
         mission=record.mission,
         seed=record.seed,
@@ -76,6 +75,7 @@ def evaluate(
         truth_missing=record.truth_missing or None,
         ended=FlightEnding.of(record.endings),
         engagement=engagers,
+        faults=record.faults,
     )
 
 

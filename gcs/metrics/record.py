@@ -79,7 +79,7 @@ class FlightRecord:
     are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
-    which that is known, none in older logs.
+    which that is known, none in older logs. `faults` are those injected into stub vehicles, as `link-cut@120:2`.
     """
 
     mission: str
@@ -97,6 +97,7 @@ class FlightRecord:
     estimates: tuple[VehicleTrack, ...] = ()
     truth_missing: str = ""
     endings: tuple[VehicleEnding, ...] = ()
+    faults: tuple[str, ...] = ()
 
     def relative(self, track: VehicleTrack) -> tuple[Vector, Vector]:
         """Return position and velocity (T, 2) of a track relative to its target, both from the same source."""

@@ -227,7 +227,7 @@ class FlightResult:
 
     `estimate` stands beside figures by truth where the vehicles' estimates are known as well. `truth_missing` is why
     the figures are by estimate although simulators sent truth, None otherwise. `ended` is None in logs of versions that
-    did not record how a flight ended.
+    did not record how a flight ended. `faults` are those injected into stub vehicles.
     """
 
     mission: str
@@ -252,6 +252,7 @@ class FlightResult:
     truth_missing: str | None = None
     ended: FlightEnding | None = None
     engagement: EngagementResult = field(default_factory=EngagementResult)
+    faults: tuple[str, ...] = ()
 
     @property
     def ended_early(self) -> bool:
@@ -271,7 +272,7 @@ class FlightResult:
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
         plain = {"mission": self.mission, "ended": None, **asdict(self)}  # how it ended comes before any figure
-        for key in ("vehicles", "transitions", "events"):
+        for key in ("vehicles", "transitions", "events", "faults"):
             plain[key] = list(plain[key])
         if self.estimate is not None:
             plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])

@@ -10,7 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-from sitl.server.server import StubConfig, StubRecord, serve
+from sitl.faults import VehicleInjection
+from sitl.server.server import Stub, StubConfig, StubRecord, serve
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,14 @@ class StubFailed:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class StubInjection:
+    """Sent by the parent: what is injected into the vehicle of a system id."""
+
+    vehicle_id: int
+    injection: VehicleInjection
+
+
 def unix_clock(speed: float) -> Callable[[], float]:
     """Return a monotonic clock of simulated seconds: the Unix time, times `speed`."""
     offset_s = time.time() - time.monotonic()
@@ -34,8 +43,8 @@ def unix_clock(speed: float) -> Callable[[], float]:
 def run_in_process(configs: Sequence[StubConfig], speed: float, connection: Connection) -> None:
     """Serve stubs: the target of a spawned multiprocessing.Process.
 
-    Sends StubReady or StubFailed, runs until anything arrives through `connection`, then sends its StubRecord. It
-    ends by itself when the parent is gone, and leaves Ctrl-C to the parent.
+    Sends StubReady or StubFailed, takes StubInjections, runs until None arrives through `connection`, then sends its
+    StubRecord. It ends by itself when the parent is gone, and leaves Ctrl-C to the parent.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_SETMASK, ())  # the parent may hold signals back
@@ -51,18 +60,21 @@ def run_in_process(configs: Sequence[StubConfig], speed: float, connection: Conn
 async def _serve_until_told(configs: Sequence[StubConfig], speed: float, connection: Connection) -> StubRecord:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
+    served: dict[int, Stub] = {}
 
     def listen() -> None:
         with suppress(EOFError, OSError):  # the parent is gone: the same as being told to stop
-            connection.recv()
+            while (message := connection.recv()) is not None:
+                loop.call_soon_threadsafe(served[message.vehicle_id].inject, message.injection)
         with suppress(RuntimeError):  # the loop is closed already
             loop.call_soon_threadsafe(stop.set)
 
-    threading.Thread(target=listen, daemon=True).start()
-    ready = StubReady()
-    return await serve(
-        configs, speed=speed, now_s=unix_clock(speed), stop=stop, on_ready=lambda _: connection.send(ready)
-    )
+    def begin(stubs: Sequence[Stub]) -> None:
+        served.update((stub.config.vehicle_id, stub) for stub in stubs)
+        threading.Thread(target=listen, daemon=True).start()
+        connection.send(StubReady())
+
+    return await serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop, on_ready=begin)
 
 
 class StubProcess:
@@ -95,6 +107,10 @@ class StubProcess:
         if isinstance(answer, StubFailed):
             self._process.join()
             raise OSError(answer.reason)
+
+    def inject(self, vehicle_id: int, injection: VehicleInjection) -> None:
+        """Let the vehicle of a system id fail from now on; raises OSError when the stub is gone."""
+        self._connection.send(StubInjection(vehicle_id, injection))
 
     def stop(self) -> StubRecord:
         """Stop and return the record; raises OSError when the stub did not live to send one."""

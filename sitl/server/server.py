@@ -15,9 +15,10 @@ from estimation.state import Telemetry, Vector
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.arducopter import ArduCopter
 from sitl.autopilot.equipment import Battery, Positioning
+from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Value
 from sitl.autopilot.px4 import Autopilot
-from sitl.faults import VehicleFaults
+from sitl.faults import VehicleFaults, VehicleInjection
 from sitl.mavlink.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
@@ -225,6 +226,14 @@ class Stub:
                 clock_s = self.autopilot.time_s + self._pace.clock_offset_s
                 self._truth.append((clock_s, *airframe.position_m, *airframe.velocity_m_s))
         self.endpoint.send(packets)
+
+    def inject(self, injection: VehicleInjection) -> None:
+        """Let it fail from now on."""
+        self.faults.add(injection.faults)
+        if injection.battery_fraction is not None:
+            self.autopilot.battery_fraction = injection.battery_fraction
+        if injection.selects_hold:
+            self.autopilot.select(NavMode.HOLD)
 
     def track(self) -> TruthTrack:
         """Return where it truly was so far."""

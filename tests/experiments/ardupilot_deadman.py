@@ -11,7 +11,6 @@ from contextlib import AsyncExitStack
 
 from agents.ports import VehicleRefusedError
 from gcs.drill.flight import DrillFlight
-from gcs.drill.injections import kill
 from gcs.drill.judge import OFFBOARD
 from gcs.drill.mission import drill_mission
 from gcs.drill.roles import Roles
@@ -81,7 +80,7 @@ async def main(values: Sequence[int]) -> int:
     async with CopterFlight(text, 1.0, enabled_of) as flight:
         roles = Roles(flight.mission)
         await flight.reach_mission(roles.airborne, roles.tactic)
-        kill(flight, roles)
+        flight.fail("killed agent", roles)
         killed_s = flight.now_s()
         await asyncio.sleep(WATCHED_S)
         for vehicle, enabled in enabled_of.items():

@@ -170,6 +170,9 @@ def print_guard(count: int) -> None:
     reference = Reference()
     with guard_watched(lambda us, intervened: ticks.append((us, intervened))):
         fly_simulated(meeting(count), 0, MEETING_S, reference)
+    if not ticks:
+        print(f"guard, {count} vehicles: not measured, because methods of compiled classes cannot be watched")
+        return
     for what, times in (
         ("all ticks", [us for us, _ in ticks]),
         ("intervening", [us for us, intervened in ticks if intervened]),

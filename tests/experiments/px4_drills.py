@@ -15,7 +15,6 @@ from agents.tactics import Tactic
 from gcs.console.terminal import STDERR
 from gcs.drill.faults import HEARTBEAT_S, Drill, by_table, cut, dead, the_subject
 from gcs.drill.flight import DrillFlight
-from gcs.drill.injections import kill, stop
 from gcs.drill.judge import OFFBOARD, Expectation
 from gcs.drill.roles import Roles
 from gcs.drill.run import DrillRun
@@ -106,6 +105,19 @@ class Px4Flight(DrillFlight):
             for relay in self.relays.values():
                 relay.command(SET_MESSAGE_INTERVAL, CURRENT_MODE, MODE_PERIOD_US)
 
+    def fail(self, fault: str, roles: Roles) -> None:
+        """Inject a fault through the subject's relay, or its simulator."""
+        if fault == "foreign mode":
+            main, sub = NavMode.HOLD.value
+            self.relays[roles.subject].command(DO_SET_MODE, 1.0, float(main), float(sub))
+        elif fault == "link cut":
+            self.relays[roles.subject].cut = True
+        elif fault == "autopilot restarted":
+            self.simulators[roles.subject].stop()
+            self.simulators[roles.subject].start()
+        else:
+            super().fail(fault, roles)
+
     def clear_faults(self) -> None:
         """Let the links through again."""
         super().clear_faults()
@@ -120,21 +132,6 @@ def fly(text: str, speed: float) -> Px4Flight:
     """Return a flight, and keep it for what is to be said of it later."""
     FLIGHTS.append(Px4Flight(text, speed))
     return FLIGHTS[-1]
-
-
-def _take_over(flight: Px4Flight, roles: Roles) -> None:
-    main, sub = NavMode.HOLD.value
-    flight.relays[roles.subject].command(DO_SET_MODE, 1.0, float(main), float(sub))
-
-
-def _cut_link(flight: Px4Flight, roles: Roles) -> None:
-    flight.relays[roles.subject].cut = True
-
-
-def _restart(flight: Px4Flight, roles: Roles) -> None:
-    simulator = flight.simulators[roles.subject]
-    simulator.stop()
-    simulator.start()
 
 
 def _restarted(roles: Roles, _speed: float) -> Expectation:
@@ -155,24 +152,22 @@ def _foreign(roles: Roles, speed: float) -> Expectation:
 
 
 DRILLS: tuple[Drill[Px4Flight], ...] = (
-    Drill("foreign mode", "stand down, nothing sent; back by resume", _take_over, _foreign),
+    Drill("foreign mode", "stand down, nothing sent; back by resume", _foreign),
     Drill(
         "link cut",
         "out of offboard, and not back after 5 s; the others close the gap",
-        _cut_link,
         cut,
         undo_after_s=5.0,
         lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", kill, dead, by_wall=True, ends_flight=True),
+    Drill("killed agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
     Drill(
         "autopilot restarted",
         "stand down, nothing sent; the others close the gap",
-        _restart,
         _restarted,
         lands_subject=True,
     ),
-    Drill("stopped agent", "all out of offboard", stop, dead, by_wall=True, ends_flight=True),
+    Drill("frozen agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
 )
 
 

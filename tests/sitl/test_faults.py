@@ -9,7 +9,8 @@ import pytest
 from agents.drops import NO_DROPS
 from agents.team.messages import BusMessage, MemberState, OperatorCommand
 from estimation.state import Sighting
-from gcs.drill.injected_faults import FailingBus, FailingSensor, FaultReceiver, InjectedFaults
+from gcs.flight.faults.failing_equipment import FailingBus, FailingSensor
+from gcs.flight.faults.team_faults import PresentFaults, TeamFaults
 from sitl.faults import VehicleFaults
 from tests.sitl.test_protocol import Client, fly, follow
 
@@ -87,9 +88,9 @@ def member(sender: int) -> MemberState:
 COMMAND = OperatorCommand(1.0, "hold", None, "somebody", 7)
 
 
-async def opened(bus: Bus) -> tuple[FaultReceiver, list[object]]:
+async def opened(bus: Bus) -> tuple[PresentFaults, list[object]]:
     """Open a failing bus; return its receiver of faults, and what comes through."""
-    receiver, heard = FaultReceiver(), list[object]()
+    receiver, heard = PresentFaults(), list[object]()
     await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, heard.append, lambda *_: None)
     return receiver, heard
 
@@ -100,7 +101,7 @@ async def test_a_bus_loses_the_share_it_is_told_to() -> None:
     for _ in range(1000):
         bus.deliver(member(1))
     assert len(heard) == 1000
-    receiver.now = InjectedFaults(loss=0.5)
+    receiver.now = TeamFaults(loss=0.5)
     for _ in range(1000):
         bus.deliver(member(1))
     assert 1450 < len(heard) < 1550
@@ -112,7 +113,7 @@ async def test_a_bus_loses_the_share_it_is_told_to() -> None:
 async def test_who_is_unheard_is_and_operators_are_not() -> None:
     bus = Bus()
     receiver, heard = await opened(bus)
-    receiver.now = InjectedFaults(unheard=(1, 2))
+    receiver.now = TeamFaults(unheard=frozenset({1, 2}))
     for sender in (1, 2, 3):
         bus.deliver(member(sender))
     bus.deliver(COMMAND)
@@ -123,7 +124,7 @@ async def test_who_is_unheard_is_and_operators_are_not() -> None:
 async def test_what_is_late_comes_later() -> None:
     bus = Bus()
     receiver, heard = await opened(bus)
-    receiver.now = InjectedFaults(delay_s=0.01)
+    receiver.now = TeamFaults(delay_s=0.01)
     bus.deliver(member(1))
     assert heard == []
     arrived = asyncio.Event()
@@ -139,8 +140,8 @@ def test_a_blind_sensor_sees_nothing() -> None:
         def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting:
             return sighting
 
-    receiver = FaultReceiver()
+    receiver = PresentFaults()
     sensor = FailingSensor(Eye(), receiver)
     assert sensor.sight(1.0, (0.0, 0.0)) is sighting
-    receiver.now = InjectedFaults(blind=True)
+    receiver.now = TeamFaults(blind=True)
     assert sensor.sight(1.0, (0.0, 0.0)) is None

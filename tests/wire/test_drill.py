@@ -6,12 +6,12 @@ without a supervisor.
 """
 
 import asyncio
-from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
-from gcs.drill.faults import DRILLS, Drill
+from gcs.drill.faults import DRILLS
 from gcs.drill.judge import failures, reacted_s
 from gcs.drill.mission import drill_mission
 from gcs.drill.roles import Roles
@@ -63,15 +63,27 @@ class Silent:
         pass
 
 
-def without_failsafe(drill: Drill[StubFlight]) -> Drill[StubFlight]:
-    """Return the drill on vehicles that stay in offboard however long nobody speaks to them."""
+class WithoutFailsafe(StubFlight):
+    """A flight of vehicles that stay in offboard however long no agent sends them a setpoint."""
 
-    def inject(flight: StubFlight, roles: Roles) -> None:
-        for stub in flight.stubs.values():
+    def fail(self, fault: str, roles: Roles) -> None:
+        for stub in self.stubs.values():
             assert stub.autopilot.parameters.set("COM_OF_LOSS_T", 60.0)
-        drill.inject(flight, roles)
+        super().fail(fault, roles)
 
-    return replace(drill, inject=inject)
+
+class Unwatched(StubFlight):
+    """A flight with a vehicle that does not watch for heartbeats; `modes` are those of all of them in the end."""
+
+    modes: ClassVar[dict[int, str]] = {}
+
+    async def __aexit__(self, *error: object) -> None:
+        Unwatched.modes = {i: self.log.mode(i) for i in self.mission.ids}
+        await super().__aexit__(*error)  # type: ignore[arg-type]
+
+    def fail(self, fault: str, roles: Roles) -> None:
+        assert self.stubs[UNWATCHING].autopilot.parameters.set("FS_GCS_ENABLE", 0)
+        super().fail(fault, roles)
 
 
 @pytest.mark.long
@@ -102,9 +114,9 @@ async def test_control_of_a_flight_in_which_nothing_happens_no_reaction_is_seen(
 
 @pytest.mark.long
 async def test_control_with_the_reactions_switched_off_every_drill_fails() -> None:
-    drills = [without_failsafe(drill) for drill in DRILLS if drill.fault in CONTROLLED]
+    drills = [drill for drill in DRILLS if drill.fault in CONTROLLED]
     assert len(drills) == len(CONTROLLED)
-    run = DrillRun("case2", StubFlight, drills, Silent(), speed=CONTROL_SPEED, changes=REACTIONS_OFF)
+    run = DrillRun("case2", WithoutFailsafe, drills, Silent(), speed=CONTROL_SPEED, changes=REACTIONS_OFF)
     for row in await run.run():
         print(f"CONTROL {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
         assert row.holds is False, row
@@ -113,22 +125,13 @@ async def test_control_with_the_reactions_switched_off_every_drill_fails() -> No
 
 
 async def test_a_dead_cordon_is_left_by_the_ardupilots_that_watch_it_and_not_by_one_that_does_not() -> None:
-    (killed,) = (drill for drill in DRILLS if drill.fault == "killed agent")
-
-    def inject(flight: StubFlight, roles: Roles) -> None:
-        assert flight.stubs[UNWATCHING].autopilot.parameters.set("FS_GCS_ENABLE", 0)
-        killed.inject(flight, roles)
-        flights.append(flight)
-
-    flights: list[StubFlight] = []
-    drills = [replace(killed, inject=inject)]
-    (row,) = await DrillRun("ardupilot-trio", StubFlight, drills, Silent(), speed=CONTROL_SPEED).run()
-    print(f"MEASURED {row.fault}, ArduPilot: {flights[0].log.modes}")
+    drills = [drill for drill in DRILLS if drill.fault == "killed agent"]
+    (row,) = await DrillRun("ardupilot-trio", Unwatched, drills, Silent(), speed=CONTROL_SPEED).run()
     assert row.holds is False, row
     assert row.detail.count("did not react") == 1, row
     assert f"vehicle {UNWATCHING} did not react" in row.detail, row
     assert " within " not in row.detail, row
-    assert {i: flights[0].log.mode(i) for i in (1, 2, 3)} == {1: "land", 2: "land", UNWATCHING: "offboard"}
+    assert Unwatched.modes == {1: "land", 2: "land", UNWATCHING: "offboard"}
 
 
 async def test_control_on_a_plain_bus_a_stranger_is_obeyed() -> None:

@@ -19,9 +19,9 @@ from pathlib import Path
 import pytest
 
 from gcs.drill.flight import ProcessUnderTest
-from gcs.drill.injected_faults import HANG_S, Hang, InjectedFaults
 from gcs.drill.process_under_test import SOCKET
 from gcs.drill.stubs import StubClock
+from gcs.flight.faults.team_faults import HANG_S, Hang, TeamFaults
 from gcs.flight.stubs import stub_configs
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
 from gcs.mission.file import load_mission
@@ -61,7 +61,7 @@ class Flight:
         if isinstance(fault, signal.Signals):
             os.kill(self.flying_pid, fault)
         else:
-            self.under_test.inject(InjectedFaults(hang=fault))
+            self.under_test.inject(TeamFaults(hang=fault))
 
     @property
     def all_in_offboard(self) -> bool:

@@ -58,6 +58,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
         tuple(ending for each in vehicles if (ending := each.ending(start_s)) is not None),
+        logs[0].run.faults,
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]
@@ -105,6 +106,8 @@ def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
         "log": ", ".join(log.path.name for log in logs),
         "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),
     }
+    if run.faults:
+        facts["practice"] = ", ".join(run.faults)
     faults = [f"{log.path.name}: {fault}" for log in logs for fault in log.faults]
     return {**facts, "incomplete": "; ".join(faults)} if faults else facts
 

@@ -37,41 +37,8 @@ TIME_S = np.arange(6001) / 10.0
 TARGET_M = np.array([35.0, -5.0]) + TIME_S[:, None] * np.array([0.1, -0.03])
 TARGET_M_S = np.tile([0.1, -0.03], (TIME_S.size, 1))
 
-KEYS = [
-    "mission",
-    "ended",
-    "seed",
-    "source",
-    "reference",
-    "duration_s",
-    "window_s",
-    "vehicles",
-    "ring",
-    "transitions",
-    "reynolds",
-    "closest_approach_m",
-    "guard_interventions",
-    "guard_causes",
-    "loop",
-    "verdicts",
-    "wall_time_s",
-    "realtime_factor",
-    "events",
-    "estimate",
-    "truth_missing",
-    "engagement",
-]
-VEHICLE_KEYS = [
-    "id",
-    "engaged_at_s",
-    "tactic",
-    "radius_error_rms_m",
-    "radius_error_max_m",
-    "angular_rate_mean_rad_s",
-    "angular_rate_error_rms_rad_s",
-    "formation_speed_error_rms_m_s",
-    "formation_spacing_error_rms_m",
-]
+KEYS = RESULT_KEYS[""].split()
+VEHICLE_KEYS = RESULT_KEYS["vehicles"].split()
 
 
 def orbit(

@@ -5,7 +5,7 @@ from math import cos, pi, radians, sin
 import pytest
 
 from estimation.frames import Triple
-from gcs.drill.injections import clearest_line
+from gcs.flight.faults.catalogue import clearest_line
 
 OFF_MAX = sin(radians(2.5))
 """Half a step between two lines."""

@@ -1,15 +1,10 @@
-"""Faults injected into a flying process, its agents' buses and sensors; received through a Unix socket."""
+"""Equipment of a flying process that can fail: the buses of its agents, and their sensors of the target."""
 
 import asyncio
-import ctypes
-import os
 import random
-import socket
-import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import msgspec
 
@@ -19,78 +14,25 @@ from agents.team.codec import decode, encode
 from agents.team.messages import TOPICS, BusMessage, CommandAnswer, MemberState, OperatorCommand
 from estimation.state import Sighting
 from gcs.flight.equipment import Equipment
+from gcs.flight.faults.team_faults import PresentFaults
 from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission, MissionVehicle
 
-HANG_S = 6
-"""How long an injected hang of the process lasts: longer than a supervisor may wait."""
-
 _Received = TypeVar("_Received")
-Hang = Literal["", "interpreter", "event loop", "exit"]
-
-
-class InjectedFaults(msgspec.Struct, frozen=True):
-    """All faults present from now on; each message replaces the one before.
-
-    `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
-    [wall s]; no other vehicle receives the messages of `unheard`. `liars` report that they are `lie_m` off from where
-    they are; of `impostors` there are two sources, of which the second one does; `flooders` send junk as well.
-    `blind` sensors see no target. A process may `hang`.
-    """
-
-    loss: float = 0.0
-    delay_s: float = 0.0
-    unheard: tuple[int, ...] = ()
-    liars: tuple[int, ...] = ()
-    impostors: tuple[int, ...] = ()
-    lie_m: tuple[float, float] = (0.0, 0.0)
-    flooders: tuple[int, ...] = ()
-    blind: bool = False
-    hang: Hang = ""
-
 
 FLOOD_HZ, _BURST_S, _FLOODED, _JUNK = 8000.0, 0.01, TOPICS[CommandAnswer].name, bytes(64)
 """How many messages a second a flood has [1 / wall s], how often it sends some, its topic, and what each holds."""
 _SECOND_LATER_S = 0.01
 """A second source of a vehicle's messages sends so long after the first [wall s]."""
-
-
-class FaultReceiver:
-    """The present faults of this process, as received from the drill."""
-
-    def __init__(self) -> None:
-        self.now = InjectedFaults()
-        self.loop: asyncio.AbstractEventLoop | None = None
-
-    def listen(self, path: str) -> None:
-        """Send this process's id; from then on receive faults, on a thread of its own."""
-        connection = socket.socket(socket.AF_UNIX)
-        connection.connect(path)
-        connection.sendall(b"%d\n" % os.getpid())
-        threading.Thread(target=self._receive, args=(connection,), name="drill", daemon=True).start()
-
-    def _receive(self, connection: socket.socket) -> None:
-        with connection.makefile("rb") as lines:
-            for line in lines:
-                self.now = msgspec.json.decode(line, type=InjectedFaults)
-                self._hang(self.now.hang)
-        os._exit(0)  # the drill has ended, and its vehicles with it
-
-    def _hang(self, how: Hang) -> None:
-        if how == "interpreter":
-            ctypes.PyDLL(None).sleep(HANG_S)  # unlike CDLL, this keeps the lock: no thread of Python runs
-        elif how == "event loop" and self.loop is not None:
-            self.loop.call_soon_threadsafe(time.sleep, HANG_S)
-        elif how == "exit":
-            os._exit(0)
+_HERE_M = (0.0, 0.0)
 
 
 class FailingBus:
     """A vehicle's bus that loses, delays, withholds or falsifies messages; implements `agents.ports.PeerBus`."""
 
-    def __init__(self, bus: PeerBus, receiver: FaultReceiver, vehicle_id: int) -> None:
+    def __init__(self, bus: PeerBus, faults: PresentFaults, vehicle_id: int) -> None:
         self._bus = bus
-        self._receiver = receiver
+        self._present = faults
         self._vehicle_id = vehicle_id
         self._chance = random.Random(vehicle_id)
         self._flooding: asyncio.Task[None] | None = None
@@ -114,7 +56,7 @@ class FailingBus:
         """Join."""
 
         def receive(message: BusMessage) -> None:
-            if _sender(message) not in self._receiver.now.unheard:
+            if _sender(message) not in self._present.now.unheard:
                 self._delayed(on_message, message)
 
         await self._bus.open(receive, partial(self._delayed, on_perception), on_presence)
@@ -122,7 +64,7 @@ class FailingBus:
 
     def _delayed(self, receive: Callable[[_Received], None], received: _Received) -> None:
         """Call a receiver after the present delay, unless what was received is lost."""
-        faults = self._receiver.now
+        faults = self._present.now
         if self._chance.random() < faults.loss:
             return
         if faults.delay_s > 0.0:
@@ -132,11 +74,11 @@ class FailingBus:
 
     def publish(self, topic: str, payload: bytes) -> None:
         """Send: messages are lost at the receiver, and lies made here."""
-        faults = self._receiver.now
-        lies = self._vehicle_id in faults.liars
-        self._bus.publish(topic, _moved(payload, faults.lie_m, 0.0) if lies else payload)
+        faults = self._present.now
+        lies, lie_m = self._vehicle_id in faults.liars, faults.lie_m.get(self._vehicle_id, _HERE_M)
+        self._bus.publish(topic, _moved(payload, lie_m, 0.0) if lies else payload)
         if self._vehicle_id in faults.impostors:
-            second = _moved(payload, faults.lie_m, _SECOND_LATER_S)
+            second = _moved(payload, lie_m, _SECOND_LATER_S)
             asyncio.get_running_loop().call_later(_SECOND_LATER_S, self._bus.publish, topic, second)
 
     async def close(self) -> None:
@@ -149,7 +91,7 @@ class FailingBus:
     async def _flood(self) -> None:
         while True:
             await asyncio.sleep(_BURST_S)
-            if self._vehicle_id in self._receiver.now.flooders:
+            if self._vehicle_id in self._present.now.flooders:
                 for _ in range(round(FLOOD_HZ * _BURST_S)):
                     self._bus.publish(_FLOODED, _JUNK)
 
@@ -157,33 +99,33 @@ class FailingBus:
 class FailingSensor:
     """A sensor that may be blind; implements `agents.ports.TargetSensor`."""
 
-    def __init__(self, sensor: TargetSensor, receiver: FaultReceiver) -> None:
+    def __init__(self, sensor: TargetSensor, faults: PresentFaults) -> None:
         self._sensor = sensor
-        self._receiver = receiver
+        self._present = faults
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return what the real one sees, unless it is blind."""
         sighting = self._sensor.sight(now_s, position_m)
-        return None if self._receiver.now.blind else sighting
+        return None if self._present.now.blind else sighting
 
 
 class FailingEquipment(Equipment):
-    """The mission's equipment, with the faults that a receiver holds."""
+    """The mission's equipment, with the faults that are present."""
 
-    def __init__(self, receiver: FaultReceiver) -> None:
-        self._receiver = receiver
+    def __init__(self, faults: PresentFaults) -> None:
+        self._present = faults
 
     def buses(
         self, mission: Mission, vehicles: Sequence[MissionVehicle], speed: float, keys: TeamKeys
     ) -> Mapping[int, PeerBus]:
         """Return buses that can fail."""
-        self._receiver.loop = asyncio.get_running_loop()
+        self._present.loop = asyncio.get_running_loop()
         buses = super().buses(mission, vehicles, speed, keys)
-        return {each: FailingBus(bus, self._receiver, each) for each, bus in buses.items()}
+        return {each: FailingBus(bus, self._present, each) for each, bus in buses.items()}
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""
-        return FailingSensor(super().sensor(mission, vehicle_id, start_s), self._receiver)
+        return FailingSensor(super().sensor(mission, vehicle_id, start_s), self._present)
 
 
 def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:

@@ -1,0 +1,157 @@
+"""The faults by name, and what each of them changes in a team in flight."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import cos, hypot, pi, sin
+from signal import SIGKILL, SIGSTOP
+
+from estimation.frames import Triple
+from gcs.errors import InputError
+from gcs.flight.faults.injection import Injection, Scene
+from gcs.flight.faults.team_faults import TeamFaults
+from gcs.mission.mission import Mission
+from sitl.faults import VehicleFaults, VehicleInjection
+
+LOSS = 0.5
+BUS_DELAY_S, LINK_DELAY_S = 0.3, 0.1
+JUMP_M, LIE_M = 10.0, 5.0
+RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
+LINES = 36
+"""Along how many lines through a vehicle its estimate may jump."""
+PUSHED_SHARE = 2.0
+"""How far a vehicle is pushed from where it should be, as a share of what is tolerated."""
+ROOM_SHARE = 2.0
+"""How far from the others a lie has to leave the subject, as a share of the separation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A fault: what it changes, how many airborne vehicles it takes, and whether it is one of the whole team."""
+
+    name: str
+    inject: Callable[[Scene], Injection]
+    vehicles_min: int = 1
+    of_team: bool = False
+
+    @property
+    def option(self) -> str:
+        """The name as a word of the command line."""
+        return self.name.replace(" ", "-")
+
+
+def fault_named(text: str) -> Fault | None:
+    """Return the fault of a name, in which hyphens may stand for spaces and case does not count; None without one."""
+    return _BY_OPTION.get(text.replace(" ", "-").lower())
+
+
+def required_fault(text: str) -> Fault:
+    """Return the fault of a name; raises InputError for an unknown one."""
+    if (fault := fault_named(text)) is None:
+        known = ", ".join(each.option for each in FAULTS)
+        raise InputError([f"--fault: there is no fault {text!r} (there are {known})"])
+    return fault
+
+
+def _of_team(make: Callable[[Scene], TeamFaults]) -> Callable[[Scene], Injection]:
+    return lambda scene: Injection(team=make(scene))
+
+
+def _of_subject(make: Callable[[Scene], VehicleFaults]) -> Callable[[Scene], Injection]:
+    return lambda scene: Injection(vehicles={scene.subject: VehicleInjection(make(scene))})
+
+
+def _latency(scene: Scene) -> Injection:
+    """Delay all messages, and all links in both directions."""
+    late = VehicleInjection(VehicleFaults(link_delay_s=LINK_DELAY_S / scene.speed))
+    return Injection(TeamFaults(delay_s=BUS_DELAY_S / scene.speed), dict.fromkeys(scene.mission.ids, late))
+
+
+def _jump_aside(scene: Scene) -> VehicleFaults:
+    """Offset its estimate along the line on which neither the estimate nor its correction comes near the others."""
+    x, y = clearest_line(scene.places_m[scene.subject], [scene.places_m[i] for i in scene.others])
+    return VehicleFaults(estimate_offset_m=(JUMP_M * x, JUMP_M * y, 0.0))
+
+
+def clearest_line(place_m: Triple, others_m: Sequence[Triple]) -> tuple[float, float]:
+    """Return the direction, of length 1, of the line through a place that passes the others the farthest away."""
+    away = [(x - place_m[0], y - place_m[1]) for x, y, _ in others_m]
+    lines = [(cos(turn), sin(turn)) for turn in (pi * step / LINES for step in range(LINES))]
+    return max(lines, key=lambda line: min((abs(line[0] * y - line[1] * x) for x, y in away), default=0.0))
+
+
+def _from_the_others(scene: Scene) -> tuple[float, float]:
+    """Return the direction, of length 1, from the others to the subject."""
+    x, y, _ = scene.places_m[scene.subject]
+    away_x, away_y = (sum((x, y)[axis] - scene.places_m[i][axis] for i in scene.others) for axis in (0, 1))
+    away_m = hypot(away_x, away_y)
+    return (away_x / away_m, away_y / away_m) if away_m else (1.0, 0.0)
+
+
+def _push_outwards(scene: Scene) -> VehicleFaults:
+    """Push it away from the others, in a steady state by so many metres."""
+    away_x, away_y = _from_the_others(scene)
+    vehicle = scene.mission.vehicle(scene.subject)
+    push_m_s2 = PUSHED_SHARE * scene.mission.failsafe.following_m * vehicle.true_plant.x.a0_per_s2
+    return VehicleFaults(push_m_s2=(push_m_s2 * away_x, push_m_s2 * away_y))
+
+
+def _exhaust(scene: Scene) -> VehicleFaults:
+    """Let it report less flight time than its reserve."""
+    return VehicleFaults(endurance_s=max(scene.mission.failsafe.reserve_s, 1.0))
+
+
+def _lie_m(scene: Scene) -> tuple[float, float]:
+    """Return how far off the subject is said to be: nearer to the others, but not so near that they have to evade."""
+    away_x, away_y = _from_the_others(scene)
+    x, y = -LIE_M * away_x, -LIE_M * away_y
+    subject_x, subject_y, _ = scene.places_m[scene.subject]
+    places_m = [scene.places_m[i] for i in scene.others]
+    away_m = [hypot(other[0] - subject_x - x, other[1] - subject_y - y) for other in places_m]
+    room = min(away_m) >= ROOM_SHARE * scene.mission.safety.separation_m
+    return (x, y) if room else (-x, -y)
+
+
+def _lie(scene: Scene) -> TeamFaults:
+    """Let it report another place than its own."""
+    return TeamFaults(liars=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
+
+
+def _impersonate(scene: Scene) -> TeamFaults:
+    """Let a second source send states in its name, from another place."""
+    return TeamFaults(impostors=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
+
+
+def _foreign_mode(scene: Scene) -> Injection:
+    return Injection(vehicles={scene.subject: VehicleInjection(selects_hold=True)})
+
+
+def _drain(fraction: Callable[[Mission], float]) -> Callable[[Scene], Injection]:
+    """Return a fault that leaves a share of the subject's battery."""
+    return lambda scene: Injection(vehicles={scene.subject: VehicleInjection(battery_fraction=fraction(scene.mission))})
+
+
+FAULTS: tuple[Fault, ...] = (
+    Fault("half of all messages lost", _of_team(lambda _: TeamFaults(loss=LOSS)), of_team=True),
+    Fault("latency", _latency, of_team=True),
+    Fault("stranger", lambda _: Injection(stranger=True), vehicles_min=2, of_team=True),
+    Fault("flood", _of_team(lambda scene: TeamFaults(flooders=frozenset({scene.subject}))), vehicles_min=2),
+    Fault("impostor", _of_team(_impersonate), vehicles_min=2),
+    Fault("liar", _of_team(_lie), vehicles_min=2),
+    Fault("one vehicle not heard", _of_team(lambda scene: TeamFaults(unheard=frozenset({scene.subject}))), 2),
+    Fault("nobody hears anybody", _of_team(lambda scene: TeamFaults(unheard=frozenset(scene.airborne))), 2, True),
+    Fault("telemetry frozen", _of_subject(lambda _: VehicleFaults(motion_silent=True))),
+    Fault("GPS jump", _of_subject(_jump_aside)),
+    Fault("estimator degraded", _of_subject(lambda _: VehicleFaults(estimator_ratio=RATIO_DEGRADED))),
+    Fault("estimator failing", _of_subject(lambda _: VehicleFaults(estimator_ratio=RATIO_FAILING))),
+    Fault("not following", _of_subject(_push_outwards)),
+    Fault("foreign mode", _foreign_mode),
+    Fault("target lost", _of_team(lambda _: TeamFaults(blind=True)), of_team=True),
+    Fault("link cut", _of_subject(lambda _: VehicleFaults(link_cut=True))),
+    Fault("battery low", _drain(lambda m: (m.failsafe.battery_low + m.failsafe.battery_critical) / 2.0)),
+    Fault("battery critical", _drain(lambda m: m.failsafe.battery_critical * 0.8)),
+    Fault("no way home", _of_subject(_exhaust)),
+    Fault("killed agent", lambda _: Injection(signal=SIGKILL), of_team=True),
+    Fault("frozen agent", lambda _: Injection(signal=SIGSTOP), of_team=True),
+    Fault("frozen interpreter", _of_team(lambda _: TeamFaults(hang="interpreter")), of_team=True),
+)
+_BY_OPTION: Mapping[str, Fault] = {fault.option.lower(): fault for fault in FAULTS}

@@ -1,0 +1,67 @@
+"""The faults of a flying process: of its agents' buses and sensors, and of the process itself."""
+
+import asyncio
+import ctypes
+import os
+import time
+from collections.abc import Mapping
+from typing import Literal
+
+import msgspec
+
+HANG_S = 6
+"""How long an injected hang of the process lasts: longer than a supervisor may wait."""
+
+Hang = Literal["", "interpreter", "event loop", "exit"]
+
+
+class TeamFaults(msgspec.Struct, frozen=True):
+    """All faults of a flying process that are present at a time.
+
+    `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
+    [wall s]; no other vehicle receives the messages of `unheard`. `liars` report that they are off from where they are,
+    by `lie_m` of the vehicle; of `impostors` there are two sources, of which the second one does; `flooders` send junk
+    as well. `blind` sensors see no target. A process may `hang`.
+    """
+
+    loss: float = 0.0
+    delay_s: float = 0.0
+    unheard: frozenset[int] = frozenset()
+    liars: frozenset[int] = frozenset()
+    impostors: frozenset[int] = frozenset()
+    lie_m: Mapping[int, tuple[float, float]] = {}
+    flooders: frozenset[int] = frozenset()
+    blind: bool = False
+    hang: Hang = ""
+
+    def with_more(self, more: "TeamFaults") -> "TeamFaults":
+        """Return both: the vehicles of either, and the greater of what has a size."""
+        return TeamFaults(
+            loss=max(self.loss, more.loss),
+            delay_s=max(self.delay_s, more.delay_s),
+            unheard=self.unheard | more.unheard,
+            liars=self.liars | more.liars,
+            impostors=self.impostors | more.impostors,
+            lie_m={**self.lie_m, **more.lie_m},
+            flooders=self.flooders | more.flooders,
+            blind=self.blind or more.blind,
+            hang=more.hang or self.hang,
+        )
+
+
+class PresentFaults:
+    """The faults of this process at present, and its event loop once its buses are made."""
+
+    def __init__(self) -> None:
+        self.now = TeamFaults()
+        self.loop: asyncio.AbstractEventLoop | None = None
+
+    def set(self, faults: TeamFaults) -> None:
+        """Have these from now on; those before are over. A hang begins at once."""
+        self.now = faults
+        if faults.hang == "interpreter":
+            ctypes.PyDLL(None).sleep(HANG_S)  # unlike CDLL, this keeps the lock: no thread of Python runs
+        elif faults.hang == "event loop" and self.loop is not None:
+            self.loop.call_soon_threadsafe(time.sleep, HANG_S)
+        elif faults.hang == "exit":
+            os._exit(0)

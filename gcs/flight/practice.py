@@ -1,0 +1,77 @@
+"""Practice: scheduled faults are injected into a flight of stub vehicles, and each is said when it begins."""
+
+import asyncio
+import os
+from collections.abc import Sequence
+
+from estimation.frames import Triple
+from gcs.flight.faults.failing_equipment import FailingEquipment
+from gcs.flight.faults.injection import Injection, Scene, last_in_line
+from gcs.flight.faults.schedule import ScheduledFault
+from gcs.flight.faults.stranger import Stranger
+from gcs.flight.faults.team_faults import PresentFaults
+from gcs.flight.stubs import FlightStubs
+from gcs.flight.team import Team
+
+_PERIOD_S = 0.02
+_SHOWN_S = 0.3
+"""The line that names a fault is shown within this time: some faults end the process [wall s]."""
+
+
+class Practice:
+    """The faults of one flight: those to come, and those present in its equipment."""
+
+    def __init__(self, faults: Sequence[ScheduledFault]) -> None:
+        """Take the faults by their times."""
+        self.faults = tuple(faults)
+        self._present = PresentFaults()
+        self._strangers: list[asyncio.Task[None]] = []
+
+    def equipment(self) -> FailingEquipment:
+        """Return the equipment that they fail in."""
+        return FailingEquipment(self._present)
+
+    async def run(self, team: Team, stubs: FlightStubs) -> None:
+        """Inject each fault at its time of the mission, until cancelled."""
+        try:
+            for each in self.faults:
+                while team.start_s is None or team.clock.now_s() < team.start_s + each.at_s:
+                    await asyncio.sleep(_PERIOD_S)
+                await self._begin(each, team, stubs)
+            await asyncio.Event().wait()
+        finally:
+            for stranger in self._strangers:
+                stranger.cancel()
+
+    async def _begin(self, scheduled: ScheduledFault, team: Team, stubs: FlightStubs) -> None:
+        """Say which fault begins, and inject it if the vehicles that it takes are airborne."""
+        fault, airborne = scheduled.fault, _airborne(team)
+        subject = scheduled.vehicle or (last_in_line(team.plan.mission, tuple(airborne)) if airborne else 0)
+        words = f"{scheduled.at_s:.1f} s: practice: {fault.name}" + ("" if fault.of_team else f", vehicle {subject}")
+        if subject not in airborne or len(airborne) < fault.vehicles_min:
+            team.view.print_line(f"{words}: not injected, because too few vehicles are airborne", "warning")
+            return
+        team.view.print_line(words)
+        scene = Scene(team.plan.mission, subject, tuple(airborne), airborne, team.clock.speed)
+        injection = fault.inject(scene)
+        if injection.ends_flight:
+            await asyncio.sleep(_SHOWN_S)
+        self._inject(injection, team, stubs)
+
+    def _inject(self, injection: Injection, team: Team, stubs: FlightStubs) -> None:
+        for vehicle_id, each in injection.vehicles.items():
+            stubs.inject(team.plan.mission.vehicle(vehicle_id).system_id, each)
+        if injection.stranger:
+            self._strangers.append(asyncio.create_task(Stranger(team.plan.mission, team.clock.now_s).run()))
+        self._present.set(self._present.now.with_more(injection.team))
+        if injection.signal is not None:
+            os.kill(os.getpid(), injection.signal)
+
+
+def _airborne(team: Team) -> dict[int, Triple]:
+    """Return where the vehicles with running motors are [m], by their own estimates."""
+    return {
+        member.vehicle.id: member.link.motion.position_m
+        for member in team.members
+        if member.link.status.armed and member.link.motion is not None
+    }

@@ -1,0 +1,56 @@
+"""Faults that the command line schedules: what is accepted, and what each refusal names."""
+
+import pytest
+
+from gcs.drill.faults import DRILLS
+from gcs.errors import InputError
+from gcs.flight.faults.schedule import scheduled_faults
+from gcs.mission.file import load_mission
+
+CASE2 = load_mission("case2")
+DURATION_S = 60.0
+
+
+def test_faults_come_by_their_times_with_the_vehicles_that_were_given() -> None:
+    faults = scheduled_faults(["Link-Cut@30:2", "target lost@2.5", "gps-jump@40"], CASE2, DURATION_S)
+    assert [(each.fault.name, each.at_s, each.vehicle) for each in faults] == [
+        ("target lost", 2.5, None),
+        ("link cut", 30.0, 2),
+        ("GPS jump", 40.0, None),
+    ]
+
+
+def test_every_drill_can_be_practised() -> None:
+    options = [drill.fault.replace(" ", "-") for drill in DRILLS]
+    assert len(options) == len(set(options)) >= 22
+    assert len(scheduled_faults([f"{each}@1" for each in options], CASE2, DURATION_S)) == len(options)
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ("link-cut", ("link-cut", "NAME@SECONDS")),
+        ("link-cut@", ("link-cut@", "NAME@SECONDS")),
+        ("link-cut@nan", ("link-cut@nan",)),
+        ("link-cut@-1", ("link-cut@-1",)),
+        ("link-cut@1e1", ("link-cut@1e1",)),
+        ("link-cut@5:x", ("link-cut@5:x",)),
+        ("bad-luck@5", ("bad-luck", "link-cut", "frozen-interpreter")),
+        ("link-cut@60", ("link-cut@60", "over after 60 s")),
+        ("link-cut@5:9", ("no vehicle 9", "1, 2, 3")),
+        ("link-cut@5:0", ("no vehicle 0",)),
+        ("target-lost@5:2", ("whole team", ":2")),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name_and_value(given: str, named: tuple[str, ...]) -> None:
+    with pytest.raises(InputError) as refused:
+        scheduled_faults(["latency@1", given], CASE2, DURATION_S)
+    (problem,) = refused.value.faults
+    assert problem.startswith("--fault: ")
+    assert [each for each in named if each not in problem] == []
+
+
+def test_all_that_does_not_fit_is_named_at_once() -> None:
+    with pytest.raises(InputError) as refused:
+        scheduled_faults(["link-cut", "link-cut@99"], CASE2, DURATION_S)
+    assert len(refused.value.faults) == 2
