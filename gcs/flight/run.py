@@ -48,7 +48,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
     verdict = Exit.VERDICT_FAILED
     if flight.record is not None:
         verdict = judge(flight.record)
-        _warn_of_lateness(flight, flight.record)
+        _warn_of_lateness(flight, flight.record, slower=plan.stubs and flight.speed > 1.0)
     report_log(log)
     return exit_code(flight.outcomes, verdict)
 
@@ -82,10 +82,11 @@ def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
     return Exit.ENDED_IN_FLIGHT if any(outcome.flew for outcome in outcomes.values()) else Exit.REFUSED
 
 
-def _warn_of_lateness(flight: Flight, record: FlightRecord) -> None:
+def _warn_of_lateness(flight: Flight, record: FlightRecord, *, slower: bool) -> None:
+    """Say that the computer was too slow, and what to do; `slower` says whether the flight could have been slower."""
     if flight.speed_reached < _SPEED_REACHED_SHARE * flight.speed:
         print_line(f"this computer reached speed {flight.speed_reached:.1f}, not {flight.speed:g}", "yellow")
     missed, ticks = record.loop.missed, record.loop.ticks
     if missed > _MISSED_SHARE * ticks:
-        late = f"{missed} of {missed + ticks} ticks were late: use a --speed below {flight.speed:g}"
-        print_line(late, "yellow")
+        advice = f"use a --speed below {flight.speed:g}" if slower else "close other programs, or fly fewer vehicles"
+        print_line(f"{missed} of {missed + ticks} ticks were late: {advice}", "yellow")
