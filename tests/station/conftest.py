@@ -12,8 +12,8 @@ REQUIRED = "CORDON_REQUIRE_BROWSER"
 # WebGL without a graphics card, as in CI.
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
-# A live station has no recorded flight, and one that is gone breaks and refuses connections.
-EXPECTED = ("404", "ERR_CONNECTION_", "WebSocket")
+# A station asks for its token first, has no recorded flight while it is live, and breaks connections when it goes.
+EXPECTED = ("401", "404", "ERR_CONNECTION_", "WebSocket")
 
 NO_WEBGL = (
     "const get = HTMLCanvasElement.prototype.getContext;"
