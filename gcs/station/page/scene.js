@@ -30,6 +30,7 @@ const AREAS = [
   ["ellipse", "--ink", 0.15],
 ];
 
+maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
 
 export class Scene {
   /** @param {HTMLElement} container @param {Selection} selection */
