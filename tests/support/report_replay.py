@@ -19,7 +19,7 @@ def nasty_flight(text: str) -> FlightPicture:
     return replace(flight, mission=replace(flight.mission, mission=text), events=events)
 
 
-def noisy_flight(vehicles: int, pictures: int = 10_000) -> FlightPicture:
+def noisy_flight(vehicles: int, pictures: int = 16_000) -> FlightPicture:
     """Return a recorded flight of so many pictures of vehicles, whose numbers hardly repeat."""
     random = np.random.default_rng(vehicles)
     mission = replace(ring_mission(vehicles), source="log")
