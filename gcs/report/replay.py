@@ -17,7 +17,7 @@ FLIGHT = "flight.json"
 """The file of the page that holds the recorded flight."""
 _KINDS = frozenset({".css", ".html", ".js", ".mjs", ".svg"})
 _VEHICLE_PICTURES = 16_000
-"""A vehicle at one time takes about 30 bytes of a report, and 90 where hardly a number repeats: at most 1.4 MB in all."""
+"""A vehicle at one time takes about 30 bytes of a report, and 90 where hardly a number repeats: at most 1.4 MB."""
 
 
 def replay_flight(*logs: FlightLog) -> FlightPicture:
