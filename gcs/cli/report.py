@@ -12,6 +12,7 @@ from gcs.cli.options import RESULT, Json, Plot
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
+    from gcs.flightlog.reader import FlightLog
     from gcs.metrics.result import FlightResult
     from gcs.report.evidence.reading import LoggedFlight
 
@@ -56,15 +57,18 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     from gcs.console.terminal import STDERR
     from gcs.report.evidence.criteria import criteria_of
     from gcs.report.evidence.plants import plant_facts
+    from gcs.report.evidence.reading import read_flight
 
-    flight = _read(logs)
+    read = _logs(logs)
+    flight = read_flight(read)
     plants = plant_facts(flight.mission, flight.evidence)
     if options.html is not None:
-        from gcs.report.page import write_report
+        from gcs.report.flight_page import write_report
+        from gcs.report.replay import replay_flight
 
-        html = options.html
+        html, shown = options.html, replay_flight(*read)
         evidence = replace(flight.evidence, facts={**flight.evidence.facts, **plants})
-        _write(html, lambda: write_report(evidence, _result(flight), criteria_of(flight.mission), html))
+        _write(html, lambda: write_report(evidence, _result(flight), criteria_of(flight.mission), shown, html))
     verdict = present(flight.mission, flight.evidence.record, json=options.json, plot=options.plot)
     for name, words in plants.items():
         STDERR.print(f"{name}: {words}", style="dim", markup=False, highlight=False, soft_wrap=True)
@@ -77,9 +81,10 @@ def _compare_flights(first: Sequence[Path], second: Path, options: ReportOptions
     from gcs.console.terminal import STDERR
     from gcs.metrics.references import ring_reference
     from gcs.report.compare import ComparedFlight, comparison_table, write_comparison
+    from gcs.report.evidence.reading import read_flight
 
     _check_outputs(replace(options, plot=None), [*first, second])
-    flights = [_read(first), _read([second])]
+    flights = [read_flight(_logs(first)), read_flight(_logs([second]))]
     results = [_result(flight) for flight in flights]
     one, other = (
         ComparedFlight(name, result, flight.evidence.record, ring_reference(flight.mission))
@@ -130,15 +135,14 @@ def _check_outputs(options: ReportOptions, logs: Sequence[Path]) -> None:
         raise InputError([f"--html: {str(options.html)!r} is a log"])
 
 
-def _read(paths: Sequence[Path]) -> "LoggedFlight":
+def _logs(paths: Sequence[Path]) -> "list[FlightLog]":
     from gcs.cli.output import print_log_faults
     from gcs.flightlog.reader import read_log
-    from gcs.report.evidence.reading import read_flight
 
     logs = [read_log(path) for path in paths]
     for log in logs:
         print_log_faults(log)
-    return read_flight(logs)
+    return logs
 
 
 def _result(flight: "LoggedFlight") -> "FlightResult":

@@ -1,4 +1,4 @@
-"""What the operator's page shows of a recorded flight: its log, in pictures at an even rate, and all its events."""
+"""What the operator's page shows of a recorded flight: its logs, in pictures at an even rate, and all its events."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from gcs.station.picture import EventPicture, FlightPicture, TargetPicture, Team
 from gcs.station.recorded_vehicle import RecordedVehicle, Sampled
 from gcs.station.vehicle_picture import Surroundings
 
-PICTURES_HZ, PICTURES_HZ_MIN = 5.0, 1.0
-_VEHICLE_PICTURES_MAX = 4200
+PICTURES_HZ = 5.0
+_VEHICLE_PICTURES, _STEP_MAX_S = 4200, 1.0
 """A vehicle at one time takes about 600 bytes of JSON: long flights are shown less often than `PICTURES_HZ`."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Clock:
-    """The times of a log: of its pictures, on the team's clock, since the mission's start, and in Unix time."""
+    """The times of a flight: of its pictures, on the team's clock, since the mission's start, and in Unix time."""
 
     began_s: float
     step_s: float
@@ -35,18 +35,20 @@ class _Clock:
     speed: float
 
     @classmethod
-    def of(cls, log: FlightLog) -> "_Clock":
-        """Return the clock of a log; raises LogError where no tick is recorded."""
-        ticks_s = [tick_s for i in log.run.vehicles for tick_s in _first_and_last_s(log, i)]
-        if not ticks_s:
-            raise LogError([f"{log.path}: it holds no tick of a vehicle: there is nothing to show"])
-        began_s, ended_s = min(ticks_s), max(ticks_s)
-        sparse_s = len(log.run.vehicles) * (ended_s - began_s) / _VEHICLE_PICTURES_MAX
-        step_s = min(max(1.0 / PICTURES_HZ, sparse_s), 1.0 / PICTURES_HZ_MIN)
-        starts_s = [each.at_s for i in log.run.vehicles for each in log.of_kind(i, Start)]
+    def of(cls, logs: Sequence[FlightLog], vehicle_pictures: int, step_max_s: float) -> "_Clock":
+        """Return the clock of the logs of one flight; raises LogError where no tick is recorded."""
+        recorded = list(_recorded(logs))
+        ticks = [(tick_s, log.run.began_s) for log, i in recorded for tick_s in _first_and_last_s(log, i)]
+        if not ticks:
+            raise LogError([f"{log.path}: it holds no tick of a vehicle: there is nothing to show" for log in logs])
+        began_s, unix_s = min(ticks)
+        ended_s, _ = max(ticks)
+        sparse_s = len(recorded) * (ended_s - began_s) / vehicle_pictures
+        step_s = min(max(1.0 / PICTURES_HZ, sparse_s), step_max_s)
+        starts_s = [each.at_s for log, i in recorded for each in log.of_kind(i, Start)]
         # The last picture comes after the last tick.
         pictures = int((ended_s - began_s) / step_s) + 2
-        return cls(began_s, step_s, pictures, min(starts_s, default=inf), log.run.began_s, log.run.speed)
+        return cls(began_s, step_s, pictures, min(starts_s, default=inf), unix_s, logs[0].run.speed)
 
     def times_s(self) -> Iterator[float]:
         """Return the times of the pictures."""
@@ -61,22 +63,28 @@ class _Clock:
         return round(self.unix_s + (time_s - self.began_s) / self.speed, 3)
 
 
-def recorded_flight(log: FlightLog) -> FlightPicture:
-    """Return a log as the page replays it.
+def recorded_flight(
+    *logs: FlightLog, vehicle_pictures: int = _VEHICLE_PICTURES, step_max_s: float = _STEP_MAX_S
+) -> FlightPicture:
+    """Return the logs of a flight's processes, one or several, as the page replays them.
 
-    Raises LogError where the log holds no flight, or a mission that this version refuses, or is damaged.
+    Pictures come `PICTURES_HZ` times a second, less often where the vehicles would be pictured more than
+    `vehicle_pictures` times altogether, but at least every `step_max_s`.
+
+    Raises LogError where the logs hold no flight, or a mission that this version refuses, or are damaged.
     """
-    mission, clock = mission_of(log), _Clock.of(log)
-    vehicles = {i: RecordedVehicle(log, i) for i in log.run.vehicles}
-    samples = [each.sampled(clock.times_s()) for each in vehicles.values()]
+    mission, clock = mission_of(logs[0]), _Clock.of(logs, vehicle_pictures, step_max_s)
+    duration_s = logs[0].run.duration_s
+    vehicles = [RecordedVehicle(*each) for each in sorted(_recorded(logs), key=lambda each: mission.ids.index(each[1]))]
+    samples = [each.sampled(clock.times_s()) for each in vehicles]
     surroundings = Surroundings(fences([each.section for each in mission.vehicles], mission.safety))
     teams = [
-        _team(clock, time_s, mission.ids, row, surroundings, log.run.duration_s)
+        _team(clock, time_s, mission.ids, row, surroundings, duration_s)
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
-    teams[-1] = replace(teams[-1], ending=_ending(log))
-    planned = mission_picture(mission, "log", log.run.duration_s)
-    return FlightPicture(planned, tuple(teams), tuple(_events(clock, vehicles.values())))
+    teams[-1] = replace(teams[-1], ending=_ending(logs))
+    planned = mission_picture(mission, "log", duration_s)
+    return FlightPicture(planned, tuple(teams), tuple(_events(clock, vehicles)))
 
 
 def _team(
@@ -128,10 +136,10 @@ def _events(clock: _Clock, vehicles: Iterable[RecordedVehicle]) -> Iterator[Even
         yield EventPicture(number, clock.mission_s(time_s), clock.wall_s(time_s), how_grave, text, vehicle_id)
 
 
-def _ending(log: FlightLog) -> str:
+def _ending(logs: Sequence[FlightLog]) -> str:
     """Return how the flight ended, in a line; older logs do not say."""
     endings = []
-    for vehicle_id in log.run.vehicles:
+    for log, vehicle_id in _recorded(logs):
         end = next(log.of_kind(vehicle_id, VehicleEnd), None)
         if end is None:
             endings.append(VehicleEnding(vehicle_id, How.IN_FLIGHT, "its log ends in flight"))
@@ -139,6 +147,11 @@ def _ending(log: FlightLog) -> str:
             endings.append(VehicleEnding(vehicle_id, How(end.how), end.reason))
     ending = FlightEnding.of(endings)
     return "The log does not say how the flight ended" if ending is None else ending.headline
+
+
+def _recorded(logs: Sequence[FlightLog]) -> Iterator[tuple[FlightLog, int]]:
+    """Return every vehicle that the logs record, with its log."""
+    return ((log, vehicle_id) for log in logs for vehicle_id in log.run.vehicles)
 
 
 def _first_and_last_s(log: FlightLog, vehicle_id: int) -> list[float]:

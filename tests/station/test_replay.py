@@ -3,11 +3,12 @@
 from collections.abc import Iterator
 
 import pytest
+from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from tests.station.conftest import OpenPage
 from tests.support.canned_station import CannedStation
-from tests.support.station_pictures import ring_flight
+from tests.support.station_pictures import ring_flight, ring_mission, ring_team
 
 pytestmark = pytest.mark.browser
 
@@ -76,3 +77,25 @@ def test_slider_by_keyboard(page: Page) -> None:
     expect(page.locator("#elapsed")).to_have_text("T+ 1:00")
     page.keyboard.press("Home")
     expect(page.locator("#elapsed")).to_have_text("T+ 0:00")
+
+
+def test_the_map_follows_a_slider_that_moves_faster_than_the_map(open_page: OpenPage) -> None:
+    """The target is 30 m on in each picture; two pictures come while the map still moves to the first."""
+    flight = replace(ring_flight(), teams=tuple(ring_team(ring_mission(), 300.0 * number) for number in range(4)))
+    with CannedStation(flight=flight) as station:
+        page = open_page(station.url)
+        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+        page.wait_for_timeout(1000)
+        page.locator("#seek").evaluate(
+            """async node => { for (const place of [1, 2, 3]) {
+                node.value = place; node.dispatchEvent(new Event('input'));
+                await new Promise(done => setTimeout(done, 80)); } }"""
+        )
+        page.wait_for_timeout(2000)
+        area = page.locator("#map").bounding_box()
+        assert area
+        for symbol in page.locator(".symbol[data-vehicle]").all():
+            box = symbol.bounding_box()
+            assert box
+            assert area["x"] < box["x"] < area["x"] + area["width"]
+            assert area["y"] < box["y"] < area["y"] + area["height"]

@@ -14,7 +14,8 @@ export class Replay {
     this.place = 0; // in pictures, with a fraction
     this.isPlaying = false;
     this.times = flight.teams.map((team) => team.time_s ?? 0);
-    this.period_s = (this.times.at(-1) - this.times[0]) / Math.max(1, this.times.length - 1);
+    this.period_s = period(flight.teams);
+    setText(byId("rate"), rate(this.period_s));
     byId("replay").hidden = false;
     byId("seek").max = this.times.length - 1;
     byId("seek").addEventListener("input", () => this.seek(byId("seek").valueAsNumber));
@@ -63,4 +64,16 @@ export class Replay {
     const time_s = direction > 0 ? Math.min(...later, to_s) : Math.max(...earlier, from_s);
     this.seek(this.times.findIndex((each) => each >= time_s));
   }
+}
+
+/** The time between two pictures, in seconds of the mission; 0 where it never began. */
+function period(teams) {
+  const times = teams.map((team) => team.time_s).filter((time_s) => time_s !== null);
+  return times.length > 1 ? (times.at(-1) - times[0]) / (times.length - 1) : 0;
+}
+
+/** How often the flight is shown: long flights are shown less often. */
+function rate(period_s) {
+  if (period_s === 0) return "";
+  return period_s < 1 ? `${Math.round(10 / period_s) / 10} pictures a second` : `a picture every ${Math.round(10 * period_s) / 10} s`;
 }

@@ -30,6 +30,7 @@ const AREAS = [
   ["ellipse", "--ink", 0.15],
 ];
 
+maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
 
 export class Scene {
   /** @param {HTMLElement} container @param {Selection} selection */
@@ -135,9 +136,18 @@ export class Scene {
     const points = team.vehicles.map((vehicle) => vehicle.position_m).filter(Boolean);
     const isInside = ({ x, y }) => x > 40 && y > 40 && x < width - 40 && y < height - 40;
     const isSeen = points.every((point_m) => isInside(this.map.project(this.frame.lonLat(point_m))));
-    if (this.hasFitted && (isSeen || this.map.isMoving())) return;
+    if (this.hasFitted && isSeen) return;
+    if (this.hasFitted && this.map.isMoving()) {
+      this.isMoved ??= this.map.once("moveend").then(() => this.#moved()); // a replay may show no other picture
+      return;
+    }
     this.hasFitted = points.length > 0;
     this.fit(this.#everything());
+  }
+
+  #moved() {
+    this.isMoved = null;
+    if (this.isFollowing) this.#keepInView(this.team);
   }
 
   #follow(isFollowing) {

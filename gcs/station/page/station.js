@@ -182,11 +182,9 @@ function pastOf(teams, index) {
   return teams.slice(first, index + 1);
 }
 
-/** The recorded flight that this page holds or that the station serves; null for a live team. */
+/** The recorded flight that the page links to; null for a live team. */
 async function recordedFlight() {
-  const held = byId("flight");
-  if (held) return JSON.parse(held.textContent);
-  const answer = await fetch("flight.json");
+  const answer = await fetch(byId("flight").href);
   return answer.ok ? answer.json() : null;
 }
 

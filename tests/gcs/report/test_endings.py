@@ -18,10 +18,11 @@ from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.metrics.ending import FlightEnding, How
 from gcs.metrics.result import FlightResult, Verdicts
 from gcs.report.evidence.reading import read_flight
-from gcs.report.page import report_html
+from gcs.report.flight_page import report_html
 from gcs.report.summary import headline
 from tests.support.flight_logs import engaging, record_simulation, rewrite
 from tests.support.report_evidence import flown
+from tests.support.station_pictures import ring_flight
 
 KILLED = FlightEnding(How.KILLED, "Vehicle 2: an operator had its motors cut.", (2,))
 
@@ -91,7 +92,7 @@ def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
     evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
     result = all_held(KILLED)
     assert headline(result) == "Until then: all verdicts hold"
-    page = report_html(evidence, result, criteria)
+    page = report_html(evidence, result, criteria, ring_flight())
     assert page.index("Killed by the operator: vehicle 2") < page.index("all verdicts hold")
     assert "All verdicts hold" not in page
     assert page.index("an operator had its motors cut") < page.index("all verdicts hold")

@@ -17,15 +17,19 @@ from gcs.report.charts.metrics import running_rms
 from gcs.report.charts.onboard import draw_yaws
 from gcs.report.charts.panels import mark_empty, title
 from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
-from gcs.report.page import report_html, write_report
+from gcs.report.flight_page import report_html, write_report
 from gcs.report.sections import flight_of, sections
 from gcs.report.summary import headline, summary, verdicts
 from gcs.report.tables import loop_table
 from tests.support.report_evidence import OWN_SIGMA_M, TARGET_SIGMA_M, TOLERANCES, flown
+from tests.support.report_replay import nasty_flight, noisy_flight
+from tests.support.station_pictures import ring_flight
 
-NASTY = "<script>alert('&')</script> $x_1$"
+NASTY = "<script>alert('&')</script><!-- $x_1$"
+REPLAY = ring_flight()
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 SECTIONS = [
+    "replay",
     "verdicts",
     "paper",
     "errors",
@@ -86,7 +90,7 @@ def ten_minutes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
     strict = replace(asked, tolerances=replace(TOLERANCES, separation_m=100.0, radius_error_rms_m=0.001))
     began_s = time.process_time()
     result = evaluate(evidence.record, strict.ring, strict.formation, strict.tolerances)
-    write_report(evidence, result, strict, path)
+    write_report(evidence, result, strict, nasty_flight(NASTY), path)
     return path, time.process_time() - began_s
 
 
@@ -109,22 +113,25 @@ def test_ten_minutes_of_three_vehicles_are_small_and_soon_written(ten_minutes: t
 
 
 def test_ten_minutes_of_sixteen_are_small_too() -> None:
-    html = report_html(*flown(16))
-    assert len(html.encode()) < 6_000_000
+    html = report_html(*flown(16), noisy_flight(16))
+    assert len(html.encode()) < 5_000_000
     assert longest_line(html) <= 600
 
 
 def test_the_parts_come_in_order_and_every_link_finds_its_part(page: Page) -> None:
     assert [each["id"] for each in page.all("section")] == SECTIONS
-    assert [each["href"] for each in page.all("a")] == [f"#{name}" for name in SECTIONS[1:]]
+    assert [each["href"] for each in page.all("a")] == [f"#{name}" for name in SECTIONS[2:]]
 
 
-def test_nothing_is_fetched_and_nothing_runs(page: Page) -> None:
-    assert "http" not in page.html
-    assert not page.all("script")
-    assert "url(" not in re.sub(r"url\(#\w+\)", "", page.html)
+def test_nothing_is_fetched_and_nothing_runs_but_the_replay(page: Page) -> None:
+    shown = re.sub(r'<(script type="text/plain"|template) .*?</(script|template)>', "", page.html, flags=re.DOTALL)
+    assert len(shown) < len(page.html)
+    assert "http" not in shown.replace("<meta http-equiv", "")
+    assert [each["type"] for each in page.all("script")] == ["text/plain", "module"]
+    assert page.all("iframe") == [{"title": "Replay of the flight", "hidden": None}]
+    assert "url(" not in re.sub(r"url\(#\w+\)", "", shown)
     for tag, attributes in page.tags:
-        assert tag not in ("link", "img", "iframe", "object", "embed")
+        assert tag not in ("link", "img", "object", "embed")
         for name, value in attributes.items():
             assert not name.startswith("on")
             assert name not in ("src", "srcset")
@@ -219,7 +226,7 @@ def test_without_a_truth_no_error_of_their_own_is_claimed() -> None:
     evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
     believed = replace(evidence, record=replace(evidence.record, reference="estimate"))
     by_estimate = replace(result, reference="estimate", truth_missing="no truth of vehicle 2 from 4.5 s on")
-    page = Page(report_html(believed, by_estimate, asked))
+    page = Page(report_html(believed, by_estimate, asked, REPLAY))
     assert "Own position: " not in page.text
     assert page.text.count("no truth of vehicle 2 from 4.5 s on") == 2  # in the summary and on top
     assert "recorded target" in page.text
@@ -240,7 +247,7 @@ def test_figures_by_truth_have_those_by_estimate_beside_them_in_the_summary() ->
 
 def test_what_was_not_kept_is_said_in_a_line_instead_of_drawn() -> None:
     evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0, engaging=False)
-    page = Page(report_html(FlightEvidence(evidence.record, ()), result, asked))
+    page = Page(report_html(FlightEvidence(evidence.record, ()), result, asked, REPLAY))
     flight = flight_of(FlightEvidence(evidence.record, ()), result, asked)
     absent = {section.anchor: section.absent for section in sections(flight)}
     assert all(reason in page.text for reasons in absent.values() for reason in reasons)
@@ -253,12 +260,12 @@ def test_what_was_not_kept_is_said_in_a_line_instead_of_drawn() -> None:
 
 def test_noses_that_turn_are_drawn_and_no_line_crosses_the_chart_where_a_yaw_wraps() -> None:
     evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
-    assert "Yaw of the setpoints" not in Page(report_html(evidence, result, asked)).text
+    assert "Yaw of the setpoints" not in Page(report_html(evidence, result, asked, REPLAY)).text
     first, *others = evidence.vehicles
     turning_rad = (0.1 * first.loop.time_s + np.pi) % (2.0 * np.pi) - np.pi
     loop = replace(first.loop, yaw_rad=turning_rad)
     turned = replace(evidence, vehicles=(replace(first, loop=loop), *others))
-    assert "Yaw of the setpoints" in Page(report_html(turned, result, asked)).text
+    assert "Yaw of the setpoints" in Page(report_html(turned, result, asked, REPLAY)).text
     axes = Figure().subplots()
     draw_yaws(axes, flight_of(turned, result, asked).sheet, turned)
     drawn_deg = axes.lines[0].get_ydata()
@@ -278,7 +285,7 @@ def test_a_flight_of_hardly_anything_has_a_page(count: int) -> None:
     evidence, _, asked = flown(3, duration_s=120.0, rate_hz=5.0)
     few = replace(evidence.record, vehicles=evidence.record.vehicles[:count])
     judged = evaluate(few, asked.ring, asked.formation, asked.tolerances)
-    page = Page(report_html(FlightEvidence(few, evidence.vehicles[:count]), judged, asked))
+    page = Page(report_html(FlightEvidence(few, evidence.vehicles[:count]), judged, asked, REPLAY))
     assert ("holds no motion" if count == 0 else "One vehicle: ") in page.text
 
 
@@ -289,7 +296,7 @@ def test_vehicles_never_heard_do_not_break_the_page(recwarn: pytest.WarningsReco
     mute = replace(first, position_m=silent, velocity_m_s=silent, tactic=np.full(first.tactic.shape, "unknown"))
     record = replace(evidence.record, vehicles=(mute, *others))
     result = evaluate(record, asked.ring, asked.formation, asked.tolerances)
-    page = Page(report_html(replace(evidence, record=record), result, asked))
+    page = Page(report_html(replace(evidence, record=record), result, asked, REPLAY))
     assert "nan" not in page.text.lower().split()
     assert not [each for each in recwarn.list if each.category is RuntimeWarning]
 

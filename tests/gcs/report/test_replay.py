@@ -1,0 +1,124 @@
+"""What a report holds for its replay: the operator's page as it is, and the flight as the page shows it."""
+
+import re
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from gcs.cli.report import ReportOptions, report
+from gcs.flightlog.reader import FlightLog, read_log
+from gcs.report import replay
+from gcs.report.flight_page import report_html
+from gcs.report.replay import replay_flight
+from gcs.station.picture import FlightPicture
+from gcs.station.recorded_flight import recorded_flight
+from tests.support.flight_logs import engaging, record_simulation
+from tests.support.paths import DATA, ROOT
+from tests.support.report_evidence import flown
+from tests.support.report_replay import held_files, nasty_flight
+
+PAGE = ROOT / "gcs" / "station" / "page"
+DURATION_S = 200.0
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "flight.mcap"
+    record_simulation(engaging(), path, duration_s=DURATION_S)
+    return path
+
+
+@pytest.fixture(scope="module")
+def html(path: Path) -> str:
+    written = path.with_name("flight.html")
+    report([path], options=ReportOptions(html=written))
+    return written.read_text(encoding="utf-8")
+
+
+def part(log: FlightLog, *vehicles: int) -> FlightLog:
+    """Return the log that a process with only these vehicles would have left."""
+    own = FlightLog(log.path.with_name(f"{vehicles}.mcap"), log.run_records, {i: log.vehicles[i] for i in vehicles})
+    own.__dict__["run"] = msgspec.structs.replace(log.run, vehicles=vehicles)
+    return own
+
+
+def test_the_replay_comes_first_and_takes_its_room(html: str) -> None:
+    body = html.split("<body>", 1)[1]
+    assert body.lstrip().startswith('<section id="replay"')
+    assert len(html.encode()) < 5_000_000
+
+
+def test_it_is_the_operators_page_file_by_file_and_the_flight_as_recorded(html: str, path: Path) -> None:
+    files = held_files(html)
+    flight = files.pop("flight.json")
+    assert flight == msgspec.json.encode(recorded_flight(read_log(path))).decode()
+    loaded = {each for each in PAGE.rglob("*.*") if each.suffix not in (".md", ".txt")}
+    assert files == {each.relative_to(PAGE).as_posix(): each.read_text(encoding="utf-8") for each in loaded}
+
+
+def test_every_file_that_the_page_names_is_held(html: str) -> None:
+    """The report finds names in `from`, `import` and `resolve` of modules, and in links and scripts of the page."""
+    files = held_files(html)
+    named = re.findall(r'(?:href|src)="([^"#]+)"', files["index.html"])
+    for name, text in files.items():
+        if name.endswith(".js") and not name.startswith("vendor/"):
+            named += (each.removeprefix("./") for each in re.findall(r'"(\./[^"]+)"', text))
+            assert re.findall(r'"\./', text) == re.findall(r'(?<=from |port\(|olve\()"\./', text)
+    assert len(named) > 40
+    assert set(named) <= set(files)
+
+
+def test_names_of_others_do_not_break_out() -> None:
+    nasty = "</script><script>alert(1)</script><!-- ${alert(1)} \u2028 {{ 1 }}"
+    html = report_html(*flown(2, duration_s=60.0, rate_hz=5.0), nasty_flight(nasty))
+    assert html.count("<script") == html.count("</script>") == 2
+    assert "alert(1)" not in html
+    shown = msgspec.json.decode(held_files(html)["flight.json"], type=FlightPicture)
+    assert shown.mission.mission == nasty
+    assert {each.text for each in shown.events} == {nasty}
+
+
+def test_the_licences_of_the_libraries_are_to_be_read(html: str) -> None:
+    for licence in PAGE.rglob("*.LICENSE.txt"):
+        assert licence.read_text(encoding="utf-8").splitlines()[0] in html
+
+
+def test_logs_of_several_processes_are_replayed_as_one_flight(path: Path) -> None:
+    log = read_log(path)
+    whole, merged = replay_flight(log), replay_flight(part(log, 3), part(log, 1, 2))
+    assert merged.teams == whole.teams
+    assert merged.mission == whole.mission
+    told = ({(each.time_s, each.vehicle_id, each.text) for each in flight.events} for flight in (whole, merged))
+    assert next(told) == next(told)
+
+
+def test_a_long_flight_is_shown_at_a_lower_but_even_rate(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "_VEHICLE_PICTURES", 120)
+    log = read_log(path)
+    shown, whole = replay_flight(log), recorded_flight(log)
+    assert 38 <= len(shown.teams) <= 42, "three vehicles"
+    steps_s = [b.wall_s - a.wall_s for a, b in pairwise(shown.teams)]
+    assert steps_s == pytest.approx([DURATION_S / 40.0] * len(steps_s), rel=0.01)
+    assert shown.events == whole.events
+    assert shown.teams[-1].ending == whole.teams[-1].ending != ""
+
+
+def test_a_log_of_the_first_format_has_a_replay(tmp_path: Path) -> None:
+    written = tmp_path / "former.html"
+    report([DATA / "stub-excitation.mcap"], options=ReportOptions(html=written))
+    shown = msgspec.json.decode(held_files(written.read_text(encoding="utf-8"))["flight.json"], type=FlightPicture)
+    assert {each.tactic for team in shown.teams for each in team.vehicles} >= {"excite", "return and land"}
+
+
+def test_without_a_page_nothing_of_the_station_is_loaded(path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from gcs.cli.report import ReportOptions, report;"
+        f"report([Path({str(path)!r})], options=ReportOptions(json=True));"
+        "print([name for name in sys.modules if name.startswith('gcs.station')], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines()[-1] == "[]"
