@@ -152,10 +152,10 @@ async def test_tiles_are_served_as_the_rest_of_the_page_is(
             assert headers["Cache-Control"] == "no-cache", "another set may be served at this address tomorrow"
             assert headers["X-Content-Type-Options"] == "nosniff"
             assert "img-src 'self'" in headers["Content-Security-Policy"]
-    with subtests.test("the page is told"):
+    with subtests.test("the page has their levels and source"):
         async with served.connected() as page:
-            told = (await received(page, "mission"))["tiles"]
-        assert told == {"level_min": 2, "level_max": 2, "source": tiles.picture.source}
+            shown = (await received(page, "mission"))["tiles"]
+        assert shown == {"level_min": 2, "level_max": 2, "source": tiles.picture.source}
     with subtests.test("strangers"):
         assert (await served.get("/tiles/2/1/0", Cookie=""))[0] == 403
         assert (await served.get("/tiles/2/1/0", Host="evil.example"))[0] == 403
