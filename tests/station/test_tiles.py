@@ -20,6 +20,7 @@ from gcs.station.access import Access
 from gcs.station.picture import FlightPicture
 from gcs.station.server import listen, recorded_app, serve
 from gcs.station.tiles import opened_tiles
+from gcs.style import COLOURS
 from gcs.viewer.address import Address
 from tests.station.conftest import OpenPage
 from tests.support.canned_station import CannedStation
@@ -147,6 +148,11 @@ def quarters(page: Page) -> list[NDArray[np.float64]]:
 
 def css_colour(page: Page, name: str) -> NDArray[np.float64]:
     text: str = page.evaluate(f"getComputedStyle(document.documentElement).getPropertyValue('{name}').trim()")
+    return colour_of(text)
+
+
+def colour_of(text: str) -> NDArray[np.float64]:
+    """Return red, green and blue from 0 to 1 of #rrggbb."""
     return np.array([int(text[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
 
 
@@ -160,6 +166,16 @@ def test_ink_is_readable_on_tiles_of_any_colour(
         tones = quarters(page)
         assert np.ptp(tones, axis=0).max() > 0.2, "the tiles are to be seen"
         assert min(contrast(css_colour(page, "--ink"), tone) for tone in tones) > 4.5
+
+
+def test_marks_are_drawn_over_tiles(open_page: OpenPage, tmp_path: Path) -> None:
+    """The circle about the first vehicle has the vehicle's own colour on a white tile and on a black one."""
+    with served(flight_about(*CORNER_M), chessboard(tmp_path / "t.mbtiles")) as station:
+        page = open_settled(open_page, station)
+        x, y = middle(page, 1).round().astype(int)
+        shown, colour = picture(page), colour_of(COLOURS[0])
+        for part in (shown[y - 20 : y, x - 20 : x], shown[y - 20 : y, x : x + 20]):
+            assert np.abs(part - colour).max(axis=2).min() < 0.1
 
 
 def test_missing_tiles_show_the_ground(open_page: OpenPage, tmp_path: Path) -> None:
@@ -187,6 +203,7 @@ def test_source_of_tiles_is_text_and_a_switch_hides_them(open_page: OpenPage, tm
 def test_page_without_tiles_has_no_switch_for_them(open_page: OpenPage) -> None:
     with CannedStation(flight=ring_flight(1.0)) as station:
         page = open_page(station.url)
+        expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
         page.locator("#layers summary").click()
         expect(page.get_by_label("Trails")).to_be_visible()
         expect(page.get_by_label("Map tiles")).to_have_count(0)

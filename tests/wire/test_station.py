@@ -8,7 +8,7 @@ import re
 import signal
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import unquote
@@ -41,6 +41,16 @@ def entered(line: str) -> tuple[int, str]:
     answer = connection.getresponse()
     assert answer.status == 204
     return int(found[1]), answer.headers["Set-Cookie"].split(";")[0]
+
+
+def lines_to(lines: Iterable[str], words: str) -> list[str]:
+    """Return the lines that are printed up to the one with these words."""
+    said = []
+    for line in lines:
+        said.append(line)
+        if words in line:
+            break
+    return said
 
 
 def stream(port: int, cookie: str) -> websockets.connect:
@@ -120,10 +130,9 @@ def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
     ):
         with subtests.test(arguments[0]), cordon(*arguments) as process:
             assert process.stderr is not None
-            warning = next(line for line in process.stderr if "warning: map tiles" in line)
-            assert f"{tiles}: none lies at the mission's origin" in warning
-            line = next(line for line in process.stderr if "page of" in line)
-            port, cookie = entered(line)
+            said = lines_to(process.stderr, "page of")
+            assert f"warning: map tiles {tiles}: none lies at the mission's origin" in "".join(said)
+            port, cookie = entered(said[-1])
             connection = http.client.HTTPConnection(LOOPBACK, port, timeout=5.0)
             connection.request("GET", "/tiles/1/1/1", headers={"Cookie": cookie})
             assert connection.getresponse().read() == image
