@@ -17,8 +17,10 @@ from gcs.cli.options import (
     Speed,
     Station,
     StationAddress,
+    StationTiles,
     bus_mission,
     chosen_vehicle,
+    require_station,
 )
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
@@ -79,6 +81,7 @@ class FlyOptions:
     ] = ()
     station: Station = False
     station_address: StationAddress = None
+    station_tiles: StationTiles = None
     json: Json = False
     plot: Plot = None
 
@@ -103,8 +106,7 @@ def fly(options: FlyOptions) -> int:
     for option, given in (("--live-address", options.live_address), ("--live-origin", options.live_origin)):
         if given and not options.live:
             raise InputError([f"{option}: it needs --live"])
-    if options.station_address and not options.station:
-        raise InputError(["--station-address: it needs --station"])
+    require_station(options.station, options.station_address, options.station_tiles)
     from gcs.flight.supervision.supervisor import is_supervised, supervise
 
     if is_supervised():
@@ -119,8 +121,9 @@ def _supervise_beside_station(options: FlyOptions) -> int:
     from gcs.station.beside import station_beside
 
     address = () if options.station_address is None else ("--address", options.station_address)
+    tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
     sitl = ("--sitl",) if options.sitl else ()
-    with station_beside(["--mission", options.mission, *address, *sitl]) as (line, failed):
+    with station_beside(["--mission", options.mission, *address, *tiles, *sitl]) as (line, failed):
         if failed is not None:
             return failed
         print_line(line)

@@ -65,6 +65,16 @@ StationAddress = Annotated[
     str | None,
     Parameter(group=RESULT, help=f"Where --station listens, HOST:PORT, in place of {STATION_ADDRESS}."),
 ]
+TILES_HELP = "map tiles to draw under the scene: a folder Z/X/Y.png (.jpg, .webp), or an .mbtiles file."
+Tiles = Annotated[Path | None, Parameter(help=f"The {TILES_HELP}")]
+StationTiles = Annotated[Path | None, Parameter(group=RESULT, help=f"With --station, {TILES_HELP}")]
+
+
+def require_station(station: bool, address: str | None, tiles: Path | None) -> None:
+    """Raise InputError for what is said of a page that is not to be served."""
+    for option, given in (("--station-address", address), ("--station-tiles", tiles)):
+        if given and not station:
+            raise InputError([f"{option}: it needs --station"])
 
 
 def loaded_mission(name: str) -> "Mission":

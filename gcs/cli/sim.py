@@ -19,7 +19,9 @@ from gcs.cli.options import (
     Plot,
     Station,
     StationAddress,
+    StationTiles,
     loaded_mission,
+    require_station,
 )
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back, pending
@@ -39,6 +41,7 @@ class SimOptions:
     log: Log = None
     station: Station = False
     station_address: StationAddress = None
+    station_tiles: StationTiles = None
     json: Json = False
     plot: Plot = None
     timing: Annotated[
@@ -57,8 +60,7 @@ def sim(options: SimOptions) -> Exit:
     Example: cordon sim case2-field --seed 7 --plot flight.png
     """
     hold_back()
-    if options.station_address and not options.station:
-        raise InputError(["--station-address: it needs --station"])
+    require_station(options.station, options.station_address, options.station_tiles)
     from gcs.console.terminal import print_problem
 
     try:
@@ -70,7 +72,8 @@ def sim(options: SimOptions) -> Exit:
         return verdict
     from gcs.cli.team.station import StationOptions, station
 
-    shown = station(log, options=StationOptions(address=options.station_address or STATION_ADDRESS))
+    address = options.station_address or STATION_ADDRESS
+    shown = station(log, options=StationOptions(address=address, tiles=options.station_tiles))
     return verdict if shown is Exit.HOLDS else shown
 
 
@@ -81,6 +84,13 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
 
     check_plot(options.plot)
     mission = loaded_mission(options.mission)
+    if options.station_tiles is not None:
+        from gcs.station.mission_picture import origin_deg
+        from gcs.station.tiles import opened_tiles
+
+        opened_tiles(
+            options.station_tiles, origin_deg(mission)
+        )  # tiles that cannot be drawn are refused before it flies
     flown_s = options.duration or mission.mission.duration_s
     seed = mission.mission.seed if options.seed is None else options.seed
     recording, log = None, _log_path(options, mission.mission.name)

@@ -1,7 +1,7 @@
 """What does not change in flight, for the operator's page."""
 
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.station.picture import FlightSource, MissionPicture, OperatorRights, PlannedVehicle
+from gcs.station.picture import FlightSource, MissionPicture, OperatorRights, Pair, PlannedVehicle
 from gcs.style import COLOURS
 
 
@@ -10,13 +10,12 @@ def mission_picture(
 ) -> MissionPicture:
     """Return a mission as the page shows it, flown for `duration_s`; without an operator it only shows."""
     frame, ring, safety = mission.frame, mission.encirclement, mission.safety
-    known = frame.latitude_deg is not None and frame.longitude_deg is not None
     return MissionPicture(
         mission=mission.mission.name,
         source=source,
         duration_s=duration_s,
         rate_hz=mission.mission.rate_hz,
-        origin_deg=(frame.latitude_deg or 0.0, frame.longitude_deg or 0.0) if known else None,
+        origin_deg=origin_deg(mission),
         x_bearing_deg=frame.x_bearing_deg,
         ring_radius_m=ring.radius_m,
         ring_rate_rad_s=ring.angular_rate_rad_s,
@@ -27,6 +26,12 @@ def mission_picture(
         vehicles=tuple(_planned(mission, row, vehicle) for row, vehicle in enumerate(mission.vehicles)),
         operator=operator or OperatorRights(),
     )
+
+
+def origin_deg(mission: Mission) -> Pair | None:
+    """Return latitude and longitude of a mission's origin; None in a local frame."""
+    origin = mission.mission_frame().origin
+    return None if origin is None else (origin.latitude_deg, origin.longitude_deg)
 
 
 def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehicle:

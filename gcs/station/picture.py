@@ -38,10 +38,18 @@ class OperatorRights(msgspec.Struct, frozen=True):
     may: tuple[Verb, ...] = ()
 
 
+class TilesPicture(msgspec.Struct, frozen=True):
+    """The map tiles that the station serves at `tiles/Z/X/Y`: their levels, and whose they are, as plain text."""
+
+    level_min: int
+    level_max: int
+    source: str = ""
+
+
 class MissionPicture(_Picture, frozen=True, tag="mission"):
     """What does not change in flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
 
-    `x_bearing_deg` is the bearing of the x axis, clockwise from north.
+    `x_bearing_deg` is the bearing of the x axis, clockwise from north. `tiles` is None without map tiles.
     """
 
     mission: str
@@ -58,6 +66,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     altitude_max_m: float | None
     vehicles: tuple[PlannedVehicle, ...]
     operator: OperatorRights = OperatorRights()
+    tiles: TilesPicture | None = None
 
 
 class VehiclePicture(msgspec.Struct, frozen=True):

@@ -5,6 +5,7 @@ A page that is slow, dead, or says what it should not concerns that page alone.
 
 import asyncio
 import gzip
+import re
 import socket
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,9 +13,10 @@ from pathlib import Path
 
 import msgspec
 import uvicorn
+from msgspec.structs import replace
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
@@ -24,8 +26,9 @@ from agents.ports import VehicleRefusedError
 from gcs.station.access import Access, Gate
 from gcs.station.broadcast import Broadcast, Reading
 from gcs.station.commands import Commands
-from gcs.station.picture import CommandRequest, FlightPicture
+from gcs.station.picture import CommandRequest, FlightPicture, MissionPicture, OperatorRights
 from gcs.station.source import Source
+from gcs.station.tiles import MapTiles
 
 PAGE = Path(__file__).parent / "page"
 PAGES_MAX = 100
@@ -34,6 +37,7 @@ _DEAD_AFTER_S = 10
 """A page that takes nothing for so long is removed."""
 _PING_PERIOD_S = 5.0
 _MALFORMED, _TOO_MANY = 1007, 1013
+_TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 
 
 class Stream:
@@ -80,25 +84,43 @@ class Stream:
             self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
 
 
-def live_app(stream: Stream, page: Path = PAGE) -> ASGIApp:
+def live_app(stream: Stream, page: Path = PAGE, tiles: MapTiles | None = None) -> ASGIApp:
     """Return the pages of a running team."""
-    return _app(WebSocketRoute("/stream", stream.serve), page)
+    return _app(WebSocketRoute("/stream", stream.serve), page, tiles)
 
 
-def recorded_app(flight: FlightPicture, page: Path = PAGE) -> ASGIApp:
+def recorded_app(flight: FlightPicture, page: Path = PAGE, tiles: MapTiles | None = None) -> ASGIApp:
     """Return the page of a recorded flight."""
-    packed = gzip.compress(msgspec.json.encode(flight), compresslevel=6)
+    shown = replace(flight, mission=_with_tiles(flight.mission, tiles))
+    packed = gzip.compress(msgspec.json.encode(shown), compresslevel=6)
     headers = {"Content-Encoding": "gzip", "Cache-Control": "no-store"}
 
     async def recorded(_request: Request) -> Response:
         return Response(packed, media_type="application/json", headers=headers)
 
-    return _app(Route("/flight.json", recorded), page)
+    return _app(Route("/flight.json", recorded), page, tiles)
 
 
-def _app(data: BaseRoute, page: Path) -> Starlette:
+def _app(data: BaseRoute, page: Path, tiles: MapTiles | None) -> Starlette:
     files = Mount("/", StaticFiles(directory=page, html=True, check_dir=False))
-    return Starlette(routes=[data, files])
+    return Starlette(routes=[data, *([] if tiles is None else [_tiles_route(tiles)]), files])
+
+
+def _tiles_route(tiles: MapTiles) -> Route:
+    """Return the route of map tiles: a path is three numbers, or there is nothing at it."""
+
+    def tile(request: Request) -> Response:  # not async: in a thread, so that a slow disk does not hold up the stream
+        place = _TILE_PLACE.fullmatch(request.path_params["place"])
+        image = None if place is None else tiles.tile(*map(int, place.groups()))
+        if image is None:
+            return PlainTextResponse("no such tile", 404)
+        return Response(image.data, media_type=image.media_type)
+
+    return Route("/tiles/{place:path}", tile)
+
+
+def _with_tiles(mission: MissionPicture, tiles: MapTiles | None) -> MissionPicture:
+    return mission if tiles is None else replace(mission, tiles=tiles.picture)
 
 
 async def serve_team(
@@ -108,14 +130,19 @@ async def serve_team(
     listening: socket.socket,
     stop: asyncio.Event,
     page: Path = PAGE,
+    tiles: MapTiles | None = None,
 ) -> None:
     """Serve the pages of a running team until `stop`; raises InputError when the source does."""
     broadcast = Broadcast()
     ours = commands(broadcast)
+
+    def publish(rights: OperatorRights) -> None:
+        broadcast.publish(_with_tiles(source.mission(rights), tiles))
+
     running = [
         asyncio.create_task(source.run(broadcast.publish)),
-        asyncio.create_task(ours.run(lambda rights: broadcast.publish(source.mission(rights)))),
-        asyncio.create_task(serve(live_app(Stream(broadcast, ours), page), access, listening, stop)),
+        asyncio.create_task(ours.run(publish)),
+        asyncio.create_task(serve(live_app(Stream(broadcast, ours), page, tiles), access, listening, stop)),
     ]
     try:
         done, _ = await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)

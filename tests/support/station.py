@@ -33,6 +33,7 @@ from gcs.station.commands import Commands
 from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
 from gcs.station.server import listen, serve_team
 from gcs.station.source import Published
+from gcs.station.tiles import MapTiles
 from gcs.viewer.address import Address
 from tests.support.wire import LOOPBACK, free_port, until
 
@@ -103,15 +104,15 @@ class Station:
 
 
 @asynccontextmanager
-async def station(mission: Mission, page: Path) -> AsyncIterator[Station]:
-    """Run a server of the page, with commands to a mission's team."""
+async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -> AsyncIterator[Station]:
+    """Run a server of the page and of map tiles, with commands to a mission's team."""
     access = Access(Address(LOOPBACK, free_port()), TOKEN)
     source, stop = CannedSource(), asyncio.Event()
 
     def commands(broadcast: Broadcast) -> Commands:
         return Commands(mission, None, broadcast.publish)
 
-    serving = asyncio.create_task(serve_team(source, commands, access, listen(access), stop, page=page))
+    serving = asyncio.create_task(serve_team(source, commands, access, listen(access), stop, page, tiles))
     try:
         await until(lambda: source.runs or serving.done())
         yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"})

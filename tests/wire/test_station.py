@@ -8,7 +8,7 @@ import re
 import signal
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import unquote
@@ -19,6 +19,7 @@ import websockets
 from websockets.asyncio.client import ClientConnection
 
 from gcs.station.picture import FlightPicture
+from tests.support.map_tiles import mbtiles, png, tile_folder
 from tests.support.mission_text import LOW
 from tests.support.paths import DATA
 from tests.support.station import asked, received
@@ -28,6 +29,7 @@ pytestmark = pytest.mark.wire
 
 END_S = 2.0
 """Ctrl-C ends a station within this time, on a busy computer."""
+LOCAL_FRAME = ("latitude_deg = 47.397742\nlongitude_deg = 8.545594\naltitude_m = 488.0", "local = true")
 
 
 def entered(line: str) -> tuple[int, str]:
@@ -39,6 +41,16 @@ def entered(line: str) -> tuple[int, str]:
     answer = connection.getresponse()
     assert answer.status == 204
     return int(found[1]), answer.headers["Set-Cookie"].split(";")[0]
+
+
+def lines_to(lines: Iterable[str], words: str) -> list[str]:
+    """Return the lines that are printed up to the one with these words."""
+    said = []
+    for line in lines:
+        said.append(line)
+        if words in line:
+            break
+    return said
 
 
 def stream(port: int, cookie: str) -> websockets.connect:
@@ -109,16 +121,21 @@ def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
     mission_file: Callable[..., str], tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
     address, log = f"{LOOPBACK}:{free_port()}", tmp_path / "flight.mcap"
+    image = png((0, 160, 0))
+    tiles = str(tile_folder(tmp_path / "tiles", {(1, 1, 1): image}))  # elsewhere: south of the equator
     simulation = ("sim", mission_file("case2"), "--duration", "20", "--json", "--log", str(log))
     for arguments in (
-        (*simulation, "--station", "--station-address", address),
-        ("station", str(log), "--address", address),
+        (*simulation, "--station", "--station-address", address, "--station-tiles", tiles),
+        ("station", str(log), "--address", address, "--tiles", tiles),
     ):
         with subtests.test(arguments[0]), cordon(*arguments) as process:
             assert process.stderr is not None
-            line = next(line for line in process.stderr if "page of" in line)
-            port, cookie = entered(line)
+            said = lines_to(process.stderr, "page of")
+            assert f"warning: map tiles {tiles}: none lies at the mission's origin" in "".join(said)
+            port, cookie = entered(said[-1])
             connection = http.client.HTTPConnection(LOOPBACK, port, timeout=5.0)
+            connection.request("GET", "/tiles/1/1/1", headers={"Cookie": cookie})
+            assert connection.getresponse().read() == image
             connection.request("GET", "/flight.json", headers={"Cookie": cookie})
             flight = msgspec.json.decode(gzip.decompress(connection.getresponse().read()), type=FlightPicture)
             assert {each.vehicle_id for each in flight.mission.vehicles} == {1, 2, 3}
@@ -128,6 +145,27 @@ def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
             assert process.returncode == 0
             assert [json.loads(each)["mission"] for each in out.splitlines()] in ([], ["case2"])
             assert "Traceback" not in err
+
+
+def test_tiles_that_cannot_be_drawn_are_bad_input_before_anything_is_served_or_flown(
+    mission_file: Callable[..., str], tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    vector = str(mbtiles(tmp_path / "vector.mbtiles", [(0, 0, 0, b"a vector tile")], format="pbf"))
+    local = str(Path(mission_file("case2", LOCAL_FRAME)).rename(tmp_path / "local.toml"))
+    mission = mission_file("case2")
+    for arguments, words in (
+        (("station", "--mission", mission, "--tiles", vector), "'pbf'"),
+        (("fly", mission, "--sitl", "--no-log", "--station", "--station-tiles", vector), "'pbf'"),
+        (("sim", mission, "--station", "--station-tiles", vector), "'pbf'"),
+        (("sim", mission, "--station-tiles", vector), "--station"),
+        (("station", "--mission", local, "--tiles", vector), "local"),
+    ):
+        with subtests.test(words, verb=arguments[0]), cordon(*arguments) as process:
+            out, err = process.communicate(timeout=20.0)
+            assert (process.returncode, out) == (2, "")
+            assert words in err
+            assert "Traceback" not in err
+            assert "http" not in err
 
 
 def test_a_log_that_is_none_of_cordons_is_bad_input(tmp_path: Path, subtests: pytest.Subtests) -> None:

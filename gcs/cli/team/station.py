@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import STATION_ADDRESS, KeyName, RunningMission, bus_mission
+from gcs.cli.options import STATION_ADDRESS, KeyName, RunningMission, Tiles, bus_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import socket
 
     from gcs.station.access import Access
+    from gcs.station.picture import Pair
+    from gcs.station.tiles import MapTiles
 
 
 @Parameter(name="*")
@@ -33,6 +35,7 @@ class StationOptions:
     token_file: Annotated[
         Path | None, Parameter(help="A file with the token that opens the page, in place of one that cordon keeps.")
     ] = None
+    tiles: Tiles = None
     key: KeyName = None
     sitl: Annotated[bool, Parameter(negative="", help="Say on the page that the vehicles are stubs.")] = False
 
@@ -55,7 +58,7 @@ def station(
     """
     hold_back()
     access = _access(options)
-    return _serve_team(access, options) if log is None else _serve_flight(log, access)
+    return _serve_team(access, options) if log is None else _serve_flight(log, access, options)
 
 
 def _access(options: StationOptions) -> "Access":
@@ -73,21 +76,23 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
     from gcs.station.broadcast import Broadcast
     from gcs.station.commands import Commands
     from gcs.station.live_team import LiveTeam
+    from gcs.station.mission_picture import origin_deg
     from gcs.station.server import serve_team
 
     mission = bus_mission(options.mission)
+    tiles = _tiles(options.tiles, origin_deg(mission))
     team = LiveTeam(mission, "sitl" if options.sitl else "flight")
 
     def commands(broadcast: Broadcast) -> Commands:
         return Commands(mission, options.key, broadcast.publish)
 
     async def serve(listening: "socket.socket", stop: asyncio.Event) -> None:
-        await serve_team(team, commands, access, listening, stop)
+        await serve_team(team, commands, access, listening, stop, tiles=tiles)
 
     return _serve(serve, access, f"team {mission.network.team}")
 
 
-def _serve_flight(path: Path, access: "Access") -> Exit:
+def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit:
     """Serve the page of a recorded flight; raises InputError for a log that cordon did not record."""
     from gcs.cli.output import print_log_faults
     from gcs.flightlog.reader import read_log
@@ -99,8 +104,22 @@ def _serve_flight(path: Path, access: "Access") -> Exit:
         raise InputError([f"{path}: it was not recorded by cordon: `cordon report` shows what it holds"])
     log = read_log(path)
     print_log_faults(log)
-    app = recorded_app(recorded_flight(log))
+    flight = recorded_flight(log)
+    app = recorded_app(flight, tiles=_tiles(options.tiles, flight.mission.origin_deg))
     return _serve(lambda listening, stop: serve(app, access, listening, stop), access, path.name)
+
+
+def _tiles(path: Path | None, origin_deg: "Pair | None") -> "MapTiles | None":
+    """Return the map tiles of an option, for a mission with this origin; raises InputError."""
+    from gcs.console.terminal import print_line
+    from gcs.station.tiles import opened_tiles
+
+    if path is None:
+        return None
+    tiles = opened_tiles(path, origin_deg)
+    if not tiles.covers_origin:
+        print_line(f"warning: map tiles {path}: none lies at the mission's origin {origin_deg}", "yellow")
+    return tiles
 
 
 def _serve(serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]", access: "Access", subject: str) -> Exit:

@@ -1,6 +1,13 @@
-/** The mission's metric frame on the map's sphere: x along a bearing, y to its left, about the origin or about 0, 0. */
+/**
+ * The mission's metric frame on the map: x along a bearing, y to its left.
+ *
+ * A mission with an origin is drawn at its true place, so that map tiles need nothing done to them. Its metres are turned
+ * into degrees by the radii of the WGS-84 ellipsoid at the origin, within 0.1 m up to 500 m from it; the map's own sphere
+ * would be off by 1.5 m there, at latitude 47. A mission without an origin is drawn at 0, 0 on that sphere.
+ */
 
-const EARTH_RADIUS_M = 6371008.8; // the sphere that the map's scale bar measures on
+const SPHERE_RADIUS_M = 6371008.8; // what the map's scale bar measures on
+const ELLIPSOID = { equator_m: 6378137, eccentricity_squared: 6.69437999014e-3 };
 const DEGREES = 180 / Math.PI;
 
 export class Frame {
@@ -11,19 +18,27 @@ export class Frame {
     this.x_bearing_deg = mission.x_bearing_deg;
     this.cosine = Math.cos(bearing);
     this.sine = Math.sin(bearing);
-    this.parallel = Math.cos(this.latitude_deg / DEGREES);
+    const [meridian_m, normal_m] = mission.origin_deg ? radii(this.latitude_deg / DEGREES) : [SPHERE_RADIUS_M, SPHERE_RADIUS_M];
+    this.north_m_deg = meridian_m / DEGREES;
+    this.east_m_deg = (normal_m * Math.cos(this.latitude_deg / DEGREES)) / DEGREES;
   }
 
   /** Longitude and latitude, in degrees, of a point in metres. @param {number[]} point_m */
   lonLat([x_m, y_m]) {
     const north_m = this.cosine * x_m + this.sine * y_m;
     const east_m = this.sine * x_m - this.cosine * y_m;
-    const latitude_deg = this.latitude_deg + (north_m / EARTH_RADIUS_M) * DEGREES;
-    return [this.longitude_deg + (east_m / (EARTH_RADIUS_M * this.parallel)) * DEGREES, latitude_deg];
+    return [this.longitude_deg + east_m / this.east_m_deg, this.latitude_deg + north_m / this.north_m_deg];
   }
 
   /** The clockwise rotation from north, in degrees, of a yaw or direction that is counter-clockwise from x. */
   bearing_deg(yaw_rad) {
     return this.x_bearing_deg - yaw_rad * DEGREES;
   }
+}
+
+/** The ellipsoid's radii of curvature at a latitude, in metres: along the meridian, and across it. */
+function radii(latitude_rad) {
+  const { equator_m, eccentricity_squared } = ELLIPSOID;
+  const flattened = 1 - eccentricity_squared * Math.sin(latitude_rad) ** 2;
+  return [(equator_m * (1 - eccentricity_squared)) / flattened ** 1.5, equator_m / Math.sqrt(flattened)];
 }

@@ -5,6 +5,7 @@ import { Frame } from "./frame.js";
 import { planMarks, teamMarks, trailMarks } from "./marks.js";
 import { showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
 import { atMostEvery } from "./throttle.js";
+import { Tiles } from "./tiles.js";
 import * as maplibre from "./vendor/maplibre-gl.mjs";
 
 const EMPTY = { type: "FeatureCollection", features: [] };
@@ -42,6 +43,7 @@ export class Scene {
       container, style: style(), maxZoom: ZOOM_MAX, maxPitch: 0, attributionControl: false, dragRotate: false,
       renderWorldCopies: false, fadeDuration: 0, center: [0, 0], zoom: 18,
     });
+    this.tiles = new Tiles(this.map, `${AREAS[0][0]}-area`);
     this.map.touchZoomRotate.disableRotation();
     this.map.addControl(new maplibre.ScaleControl({ unit: "metric", maxWidth: 160 }), "bottom-left");
     this.map.addControl(new maplibre.NavigationControl({ showCompass: false }), "bottom-right");
@@ -56,6 +58,7 @@ export class Scene {
     await this.isLoaded;
     this.mission = mission;
     this.frame = new Frame(mission);
+    this.tiles.start(mission.tiles);
     for (const { marker } of this.symbols?.values() ?? []) marker.remove();
     this.target?.marker.remove();
     this.symbols = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#vehicle(planned)]));
@@ -91,6 +94,7 @@ export class Scene {
     for (const [, name, colour] of LINES) if (colour) this.map.setPaintProperty(name, "line-color", css(colour));
     for (const [name, colour] of AREAS) this.map.setPaintProperty(`${name}-area`, "fill-color", css(colour));
     this.map.setPaintProperty("ground", "background-color", css("--ground"));
+    this.tiles.recolour();
   }
 
   #trails(past) {

@@ -18,6 +18,9 @@ export function startTheme(button, changed) {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
 }
 
+/** Whether the page is dark now, by choice or as the system is. */
+export const isDark = () => getComputedStyle(document.documentElement).colorScheme === "dark";
+
 function show(button, theme) {
   document.documentElement.dataset.theme = theme;
   setText(button.lastElementChild, NAMES[theme]);

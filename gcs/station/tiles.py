@@ -1,0 +1,141 @@
+"""Map tiles under the scene of the operator's page: images in a folder Z/X/Y, or in an MBTiles file.
+
+Both cut the web Mercator map: level z has 2^z columns, counted from 180° west, and 2^z rows, counted from the north. In
+an MBTiles file the rows are counted from the south.
+"""
+
+import re
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from functools import partial
+from html import unescape
+from math import asinh, floor, pi, radians, tan
+from pathlib import Path
+
+from gcs.errors import InputError
+from gcs.station.picture import Pair, TilesPicture
+
+LEVEL_MAX = 24
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+_ENDS = "SELECT zoom_level, CAST(tile_data AS BLOB) FROM tiles ORDER BY zoom_level {} LIMIT 1"
+_ONE = "SELECT CAST(tile_data AS BLOB) FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?"
+
+
+@dataclass(frozen=True, slots=True)
+class TileImage:
+    """The image of a tile, and its media type."""
+
+    data: bytes
+    media_type: str
+
+
+TileReader = Callable[[int, int, int], TileImage | None]
+
+
+@dataclass(frozen=True, slots=True)
+class MapTiles:
+    """Tiles, as a folder or a file has them, under a mission whose origin has this latitude and longitude."""
+
+    picture: TilesPicture
+    reader: TileReader
+    origin_deg: Pair
+
+    def tile(self, level: int, column: int, row: int) -> TileImage | None:
+        """Return the image at a level, a column and a row from the north; None where there is none."""
+        is_level = self.picture.level_min <= level <= self.picture.level_max
+        return self.reader(level, column, row) if is_level else None
+
+    @property
+    def covers_origin(self) -> bool:
+        """Whether a tile of any level lies at the mission's origin."""
+        levels = range(self.picture.level_min, self.picture.level_max + 1)
+        return any(self.tile(level, *_place(level, *self.origin_deg)) is not None for level in levels)
+
+
+def opened_tiles(path: Path, origin_deg: Pair | None) -> MapTiles:
+    """Return the tiles at a path, for a mission with this origin; raises InputError where they cannot be drawn."""
+    if origin_deg is None:
+        raise InputError([f"map tiles {path}: the mission's [frame] is local: nothing says where the tiles lie in it"])
+    try:
+        picture, reader = _folder(path) if path.is_dir() else _mbtiles(path)
+    except OSError as error:
+        raise InputError([f"map tiles {path}: {error.strerror or error}"]) from error
+    except sqlite3.Error as error:
+        raise InputError([f"map tiles {path}: it is not an MBTiles file ({error})"]) from error
+    return MapTiles(picture, reader, origin_deg)
+
+
+def _folder(folder: Path) -> tuple[TilesPicture, TileReader]:
+    levels = [level for level in range(LEVEL_MAX + 1) if _holds_tile(folder / str(level))]
+    if not levels:
+        raise InputError([f"map tiles {folder}: the folder holds no tile Z/X/Y.png, .jpg or .webp"])
+    return TilesPicture(min(levels), max(levels)), partial(_from_folder, folder)
+
+
+def _holds_tile(level: Path) -> bool:
+    return any(each.suffix in _SUFFIXES and each.stem.isdecimal() for each in level.glob("*/*"))
+
+
+def _from_folder(folder: Path, level: int, column: int, row: int) -> TileImage | None:
+    for suffix in _SUFFIXES:
+        with suppress(OSError):
+            return _image((folder / str(level) / str(column) / f"{row}{suffix}").read_bytes())
+    return None
+
+
+def _mbtiles(path: Path) -> tuple[TilesPicture, TileReader]:
+    with path.open("rb") as file:
+        if file.read(7) == b"PMTiles":
+            converted = path.with_suffix(".mbtiles").name
+            raise InputError([f"map tiles {path}: a PMTiles file: convert it, `pmtiles-convert {path} {converted}`"])
+    with closing(_connection(path)) as database:
+        metadata = {name: str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
+        ends = [database.execute(_ENDS.format(order)).fetchone() for order in ("ASC", "DESC")]
+    if None in ends:
+        raise InputError([f"map tiles {path}: the file holds no tile"])
+    (level_min, first), (level_max, _) = ends
+    for level in (level_min, level_max):
+        if not (isinstance(level, int) and 0 <= level <= LEVEL_MAX):
+            raise InputError([f"map tiles {path}: zoom level {level!r} is not one of 0 to {LEVEL_MAX}"])
+    if _image(first) is None:
+        kind = metadata.get("format", "unknown")
+        raise InputError([f"map tiles {path}: its tiles, of format {kind!r}, are not PNG, JPEG or WebP images"])
+    source = _plain(metadata.get("attribution") or metadata.get("name", ""))
+    return TilesPicture(level_min, level_max, source), partial(_from_mbtiles, path)
+
+
+def _from_mbtiles(path: Path, level: int, column: int, row: int) -> TileImage | None:
+    with suppress(sqlite3.Error), closing(_connection(path)) as database:
+        found = database.execute(_ONE, (level, column, 2**level - 1 - row)).fetchone()
+        return None if found is None else _image(found[0])
+    return None
+
+
+def _connection(path: Path) -> sqlite3.Connection:
+    """Open a file for reading alone, anew for each tile: tiles are read in several threads."""
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+
+
+def _image(data: bytes | None) -> TileImage | None:
+    """Return an image with its media type, which its first bytes say; None for what is no PNG, JPEG or WebP."""
+    if data is None:
+        return None
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return TileImage(data, "image/png")
+    if data.startswith(b"\xff\xd8\xff"):
+        return TileImage(data, "image/jpeg")
+    return TileImage(data, "image/webp") if data[:4] + data[8:12] == b"RIFFWEBP" else None
+
+
+def _plain(text: str) -> str:
+    """Return HTML as plain text in one line: attributions are often links."""
+    return " ".join(unescape(re.sub(r"<[^>]*>", "", text)).split())
+
+
+def _place(level: int, latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
+    """Return the column and the row of the tile in which a place lies."""
+    column = (longitude_deg + 180.0) / 360.0
+    row = (1.0 - asinh(tan(radians(latitude_deg))) / pi) / 2.0
+    return floor(column * 2**level), floor(row * 2**level)

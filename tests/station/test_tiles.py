@@ -1,0 +1,210 @@
+"""Map tiles under the scene: they lie where their coordinates say, and leave the marks readable."""
+
+import asyncio
+import io
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import cos, radians, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from msgspec.structs import replace
+from numpy.typing import NDArray
+from playwright.sync_api import Page, expect
+
+from gcs.station.access import Access
+from gcs.station.picture import FlightPicture
+from gcs.station.server import listen, recorded_app, serve
+from gcs.station.tiles import opened_tiles
+from gcs.style import COLOURS
+from gcs.viewer.address import Address
+from tests.station.conftest import OpenPage
+from tests.support.canned_station import CannedStation
+from tests.support.map_tiles import Colour, corner_deg, east_north_m, mbtiles, png
+from tests.support.station_pictures import changed, ring_flight
+from tests.support.wire import LOOPBACK, free_port
+
+pytestmark = pytest.mark.browser
+BLACK, WHITE, RED, CYAN = (0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 255)
+ORIGIN = (47.397742, 8.545594)
+LEVEL, COLUMN, ROW = 18, 137299, 91775
+"""Where a corner of four tiles lies some hundred metres east and north of the origin."""
+X_BEARING_DEG = 30.0
+CORNER_M = east_north_m(corner_deg(LEVEL, COLUMN, ROW), ORIGIN)
+QUARTER_PX = 25
+HIDE = "nodes => { for (const node of nodes) node.style.visibility = 'hidden'; }"
+
+
+@contextmanager
+def served(flight: FlightPicture, tiles: Path) -> Iterator[Access]:
+    """Serve a recorded flight over tiles by the station's own server, until this context ends."""
+    access = Access(Address(LOOPBACK, free_port()), "a token of the tests")
+    app = recorded_app(flight, tiles=opened_tiles(tiles, flight.mission.origin_deg))
+    listening, stop = listen(access), asyncio.Event()
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_until_complete, args=(serve(app, access, listening, stop),))
+    thread.start()
+    try:
+        yield access
+    finally:
+        loop.call_soon_threadsafe(stop.set)
+        thread.join(5.0)
+        loop.close()
+
+
+def chessboard(path: Path, colours: tuple[Colour, Colour] = (BLACK, WHITE), **metadata: str) -> Path:
+    """Write tiles of one level in two colours, ten by ten about the corner."""
+    images = [png(colour) for colour in colours]
+    around = [(COLUMN + i, ROW + j) for i in range(-5, 5) for j in range(-5, 5)]
+    rows = [(LEVEL, x, 2**LEVEL - 1 - y, images[(x + y) % 2]) for x, y in around]
+    return mbtiles(path, rows, **metadata)
+
+
+def flight_about(east_m: float, north_m: float) -> FlightPicture:
+    """Return a flight whose first vehicle hovers over a place, the others some metres from it."""
+    flight = ring_flight(1.0)
+    bearing = radians(X_BEARING_DEG)
+    x_m, y_m = cos(bearing) * north_m + sin(bearing) * east_m, sin(bearing) * north_m - cos(bearing) * east_m
+    team = replace(flight.teams[0], target=None)
+    for number, (dx, dy) in {1: (0.0, 0.0), 2: (12.0, 9.0), 3: (-12.0, -9.0)}.items():
+        team = changed(team, number, position_m=(x_m + dx, y_m + dy, 8.0), setpoint_m=None)
+    mission = replace(flight.mission, origin_deg=ORIGIN, x_bearing_deg=X_BEARING_DEG)
+    return replace(flight, mission=mission, teams=(team, team))
+
+
+def middle(page: Page, vehicle: int) -> NDArray[np.float64]:
+    """Return where the middle of a vehicle's symbol is in the window [px]."""
+    box = page.locator(f".symbol[data-vehicle='{vehicle}']").bounding_box()
+    assert box is not None
+    return np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
+
+
+def picture(page: Page) -> NDArray[np.float64]:
+    """Return the window without symbols: rows, columns, and red, green and blue from 0 to 1."""
+    page.eval_on_selector_all(".symbol, .maplibregl-ctrl", HIDE)
+    shown = imread(io.BytesIO(page.screenshot()), format="png")
+    return np.asarray(shown, dtype=np.float64)[..., :3]
+
+
+def nearest_corner(shown: NDArray[np.float64], near: NDArray[np.float64], within: int) -> NDArray[np.float64]:
+    """Return where four squares of a chessboard meet near a place [px]: most pixels change across its two lines."""
+    x, y = near.round().astype(int)
+    part = shown[y - within : y + within, x - within : x + within].mean(axis=2)
+    across, down = np.abs(np.diff(part, axis=1)).mean(axis=0), np.abs(np.diff(part, axis=0)).mean(axis=1)
+    assert min(across.max(), down.max()) > 0.1, "no corner of tiles is near"
+    return np.array([x - within + 1 + across.argmax(), y - within + 1 + down.argmax()])
+
+
+def entered(access: Access) -> dict[str, Any]:
+    """Return the state of a browser that has handed in the token: it has the cookie."""
+    cookie = {"name": access.cookie, "value": access.cookie_value, "domain": LOOPBACK, "path": "/"}
+    return {
+        "cookies": [{**cookie, "expires": -1, "httpOnly": True, "secure": False, "sameSite": "Strict"}],
+        "origins": [],
+    }
+
+
+def open_settled(open_page: OpenPage, station: Access, **settings: str) -> Page:
+    page = open_page(station.origin, storage_state=entered(station), **settings)
+    expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
+    page.wait_for_timeout(2500)  # the camera has arrived, and the tiles are drawn
+    return page
+
+
+def test_a_corner_of_tiles_lies_at_its_metres(open_page: OpenPage, tmp_path: Path) -> None:
+    """The first vehicle hovers over the corner, by the ellipsoid's plane: symbol and corner are less than 1 m apart."""
+    assert 400.0 < np.hypot(*CORNER_M) < 500.0
+    with served(flight_about(*CORNER_M), chessboard(tmp_path / "t.mbtiles")) as station:
+        page = open_settled(open_page, station)
+        first, second = middle(page, 1), middle(page, 2)
+        px_m = float(np.hypot(*(second - first))) / 15.0
+        corner = nearest_corner(picture(page), first, round(4.0 * px_m))
+        off_m = (corner - first) / px_m
+        print(f"{CORNER_M} m east and north, {px_m:.1f} px/m: off by {off_m} m")
+        assert np.hypot(*off_m) < 1.0
+
+
+def luminance(colour: NDArray[np.float64]) -> float:
+    """Return the relative luminance of an sRGB colour, as WCAG 2 defines it."""
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+def contrast(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def quarters(page: Page) -> list[NDArray[np.float64]]:
+    """Return the colours about the first vehicle: north-west, north-east, south-west, south-east."""
+    x, y = middle(page, 1).round().astype(int)
+    shown = picture(page)
+    return [shown[y + down, x + right] for down in (-QUARTER_PX, QUARTER_PX) for right in (-QUARTER_PX, QUARTER_PX)]
+
+
+def css_colour(page: Page, name: str) -> NDArray[np.float64]:
+    text: str = page.evaluate(f"getComputedStyle(document.documentElement).getPropertyValue('{name}').trim()")
+    return colour_of(text)
+
+
+def colour_of(text: str) -> NDArray[np.float64]:
+    """Return red, green and blue from 0 to 1 of #rrggbb."""
+    return np.array([int(text[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("colours", [(BLACK, WHITE), (RED, CYAN)], ids=["grey", "bright"])
+def test_ink_is_readable_on_tiles_of_any_colour(
+    open_page: OpenPage, tmp_path: Path, theme: str, colours: tuple[Colour, Colour]
+) -> None:
+    with served(flight_about(*CORNER_M), chessboard(tmp_path / "t.mbtiles", colours)) as station:
+        page = open_settled(open_page, station, color_scheme=theme)
+        tones = quarters(page)
+        assert np.ptp(tones, axis=0).max() > 0.2, "the tiles are to be seen"
+        assert min(contrast(css_colour(page, "--ink"), tone) for tone in tones) > 4.5
+
+
+def test_marks_are_drawn_over_tiles(open_page: OpenPage, tmp_path: Path) -> None:
+    """The circle about the first vehicle has the vehicle's own colour on a white tile and on a black one."""
+    with served(flight_about(*CORNER_M), chessboard(tmp_path / "t.mbtiles")) as station:
+        page = open_settled(open_page, station)
+        x, y = middle(page, 1).round().astype(int)
+        shown, colour = picture(page), colour_of(COLOURS[0])
+        for part in (shown[y - 20 : y, x - 20 : x], shown[y - 20 : y, x : x + 20]):
+            assert np.abs(part - colour).max(axis=2).min() < 0.1
+
+
+def test_missing_tiles_show_the_ground(open_page: OpenPage, tmp_path: Path) -> None:
+    one = mbtiles(tmp_path / "t.mbtiles", [(LEVEL, COLUMN, 2**LEVEL - 1 - ROW, png(BLACK))])
+    with served(flight_about(*CORNER_M), one) as station:
+        page = open_settled(open_page, station)
+        ground = css_colour(page, "--ground")
+        drawn = [bool(np.abs(tone - ground).max() > 0.1) for tone in quarters(page)]
+        assert drawn == [False, False, False, True], "the south-eastern quarter alone"
+
+
+def test_source_of_tiles_is_text_and_a_switch_hides_them(open_page: OpenPage, tmp_path: Path) -> None:
+    tiles = chessboard(tmp_path / "t.mbtiles", name="A &lt;b&gt;bold&lt;/b&gt; field")
+    with served(flight_about(*CORNER_M), tiles) as station:
+        page = open_settled(open_page, station)
+        expect(page.locator(".tiles-source")).to_have_text("A <b>bold</b> field")
+        expect(page.locator(".tiles-source b")).to_have_count(0)
+        page.locator("#layers summary").click()
+        page.get_by_label("Map tiles").uncheck()
+        page.locator("#layers summary").click()
+        page.wait_for_timeout(500)
+        assert np.ptp(quarters(page), axis=0).max() < 0.01
+
+
+def test_page_without_tiles_has_no_switch_for_them(open_page: OpenPage) -> None:
+    with CannedStation(flight=ring_flight(1.0)) as station:
+        page = open_page(station.url)
+        expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
+        page.locator("#layers summary").click()
+        expect(page.get_by_label("Trails")).to_be_visible()
+        expect(page.get_by_label("Map tiles")).to_have_count(0)
+        expect(page.locator(".tiles-source")).to_have_count(0)
