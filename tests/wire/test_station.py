@@ -4,14 +4,12 @@ import asyncio
 import gzip
 import http.client
 import json
-import re
 import signal
 import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from urllib.parse import unquote
 
 import msgspec
 import pytest
@@ -21,29 +19,13 @@ from websockets.asyncio.client import ClientConnection
 from gcs.station.picture import FlightPicture
 from tests.support.mission_text import LOW
 from tests.support.paths import DATA
-from tests.support.station import asked, received
+from tests.support.station import asked, entered, received, stream
 from tests.support.wire import LOOPBACK, cordon, free_port
 
 pytestmark = pytest.mark.wire
 
 END_S = 2.0
 """Ctrl-C ends a station within this time, on a busy computer."""
-
-
-def entered(line: str) -> tuple[int, str]:
-    """Return the port in the printed line, and the cookie for the token in it."""
-    found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", line)
-    assert found is not None, line
-    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=5.0)
-    connection.request("POST", "/enter", unquote(found[2]))
-    answer = connection.getresponse()
-    assert answer.status == 204
-    return int(found[1]), answer.headers["Set-Cookie"].split(";")[0]
-
-
-def stream(port: int, cookie: str) -> websockets.connect:
-    origin = websockets.Origin(f"http://{LOOPBACK}:{port}")
-    return websockets.connect(f"ws://{LOOPBACK}:{port}/stream", origin=origin, additional_headers={"Cookie": cookie})
 
 
 async def events_to_the_end(page: ClientConnection) -> list[str]:
