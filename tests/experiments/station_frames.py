@@ -2,8 +2,8 @@
 
 Frames: the real server publishes a team on its ring, without a flight, to Chromium without a window. Without a graphics
 card the processor draws: frames a second then measure that computer, and the main thread's processor time a frame the
-page. Pages: a flight of three stubs alone, then one whose station forty pages read, which are all killed halfway at once,
-and opened again.
+page. Pages: a flight of three stubs alone, then one whose station forty pages read, which are killed halfway, all at
+once, and opened again.
 """
 
 import subprocess
@@ -83,6 +83,7 @@ class Frames:
     begun: Spent
     ended: Spent
     memory: Sequence[Memory]
+    memory_every_s: float
 
     def row(self) -> str:
         """Return the row of the table."""
@@ -116,15 +117,15 @@ class Frames:
     def growth_mb_min(self) -> tuple[float, float]:
         """Return how the page's heap and the server's memory grow in the second half [MB/min]."""
         half = self.memory[len(self.memory) // 2 :]
-        minutes = np.arange(len(half)) * MEMORY_EVERY_S / 60.0
+        minutes = np.arange(len(half)) * self.memory_every_s / 60.0
         heap, server = ([each.heap_mb for each in half], [each.server_mb for each in half])
         return float(np.polyfit(minutes, heap, 1)[0]), float(np.polyfit(minutes, server, 1)[0])
 
 
 def measured(vehicles: int, minutes: float, size: tuple[int, int], browser_path: str) -> Frames:
     """Open the page of a team in a browser, and measure it."""
-    lasting_s = 60.0 * minutes
-    looks = max(round(lasting_s / MEMORY_EVERY_S), LOOKS_MIN)
+    looks = max(round(60.0 * minutes / MEMORY_EVERY_S), LOOKS_MIN)
+    every_s = 60.0 * minutes / looks
     with moving_station(vehicles) as (url, server_pid), sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=ARGUMENTS)
         page = browser.new_page(viewport={"width": size[0], "height": size[1]})
@@ -137,10 +138,10 @@ def measured(vehicles: int, minutes: float, size: tuple[int, int], browser_path:
         meter.restart()
         begun, memory = meter.spent(), []
         for _ in range(looks):
-            page.wait_for_timeout(lasting_s / looks * 1e3)
+            page.wait_for_timeout(every_s * 1e3)
             memory.append(meter.memory())
         frame_ms, drawn = meter.frames()
-        found = Frames(vehicles, renderer, frame_ms, drawn, begun, meter.spent(), memory)
+        found = Frames(vehicles, renderer, frame_ms, drawn, begun, meter.spent(), memory, every_s)
         browser.close()
     return found
 
@@ -169,7 +170,7 @@ class Visit:
 
     cores: float = 0.0
     memory_mb: float = 0.0
-    said: str = "0 0 0"
+    said: str = "- - -"
 
 
 @contextmanager

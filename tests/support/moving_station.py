@@ -4,7 +4,6 @@
 """
 
 import asyncio
-import os
 import subprocess
 import sys
 import time
@@ -56,8 +55,7 @@ class MovingTeam:
 async def serve_moving(vehicles: int) -> None:
     """Print the page's address and serve it until cancelled."""
     ports = free_ports(2 * vehicles)
-    text = flown.ring_mission(vehicles, 60.0, ports[:vehicles], ports[vehicles:])
-    mission = parse_mission(f'{text}[network]\nteam = "moving-{os.getpid()}"\n', None)
+    mission = parse_mission(flown.ring_mission(vehicles, 60.0, ports[:vehicles], ports[vehicles:]), None)
     access = Access(Address(LOOPBACK, free_port()), TOKEN)
 
     def commands(broadcast: Broadcast) -> Commands:

@@ -44,7 +44,7 @@ _SPENT = {
 
 @dataclass(frozen=True)
 class Memory:
-    """Memory at one time [MB]: the page's heap after a collection, the browser's processes, the server; and DOM nodes."""
+    """Memory [MB] of the page's heap after a collection, of the browser's processes, and of the server; DOM nodes."""
 
     heap_mb: float
     browser_mb: float
@@ -54,7 +54,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Spent:
-    """Processor seconds until now: of the page's main thread by kind, of the browser, of its GL process, of the server."""
+    """Processor seconds: of the page's main thread by kind, of the browser, of its GL process, and of the server."""
 
     page_s: dict[str, float]
     browser_s: float
