@@ -9,7 +9,8 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -84,8 +85,16 @@ class Profile:
         )
 
 
-def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Profile:
-    """Fly a team and return its profile, with the stages of its event loop if a file for them is given."""
+def profile(
+    vehicles: int,
+    duration_s: float,
+    stages: Path | None = None,
+    beside: Callable[[Path], AbstractContextManager[object]] = nullcontext,
+) -> Profile:
+    """Fly a team and return its profile, with the stages of its event loop if a file for them is given.
+
+    `beside` makes what runs beside the flight, of the mission's file.
+    """
     with TemporaryDirectory() as folder:
         mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")
         ports = free_ports(2 * vehicles)
@@ -95,7 +104,7 @@ def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Pro
         program = "gcs" if stages is None else "tests.experiments.flight_profile"
         began_s = time.time()
         output, supervisor_log = Path(folder, "result.json"), Path(folder, "messages.txt")
-        with output.open("wb") as result, supervisor_log.open("wb") as messages:
+        with beside(mission), output.open("wb") as result, supervisor_log.open("wb") as messages:
             command = [sys.executable, "-m", program, *inside, *options]
             flight = subprocess.Popen(command, cwd=ROOT, stdout=result, stderr=messages)
             usage, cores = followed(flight)

@@ -1,16 +1,15 @@
 """A browser for tests of the operator's page: the system's Chromium, driven by Playwright."""
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from tests.support.browser import ARGUMENTS, MISSING, program
+
 REQUIRED = "CORDON_REQUIRE_BROWSER"
-# WebGL without a graphics card, as in CI.
-ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 # A station asks for its token first, has no recorded flight while it is live, and breaks connections when it goes.
 EXPECTED = ("401", "404", "ERR_CONNECTION_", "WebSocket")
@@ -28,12 +27,11 @@ OpenPage = Callable[..., Page]
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """Return a browser; without one the test is skipped, and fails where CORDON_REQUIRE_BROWSER is set."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None:
-        reason = "no chromium, chromium-browser or google-chrome is installed: apt-get install chromium"
-        pytest.fail(f"{reason} ({REQUIRED} is set)") if os.environ.get(REQUIRED) else pytest.skip(reason)
+    path = program()
+    if path is None:
+        pytest.fail(f"{MISSING} ({REQUIRED} is set)") if os.environ.get(REQUIRED) else pytest.skip(MISSING)
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=program, args=ARGUMENTS)
+        launched = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
         yield launched
         launched.close()
 

@@ -1,5 +1,6 @@
 """A mission of N stub vehicles on one ring, all at the rate and with the recording of a flight by default."""
 
+import os
 from math import cos, pi, sin
 
 SPACING_M, RADIUS_MIN_M, SPEED_M_S, START_OUTSIDE_M = 6.0, 10.0, 1.0, 1.0
@@ -15,6 +16,8 @@ latitude_deg = 47.397742
 longitude_deg = 8.545594
 altitude_m = 488.0
 x_bearing_deg = 90.0
+[network]
+team = "ring-{process}"
 [formation]
 spacing_m = 6.0
 speed_m_s = 0.0
@@ -49,9 +52,15 @@ slot_m = [{slot_x:.2f}, {y:.2f}]
 
 
 def ring_mission(count: int, duration_s: float, links: list[int], endpoints: list[int]) -> str:
-    """Return the mission file of `count` vehicles, 6 m apart on a ring about a resting target, at these ports."""
+    """Return the mission file of `count` vehicles, 6 m apart on a ring about a resting target, at these ports.
+
+    The team has the name of this process: other teams may fly on this computer.
+    """
     radius_m = max(RADIUS_MIN_M, SPACING_M * count / (2.0 * pi))
-    text = _HEAD.format(count=count, duration_s=duration_s, radius_m=radius_m, rate_rad_s=SPEED_M_S / radius_m)
+    rate_rad_s = SPEED_M_S / radius_m
+    text = _HEAD.format(
+        count=count, duration_s=duration_s, process=os.getpid(), radius_m=radius_m, rate_rad_s=rate_rad_s
+    )
     start_m = radius_m + START_OUTSIDE_M
     for row, (link, bus) in enumerate(zip(links, endpoints, strict=True)):
         turn = 2.0 * pi * row / count

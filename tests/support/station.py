@@ -3,6 +3,7 @@
 import asyncio
 import http.client
 import json
+import re
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field
 from http.client import HTTPMessage
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import websockets
 from websockets.asyncio.client import ClientConnection
@@ -169,6 +171,25 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
     finally:
         sending.cancel()
         await bus.close()
+
+
+def entered(line: str) -> tuple[int, str]:
+    """Return the port in the line that `cordon station` prints, and the cookie for the token in it."""
+    found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", line)
+    assert found is not None, line
+    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=5.0)
+    connection.request("POST", "/enter", unquote(found[2]))
+    answer = connection.getresponse()
+    assert answer.status == 204
+    return int(found[1]), answer.headers["Set-Cookie"].split(";")[0]
+
+
+def stream(port: int, cookie: str, **options: Any) -> websockets.connect:
+    """Connect to the pictures as a page does that has entered; `options` are those of the connection."""
+    origin = websockets.Origin(f"http://{LOOPBACK}:{port}")
+    return websockets.connect(
+        f"ws://{LOOPBACK}:{port}/stream", origin=origin, additional_headers={"Cookie": cookie}, **options
+    )
 
 
 async def received(page: ClientConnection, kind: str, timeout_s: float = 5.0) -> dict[str, Any]:

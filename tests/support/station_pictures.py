@@ -19,11 +19,12 @@ from gcs.style import COLOURS
 
 ALL_VERBS: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "kill", "formation")
 FENCE_M = ((-20.0, -35.0), (75.0, -35.0), (75.0, 35.0), (-20.0, 35.0))
-RADIUS_M, RATE_RAD_S = 10.0, 0.05
+RADIUS_MIN_M, SPACING_M, SPEED_M_S = 10.0, 6.0, 0.5
 
 
 def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = ALL_VERBS) -> MissionPicture:
-    """Return a mission of so many vehicles, and an operator who may command."""
+    """Return a mission of so many vehicles, and an operator who may command; the ring has room for all."""
+    radius_m = max(RADIUS_MIN_M, SPACING_M * vehicles / (2.0 * math.pi))
     return MissionPicture(
         mission="case2",
         source="sitl",
@@ -31,8 +32,8 @@ def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = ALL_VERBS) -> Missio
         rate_hz=10.0,
         origin_deg=(47.397742, 8.545594),
         x_bearing_deg=90.0,
-        ring_radius_m=RADIUS_M,
-        ring_rate_rad_s=RATE_RAD_S,
+        ring_radius_m=radius_m,
+        ring_rate_rad_s=SPEED_M_S / radius_m,
         separation_m=3.0,
         keep_out_m=4.0,
         altitude_min_m=2.0,
@@ -48,21 +49,24 @@ def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = ALL_VERBS) -> Missio
 def ring_team(mission: MissionPicture, time_s: float) -> TeamPicture:
     """Return the team on its ring at a time, evenly spaced."""
     vehicles = len(mission.vehicles)
+    ring = (mission.ring_radius_m, mission.ring_rate_rad_s)
     target_m = (35.0 + 0.1 * time_s, -5.0)
     return TeamPicture(
         time_s=time_s,
         wall_s=1.7e9 + time_s,
-        vehicles=tuple(_on_ring(index, vehicles, target_m, time_s) for index in range(vehicles)),
+        vehicles=tuple(_on_ring(index, vehicles, target_m, time_s, *ring) for index in range(vehicles)),
         target=TargetPicture(target_m, (0.1, 0.0), (0.4, 0.15, 0.2), 0.1),
         ring_members=vehicles,
     )
 
 
-def _on_ring(index: int, vehicles: int, target_m: tuple[float, float], time_s: float) -> VehiclePicture:
-    angle = 2.0 * math.pi * index / vehicles + RATE_RAD_S * time_s
+def _on_ring(
+    index: int, vehicles: int, target_m: tuple[float, float], time_s: float, radius_m: float, rate_rad_s: float
+) -> VehiclePicture:
+    angle = 2.0 * math.pi * index / vehicles + rate_rad_s * time_s
     ahead = angle + 0.06
-    chord_m = 2.0 * RADIUS_M * math.sin(math.pi / max(vehicles, 2))
-    position_m = (target_m[0] + RADIUS_M * math.cos(angle), target_m[1] + RADIUS_M * math.sin(angle), 8.0 + 0.2 * index)
+    chord_m = 2.0 * radius_m * math.sin(math.pi / max(vehicles, 2))
+    position_m = (target_m[0] + radius_m * math.cos(angle), target_m[1] + radius_m * math.sin(angle), 8.0 + 0.2 * index)
     return VehiclePicture(
         vehicle_id=index + 1,
         age_s=0.1,
@@ -71,9 +75,9 @@ def _on_ring(index: int, vehicles: int, target_m: tuple[float, float], time_s: f
         mode="offboard",
         position_m=position_m,
         yaw_rad=angle + math.pi,
-        velocity_m_s=(-0.5 * math.sin(angle) + 0.1, 0.5 * math.cos(angle)),
-        setpoint_m=(target_m[0] + RADIUS_M * math.cos(ahead), target_m[1] + RADIUS_M * math.sin(ahead)),
-        battery=0.82 - 0.03 * index - 0.0003 * time_s,
+        velocity_m_s=(-SPEED_M_S * math.sin(angle) + 0.1, SPEED_M_S * math.cos(angle)),
+        setpoint_m=(target_m[0] + radius_m * math.cos(ahead), target_m[1] + radius_m * math.sin(ahead)),
+        battery=0.82 - 0.03 * (index % 8) - 0.0003 * time_s,
         endurance_s=840.0 - time_s,
         satellites=14 + index % 3,
         gps_fix="3D fix",
@@ -82,8 +86,8 @@ def _on_ring(index: int, vehicles: int, target_m: tuple[float, float], time_s: f
         nearest_id=(index + 1) % vehicles + 1,
         nearest_m=chord_m,
         fence_margin_m=20.0 + index,
-        radius_m=RADIUS_M + 0.1 * math.sin(time_s + index),
-        angular_rate_rad_s=RATE_RAD_S,
+        radius_m=radius_m + 0.1 * math.sin(time_s + index),
+        angular_rate_rad_s=rate_rad_s,
         lead_rad=2.0 * math.pi / vehicles,
     )
 

@@ -4,14 +4,12 @@ import asyncio
 import gzip
 import http.client
 import json
-import re
 import signal
 import socket
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from urllib.parse import unquote
 
 import msgspec
 import pytest
@@ -22,7 +20,7 @@ from gcs.station.picture import FlightPicture
 from tests.support.map_tiles import mbtiles, png, tile_folder
 from tests.support.mission_text import LOW
 from tests.support.paths import DATA
-from tests.support.station import asked, received
+from tests.support.station import asked, entered, received, stream
 from tests.support.wire import LOOPBACK, cordon, free_port
 
 pytestmark = pytest.mark.wire
@@ -30,17 +28,6 @@ pytestmark = pytest.mark.wire
 END_S = 2.0
 """Ctrl-C ends a station within this time, on a busy computer."""
 LOCAL_FRAME = ("latitude_deg = 47.397742\nlongitude_deg = 8.545594\naltitude_m = 488.0", "local = true")
-
-
-def entered(line: str) -> tuple[int, str]:
-    """Return the port in the printed line, and the cookie for the token in it."""
-    found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", line)
-    assert found is not None, line
-    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=5.0)
-    connection.request("POST", "/enter", unquote(found[2]))
-    answer = connection.getresponse()
-    assert answer.status == 204
-    return int(found[1]), answer.headers["Set-Cookie"].split(";")[0]
 
 
 def lines_to(lines: Iterable[str], words: str) -> list[str]:
@@ -51,11 +38,6 @@ def lines_to(lines: Iterable[str], words: str) -> list[str]:
         if words in line:
             break
     return said
-
-
-def stream(port: int, cookie: str) -> websockets.connect:
-    origin = websockets.Origin(f"http://{LOOPBACK}:{port}")
-    return websockets.connect(f"ws://{LOOPBACK}:{port}/stream", origin=origin, additional_headers={"Cookie": cookie})
 
 
 async def events_to_the_end(page: ClientConnection) -> list[str]:

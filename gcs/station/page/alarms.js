@@ -33,8 +33,9 @@ export class Alarms {
 
   /** Forget alarms that are over, as where time is chosen. */
   forgetOver() {
-    for (const [key, alarm] of this.alarms) if (!alarm.isPresent) this.alarms.delete(key);
-    this.#show();
+    const over = [...this.alarms].filter(([, alarm]) => !alarm.isPresent);
+    for (const [key] of over) this.alarms.delete(key);
+    if (over.length) this.#show();
   }
 
   acknowledge() {

@@ -2,7 +2,8 @@
 
 import { trouble } from "./vehicles.js";
 
-const CIRCLE_POINTS = 64;
+const CIRCLE = unitCircle(64);
+const SMALL_CIRCLE = unitCircle(32); // 0.5 % of its radius inside the circle at most
 const DEVIATIONS = 2; // the ellipse holds 86 % of what a target with this covariance may be at
 const VELOCITY_SHOWN_S = 10;
 
@@ -45,7 +46,7 @@ function vehicleMarks(mission, vehicle, team, frame) {
   if (vehicle.position_m === null) return [];
   const { colour } = mission.vehicles.find((each) => each.vehicle_id === vehicle.vehicle_id);
   const isCurrent = !["stale", "ended"].includes(trouble(vehicle, team)) && !vehicle.is_stale;
-  const round = circle(vehicle.position_m, mission.separation_m / 2);
+  const round = circle(vehicle.position_m, mission.separation_m / 2, SMALL_CIRCLE);
   const marks = [line(isCurrent ? "separation" : "stale", [round], frame, { colour })];
   if (!isCurrent || vehicle.setpoint_m === null) return marks;
   const { setpoint_m } = vehicle;
@@ -86,18 +87,20 @@ function cross([x, y], arm) {
   return [[[x - arm, y - arm], [x + arm, y + arm]], [[x - arm, y + arm], [x + arm, y - arm]]];
 }
 
-function circle(centre, radius) {
-  return ellipse(centre, [(radius / DEVIATIONS) ** 2, 0, (radius / DEVIATIONS) ** 2]);
+function circle(centre, radius, turns = CIRCLE) {
+  return ellipse(centre, [(radius / DEVIATIONS) ** 2, 0, (radius / DEVIATIONS) ** 2], turns);
 }
 
 /** The ellipse of `DEVIATIONS` standard deviations of a covariance (xx, xy, yy), by its Cholesky factor. */
-function ellipse([x, y], [xx, xy, yy]) {
-  const a = Math.sqrt(Math.max(xx, 1e-12));
-  const b = xy / a;
-  const c = Math.sqrt(Math.max(yy - b * b, 0));
-  const turns = Array.from({ length: CIRCLE_POINTS + 1 }, (_, index) => (2 * Math.PI * index) / CIRCLE_POINTS);
-  return turns.map((turn) => {
-    const [u, v] = [DEVIATIONS * Math.cos(turn), DEVIATIONS * Math.sin(turn)];
-    return [x + a * u, y + b * u + c * v];
-  });
+function ellipse([x, y], [xx, xy, yy], turns = CIRCLE) {
+  const a = DEVIATIONS * Math.sqrt(Math.max(xx, 1e-12));
+  const b = (DEVIATIONS ** 2 * xy) / a;
+  const c = Math.sqrt(Math.max(DEVIATIONS ** 2 * yy - b * b, 0));
+  return turns.map(([cosine, sine]) => [x + a * cosine, y + b * cosine + c * sine]);
+}
+
+/** Cosine and sine of evenly spaced turns, the first one again at the end. */
+function unitCircle(points) {
+  const turns = Array.from({ length: points + 1 }, (_, index) => (2 * Math.PI * index) / points);
+  return turns.map((turn) => [Math.cos(turn), Math.sin(turn)]);
 }

@@ -37,7 +37,7 @@ export class Strips {
 
   /** Draw TeamPictures in the order of time, if the strips are on the screen. */
   #draw(teams) {
-    if (!this.container.offsetParent) return;
+    if (this.container.closest("[hidden]")) return; // asked without a new layout of the page
     const timed = teams.filter((team) => team.time_s !== null);
     const times = timed.map((team) => team.time_s);
     for (const { value, plot } of this.plots) plot.setData([times, ...this.mission.vehicles.map((each) => series(each, timed, value))]);
