@@ -118,6 +118,7 @@ def test_without_a_page_nothing_of_the_station_is_loaded(path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from gcs.cli.report import ReportOptions, report;"
         f"report([Path({str(path)!r})], options=ReportOptions(json=True));"
+        f"report([Path({str(DATA / 'px4-quad.ulg')!r})], options=ReportOptions(json=True));"
         "print([name for name in sys.modules if name.startswith('gcs.station')], file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
