@@ -22,7 +22,7 @@ import psutil
 from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 
-from tests.experiments.arguments import parser
+from tests.experiments.arguments import count, parser, positive
 from tests.experiments.flight_profile import Profile, profile
 from tests.support.browser import ARGUMENTS, MISSING, program
 from tests.support.moving_station import moving_station
@@ -67,7 +67,7 @@ PAGE_COLUMNS = (
     "station, cores",
     "station, MB",
     "open at the end",
-    "pictures/s read",
+    "messages/s read",
     "closed by the station",
 )
 
@@ -129,6 +129,7 @@ def measured(vehicles: int, minutes: float, size: tuple[int, int], browser_path:
     with moving_station(vehicles) as (url, server_pid), sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=ARGUMENTS)
         page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        page.set_default_timeout(60_000.0)
         page.add_init_script(SCRIPT)
         page.goto(url)
         page.locator(".symbol[data-vehicle]").nth(vehicles - 1).wait_for()
@@ -169,6 +170,7 @@ class Visit:
     """What a station used while pages read it, and the last that the pages said."""
 
     cores: float = 0.0
+    memory_before_mb: float = 0.0
     memory_mb: float = 0.0
     said: str = "- - -"
 
@@ -180,7 +182,7 @@ def visited(mission: Path, pages: int, killed_after_s: float, visit: Visit) -> I
         assert station.stderr is not None
         address, ended = station.stderr.readline(), threading.Event()
         process, began_s = psutil.Process(station.pid), time.monotonic()
-        before_s = sum(process.cpu_times()[:2])
+        before_s, visit.memory_before_mb = sum(process.cpu_times()[:2]), process.memory_info().rss / 1e6
         visitors = threading.Thread(target=visit_twice, args=(address, pages, killed_after_s, ended, visit))
         visitors.start()
         try:
@@ -207,12 +209,12 @@ def measure_pages(pages: int, duration_s: float, turns: int) -> bool:
     """Fly alone and with pages by turns and print both; return whether the pages cost no tick."""
     print(f"| {' | '.join(PAGE_COLUMNS)} |\n{'|---' * len(PAGE_COLUMNS)}|", flush=True)
     missed = {0: 0, pages: 0}
-    for count in (0, pages) * turns:
+    for opened in (0, pages) * turns:
         visit = Visit()
-        beside = partial(visited, pages=count, killed_after_s=TAKE_OFF_S + duration_s / 2.0, visit=visit)
-        flight = profile(TEAM, duration_s, beside=beside if count else nullcontext)
-        missed[count] += flight.missed
-        print(page_row(count, flight, visit), flush=True)
+        beside = partial(visited, pages=opened, killed_after_s=TAKE_OFF_S + duration_s / 2.0, visit=visit)
+        flight = profile(TEAM, duration_s, beside=beside if opened else nullcontext)
+        missed[opened] += flight.missed
+        print(page_row(opened, flight, visit), flush=True)
     return missed[pages] <= missed[0]
 
 
@@ -227,7 +229,7 @@ def page_row(pages: int, flight: Profile, visit: Visit) -> str:
         f"{flight.cores:.2f}",
         f"{flight.memory_mb:.0f}",
         f"{visit.cores:.2f}",
-        f"{visit.memory_mb:.0f}",
+        f"{visit.memory_before_mb:.0f} - {visit.memory_mb:.0f}",
         *visit.said.split(),
     ]
     return f"| {' | '.join(cells)} |"
@@ -245,12 +247,12 @@ def main() -> int:
     """Measure; return 1 where memory grows or pages cost a flight ticks, 2 without a browser."""
     reader = parser("station_frames", __doc__ or "")
     reader.add_argument("part", nargs="?", choices=("frames", "pages", "all"), default="all", help="(default: all)")
-    reader.add_argument("--vehicles", type=int, nargs="+", default=[3, 16, 32], help="team sizes (default: 3 16 32)")
-    reader.add_argument("--minutes", type=float, default=10.0, help="of each size (default: %(default)s)")
+    reader.add_argument("--vehicles", type=count, nargs="+", default=[3, 16, 32], help="team sizes (default: 3 16 32)")
+    reader.add_argument("--minutes", type=positive, default=10.0, help="of each size (default: %(default)s)")
     reader.add_argument("--size", type=pixels, default=(1280, 800), help="of the page, pixels (default: 1280x800)")
-    reader.add_argument("--pages", type=int, default=40, help="pages beside a flight (default: %(default)s)")
-    reader.add_argument("--duration", type=float, default=60.0, help="of a flight, s (default: %(default)s)")
-    reader.add_argument("--turns", type=int, default=1, help="flights alone and with pages (default: %(default)s)")
+    reader.add_argument("--pages", type=count, default=40, help="pages beside a flight (default: %(default)s)")
+    reader.add_argument("--duration", type=positive, default=60.0, help="of a flight, s (default: %(default)s)")
+    reader.add_argument("--turns", type=count, default=1, help="flights alone and with pages (default: %(default)s)")
     chosen = reader.parse_args()
     holds = True
     if chosen.part != "pages":

@@ -1,7 +1,7 @@
 """Pages of a station without a browser: connections that read its pictures, some slowly and some not at all.
 
 `python -m tests.support.station_pages ADDRESS COUNT` opens them, again whenever one is closed, and prints once a second
-how many are open, how many pictures those that read at once have received since the last line, and how many were
+how many are open, how many messages a second those that read at once receive, and how many were
 closed by the station in all. It runs until it is killed.
 """
 
@@ -26,10 +26,10 @@ _AGAIN_S = 0.5
 
 @dataclass
 class Readers:
-    """What the pages of this process have come to: how many are open, pictures read by quick ones, pages closed."""
+    """What the pages of this process have come to: how many are open, messages read by quick ones, pages closed."""
 
     opened: int = 0
-    pictures: int = 0
+    messages: int = 0
     closed: int = 0
 
 
@@ -46,7 +46,7 @@ async def read(port: int, cookie: str, pause_s: float, readers: Readers) -> None
                 readers.opened += 1
                 try:
                     async for _ in page:
-                        readers.pictures += pause_s == 0.0
+                        readers.messages += pause_s == 0.0
                         await asyncio.sleep(pause_s)
                 finally:
                     readers.opened -= 1
@@ -57,10 +57,10 @@ async def read(port: int, cookie: str, pause_s: float, readers: Readers) -> None
 async def report(readers: Readers) -> None:
     """Print once a second what became of the pages."""
     while True:
-        before, began_s = readers.pictures, time.monotonic()
+        before, began_s = readers.messages, time.monotonic()
         await asyncio.sleep(1.0)
-        pictures_hz = (readers.pictures - before) / (time.monotonic() - began_s)
-        print(readers.opened, round(pictures_hz), readers.closed, flush=True)
+        messages_hz = (readers.messages - before) / (time.monotonic() - began_s)
+        print(readers.opened, round(messages_hz), readers.closed, flush=True)
 
 
 async def read_all(address: str, count: int) -> None:
