@@ -153,7 +153,7 @@ class Commands:
             if result is None or not final(verb, result.did):
                 did = NO_ANSWER if result is None else f"{result.did}: not confirmed"
                 taken.answer(vehicle_id, did, is_obeyed=False, is_final=True)
-                text = f"vehicle {vehicle_id}: {verb} from the page: {did}"
+                text = f"{verb} from the page: {did}"
                 self._publish(EventPicture(0, None, time.time(), "warning", text, vehicle_id))
 
     async def _follow(self) -> None:

@@ -33,6 +33,10 @@ def two_alarms(time_s: float) -> TeamPicture:
     return changed(link_lost(time_s), 3, alert="battery empty", advice="Land it.", severity="alarm")
 
 
+def battery_empty_too(time_s: float) -> TeamPicture:
+    return changed(link_lost(time_s), 2, alert="battery empty", advice="Land it.")
+
+
 @pytest.fixture
 def served() -> Iterator[CannedStation]:
     with CannedStation(MISSION, well) as station:
@@ -94,6 +98,19 @@ def test_alarm_that_is_over_stays_until_it_is_acknowledged(page: Page, served: C
     expect(page.locator("#alarm-bar")).to_be_hidden()
     served.team = link_lost  # it comes again: it is a new one
     expect(page.locator("#alarms li")).to_have_attribute("data-state", "new")
+
+
+def test_alarm_that_a_graver_one_of_its_vehicle_hides_is_not_called_over(page: Page, served: CannedStation) -> None:
+    served.team = link_lost
+    expect(page.locator("#alarms li")).to_contain_text("ALARM Vehicle 2: link lost")
+    page.get_by_role("button", name="Acknowledge").click()
+    served.team = battery_empty_too
+    expect(page.locator("#alarms li")).to_have_text("■ ALARM Vehicle 2: battery empty. Land it.")
+    expect(page.locator("#alarms li")).to_have_attribute("data-state", "new")
+    served.team = well
+    expect(page.locator("#alarms li")).to_have_text("□ OVER Vehicle 2: battery empty. ")
+    served.team = link_lost
+    expect(page.locator("#alarms li")).to_contain_text(["OVER Vehicle 2: battery empty", "ALARM Vehicle 2: link lost"])
 
 
 def test_end_of_the_flight_is_no_alarm(page: Page, served: CannedStation) -> None:

@@ -27,7 +27,7 @@ export class Alarms {
   /** Take in a team and whether the station answers. */
   update(team, isConnected) {
     const present = team ? team.vehicles.filter((vehicle) => trouble(vehicle, team) === "alarm").map(ofVehicle) : [];
-    if (!isConnected) present.push({ key: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
+    if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
     if (this.#take(present)) this.#show();
   }
 
@@ -48,7 +48,7 @@ export class Alarms {
   #take(present) {
     const before = this.#state();
     const news = present.filter((alarm) => !this.alarms.get(alarm.key)?.isPresent);
-    for (const alarm of this.alarms.values()) alarm.isPresent = false;
+    this.#endAllBut(present);
     for (const alarm of present) {
       const isSeen = news.includes(alarm) ? false : this.alarms.get(alarm.key).isSeen;
       this.alarms.set(alarm.key, { ...alarm, isPresent: true, isSeen });
@@ -56,6 +56,17 @@ export class Alarms {
     this.#forget();
     if (news.length) this.#announce(news);
     return this.#state() !== before;
+  }
+
+  /** A vehicle shows its gravest alert only: what another one took the place of is not known to be over, and is left out. */
+  #endAllBut(present) {
+    const keys = new Set(present.map((alarm) => alarm.key));
+    const subjects = new Set(present.map((alarm) => alarm.subject));
+    for (const [key, alarm] of this.alarms) {
+      const isReplaced = alarm.isPresent && !keys.has(key) && subjects.has(alarm.subject);
+      if (isReplaced) this.alarms.delete(key);
+      else alarm.isPresent = false;
+    }
   }
 
   #state() {
@@ -85,7 +96,7 @@ export class Alarms {
 
 function ofVehicle(vehicle) {
   const { vehicle_id, alert, advice } = vehicle;
-  return { key: `${vehicle_id} ${alert}`, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
+  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
 }
 
 function row(alarm) {

@@ -49,7 +49,9 @@ async def test_a_command_reaches_whom_it_names_and_each_answer_comes_back(
         with subtests.test("a vehicle that does not answer"):
             team.silent.add(2)
             await page.send(asked("c", "hold", [2]))
-            answer = await received(page, "answer", 6.0)
+            event = await received(page, "event", 6.0)
+            assert (event["vehicle_id"], event["text"]) == (2, "hold from the page: no answer")
+            answer = await received(page, "answer")
             assert (answer["vehicle_id"], answer["did"], answer["is_obeyed"]) == (2, "no answer", False)
 
 
