@@ -90,9 +90,12 @@ export class Alarms {
     const alarms = [...this.alarms.values()];
     this.list.parentElement.hidden = alarms.length === 0;
     byId("acknowledge").hidden = alarms.every((alarm) => alarm.isSeen);
-    this.list.replaceChildren(...alarms.map(row));
+    this.list.replaceChildren(...alarms.toSorted((a, b) => rank(a) - rank(b)).map(row));
   }
 }
+
+/** New alarms first, then acknowledged ones, then those that are over. */
+const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2);
 
 function ofVehicle(vehicle) {
   const { vehicle_id, alert, advice } = vehicle;

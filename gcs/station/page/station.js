@@ -29,7 +29,8 @@ class Page {
     this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), byId("assertive"));
     this.topbar = new TopBar();
     this.strips = new Strips(byId("strips"));
-    this.parts = [new Cards(byId("cards"), this.selection), new Table(byId("table"))];
+    this.cards = new Cards(byId("cards"), this.selection);
+    this.table = new Table(byId("table"));
     this.scene = null;
     this.tabs = new Tabs(byId("views"), () => this.redraw());
     startTheme(byId("theme"), () => this.#recolour());
@@ -46,7 +47,8 @@ class Page {
     }
     this.team = null;
     this.selection.start(mission.vehicles.map(({ vehicle_id }) => vehicle_id));
-    for (const part of [this.topbar, this.commands, this.alarms, this.strips, ...this.parts]) part.start(mission);
+    const { topbar, commands, alarms, strips, cards, table } = this;
+    for (const part of [topbar, commands, alarms, strips, cards, table]) part.start(mission);
     this.scene?.start(mission).then(() => this.redraw());
     document.body.dataset.source = mission.source;
   }
@@ -56,13 +58,14 @@ class Page {
     Object.assign(this, { team, past });
     this.topbar.update(team, isConnected);
     this.commands.update(team);
-    for (const part of this.parts) part.update(team);
+    this.cards.update(team);
     this.redraw();
   }
 
   redraw() {
     if (!this.team) return;
     this.strips.update(this.past);
+    if (!byId("table-panel").hidden) this.table.update(this.team);
     if (!byId("map-panel").hidden) this.scene?.update(this.team, this.past);
   }
 
