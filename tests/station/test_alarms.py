@@ -110,7 +110,7 @@ def test_alarm_that_a_graver_one_of_its_vehicle_hides_is_not_called_over(page: P
     served.team = well
     expect(page.locator("#alarms li")).to_have_text("□ OVER Vehicle 2: battery empty. ")
     served.team = link_lost
-    expect(page.locator("#alarms li")).to_contain_text(["OVER Vehicle 2: battery empty", "ALARM Vehicle 2: link lost"])
+    expect(page.locator("#alarms li")).to_contain_text(["ALARM Vehicle 2: link lost", "OVER Vehicle 2: battery empty"])
 
 
 def test_end_of_the_flight_is_no_alarm(page: Page, served: CannedStation) -> None:
