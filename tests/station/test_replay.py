@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
-from tests.station.conftest import OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage
 from tests.support.canned_station import CannedStation
 from tests.support.station_pictures import ring_flight, ring_mission, ring_team
 
@@ -69,6 +69,16 @@ def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
     page.get_by_role("button", name="Play").click()
     expect(page.locator("#elapsed")).to_have_text("T+ 1:00")
     expect(page.get_by_role("button", name="Play")).to_be_visible()
+
+
+def test_the_page_says_at_what_rate_it_shows_the_flight(open_page: OpenPage) -> None:
+    """Pictures before the mission's start have no time."""
+    whole = ring_flight(60.0).teams
+    waiting = tuple(replace(team, time_s=None) for team in whole[:100])
+    for teams, words in ((waiting + whole, "5 pictures a second"), (whole[::12], "a picture every 2.4 s")):
+        with CannedStation(flight=replace(ring_flight(60.0), teams=teams)) as station:
+            page = open_page(station.url, script=NO_WEBGL)
+            expect(page.locator("#rate")).to_have_text(words)
 
 
 def test_slider_by_keyboard(page: Page) -> None:
