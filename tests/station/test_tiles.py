@@ -36,6 +36,7 @@ LEVEL, COLUMN, ROW = 18, 137299, 91775
 X_BEARING_DEG = 30.0
 CORNER_M = east_north_m(corner_deg(LEVEL, COLUMN, ROW), ORIGIN)
 QUARTER_PX = 25
+LOADED_MS = 20_000
 HIDE = "nodes => { for (const node of nodes) node.style.visibility = 'hidden'; }"
 
 
@@ -110,9 +111,18 @@ def entered(access: Access) -> dict[str, Any]:
 
 def open_settled(open_page: OpenPage, station: Access, **settings: str) -> Page:
     page = open_page(station.origin, storage_state=entered(station), **settings)
-    expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
-    page.wait_for_timeout(2500)  # the camera has arrived, and the tiles are drawn
+    expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible(timeout=LOADED_MS)
+    page.wait_for_load_state("networkidle")
+    settle(page)
     return page
+
+
+def settle(page: Page) -> None:
+    """Wait until the camera has arrived and all tiles are drawn: until nothing changes any more."""
+    before = b""
+    while (now := page.screenshot()) != before:
+        before = now
+        page.wait_for_timeout(700)
 
 
 def test_a_corner_of_tiles_lies_at_its_metres(open_page: OpenPage, tmp_path: Path) -> None:
@@ -196,14 +206,14 @@ def test_source_of_tiles_is_text_and_a_switch_hides_them(open_page: OpenPage, tm
         page.locator("#layers summary").click()
         page.get_by_label("Map tiles").uncheck()
         page.locator("#layers summary").click()
-        page.wait_for_timeout(500)
+        settle(page)
         assert np.ptp(quarters(page), axis=0).max() < 0.01
 
 
 def test_page_without_tiles_has_no_switch_for_them(open_page: OpenPage) -> None:
     with CannedStation(flight=ring_flight(1.0)) as station:
         page = open_page(station.url)
-        expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
+        expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible(timeout=LOADED_MS)
         page.locator("#layers summary").click()
         expect(page.get_by_label("Trails")).to_be_visible()
         expect(page.get_by_label("Map tiles")).to_have_count(0)
