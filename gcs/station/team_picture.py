@@ -69,8 +69,11 @@ class TeamPictures:
 
     def receive(self, message: BusMessage, now_s: float) -> None:
         """Take a message of the bus."""
-        self._state.receive(message, now_s)
-        if isinstance(message, OperatorCommand) or (heard := self._heard.get(message.sender)) is None:
+        heard = None if isinstance(message, OperatorCommand) else self._heard.get(message.sender)
+        # A state may arrive after the report that the flight has ended: it does not connect the vehicle again.
+        if heard is None or not (heard.ended and isinstance(message, MemberState)):
+            self._state.receive(message, now_s)
+        if heard is None:
             return
         heard.any_s = now_s
         match message:

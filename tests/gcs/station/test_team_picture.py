@@ -223,6 +223,10 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
     assert page.team(60.0).link == ""
     ended = [(each.vehicle_id, each.severity) for each in page.events if each.text.startswith("flight ended")]
     assert ended == [(3, "warning"), (1, "information"), (2, "information")]
+    known = len(page.events)
+    page.hears(60.1, state(1, START_S + 1.0, tactic="land"))
+    page.team(60.1)
+    assert page.events[known:] == [], "a state that was sent before the end connects no vehicle"
 
     page.hears(70.0, report(1, START_S + 69.0, start_s=None), StartProposal(1, START_S + 69.0, None, ready=False))
     team = page.team(70.0)
