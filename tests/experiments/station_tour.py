@@ -24,7 +24,7 @@ from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playw
 from playwright.sync_api import Error as PlaywrightError
 
 from tests.experiments.arguments import parser
-from tests.station.conftest import ARGUMENTS
+from tests.support.browser import ARGUMENTS
 from tests.support.paths import DOCS
 from tests.support.walk_through import Kind, Line, Terminal, lines_of, pattern
 
