@@ -55,6 +55,18 @@ def test_jumps_to_events(page: Page) -> None:
     assert shown == [f"T+ {time}" for time in ("0:10", "0:30", "1:00", "0:30", "0:10", "0:00", "0:00")]
 
 
+def test_no_event_is_passed_over_by_a_jump(open_page: OpenPage) -> None:
+    """Events a little before a picture and a little after it: the second one is seen in the picture after that."""
+    flight = ring_flight(60.0)
+    event = flight.events[0]
+    events = tuple(replace(event, number=number, time_s=time_s) for number, time_s in enumerate((29.97, 30.03)))
+    with CannedStation(flight=replace(flight, events=events)) as station:
+        page = open_page(station.url, script=NO_WEBGL)
+        for place in (5 * 30, 5 * 30 + 1, 5 * 60):
+            page.get_by_role("button", name="To the next event").click()
+            assert page.locator("#seek").input_value() == str(place)
+
+
 def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
     page.locator("#speed").select_option("5")
     page.get_by_role("button", name="Play").click()

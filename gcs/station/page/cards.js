@@ -80,6 +80,7 @@ export class Cards {
     const { item, parts } = card;
     const state = trouble(vehicle, team);
     setAttribute(item, "data-trouble", state);
+    setAttribute(item, "data-current", String(!vehicle.is_stale));
     setText(parts.tactic, tactic(vehicle));
     setText(parts.badge, state === "information" ? "" : `${SIGNS[state].sign} ${SIGNS[state].word}`);
     setText(parts.headline, headline(vehicle, team));

@@ -3,7 +3,6 @@
 import { byId, setText } from "./dom.js";
 import { clock } from "./units.js";
 
-const JUMP_AHEAD_S = 0.05;
 const FRAME_MS_MAX = 250;
 
 export class Replay {
@@ -55,14 +54,13 @@ export class Replay {
     });
   }
 
+  /** To the first picture after the next event, or after the last one before; to the end or the beginning without one. */
   #jump(direction) {
-    const now_s = this.times[Math.floor(this.place)];
+    const now = Math.floor(this.place);
     const times = this.flight.events.map((event) => event.time_s).filter((time_s) => time_s !== null);
-    const [from_s, to_s] = [this.times[0], this.times.at(-1)];
-    const later = times.filter((time_s) => time_s > now_s + JUMP_AHEAD_S && time_s <= to_s);
-    const earlier = times.filter((time_s) => time_s < now_s - this.period_s && time_s >= from_s);
-    const time_s = direction > 0 ? Math.min(...later, to_s) : Math.max(...earlier, from_s);
-    this.seek(this.times.findIndex((each) => each >= time_s));
+    const places = times.map((time_s) => this.times.findIndex((each) => each >= time_s)).filter((place) => place >= 0);
+    if (direction > 0) this.seek(Math.min(...places.filter((place) => place > now), this.times.length - 1));
+    else this.seek(Math.max(...places.filter((place) => place < now), 0));
   }
 }
 

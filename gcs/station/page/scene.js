@@ -48,6 +48,7 @@ export class Scene {
     this.map.addControl(new maplibre.ScaleControl({ unit: "metric", maxWidth: 160 }), "bottom-left");
     this.map.addControl(new maplibre.NavigationControl({ showCompass: false }), "bottom-right");
     this.map.on("dragstart", () => this.#follow(false));
+    this.map.on("resize", () => Object.assign(this, { hasFitted: false }));
     this.isLoaded = this.map.once("load");
     this.#buttons();
     selection.changed(() => this.#showSelection());
