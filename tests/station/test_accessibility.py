@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from gcs.station.picture import EventPicture, TeamPicture
-from tests.station.conftest import OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage
 from tests.support.canned_station import CannedStation
 from tests.support.station_pictures import changed, ring_flight, ring_mission, ring_team
 
@@ -108,7 +108,7 @@ def test_commands_by_keyboard_alone(open_page: OpenPage) -> None:
 
 def test_theme_is_switched_and_kept(open_page: OpenPage) -> None:
     with CannedStation(MISSION, every_state) as served:
-        page = open_page(served.url, color_scheme="light")
+        page = open_page(served.url, color_scheme="light", script=NO_WEBGL)
         colour = "() => getComputedStyle(document.body).backgroundColor"
         light = page.evaluate(colour)
         page.get_by_role("button", name="Theme: ◐ Auto").click()

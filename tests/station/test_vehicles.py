@@ -104,7 +104,7 @@ def order(page: Page) -> list[str]:
 
 def test_every_field_is_on_the_card_and_in_the_table(open_page: OpenPage) -> None:
     with station() as served:
-        page = open_page(served.url)
+        page = open_page(served.url, script=NO_WEBGL)
         expect(page.locator(".card")).to_have_count(3)
         served.team = lambda _: with_own_values(ring_team(ring_mission(), 100.0))
         page.wait_for_timeout(WITHIN_MS)
@@ -130,7 +130,7 @@ def test_top_bar(open_page: OpenPage) -> None:
         return replace(changed(team, 3, alert="link lost", severity="alarm"), time_s=185.0, ring_members=2)
 
     with station(change) as served:
-        page = open_page(served.url)
+        page = open_page(served.url, script=NO_WEBGL)
         expect(page.locator("#elapsed")).to_have_text("T+ 3:05")
         shown = {
             name: page.locator(f"#{name}").inner_text() for name in ("remaining", "ring", "worst", "link", "rights")
@@ -157,7 +157,7 @@ def test_gravest_trouble_comes_first(open_page: OpenPage) -> None:
         return changed(changed(team, 2, battery=0.34), 1, has_ended=True)
 
     with station(change, vehicles=6) as served:
-        page = open_page(served.url)
+        page = open_page(served.url, script=NO_WEBGL)
         expect(page.locator(".card").first).to_have_attribute("data-vehicle", "5")
         assert order(page) == ["5", "4", "2", "3", "6", "1"]
         words = [card.inner_text().replace("\n", " ") for card in page.locator(".card .badge").all()]

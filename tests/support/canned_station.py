@@ -18,7 +18,8 @@ from websockets.sync.server import Server, ServerConnection, serve
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, FlightPicture, MissionPicture, TeamPicture
 
 PAGE = Path(__file__).parents[2] / "gcs" / "station" / "page"
-RATE_HZ = 10.0
+RATE_HZ = 5.0
+"""Half as often as a station: without a graphics card each picture on the map takes much of a core."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
