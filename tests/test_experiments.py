@@ -18,8 +18,8 @@ from tests.experiments import planner_rivals, station_tour
 from tests.experiments.planner_rivals import CORDON, approach, ring_config
 from tests.experiments.planner_solvers import Rival, unsolved
 from tests.support.loop_stages import STAGES, methods
+from tests.support.page.walk_through import lines_of
 from tests.support.paths import ROOT
-from tests.support.walk_through import lines_of
 from tests.support.wording import facts_missing
 
 PROGRAMS = sorted(

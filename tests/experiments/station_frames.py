@@ -24,9 +24,9 @@ from playwright.sync_api import sync_playwright
 
 from tests.experiments.arguments import count, parser, positive
 from tests.experiments.flight_profile import Profile, profile
-from tests.support.browser import ARGUMENTS, MISSING, program
-from tests.support.moving_station import moving_station
-from tests.support.page_meter import SCRIPT, Memory, PageMeter, Spent
+from tests.support.page.browser import ARGUMENTS, MISSING, program
+from tests.support.page.moving_station import moving_station
+from tests.support.page.page_meter import SCRIPT, Memory, PageMeter, Spent
 from tests.support.paths import ROOT
 from tests.support.wire import LOOPBACK, cordon, free_port
 
@@ -196,7 +196,7 @@ def visited(mission: Path, pages: int, killed_after_s: float, visit: Visit) -> I
 
 def visit_twice(address: str, pages: int, killed_after_s: float, ended: threading.Event, visit: Visit) -> None:
     """Open pages, kill them all at once, and open them again until the end."""
-    command = [sys.executable, "-m", "tests.support.station_pages", address, str(pages)]
+    command = [sys.executable, "-m", "tests.support.page.station_pages", address, str(pages)]
     for lasting_s in (killed_after_s, None):
         with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as visitors:
             ended.wait(lasting_s)

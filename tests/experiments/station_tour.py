@@ -24,9 +24,9 @@ from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playw
 from playwright.sync_api import Error as PlaywrightError
 
 from tests.experiments.arguments import parser
-from tests.support.browser import ARGUMENTS
+from tests.support.page.browser import ARGUMENTS
+from tests.support.page.walk_through import Kind, Line, Terminal, lines_of, pattern
 from tests.support.paths import DOCS
-from tests.support.walk_through import Kind, Line, Terminal, lines_of, pattern
 
 DOCUMENT = DOCS / "practice.md"
 TIMEOUT_S = 120.0

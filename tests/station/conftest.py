@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from tests.support.browser import ARGUMENTS, MISSING, program
+from tests.support.page.browser import ARGUMENTS, MISSING, program
 
 REQUIRED = "CORDON_REQUIRE_BROWSER"
 

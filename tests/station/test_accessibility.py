@@ -8,8 +8,8 @@ from playwright.sync_api import Page, expect
 
 from gcs.station.picture import EventPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage
-from tests.support.canned_station import CannedStation
-from tests.support.station_pictures import changed, ring_flight, ring_mission, ring_team
+from tests.support.page.canned_station import CannedStation
+from tests.support.page.station_pictures import changed, ring_flight, ring_mission, ring_team
 
 pytestmark = pytest.mark.browser
 AXE = (Path(__file__).parent / "vendor" / "axe.min.js").read_text(encoding="utf-8")

@@ -7,8 +7,8 @@ from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from tests.station.conftest import NO_WEBGL, OpenPage
-from tests.support.canned_station import CannedStation
-from tests.support.station_pictures import ring_flight, ring_mission, ring_team
+from tests.support.page.canned_station import CannedStation
+from tests.support.page.station_pictures import ring_flight, ring_mission, ring_team
 
 pytestmark = pytest.mark.browser
 

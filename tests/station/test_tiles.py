@@ -23,9 +23,9 @@ from gcs.station.tiles import opened_tiles
 from gcs.style import COLOURS
 from gcs.viewer.address import Address
 from tests.station.conftest import OpenPage
-from tests.support.canned_station import CannedStation
-from tests.support.map_tiles import Colour, corner_deg, east_north_m, mbtiles, png
-from tests.support.station_pictures import changed, ring_flight
+from tests.support.page.canned_station import CannedStation
+from tests.support.page.map_tiles import Colour, corner_deg, east_north_m, mbtiles, png
+from tests.support.page.station_pictures import changed, ring_flight
 from tests.support.wire import LOOPBACK, free_port
 
 pytestmark = pytest.mark.browser

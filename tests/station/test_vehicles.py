@@ -11,8 +11,8 @@ from playwright.sync_api import Page, expect
 
 from gcs.station.picture import MissionPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage
-from tests.support.canned_station import CannedStation
-from tests.support.station_pictures import changed, ring_mission, ring_team
+from tests.support.page.canned_station import CannedStation
+from tests.support.page.station_pictures import changed, ring_mission, ring_team
 
 pytestmark = pytest.mark.browser
 WITHIN_MS = 500

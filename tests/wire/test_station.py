@@ -17,10 +17,10 @@ import websockets
 from websockets.asyncio.client import ClientConnection
 
 from gcs.station.picture import FlightPicture
-from tests.support.map_tiles import mbtiles, png, tile_folder
 from tests.support.mission_text import LOW
+from tests.support.page.map_tiles import mbtiles, png, tile_folder
+from tests.support.page.station import asked, entered, received, stream
 from tests.support.paths import DATA
-from tests.support.station import asked, entered, received, stream
 from tests.support.wire import LOOPBACK, cordon, free_port
 
 pytestmark = pytest.mark.wire

@@ -21,8 +21,8 @@ from gcs.report.evidence.reading import read_flight
 from gcs.report.flight_page import report_html
 from gcs.report.summary import headline
 from tests.support.flight_logs import engaging, record_simulation, rewrite
+from tests.support.page.station_pictures import ring_flight
 from tests.support.report_evidence import flown
-from tests.support.station_pictures import ring_flight
 
 KILLED = FlightEnding(How.KILLED, "Vehicle 2: an operator had its motors cut.", (2,))
 

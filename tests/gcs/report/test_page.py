@@ -21,9 +21,9 @@ from gcs.report.flight_page import report_html, write_report
 from gcs.report.sections import flight_of, sections
 from gcs.report.summary import headline, summary, verdicts
 from gcs.report.tables import loop_table
+from tests.support.page.report_replay import nasty_flight, noisy_flight
+from tests.support.page.station_pictures import ring_flight
 from tests.support.report_evidence import OWN_SIGMA_M, TARGET_SIGMA_M, TOLERANCES, flown
-from tests.support.report_replay import nasty_flight, noisy_flight
-from tests.support.station_pictures import ring_flight
 
 NASTY = "<script>alert('&')</script><!-- $x_1$"
 REPLAY = ring_flight()

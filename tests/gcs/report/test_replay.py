@@ -17,9 +17,9 @@ from gcs.report.replay import replay_flight
 from gcs.station.picture import FlightPicture
 from gcs.station.recorded_flight import recorded_flight
 from tests.support.flight_logs import engaging, record_simulation
+from tests.support.page.report_replay import held_files, nasty_flight
 from tests.support.paths import DATA, ROOT
 from tests.support.report_evidence import flown
-from tests.support.report_replay import held_files, nasty_flight
 
 PAGE = ROOT / "gcs" / "station" / "page"
 DURATION_S = 200.0

@@ -10,7 +10,7 @@ import pytest
 
 from gcs.mission.file import load_mission
 from tests.support.mission_text import INSECURE
-from tests.support.station import AnsweringTeam, Station, answering_team, asked, commanding, received, station
+from tests.support.page.station import AnsweringTeam, Station, answering_team, asked, commanding, received, station
 from tests.support.wire import until
 
 pytestmark = pytest.mark.wire

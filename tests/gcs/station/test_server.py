@@ -17,7 +17,7 @@ from gcs.station.access import Access
 from gcs.station.picture import FlightPicture, OperatorRights, TeamPicture
 from gcs.station.server import REQUEST_MAX_BYTES, listen, recorded_app, serve
 from gcs.viewer.address import Address
-from tests.support.station import TOKEN, CannedSource, Station, asked, received, station
+from tests.support.page.station import TOKEN, CannedSource, Station, asked, received, station
 from tests.support.wire import LOOPBACK, free_port
 
 pytestmark = pytest.mark.wire

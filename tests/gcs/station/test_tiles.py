@@ -12,8 +12,8 @@ from gcs.errors import InputError
 from gcs.mission.file import load_mission
 from gcs.station.picture import TilesPicture
 from gcs.station.tiles import MapTiles, TileImage, opened_tiles
-from tests.support.map_tiles import corner_deg, mbtiles, png, tile_folder
-from tests.support.station import Station, received, station
+from tests.support.page.map_tiles import corner_deg, mbtiles, png, tile_folder
+from tests.support.page.station import Station, received, station
 
 ZURICH = (47.397742, 8.545594)
 HOME = (14, 8580, 5736)

@@ -1,8 +1,8 @@
 """Pages of a station without a browser: connections that read its pictures, some slowly and some not at all.
 
-`python -m tests.support.station_pages ADDRESS COUNT` opens them, again whenever one is closed, and prints once a second
-how many are open, how many messages a second those that read at once receive, and how many were
-closed by the station in all. It runs until it is killed.
+`python -m tests.support.page.station_pages ADDRESS COUNT` opens them, again whenever one is closed, and prints once a
+second how many are open, how many messages a second those that read at once receive, and how many were closed by the
+station in all. It runs until it is killed.
 """
 
 import asyncio
@@ -15,7 +15,7 @@ from itertools import cycle, islice
 
 from websockets.exceptions import WebSocketException
 
-from tests.support.station import entered, stream
+from tests.support.page.station import entered, stream
 from tests.support.wire import LOOPBACK
 
 PAUSES_S = (0.0, 0.0, 0.0, 1.0, 3600.0)

@@ -1,6 +1,6 @@
 """A station whose team moves on a ring, served by the real server in a process of its own: no flight runs.
 
-`python -m tests.support.moving_station VEHICLES` prints the page's address and serves until it is ended.
+`python -m tests.support.page.moving_station VEHICLES` prints the page's address and serves until it is ended.
 """
 
 import asyncio
@@ -20,9 +20,9 @@ from gcs.station.server import listen, serve_team
 from gcs.station.source import Publish
 from gcs.viewer.address import Address
 from tests.support import ring_mission as flown
+from tests.support.page.station import TOKEN
+from tests.support.page.station_pictures import ring_mission, ring_team
 from tests.support.paths import ROOT
-from tests.support.station import TOKEN
-from tests.support.station_pictures import ring_mission, ring_team
 from tests.support.wire import LOOPBACK, free_port, free_ports
 
 EVENTS_HZ = 1.0
@@ -69,7 +69,7 @@ async def serve_moving(vehicles: int) -> None:
 @contextmanager
 def moving_station(vehicles: int) -> Iterator[tuple[str, int]]:
     """Run such a station; yield the page's address and the id of the process."""
-    command = [sys.executable, "-m", "tests.support.moving_station", str(vehicles)]
+    command = [sys.executable, "-m", "tests.support.page.moving_station", str(vehicles)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

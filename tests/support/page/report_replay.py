@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs.station.picture import FlightPicture, TeamPicture, VehiclePicture
-from tests.support.station_pictures import ring_flight, ring_mission, ring_team
+from tests.support.page.station_pictures import ring_flight, ring_mission, ring_team
 
 
 def nasty_flight(text: str) -> FlightPicture:

@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -16,8 +15,9 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, FlightPicture, MissionPicture, TeamPicture
+from tests.support.paths import ROOT
 
-PAGE = Path(__file__).parents[2] / "gcs" / "station" / "page"
+PAGE = ROOT / "gcs" / "station" / "page"
 RATE_HZ = 5.0
 """Half as often as a station: without a graphics card each picture on the map takes much of a core."""
 POLICY = (
