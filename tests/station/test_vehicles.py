@@ -263,7 +263,6 @@ def test_vehicles_stay_on_a_map_that_becomes_smaller(open_page: OpenPage) -> Non
         page = open_page(served.url, viewport={"width": 1600, "height": 1000})
         expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
         page.wait_for_timeout(1000)
-        before = pixels(page, 1)
         page.set_viewport_size({"width": 1024, "height": 640})
         page.wait_for_timeout(2000)
         box = page.locator("#map").bounding_box()
@@ -271,7 +270,7 @@ def test_vehicles_stay_on_a_map_that_becomes_smaller(open_page: OpenPage) -> Non
         middle = (box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
         target = page.locator(".symbol.target").bounding_box()
         assert target is not None
-        assert (target["x"] + 22.0, target["y"] + 22.0) == pytest.approx(middle, abs=60.0), before
+        assert (target["x"] + 22.0, target["y"] + 22.0) == pytest.approx(middle, abs=60.0)
 
 
 def test_layers_and_selection_on_the_map(open_page: OpenPage) -> None:

@@ -35,7 +35,7 @@ class TeamFaults(msgspec.Struct, frozen=True):
     hang: Hang = ""
 
     def with_more(self, more: "TeamFaults") -> "TeamFaults":
-        """Return both: the vehicles of either, and the greater of what has a size."""
+        """Return both: the vehicles of either, and the greater of what has a size. A hang is over when others begin."""
         return TeamFaults(
             loss=max(self.loss, more.loss),
             delay_s=max(self.delay_s, more.delay_s),
@@ -45,7 +45,7 @@ class TeamFaults(msgspec.Struct, frozen=True):
             lie_m={**self.lie_m, **more.lie_m},
             flooders=self.flooders | more.flooders,
             blind=self.blind or more.blind,
-            hang=more.hang or self.hang,
+            hang=more.hang,
         )
 
 
