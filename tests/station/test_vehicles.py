@@ -258,21 +258,6 @@ def test_map_turns_by_the_bearing_of_the_x_axis(open_page: OpenPage) -> None:
         assert along_y_m == pytest.approx((-17.32, 10.0), abs=0.6)
 
 
-def test_vehicles_stay_on_a_map_that_becomes_smaller(open_page: OpenPage) -> None:
-    with station() as served:
-        page = open_page(served.url, viewport={"width": 1600, "height": 1000})
-        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
-        page.wait_for_timeout(1000)
-        page.set_viewport_size({"width": 1024, "height": 640})
-        page.wait_for_timeout(2000)
-        box = page.locator("#map").bounding_box()
-        assert box is not None
-        middle = (box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
-        target = page.locator(".symbol.target").bounding_box()
-        assert target is not None
-        assert (target["x"] + 22.0, target["y"] + 22.0) == pytest.approx(middle, abs=60.0)
-
-
 def test_layers_and_selection_on_the_map(open_page: OpenPage) -> None:
     with station() as served:
         page = open_page(served.url)
