@@ -1,4 +1,4 @@
-"""Linear model predictive control: the one builder of its quadratic programme, the one importer of OSQP.
+"""Linear model predictive control: the one builder of its quadratic programme.
 
 Over the decision U = (u_0 ... u_{c-1}), the last input held to the end of the horizon, it minimises
 
@@ -12,10 +12,9 @@ from enum import Enum
 
 import msgspec
 import numpy as np
-import osqp
-from scipy.sparse import csc_matrix
 
 from agents.control.active_set import ActiveSet
+from agents.osqp_solver import osqp_solver
 from estimation.state import Vector
 
 _FEASIBLE_SLACK = 1e-9
@@ -181,14 +180,12 @@ class _SoftQp:
         cost[:size, :size] = hessian
         cost[size, size] = slack_weight
         self._active_set = ActiveSet(cost, rows)
-        self._solver = osqp.OSQP()
-        self._solver.setup(
-            csc_matrix(np.triu(cost)),
+        self._solver = osqp_solver(
+            cost,
             self._gradient,
-            csc_matrix(rows),
+            rows,
             self._lower,
             self._upper,
-            verbose=False,
             eps_abs=1e-5,
             eps_rel=1e-5,
             max_iter=1000,
@@ -210,5 +207,5 @@ class _SoftQp:
             optimum, multipliers = start
             self._solver.warm_start(x=optimum, y=multipliers)
         result = self._solver.solve(raise_error=False)
-        solved = result.info.status_val == osqp.SolverStatus.OSQP_SOLVED and np.isfinite(result.x).all()
+        solved = result.info.status == "solved" and np.isfinite(result.x).all()
         return np.asarray(result.x[:size], dtype=np.float64) if solved else None
