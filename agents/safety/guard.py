@@ -13,7 +13,6 @@ from math import cos, hypot, pi
 import msgspec
 import numpy as np
 
-from agents.osqp_solver import osqp_solver
 from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
 from agents.safety.fence import Fence
 from agents.safety.half_planes import HalfPlane, nearest
@@ -189,12 +188,17 @@ class _ElasticQp:
         self._upper = np.full(ROWS_MAX + _SIDES, _FREE)
         self._upper[ROWS_MAX:] = reach_m * cos(pi / _SIDES)
         self._gradient = np.zeros(3)
-        self._solver = osqp_solver(
-            np.diag([1.0, 1.0, _ELASTIC_WEIGHT]),
+        from osqp import OSQP  # noqa: PLC0415 - slow to import, and not every process solves
+        from scipy.sparse import csc_matrix  # noqa: PLC0415
+
+        self._solver = OSQP()
+        self._solver.setup(
+            csc_matrix(np.diag([1.0, 1.0, _ELASTIC_WEIGHT])),
             self._gradient,
-            self._used.T.astype(np.float64),
+            csc_matrix(self._used.T.astype(np.float64)),
             self._lower,
             self._upper,
+            verbose=False,
             eps_abs=1e-4,
             eps_rel=1e-4,
             eps_prim_inf=1e-3,
