@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from estimation.state import Vector
 
@@ -36,7 +35,9 @@ def whitening_filter(errors: Sequence[Vector]) -> Vector:
 
 def whitened(whitening: Vector, values: Vector) -> Vector:
     """Return values (T,) or (T, k) behind the filter, without those (p) that would need values before the first."""
-    return np.asarray(lfilter(whitening, [1.0], values, axis=0)[whitening.size - 1 :], dtype=np.float64)
+    if values.ndim == 1:
+        return np.convolve(values, whitening, mode="valid")
+    return np.column_stack([np.convolve(column, whitening, mode="valid") for column in values.T])
 
 
 def jackknifed(jacobians: Sequence[Vector], errors: Sequence[Vector]) -> tuple[Vector, int]:

@@ -220,17 +220,22 @@ class _Problem:
         delay_s, leads_s = float(parameters[4]), self._model.leads_s(parameters)
         found = []
         for axis, response in enumerate(self._model.responses(parameters)):
-            longest = max(position_m.shape[0] for _, position_m, _ in self._rows)
-            free = _regressors(response, longest)
+            bases = self._bases(response, filters[axis])
             one_axis = []
             for begin_s, position_m, inputs in self._rows:
                 count = position_m.shape[0]
                 answered = response.answer(inputs[axis], leads_s[axis], delay_s, begin_s, GRID_S, count)
                 error = whitened(filters[axis], position_m[:, axis] - answered)
-                basis, _ = np.linalg.qr(whitened(filters[axis], free[:count]))
+                basis = bases[count]
                 one_axis.append(error - basis @ (basis.T @ error))
             found.append(one_axis)
         return found
+
+    def _bases(self, response: Response, whitening: Vector) -> dict[int, Vector]:
+        """Return an orthonormal basis of what is linear, whitened, for each length of excerpts."""
+        counts = {position_m.shape[0] for _, position_m, _ in self._rows}
+        free = whitened(whitening, _regressors(response, max(counts)))
+        return {count: np.linalg.qr(free[: count + 1 - whitening.size])[0] for count in counts}
 
     def solved(self, start: Vector, filters: tuple[Vector, Vector]) -> Vector:
         """Return the parameters of the least sum of squares."""
