@@ -4,7 +4,7 @@ from collections.abc import Callable
 from math import floor
 from time import perf_counter
 
-SAMPLE_S = 0.5
+SAMPLE_S = 0.2
 """How long the load is measured [wall s]."""
 TICK_WORK = 6.0
 """What one vehicle's tick in flight costs, its shares of links, bus, log and stub included [pieces of work].
