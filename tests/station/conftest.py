@@ -21,6 +21,20 @@ NO_WEBGL = (
 )
 """A script for tests that need no map: without a graphics card it takes most of the processor."""
 
+FEW_FRAMES = """
+const [frame, cancel, waiting] = [requestAnimationFrame.bind(window), cancelAnimationFrame.bind(window), new Map()];
+let last = 0;
+window.requestAnimationFrame = (draw) => {
+  const id = ++last;
+  const drawn = (now_ms) => { waiting.delete(id); draw(now_ms); };
+  const timer = setTimeout(() => { const asked = frame(drawn); waiting.set(id, () => cancel(asked)); }, 80);
+  waiting.set(id, () => clearTimeout(timer));
+  return id;
+};
+window.cancelAnimationFrame = (id) => { waiting.get(id)?.(); waiting.delete(id); };
+"""
+"""A script for all tests: ten pictures a second, as each takes much of a core without a graphics card."""
+
 OpenPage = Callable[..., Page]
 
 
@@ -49,8 +63,7 @@ def open_page(browser: Browser) -> Iterator[OpenPage]:
         page.set_default_timeout(10_000)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda message: _keep_error(message.text, message.type, errors))
-        if script:
-            page.add_init_script(script)
+        page.add_init_script(FEW_FRAMES + script)
         page.goto(url)
         return page
 
