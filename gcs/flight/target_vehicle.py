@@ -6,9 +6,10 @@ from agents.ports import VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from estimation.state import Sighting, Telemetry
-from gcs.link.config import LinkConfig
+from gcs.link.config import LinkConfig, full_rates
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.rates.pace import Pace
 from gcs.mission.mission import Mission, TargetSection
 
 TARGET_VEHICLE = 20000
@@ -36,7 +37,8 @@ class TargetVehicle:
         if target.source == "mavlink" and target.url is not None and target.system_id is not None:
             frame, origin_m = mission.mission_frame(), (*target.start_m, 0.0)
             key = signing_keys.get(target.system_id)
-            config = LinkConfig(target.url, target.system_id, frame, mission.link, origin_m, signing_key=key)
+            pace = Pace(full_rates(mission.link, mission.mission.rate_hz))
+            config = LinkConfig(target.url, target.system_id, frame, pace, origin_m, signing_key=key)
             self._link = MavsdkLink(hub, config, clock.now_s, clock.speed)
         self._agents = agents
         self._take = sightings_of(target, self._see)

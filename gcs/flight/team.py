@@ -19,9 +19,10 @@ from gcs.flight.true_sensor import TrueSensor
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.keys.team_keys import TeamKeys
-from gcs.link.config import LinkConfig
+from gcs.link.config import LinkConfig, link_paces
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
+from gcs.link.rates.pace import Pace
 from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
@@ -90,18 +91,19 @@ class Team:
         plan = self.plan
         equipment = plan.equipment or Equipment()
         buses = equipment.buses(plan.mission, plan.vehicles, self.clock.speed, self.keys)
+        paces = link_paces(plan.mission)
         for vehicle in plan.vehicles:
-            link = self._link(vehicle, hub)
+            link = self._link(vehicle, hub, paces[vehicle.section.url])
             agent = self._agent(vehicle, link, buses[vehicle.id], heartbeat(vehicle.id))
             self.members.append(Member(vehicle, link, agent))
 
-    def _link(self, vehicle: MissionVehicle, hub: MavsdkHub) -> CheckedLink:
+    def _link(self, vehicle: MissionVehicle, hub: MavsdkHub, pace: Pace) -> CheckedLink:
         mission, clock = self.plan.mission, self.clock
         config = LinkConfig(
             vehicle.section.url,
             vehicle.system_id,
             mission.mission_frame(),
-            mission.link,
+            pace,
             vehicle.origin_m,
             signing_key=self.signing_keys.get(vehicle.system_id),
             truth=not (self.plan.stubs or mission.frame.local),

@@ -16,8 +16,8 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
+from gcs.link.rates.rates import Rates
 from gcs.link.status_texts import quoted
-from gcs.mission.mission import LinkSection
 
 Result = TypeVar("Result")
 
@@ -146,33 +146,33 @@ class VehicleCalls:
             await asyncio.to_thread(executor.shutdown, cancel_futures=True)
 
 
-async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection) -> None:
+async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: Rates) -> None:
     """Request the vehicle's motion at the telemetry rate, and its status at lower rates.
 
     Raises VehicleRefusedError when the motion is refused; a refused status message does not prevent a flight.
     """
     telemetry = feed.plugin
-    await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, rates.telemetry_rate_hz)
-    slow = [(name, rates.status_rate_hz) for name in STATUS]
-    for name, rate_hz in (*slow, *((name, rates.status_rate_hz / 2.0) for name in SLOW_STATUS)):
+    await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, rates.telemetry_hz)
+    slow = [(name, rates.status_hz) for name in STATUS]
+    for name, rate_hz in (*slow, *((name, rates.status_hz / 2.0) for name in SLOW_STATUS)):
         await _request_rate(calls, telemetry, name, rate_hz)
     estimator = feed.reports.estimator
     for number in (estimator.number, estimator.wind_number):
-        await calls.request_message(feed.reports.direct, number, rates.status_rate_hz / 2.0)
+        await calls.request_message(feed.reports.direct, number, rates.status_hz / 2.0)
     if feed.truth is not None:
         await calls.request_message(feed.reports.direct, feed.truth_message.number, TRUTH_RATE_HZ)
 
 
-async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: LinkSection, duration_s: float) -> float | None:
+async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: Rates, duration_s: float) -> float | None:
     """Return how many times faster than the wall the autopilot's clock runs; None without attitudes.
 
     The attitude rate is raised for `duration_s` [wall s] only.
     """
-    await _request_rate(calls, feed.plugin, "attitude_euler", rates.attitude_rate_hz)
+    await _request_rate(calls, feed.plugin, "attitude_euler", rates.clock_hz)
     try:
         return clock_ratio(await feed.attitude_clock(duration_s), duration_s)
     finally:
-        await _request_rate(calls, feed.plugin, "attitude_euler", rates.status_rate_hz)
+        await _request_rate(calls, feed.plugin, "attitude_euler", rates.status_hz)
 
 
 async def _request_rate(calls: VehicleCalls, telemetry: Any, name: str, rate_hz: float) -> None:

@@ -100,7 +100,7 @@ def stub_claims(ports: Sequence[int]) -> Iterator[None]:
 def fed_ports(vehicles: Sequence[MissionVehicle]) -> list[int]:
     """Return the UDP ports on which vehicles are received."""
     urls = [urlsplit(vehicle.section.url) for vehicle in vehicles]
-    return [url.port for url in urls if url.scheme == "udpin" and url.port]
+    return sorted({url.port for url in urls if url.scheme == "udpin" and url.port})
 
 
 def _require_none(faults: Sequence[str], next_step: str) -> None:

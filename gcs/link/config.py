@@ -1,14 +1,17 @@
-"""The configuration of one vehicle's link."""
+"""The configuration of one vehicle's link, and the pace of each connection of a mission."""
 
 from dataclasses import dataclass, field
 
 from estimation.frames import MissionFrame, Triple
-from gcs.mission.mission import LinkSection
+from gcs.link.rates.pace import Pace
+from gcs.link.rates.rates import Rates
+from gcs.mission.links import LinkSection, capacity_bytes_s
+from gcs.mission.mission import Mission
 
 
 @dataclass(frozen=True, slots=True)
 class LinkConfig:
-    """Which vehicle a link connects to (`url`, MAVLink `system_id`), in which mission frame, and its rates.
+    """Which vehicle a link connects to (`url`, MAVLink `system_id`), in which mission frame, and the connection's pace.
 
     In a local frame `origin_m` is where the vehicle's NED begins [m, mission frame]; other frames do not use it.
     `heartbeat_timeout_s` limits the search for the vehicle and is wall time. `ready_timeout_s` limits the waits for its
@@ -19,9 +22,36 @@ class LinkConfig:
     url: str
     system_id: int
     frame: MissionFrame
-    settings: LinkSection = field(default_factory=LinkSection)
+    pace: Pace = field(default_factory=lambda: Pace(full_rates(LinkSection(), 20.0)))
     origin_m: Triple = (0.0, 0.0, 0.0)
     heartbeat_timeout_s: float = 10.0
     ready_timeout_s: float = 60.0
     signing_key: bytes | None = field(default=None, repr=False)
     truth: bool = False
+
+
+def full_rates(link: LinkSection, loop_hz: float) -> Rates:
+    """Return the rates of `[link]`; setpoints come once in a tick, or less often."""
+    setpoint_hz = min(link.setpoint_rate_hz or loop_hz, loop_hz)
+    return Rates(link.telemetry_rate_hz, link.status_rate_hz, setpoint_hz, link.attitude_rate_hz)
+
+
+def link_paces(mission: Mission) -> dict[str, Pace]:
+    """Return the pace of each connection of a mission, by its url."""
+    link, vehicles = mission.link, mission.vehicles
+    shared = {each.url: each for each in mission.links.values()}
+    full = full_rates(link, mission.mission.rate_hz)
+
+    def pace(url: str) -> Pace:
+        own = shared.get(url)
+        given_bytes_s = own.bytes_per_s if own is not None and own.bytes_per_s is not None else link.bytes_per_s
+        return Pace(
+            full,
+            sum(vehicle.section.url == url for vehicle in vehicles),
+            capacity_bytes_s(url, given_bytes_s),
+            automatic=(own.rates if own is not None and own.rates is not None else link.rates) == "auto",
+            signed=link.signing_key_file is not None,
+            limits_setpoints=link.setpoint_rate_hz is not None,
+        )
+
+    return {url: pace(url) for url in {vehicle.section.url for vehicle in vehicles}}

@@ -16,6 +16,8 @@ from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
 from gcs.link.postbox import Postbox
+from gcs.link.rates.pace import Pace
+from gcs.link.rates.quality import Traffic
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
@@ -99,6 +101,15 @@ class MavsdkHub:
         """Return what arrived with the system id of a vehicle."""
         url = self._vehicles.get(system_id)
         return self._relays[url][0].report(system_id) if url in self._relays else LinkReport()
+
+    def set_pace(self, url: str, pace: Pace, speed: float) -> None:
+        """Send at a connection's pace from now on; the mission clock runs `speed` times as fast as the wall's."""
+        if pace.is_bound and url in self._relays:
+            self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed)
+
+    def traffic(self, url: str) -> Traffic:
+        """Return the counts of a connection."""
+        return self._relays[url][0].traffic() if url in self._relays else Traffic()
 
     async def close(self) -> None:
         """Destroy MAVSDK. Close all links before, or their running calls block their threads for ever."""

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from math import degrees, inf
+from math import degrees
 from typing import Any, NamedTuple
 
 from mavsdk.autopilot import Autopilot
@@ -25,6 +25,7 @@ from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
+from gcs.link.rates.rates import Rates
 from gcs.link.relay.gate import LinkReport
 
 MODE_TIMEOUT_S = 5.0
@@ -41,8 +42,6 @@ WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
 """Without motion for this long on a live link, the autopilot has lost the rates: they are requested again."""
 RENEWAL_TIMEOUT_S = 5.0
-SETPOINT_EARLY_SHARE = 0.25
-"""Share of the period by which a setpoint may be early: ticks are not exact."""
 
 
 class MavsdkLink:
@@ -66,7 +65,7 @@ class MavsdkLink:
         self._asking = 0
         self._sent = 0
         self._unsent = 0
-        self._send_next_s = -inf
+        self._rates: Rates | None = None
 
     @property
     def status(self) -> VehicleStatus:
@@ -98,6 +97,7 @@ class MavsdkLink:
         self._speed = speed
         if self._parts is not None:
             self._parts.calls.speed = speed
+            self._hub.set_pace(self._config.url, self._config.pace, speed)
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
         """Find the vehicle, verify its system id, request rates, and deliver telemetry on the event loop from then on.
@@ -117,7 +117,7 @@ class MavsdkLink:
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
-        await request_rates(calls, feed, self._config.settings)
+        await self._request_rates()
         await self._locate()
         feed.on_telemetry = on_telemetry
         feed.on_loss, feed.on_return = self._mute, self._attention.set
@@ -221,12 +221,12 @@ class MavsdkLink:
     def send(self, setpoint: Setpoint) -> None:
         """Send one setpoint now, unless it is landing or handed over; never blocks, never raises for a lost link.
 
-        Setpoints above the setpoint rate are skipped. MAVSDK repeats the last one at 20 Hz from its own thread until
-        offboard is stopped. No setpoint is sent while the origin of the vehicle is not known: after a loss of the link
-        or a restart, until the vehicle has sent it again.
+        MAVSDK repeats the last one at 20 Hz until offboard is stopped; of all of them the relay sends no more than the
+        setpoint rate. None is sent while the origin of the vehicle is not known: after a loss of the link or a restart,
+        until the vehicle has sent it again.
         """
         parts = self._parts
-        if self._silent or not self._due():
+        if self._silent:
             return
         if parts is None or parts.feed.origin_m is None:
             self._unsent += 1
@@ -253,7 +253,7 @@ class MavsdkLink:
         A ratio within a tenth of a whole number is rounded to it. Raises VehicleRefusedError without attitudes.
         """
         _, feed, calls, _, _ = self._connected()
-        ratio = await measure_clock(calls, feed, self._config.settings, duration_s)
+        ratio = await measure_clock(calls, feed, self._config.pace.rates, duration_s)
         if ratio is None:
             raise calls.refusal("sends no attitude, whose time stamps are needed", "check the link, or state the speed")
         return ratio
@@ -321,17 +321,6 @@ class MavsdkLink:
             if self._silent or feed.origin_m is None:
                 self._mute()
 
-    def _due(self) -> bool:
-        """Return whether a setpoint is due at the setpoint rate, and if so, set the time of the next one."""
-        if self._config.settings.setpoint_rate_hz is None:
-            return True
-        now_s, period_s = self._now_s(), 1.0 / self._config.settings.setpoint_rate_hz
-        if now_s < self._send_next_s - SETPOINT_EARLY_SHARE * period_s:
-            return False
-        planned_s = self._send_next_s + period_s
-        self._send_next_s = planned_s if planned_s > now_s else now_s + period_s
-        return True
-
     def _mute(self) -> None:
         """Stop MAVSDK from repeating the last setpoint; by itself it goes on for a while.
 
@@ -357,11 +346,22 @@ class MavsdkLink:
             if feed.status.connected and (notified or lost or silent):
                 with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
+            self._config.pace.look(self._hub.traffic(self._config.url), time.monotonic())
+            if self._rates is not self._config.pace.rates:
+                with suppress(VehicleRefusedError):
+                    await self._request_rates()
+
+    async def _request_rates(self) -> None:
+        """Request the rates in force, and let the relay keep to them."""
+        _, feed, calls, _, _ = self._connected()
+        self._rates = self._config.pace.rates
+        self._hub.set_pace(self._config.url, self._config.pace, self._speed)
+        await request_rates(calls, feed, self._rates)
 
     async def _renew(self) -> None:
         """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved."""
         _, feed, calls, _, _ = self._connected()
-        await request_rates(calls, feed, self._config.settings)
+        await self._request_rates()
         await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
         if feed.origin_m is None:
             feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)

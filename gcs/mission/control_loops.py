@@ -5,7 +5,8 @@ from math import floor
 
 from estimation.plant.model import Plant
 from estimation.settings import Settings
-from gcs.mission.mission import LinkSection, Mission, MissionSection
+from gcs.mission.links import LinkSection
+from gcs.mission.mission import Mission, MissionSection
 from gcs.mission.stability import BEARING, Loop, loops
 
 _NEUTRAL = 1e-6

@@ -16,7 +16,8 @@ from estimation.settings import Settings
 from gcs.mission.control_loops import kept_up
 from gcs.mission.excitation import limits_rise
 from gcs.mission.geometry import IndexedVehicles, altitudes_fit, fence_fits, follows_fit, limits_agree, slots_fit
-from gcs.mission.mission import FrameSection, LinkSection, MissionSection, TargetSection, VehicleSection
+from gcs.mission.links import LinkSection
+from gcs.mission.mission import FrameSection, MissionSection, TargetSection, VehicleSection
 from gcs.mission.profiles import LoadedVehicle, beyond_limits, of_another_kind
 
 LAYER_LEAST_M = 1.0
@@ -50,7 +51,7 @@ def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVeh
 def _all_distinct(vehicles: IndexedVehicles) -> Iterator[str]:
     yield from _distinct(vehicles, "id", lambda v: v.id)
     yield from _distinct(vehicles, "system_id", lambda v: v.system_id or v.id)
-    yield from _distinct(vehicles, "url", lambda v: _exclusive_part(v.url))
+    yield from _distinct(vehicles, "url", lambda v: _exclusive_part(v.url), shared=lambda v: v.link)
     yield from _distinct(vehicles, "endpoint", lambda v: v.endpoint)
 
 
@@ -81,9 +82,15 @@ def _exclusive_part(url: str) -> str:
     return rest.partition(":")[0] if scheme == "serial" else rest
 
 
-def _distinct(vehicles: IndexedVehicles, key: str, value: Callable[[VehicleSection], object]) -> Iterator[str]:
+def _distinct(
+    vehicles: IndexedVehicles,
+    key: str,
+    value: Callable[[VehicleSection], object],
+    shared: Callable[[VehicleSection], object] = lambda _: None,
+) -> Iterator[str]:
+    """Yield the pairs with the same value, unless they name the same `shared` thing as the place of that value."""
     for (i, one), (k, other) in combinations(vehicles, 2):
-        if value(one) == value(other):
+        if value(one) == value(other) and (shared(one) is None or shared(one) != shared(other)):
             # An id that is doubled doubles the system id: one fault, not two.
             if key == "system_id" and one.id == other.id:
                 continue

@@ -6,7 +6,7 @@ Sections are validated one by one and cross-checked as far as they hold, so that
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from estimation.bounded_toml import TEXT_MAX_LENGTH, toml_content
 from estimation.plain_file import read_plain
@@ -18,6 +18,7 @@ from gcs.mission.control_loops import unstable_loops
 from gcs.mission.cross_checks import cross_checked
 from gcs.mission.excitation import excitation_faults, excited
 from gcs.mission.identity import identified
+from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
 from gcs.mission.profiles import LoadedVehicle, resolved
@@ -78,19 +79,20 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
 def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: list[str]) -> Mission:
     """Return the mission of a file's content in today's form; raises MissionError with these faults and all others."""
     own_filter = validated(OwnFilterSettings, content.pop(OLD_OWN_FILTER, {}), OLD_OWN_FILTER, faults)
-    known = [*SECTIONS, "vehicles", "tuning"]
+    known = [*SECTIONS, "links", "vehicles", "tuning"]
     faults += unknown_keys("", [key for key in content if key not in known], known)
     faults += [f"{name}: this section is missing" for name in REQUIRED if name not in content]
     sections = _sections(content, faults)
     # Thresholds that do not hold are reported once, not again for every vehicle.
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
-    vehicles = _vehicles(content.get("vehicles", []), decision, shelf, faults)
+    links = _links(content.get("links", {}), faults)
+    vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), shelf, faults)
     faults += cross_checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
     sections.pop("decision")
     complete = tuple(resolved(*vehicle, own_filter) for vehicle in vehicles if vehicle is not None)
-    mission = Mission(**sections, vehicles=complete, text=text, profile_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
+    mission = Mission(**sections, links=links, vehicles=complete, text=text, profile_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
     if unstable := list(unstable_loops(mission)):
         raise MissionError(unstable)
     return identified(mission)
@@ -144,24 +146,53 @@ def _excited(mission: Mission, vehicle_id: object) -> Mission:
     return excited(mission, vehicle)
 
 
-def _vehicles(content: object, decision: object, shelf: ProfileShelf, faults: list[str]) -> list[LoadedVehicle | None]:
+def _links(content: object, faults: list[str]) -> dict[str, SharedLinkSection]:
+    """Return the connections of `[links]` that hold, by their names."""
+    if not isinstance(content, dict):
+        faults.append(f"links: it must be a table of tables, [links.NAME] (given: {shown(content)})")
+        return {}
+    sections = {name: validated(SharedLinkSection, each, f"links.{name}", faults) for name, each in content.items()}
+    return {name: section for name, section in sections.items() if section is not None}
+
+
+class _Shared(NamedTuple):
+    """What the tables of vehicles may leave to the mission: thresholds of decision, and the urls of links."""
+
+    decision: object
+    links: Mapping[str, SharedLinkSection]
+
+    def completed(self, entry: object, path: str, faults: list[str]) -> object:
+        """Return a vehicle's table with what it leaves to the mission."""
+        if not isinstance(entry, dict):
+            return entry
+        if isinstance(self.decision, dict):
+            # A vehicle overrides single thresholds; the others are the mission's.
+            own = entry.get("decision", {})
+            entry = {**entry, "decision": {**self.decision, **own} if isinstance(own, dict) else own}
+        if "link" not in entry:
+            return entry
+        if "url" in entry:
+            faults.append(f"{path}.url: the vehicle has the url of its link: leave url or link out")
+        link = self.links.get(entry["link"]) if isinstance(entry["link"], str) else None
+        if link is None:
+            known = ", ".join(self.links) or "none"
+            faults.append(f"{path}.link: [links] has no {shown(entry['link'])} that holds (known: {known})")
+            return entry
+        return {**entry, "url": link.url}
+
+
+def _vehicles(content: object, shared: _Shared, shelf: ProfileShelf, faults: list[str]) -> list[LoadedVehicle | None]:
     if not isinstance(content, list) or not content:
         faults.append("vehicles: a mission needs at least one [[vehicles]] table")
         return []
     if len(content) > VEHICLES_MAX:
         faults.append(f"vehicles: a team has at most {VEHICLES_MAX} vehicles (given: {len(content)})")
         return []
-    return [_vehicle(entry, decision, shelf, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
+    return [_vehicle(entry, shared, shelf, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
 
 
-def _vehicle(
-    entry: object, decision: object, shelf: ProfileShelf, path: str, faults: list[str]
-) -> LoadedVehicle | None:
-    if isinstance(entry, dict) and isinstance(decision, dict):
-        # A vehicle overrides single thresholds; the others are the mission's.
-        own = entry.get("decision", {})
-        entry = {**entry, "decision": {**decision, **own} if isinstance(own, dict) else own}
-    section = validated(VehicleSection, entry, path, faults)
+def _vehicle(entry: object, shared: _Shared, shelf: ProfileShelf, path: str, faults: list[str]) -> LoadedVehicle | None:
+    section = validated(VehicleSection, shared.completed(entry, path, faults), path, faults)
     if section is None:
         return None
     try:

@@ -26,18 +26,8 @@ from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant
 from estimation.profile.profile import Autopilot, Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
+from gcs.mission.links import LinkSection, SharedLinkSection, connection_url
 from sitl.world import Leg, TargetMotion
-
-
-def _port(url: str) -> str:
-    scheme, _, rest = url.partition("://")
-    host, _, port = rest.rpartition(":")
-    if scheme == "serial" and host and port.isdecimal() and int(port) > 0:
-        return url
-    known = ("udpin", "udpout", "tcpin", "tcpout")
-    if scheme not in known or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ValueError("a vehicle's url is like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600")
-    return url
 
 
 def _endpoint(text: str) -> str:
@@ -134,7 +124,7 @@ class TargetSection(TargetBehaviour):
     """
 
     source: Literal["simulated", "external", "mavlink"] = "simulated"
-    url: Annotated[str, AfterValidator(_port)] | None = None
+    url: Annotated[str, AfterValidator(connection_url)] | None = None
     system_id: int | None = Field(None, ge=1, le=254)
     start_m: Metres2
     velocity_m_s: Velocity2 = (0.0, 0.0)
@@ -187,23 +177,6 @@ class NetworkSection(Settings):
     security: SecuritySection | None = None
 
 
-class LinkSection(Settings):
-    """`[link]`: how often a vehicle tells its motion, its attitude while its clock is measured, and its status; and how
-    often setpoints are handed to MAVSDK: every tick (none), or less often. MAVSDK itself repeats the last setpoint at
-    20 Hz: a lower setpoint rate makes setpoints older, but the link no emptier than 20 of them a second.
-    Velocities go with the setpoints of vehicles whose profile has `feedforward`; given here as well, true or false,
-    profiles of the other kind are refused. With `signing_key_file`, a file beside the mission, MAVLink 2 messages to
-    and from every vehicle are signed, and a vehicle that does not sign is refused (`cordon keys issue mavlink`).
-    """
-
-    telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
-    attitude_rate_hz: float = Field(10.0, ge=5.0, le=50.0)
-    status_rate_hz: float = Field(2.0, ge=0.2, le=10.0)
-    setpoint_rate_hz: float | None = Field(None, ge=1.0, le=100.0)
-    feedforward: bool | None = None
-    signing_key_file: str | None = Field(None, min_length=1)
-
-
 class SimulationSection(Settings):
     """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise, a steady push `wind_m_s2`.
     All other keys are for `cordon sim` alone: bounds that shape every motion; a wind by its speed, which pushes and
@@ -246,12 +219,14 @@ class VehicleSection(Settings):
     file beside the mission. `autopilot` is what a stub in its place flies as, the profile's unless given.
     `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
     `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
-    `fence_m`, `altitude_min_m` and `altitude_max_m` hold for this vehicle instead of those of `[safety]`.
+    `fence_m`, `altitude_min_m` and `altitude_max_m` hold for this vehicle instead of those of `[safety]`. With `link`,
+    the name of one of `[links]`, it has that one's url.
     """
 
     id: int = Field(ge=1, le=254)
     system_id: int | None = Field(None, ge=1, le=254)
-    url: Annotated[str, AfterValidator(_port)]
+    link: str | None = None
+    url: Annotated[str, AfterValidator(connection_url)]
     endpoint: Annotated[str, AfterValidator(_endpoint)]
     start_m: Metres2
     origin_m: Metres3 | None = None
@@ -335,6 +310,7 @@ class Mission:
     target: TargetSection
     network: NetworkSection
     link: LinkSection
+    links: Mapping[str, SharedLinkSection]
     choreography: ChoreographySettings
     excitation: ExcitationSettings
     simulation: SimulationSection

@@ -6,7 +6,8 @@ from agents.settings.sections import DecisionSettings
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings
-from gcs.mission.mission import LinkSection, MissionVehicle, VehicleSection
+from gcs.mission.links import LinkSection
+from gcs.mission.mission import MissionVehicle, VehicleSection
 
 LoadedVehicle = tuple[VehicleSection, Profile]
 

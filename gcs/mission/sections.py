@@ -15,9 +15,9 @@ from agents.settings.sections import (
 )
 from agents.settings.tuning import EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
 from estimation.settings import Settings, TargetFilterSettings, TargetFilterTuning
+from gcs.mission.links import LinkSection
 from gcs.mission.mission import (
     FrameSection,
-    LinkSection,
     MissionSection,
     NetworkSection,
     SimulationSection,

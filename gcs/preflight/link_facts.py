@@ -18,11 +18,14 @@ from mavsdk.vehicle import Vehicle
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
 from gcs.link.calls import NotReadyError, VehicleCalls, find_origin, measure_clock, request_rates
+from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.rates.pace import Pace
+from gcs.link.rates.rates import Rates
 from gcs.link.signing_keys import signing_keys
-from gcs.mission.mission import LinkSection, Mission, MissionVehicle
+from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import AutopilotKind, FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.parameters import parameters_wanted
 from gcs.preflight.reader import read_estimator, read_parameters
@@ -48,11 +51,11 @@ async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_
 
     Raises InputError when the signing keys of the links cannot be read.
     """
-    keys = signing_keys(mission)
+    keys, paces = signing_keys(mission), link_paces(mission)
     hub = MavsdkHub()
     try:
         queries = (
-            _facts(hub, mission, vehicle, keys.get(vehicle.system_id), heartbeat_timeout_s)
+            _facts(hub, mission, vehicle, paces[vehicle.section.url], keys.get(vehicle.system_id), heartbeat_timeout_s)
             for vehicle in mission.vehicles
         )
         return tuple(await asyncio.gather(*queries))
@@ -67,7 +70,7 @@ class CheckedLink(MavsdkLink):
         """Return the facts of a connected vehicle, once it is healthy or `settle_s` [wall s] has passed."""
         system, feed, calls, *_ = self._connected()
         await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s)
-        query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.settings)
+        query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.pace.rates)
         facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
         return replace(facts, link=self.report)
 
@@ -78,7 +81,12 @@ class CheckedLink(MavsdkLink):
 
 
 async def _facts(
-    hub: MavsdkHub, mission: Mission, vehicle: MissionVehicle, signing_key: bytes | None, timeout_s: float
+    hub: MavsdkHub,
+    mission: Mission,
+    vehicle: MissionVehicle,
+    pace: Pace,
+    signing_key: bytes | None,
+    timeout_s: float,
 ) -> VehicleFacts:
     url, system_id, frame = vehicle.section.url, vehicle.system_id, mission.mission_frame()
     try:
@@ -90,9 +98,10 @@ async def _facts(
     try:
         feed.subscribe()
         with suppress(VehicleRefusedError):  # the measured rate shows a refusal
-            await request_rates(calls, feed, mission.link)
+            hub.set_pace(url, pace, 1.0)
+            await request_rates(calls, feed, pace.rates)
         lost = await _find_place(vehicle, feed, calls, frame)
-        query = _VehicleQuery(vehicle.id, system, feed, calls, frame, mission.link)
+        query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)
         facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
         return replace(facts, link=hub.report(system_id))
     finally:
@@ -123,7 +132,7 @@ class _VehicleQuery(NamedTuple):
     feed: VehicleFeed
     calls: VehicleCalls
     frame: MissionFrame
-    rates: LinkSection
+    rates: Rates
 
     async def facts(
         self, listening_s: float, parameters_timeout_s: float, lost: tuple[str, str] | None = None
@@ -134,7 +143,7 @@ class _VehicleQuery(NamedTuple):
         (ratio, rate_hz), parameters, gps, areas, estimator, firmware = await asyncio.gather(
             self._timing(listening_s),
             read_parameters(self.system, kind, wanted, parameters_timeout_s),
-            self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_rate_hz),
+            self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_hz),
             self.calls.run(_fence_areas, self.system, self.frame),
             self.calls.run(read_estimator, self.system, kind, parameters_timeout_s),
             self.calls.run(_firmware, self.system),
@@ -156,7 +165,7 @@ class _VehicleQuery(NamedTuple):
             estimator=estimator,
             clock_ratio=ratio,
             telemetry_rate_hz=rate_hz if feed.position_m is not None else None,  # else there is none to send
-            telemetry_rate_asked_hz=self.rates.telemetry_rate_hz,
+            telemetry_rate_asked_hz=self.rates.telemetry_hz,
             parameters=parameters,
             fence_areas=areas,
         )

@@ -13,6 +13,13 @@ HEARTBEAT = 0
 AUTOPILOT_COMPONENT = 1
 STATION_SYSTEM, STATION_COMPONENT = 245, 190
 """cordon's own, as MAVSDK's ground station has them."""
+SETPOINT = 84
+"""SET_POSITION_TARGET_LOCAL_NED."""
+COMMANDS = frozenset({11, 75, 76})
+"""SET_MODE, COMMAND_INT, COMMAND_LONG."""
+_TARGET_AT = {SETPOINT: 50, 11: 4, 75: 30, 76: 30}
+"""Where in the payload the addressed system stands."""
+RADIO_STATUS, _BUFFER_FREE_AT = 109, 6
 CRC_START, CRC_POLYNOMIAL_REVERSED = 0xFFFF, 0x8408
 HEARTBEAT_CRC_EXTRA = 50
 
@@ -35,6 +42,30 @@ def header(frame: bytes) -> Header:
 def is_autopilot_heartbeat(frame: bytes) -> bool:
     """Return whether a whole frame is the heartbeat of an autopilot."""
     return header(frame)[1:] == (AUTOPILOT_COMPONENT, HEARTBEAT)
+
+
+def sequence(frame: bytes) -> int:
+    """Return the sequence number of a whole frame: each sender counts its frames from 0 to 255, again and again."""
+    return frame[2] if frame[0] == MAGIC_V1 else frame[4]
+
+
+def target_system(frame: bytes) -> int:
+    """Return the system that a setpoint or a command is for; 0, which is all of them, for other messages."""
+    at = _TARGET_AT.get(header(frame).message)
+    return 0 if at is None else _payload_byte(frame, at)
+
+
+def buffer_free(frame: bytes) -> float | None:
+    """Return the free share of a radio's transmit buffer by its RADIO_STATUS; None for other messages."""
+    if header(frame).message != RADIO_STATUS:
+        return None
+    return min(_payload_byte(frame, _BUFFER_FREE_AT), 100) / 100.0
+
+
+def _payload_byte(frame: bytes, at: int) -> int:
+    """Return a byte of the payload; zeros at its end are not sent (MAVLink 2)."""
+    start = HEAD_V1 if frame[0] == MAGIC_V1 else HEAD_V2
+    return frame[start + at] if at < frame[1] else 0
 
 
 def is_signed(frame: bytes) -> bool:

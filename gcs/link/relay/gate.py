@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 
-from gcs.link.relay.frames import HEAD_V2, FrameStream, header, is_autopilot_heartbeat
+from gcs.link.relay.frames import HEAD_V2, FrameStream, buffer_free, header, is_autopilot_heartbeat, sequence
+from gcs.link.relay.sequences import Sequences
 from gcs.link.relay.signing import Signing, Verdict
 
 SILENCE_S = 3.0
@@ -32,7 +33,8 @@ class LinkReport:
     """What arrived with the system id of one vehicle.
 
     `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
-    `moves` where the vehicle continued after a silence; `dropped` is the number of frames by reason.
+    `moves` where the vehicle continued after a silence; `dropped` is the number of frames by reason. `doubled` says
+    that two vehicles send with this system id from one address: their sequence numbers go forth and back.
     """
 
     address: str = ""
@@ -40,6 +42,7 @@ class LinkReport:
     impostors: Mapping[str, int] = field(default_factory=dict)
     moves: tuple[str, ...] = ()
     dropped: Mapping[str, int] = field(default_factory=dict)
+    doubled: bool = False
 
 
 class Claim:
@@ -58,6 +61,8 @@ class Claim:
         self._impostors: Counter[Address] = Counter()
         self._moves: list[Address] = []
         self._dropped: Counter[str] = Counter()
+        self.sequences = Sequences()
+        """Of the frames from the verified address."""
 
     def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
         """Return whether a frame with this system id is the vehicle's."""
@@ -74,6 +79,7 @@ class Claim:
         if verdict is not Verdict.AUTHENTIC or address != self.address:
             return False
         self._heard_s = now_s
+        self.sequences.take(header(frame).component, sequence(frame))
         return True
 
     def verify(self, address: Address, now_s: float) -> None:
@@ -113,6 +119,7 @@ class Claim:
             {shown(address): frames for address, frames in self._impostors.items()},
             tuple(map(shown, self._moves)),
             dict(self._dropped),
+            self.sequences.is_doubled,
         )
 
     def _move(self, address: Address, verdict: Verdict) -> None:
@@ -144,11 +151,15 @@ class Claim:
 
 
 class Gate:
-    """The claims on one connection, and the frames that arrive there. `others` are system ids without a claim."""
+    """The claims on one connection, and the frames that arrive there. `others` are system ids without a claim.
+
+    `buffer_free` is the free share of the radio's transmit buffer, by its newest RADIO_STATUS.
+    """
 
     def __init__(self) -> None:
         self.claims: dict[int, Claim] = {}
         self.others: set[int] = set()
+        self.buffer_free: float | None = None
         self._streams: dict[Address, FrameStream] = {}
 
     def admit(self, data: bytes, address: Address, now_s: float) -> bytes:
@@ -200,4 +211,6 @@ class Gate:
             return claim.admits(frame, address, now_s)
         if is_autopilot_heartbeat(frame):
             self.others.add(system_id)
+        elif (free := buffer_free(frame)) is not None:
+            self.buffer_free = free
         return False

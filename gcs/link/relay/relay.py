@@ -8,12 +8,14 @@ import time
 from collections.abc import Container, Iterable, Iterator
 from math import inf
 
+from gcs.link.rates.quality import Traffic
 from gcs.link.relay.carriers import open_carrier
-from gcs.link.relay.frames import MAGIC_V2, FrameStream, station_heartbeat
+from gcs.link.relay.frames import MAGIC_V2, SIGNATURE_LENGTH, FrameStream, station_heartbeat, target_system
 from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
 from gcs.link.relay.inner import InnerConnection, InnerListener
 from gcs.link.relay.relay_thread import RelayThread
 from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.transmit_queue import Outgoing, TransmitQueue
 
 CALL_PERIOD_S = 0.5
 
@@ -35,6 +37,8 @@ class Relay:
         self._called = 0
         self._call_next_s = -inf
         self._outgoing = FrameStream()
+        self._queue: TransmitQueue | None = None
+        self._up_bytes = self._down_bytes = 0
         self._listener = InnerListener()
         self._inner: InnerConnection | None = None
 
@@ -89,6 +93,22 @@ class Relay:
             claim = self._gate.claims.get(system_id)
             return LinkReport() if claim is None else claim.report()
 
+    def traffic(self) -> Traffic:
+        """Return the counts of this connection."""
+        with self._lock:
+            every = [claim.sequences for claim in self._gate.claims.values()]
+            received, missed = sum(each.received for each in every), sum(each.missed for each in every)
+            return Traffic(self._up_bytes, self._down_bytes, received, missed, self._gate.buffer_free)
+
+    def pace(self, up_bytes_s: float | None, setpoint_hz: float) -> None:
+        """Send no more than this from now on, and this many setpoints a second to each vehicle."""
+        with self._lock:
+            signed = any(claim.signing is not None for claim in self._gate.claims.values())
+        queue = self._queue or TransmitQueue()
+        queue.bytes_s = inf if up_bytes_s is None else up_bytes_s
+        queue.setpoint_hz, queue.extra_bytes = setpoint_hz, SIGNATURE_LENGTH if signed else 0
+        self._queue = queue
+
     def close(self) -> None:
         """End both connections; the port is free afterwards."""
         self._thread.remove(self)
@@ -101,6 +121,11 @@ class Relay:
         assert self._inner is not None
         return self._inner.descriptor, *self._carrier.watched()
 
+    def due_s(self) -> float:
+        """Return when something is to be sent that waits [s, monotonic]; infinity without any."""
+        queue = self._queue
+        return inf if queue is None else queue.due_s(time.monotonic())
+
     def turn(self, readable: Container[int]) -> None:
         """Pass on what has arrived."""
         inner = self._inner
@@ -108,8 +133,9 @@ class Relay:
         self._carrier.call_again()
         # Each call to the system gives the interpreter lock away, and waits to get it again.
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
-        for frame, address in (*sent, *self._calls()):
-            self._carrier.send(frame, address)
+        for frame, address in (*self._signed_all(self._paced(sent)), *self._calls()):
+            if self._carrier.send(frame, address):
+                self._up_bytes += len(frame)
         arrives = any(descriptor in readable for descriptor in self._carrier.watched())
         for frames in (b"", *self._inbound(list(self._carrier.receive()) if arrives else [])):
             inner.write(frames)
@@ -119,18 +145,37 @@ class Relay:
         with self._lock:
             passed, self._first = self._first, []
             for data, address in received:
+                self._down_bytes += len(data)
                 if data:
                     passed.append(self._gate.admit(data, address, time.monotonic()))
                 else:
                     self._gate.gone(address)
         return passed
 
-    def _outbound(self, data: bytes) -> list[tuple[bytes, Address]]:
-        """Return what MAVSDK sends, each frame for each verified vehicle."""
+    def _outbound(self, data: bytes) -> list[Outgoing]:
+        """Return what MAVSDK sends, each frame for each address with vehicles that it is for."""
         frames = self._outgoing.feed(data)
         with self._lock:
-            peers = self._gate.peers().items()
-            return [each for frame in frames for address, claims in peers for each in _signed(frame, address, claims)]
+            addresses = list(self._gate.peers())
+            places = {each: [claim.address] for each, claim in self._gate.claims.items() if claim.address is not None}
+        return [(frame, address) for frame in frames for address in places.get(target_system(frame), addresses)]
+
+    def _paced(self, frames: list[Outgoing]) -> list[Outgoing]:
+        """Return what is to be sent now: these frames, or where the connection has a pace, what is due."""
+        queue = self._queue
+        if queue is None:
+            return frames
+        for frame, address in frames:
+            queue.put(frame, address)
+        return queue.due(time.monotonic())
+
+    def _signed_all(self, frames: list[Outgoing]) -> list[Outgoing]:
+        """Return frames as they leave: the newest signature of a sender is its latest, so they are signed last."""
+        if not frames:
+            return []
+        with self._lock:
+            peers = self._gate.peers()
+            return [each for frame, address in frames for each in _signed(frame, address, peers.get(address, ()))]
 
     def _calls(self) -> list[tuple[bytes, Address]]:
         """Return the heartbeats that are due to those that are not verified: MAVSDK sends none before.

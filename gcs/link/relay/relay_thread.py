@@ -9,9 +9,10 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Sequence
 from contextlib import suppress
 from itertools import chain
+from math import ceil
 from typing import Protocol
 
 WAKE_PERIOD_S = 0.25
@@ -27,6 +28,10 @@ class Turns(Protocol):
 
     def watched(self) -> tuple[int, ...]:
         """Return the file descriptors that become readable."""
+        ...
+
+    def due_s(self) -> float:
+        """Return when a turn is due although nothing arrives [s, monotonic]; infinity without any."""
         ...
 
     def turn(self, readable: Container[int]) -> None:
@@ -98,7 +103,8 @@ class RelayThread:
                 self._waits += 1
                 self._running.notify_all()
                 for relay, descriptors in relays:
-                    if relay in self._relays and (everything or not readable.isdisjoint(descriptors)):
+                    due = everything or not readable.isdisjoint(descriptors) or relay.due_s() <= now_s
+                    if relay in self._relays and due:
                         self._turn(relay, descriptors if everything else readable)
 
     def _next(self) -> Sequence[tuple[Turns, tuple[int, ...]]]:
@@ -115,9 +121,11 @@ class RelayThread:
             traceback.print_exc()
             self._relays.remove(relay)
 
-    def _wait_readable(self, relays: Iterable[tuple[Turns, tuple[int, ...]]]) -> set[int]:
-        """Wait until one of the descriptors can be read, or has been closed; return those."""
+    def _wait_readable(self, relays: Sequence[tuple[Turns, tuple[int, ...]]]) -> set[int]:
+        """Wait until one of the descriptors can be read, has been closed, or a turn is due; return those."""
         poll = select.poll()
         for descriptor in (self._woken_end.fileno(), *chain.from_iterable(each for _, each in relays)):
             poll.register(descriptor, select.POLLIN)
-        return {descriptor for descriptor, _ in poll.poll(WAKE_PERIOD_S * 1e3)}
+        due_s = min(relay.due_s() for relay, _ in relays)
+        wait_s = min(max(due_s - time.monotonic(), 0.0), WAKE_PERIOD_S)
+        return {descriptor for descriptor, _ in poll.poll(ceil(wait_s * 1e3))}

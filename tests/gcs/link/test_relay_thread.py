@@ -2,7 +2,9 @@
 
 import socket
 import threading
+import time
 from collections.abc import Container, Iterator
+from math import inf
 
 import pytest
 
@@ -21,11 +23,19 @@ class Echo:
         self.port = int(self.socket.getsockname()[1])
         self.received: list[bytes] = []
         self.arrived = threading.Event()
+        self.due_at_s = inf
+        self.turned = threading.Event()
 
     def watched(self) -> tuple[int, ...]:
         return (self.socket.fileno(),)
 
+    def due_s(self) -> float:
+        return self.due_at_s
+
     def turn(self, readable: Container[int]) -> None:
+        if self.due_at_s <= time.monotonic():
+            self.due_at_s = inf
+            self.turned.set()
         if self.socket.fileno() in readable:
             try:
                 self.received.append(self.socket.recv(100))
@@ -66,6 +76,19 @@ def test_a_port_is_free_as_soon_as_its_relay_is_removed_and_closed(thread: Relay
     for other in others:
         thread.remove(other)
         other.socket.close()
+
+
+def test_a_turn_comes_when_it_is_due_although_nothing_arrives(thread: RelayThread) -> None:
+    each = Echo()
+    thread.add(each)
+    for _ in range(5):
+        each.turned.clear()
+        each.due_at_s = due_s = time.monotonic() + 0.02
+        thread.wake()
+        assert each.turned.wait(1.0)
+        assert 0.0 <= time.monotonic() - due_s < 0.15  # well below the period of 0.25 s in which all have a turn
+    thread.remove(each)
+    each.socket.close()
 
 
 def test_a_bug_in_one_relay_leaves_the_others_running(thread: RelayThread, capsys: pytest.CaptureFixture[str]) -> None:

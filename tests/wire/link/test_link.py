@@ -28,8 +28,9 @@ from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.rates.pace import Pace
+from gcs.link.rates.rates import Rates
 from gcs.link.status_texts import StatusTexts
-from gcs.mission.mission import LinkSection
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.protocol import MavlinkVehicle
@@ -164,7 +165,7 @@ async def heading_of(link: MavsdkLink) -> float:
 
 
 async def test_telemetry_comes_at_the_rate_asked_for(stubs: StubProcess) -> None:
-    async with linked("near", 1, settings=LinkSection(telemetry_rate_hz=10.0)) as (_, telemetry):
+    async with linked("near", 1, pace=Pace(Rates(10.0, 2.0, 20.0))) as (_, telemetry):
         await asyncio.sleep(0.3)
         telemetry.clear()
         await asyncio.sleep(1.2)
@@ -183,8 +184,8 @@ async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.Monke
     monkeypatch.setattr(MavlinkVehicle, "_send", note)
     async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 5.0) as (url, now_s):
         hub = MavsdkHub()
-        rates = LinkSection(telemetry_rate_hz=10.0, status_rate_hz=2.0, attitude_rate_hz=25.0)
-        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, rates), now_s, 5.0)
+        pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
+        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, pace), now_s, 5.0)
         await link.connect(lambda sample: None)
         sent.clear()
         began_s = now_s()
@@ -222,7 +223,7 @@ async def served_here(config: StubConfig, speed: float) -> AsyncIterator[tuple[s
 async def test_setpoints_are_handed_on_at_the_rate_asked_for(
     rate_hz: float | None, expected_hz: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # MAVSDK repeats the last one besides: what counts is how often a new one comes.
+    # Without a rate MAVSDK's repetitions come besides: then what counts is how often a new one comes.
     received: list[float] = []
     take = Autopilot.receive_setpoint
 
@@ -231,9 +232,10 @@ async def test_setpoints_are_handed_on_at_the_rate_asked_for(
         take(autopilot, time_s, target)
 
     monkeypatch.setattr(Autopilot, "receive_setpoint", note)
+    pace = Pace(Rates(20.0, 2.0, rate_hz or 20.0), limits_setpoints=rate_hz is not None)
     async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 2.0) as (url, now_s):
         hub = MavsdkHub()
-        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, LinkSection(setpoint_rate_hz=rate_hz)), now_s, 2.0)
+        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, pace), now_s, 2.0)
         await link.connect(lambda sample: None)
         began_s = now_s()
         async for tick in Ticker(0.05, now_s, speed=2.0):
@@ -242,7 +244,8 @@ async def test_setpoints_are_handed_on_at_the_rate_asked_for(
                 break
         await link.close()
         await hub.close()
-    assert len({round(z, 4) for z in received}) / 4.0 == pytest.approx(expected_hz, rel=0.15)
+    counted = received if rate_hz is not None else {round(z, 4) for z in received}
+    assert len(counted) / 4.0 == pytest.approx(expected_hz, rel=0.15)
 
 
 async def test_the_speed_of_a_simulation_is_measured(stubs: StubProcess) -> None:
@@ -375,8 +378,8 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     first = StubProcess([config], 1.0)
     first.start()
     hub, telemetry = MavsdkHub(), list[Telemetry]()
-    rates = LinkSection(telemetry_rate_hz=10.0)
-    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, rates), time.monotonic)
+    pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0))
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, pace), time.monotonic)
     await link.connect(telemetry.append)
     assert await link.measure_speed(0.6) == 1.0
     first.stop()

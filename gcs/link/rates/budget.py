@@ -1,0 +1,55 @@
+"""The bytes that a connection is asked to carry, by the rates of its vehicles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gcs.link.rates.rates import Rates
+
+TELEMETRY_BYTES = 40
+"""LOCAL_POSITION_NED."""
+STATUS_BYTES = (43, 40, 14)
+"""SYS_STATUS, ATTITUDE, EXTENDED_SYS_STATE."""
+SLOW_STATUS_BYTES = (67, 53, 64, 40, 54, 52)
+"""At half the status rate: HOME_POSITION, BATTERY_STATUS, GPS_RAW_INT, GLOBAL_POSITION_INT, ESTIMATOR_STATUS and
+WIND_COV, as PX4 sends them; ArduPilot's EKF_STATUS_REPORT and WIND are smaller.
+"""
+SETPOINT_BYTES = 65
+"""SET_POSITION_TARGET_LOCAL_NED."""
+HEARTBEAT_BYTES, HEARTBEAT_HZ = 21, 1.0
+SIGNATURE_BYTES = 13
+LOAD_SHARE = 0.7
+"""The share of a connection that may be planned with: commands, parameters and repetitions take the rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What goes to the vehicles of a connection, and what comes from them [bytes/s]."""
+
+    up_bytes_s: float
+    down_bytes_s: float
+
+    @property
+    def bytes_s(self) -> float:
+        """Both ways together."""
+        return self.up_bytes_s + self.down_bytes_s
+
+
+def load(rates: Rates, vehicles: int, *, signed: bool = False) -> Load:
+    """Return what so many vehicles on one connection take at these rates. One heartbeat goes up for all of them."""
+    extra = SIGNATURE_BYTES if signed else 0
+    streams = (
+        (rates.telemetry_hz, (TELEMETRY_BYTES,)),
+        (rates.status_hz, STATUS_BYTES),
+        (rates.status_hz / 2.0, SLOW_STATUS_BYTES),
+        (HEARTBEAT_HZ, (HEARTBEAT_BYTES,)),
+    )
+    down = sum(rate_hz * (size + extra) for rate_hz, sizes in streams for size in sizes)
+    up = rates.setpoint_hz * (SETPOINT_BYTES + extra)
+    return Load(vehicles * up + HEARTBEAT_HZ * (HEARTBEAT_BYTES + extra), vehicles * down)
+
+
+def fitting(rungs: Sequence[Rates], vehicles: int, capacity_bytes_s: float, *, signed: bool = False) -> int:
+    """Return the first of these rates that a connection carries with its reserve; the last where none does."""
+    room = LOAD_SHARE * capacity_bytes_s
+    fits = (index for index, rates in enumerate(rungs) if load(rates, vehicles, signed=signed).bytes_s <= room)
+    return next(fits, len(rungs) - 1)

@@ -1,0 +1,82 @@
+"""The rates of the vehicles of one connection: as the mission states them, or chosen for what it carries."""
+
+from math import inf
+
+from gcs.link.rates.budget import Load, fitting, load
+from gcs.link.rates.quality import Traffic
+from gcs.link.rates.rates import Rates, ladder
+
+LOOK_PERIOD_S = 2.0
+LOSS_HIGH, LOSS_LOW = 0.1, 0.03
+"""Shares of frames lost in a look: above the first the rates go down, below the second they may go up again."""
+BUFFER_LOW, BUFFER_HIGH = 0.2, 0.6
+"""Free shares of the radio's transmit buffer, likewise."""
+UP_AFTER_S = 20.0
+"""How long a connection has to be well before its rates go up by a step: each step up may prove one too many."""
+FRAMES_MIN = 20
+"""Fewer frames do not show a share of losses."""
+
+
+class Pace:
+    """The rates in force on one connection, for all of its vehicles alike.
+
+    `automatic` rates begin at the first of `ladder(full)` that fits `capacity_bytes_s` (None: not known), and `look`
+    moves them along that ladder by what is lost and by what the radio reports. They never rise above where they began.
+    """
+
+    def __init__(
+        self,
+        full: Rates,
+        vehicles: int = 1,
+        capacity_bytes_s: float | None = None,
+        *,
+        automatic: bool = False,
+        signed: bool = False,
+        limits_setpoints: bool = False,
+    ) -> None:
+        self.capacity_bytes_s = capacity_bytes_s
+        self.is_bound = automatic or limits_setpoints or capacity_bytes_s is not None
+        """Whether what is sent has to wait for its turn."""
+        self.vehicles, self._signed, self._automatic = vehicles, signed, automatic
+        self._rungs = ladder(full) if automatic else (full,)
+        self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)
+        self._at = self._first
+        self._before: Traffic | None = None
+        self._look_next_s = -inf
+        self._well_since_s = -inf
+
+    @property
+    def rates(self) -> Rates:
+        """The rates in force."""
+        return self._rungs[self._at]
+
+    @property
+    def load(self) -> Load:
+        """What the connection is asked to carry at these rates."""
+        return load(self.rates, self.vehicles, signed=self._signed)
+
+    @property
+    def up_bytes_s(self) -> float | None:
+        """What may be sent, so that what the vehicles send still finds room; None without a bound."""
+        if self.capacity_bytes_s is None:
+            return None
+        return max(self.capacity_bytes_s - self.load.down_bytes_s, self.load.up_bytes_s)
+
+    def look(self, traffic: Traffic, now_s: float) -> None:
+        """Take the counts of a connection at a time [s, wall]; any of its vehicles may bring them."""
+        if not self._automatic or now_s < self._look_next_s:
+            return
+        before, self._before = self._before, traffic
+        self._look_next_s = now_s + LOOK_PERIOD_S
+        if before is None or traffic.received - before.received + traffic.missed - before.missed < FRAMES_MIN:
+            self._well_since_s = now_s
+            return
+        lost, free = traffic.lost_share(before), 1.0 if traffic.buffer_free is None else traffic.buffer_free
+        if lost > LOSS_HIGH or free < BUFFER_LOW:
+            self._at = min(self._at + 1, len(self._rungs) - 1)
+            self._well_since_s = now_s
+        elif lost > LOSS_LOW or free < BUFFER_HIGH:
+            self._well_since_s = now_s
+        elif now_s - self._well_since_s >= UP_AFTER_S:
+            self._at = max(self._at - 1, self._first)
+            self._well_since_s = now_s

@@ -1,0 +1,47 @@
+"""How often a vehicle's messages come and go."""
+
+from dataclasses import dataclass, replace
+from itertools import chain, takewhile
+
+STATUS_MIN_HZ, TELEMETRY_MIN_HZ = 0.5, 5.0
+SETPOINT_MIN_HZ = 5.0
+"""PX4 leaves offboard below 2 Hz: two setpoints in a row may be lost."""
+STATUS_STEP, STEP = 0.5, 0.75
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """How often a vehicle sends its motion and its status, and how often setpoints are sent to it [Hz].
+
+    `clock_hz` is how often it sends its attitude while its clock is measured.
+    """
+
+    telemetry_hz: float
+    status_hz: float
+    setpoint_hz: float
+    clock_hz: float = 10.0
+
+
+def ladder(full: Rates) -> tuple[Rates, ...]:
+    """Return the rates from `full` down to the least, in the order in which control degrades.
+
+    Status comes first, then motion, then setpoints; each stops at its least rate, or where it begins below it.
+    """
+    status = _steps(full.status_hz, STATUS_STEP, STATUS_MIN_HZ)
+    telemetry = _steps(full.telemetry_hz, STEP, TELEMETRY_MIN_HZ)
+    setpoint = _steps(full.setpoint_hz, STEP, SETPOINT_MIN_HZ)
+    slow = replace(full, status_hz=status[-1])
+    slower = replace(slow, telemetry_hz=telemetry[-1])
+    return tuple(
+        chain(
+            (replace(full, status_hz=rate_hz) for rate_hz in status),
+            (replace(slow, telemetry_hz=rate_hz) for rate_hz in telemetry[1:]),
+            (replace(slower, setpoint_hz=rate_hz) for rate_hz in setpoint[1:]),
+        )
+    )
+
+
+def _steps(full_hz: float, step: float, least_hz: float) -> list[float]:
+    powers = (full_hz * step**power for power in range(1, 64))
+    lower = list(takewhile(lambda rate_hz: rate_hz > least_hz, powers))
+    return [full_hz, *lower, *([least_hz] if full_hz > least_hz else [])]

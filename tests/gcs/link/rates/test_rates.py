@@ -1,0 +1,115 @@
+"""The rates of a connection: in what order they go down, what they take, which fit, and how they follow the link."""
+
+from itertools import pairwise
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.link.rates.budget import SETPOINT_BYTES, SLOW_STATUS_BYTES, STATUS_BYTES, TELEMETRY_BYTES, fitting, load
+from gcs.link.rates.pace import LOOK_PERIOD_S, UP_AFTER_S, Pace
+from gcs.link.rates.quality import Traffic
+from gcs.link.rates.rates import Rates, ladder
+
+FULL = Rates(telemetry_hz=20.0, status_hz=2.0, setpoint_hz=20.0)
+
+
+def test_status_goes_down_first_then_motion_then_setpoints_and_each_to_its_least() -> None:
+    rungs = ladder(FULL)
+    changed = [
+        [name for name in ("status_hz", "telemetry_hz", "setpoint_hz") if getattr(low, name) < getattr(high, name)]
+        for high, low in pairwise(rungs)
+    ]
+    assert changed == [["status_hz"]] * 2 + [["telemetry_hz"]] * 5 + [["setpoint_hz"]] * 5
+    assert rungs[0] == FULL
+    assert rungs[-1] == Rates(telemetry_hz=5.0, status_hz=0.5, setpoint_hz=5.0)
+
+
+def test_a_rate_below_the_least_stays() -> None:
+    assert ladder(Rates(4.0, 0.2, 4.0)) == (Rates(4.0, 0.2, 4.0),)
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "size"),
+    [
+        ("local_position_ned", (1, 1.1, 2.2, 3.3, 4.4, 5.5, 6.6), TELEMETRY_BYTES),
+        ("sys_status", (1, 1, 1, 500, 12000, 1, 50, 0, 0, 0, 0, 0, 1), STATUS_BYTES[0]),
+        ("attitude", (1, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), STATUS_BYTES[1]),
+        ("extended_sys_state", (0, 1), STATUS_BYTES[2]),
+        ("global_position_int", (1, 1, 1, 1, 1, 1, 1, 1, 30000), SLOW_STATUS_BYTES[3]),
+        ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[4]),
+        ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[5]),
+        (
+            "set_position_target_local_ned",
+            (1, 1, 1, 1, 0, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0),
+            SETPOINT_BYTES,
+        ),
+    ],
+)
+def test_messages_are_as_long_as_the_dialect_says(name: str, payload: tuple[float, ...], size: int) -> None:
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    assert len(getattr(sender, f"{name}_encode")(*payload).pack(sender)) == size
+
+
+def test_the_load_of_three_vehicles_adds_up_by_hand() -> None:
+    total = load(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3)
+    assert total.up_bytes_s == 3 * 650.0 + 21.0
+    assert total.down_bytes_s == 3 * (400.0 + 97.0 + 165.0 + 21.0)
+    signed = load(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3, signed=True)
+    assert signed.up_bytes_s == 3 * 780.0 + 34.0
+
+
+def test_rates_that_fit_leave_a_reserve_and_the_next_higher_do_not() -> None:
+    rungs = ladder(FULL)
+    index = fitting(rungs, 3, 3840.0)
+    assert load(rungs[index], 3).bytes_s <= 0.7 * 3840.0 < load(rungs[index - 1], 3).bytes_s
+    assert fitting(rungs, 3, 100.0) == len(rungs) - 1
+    assert fitting(rungs, 1, 1e6) == 0
+
+
+class Line:
+    """A connection whose counts are made up: 100 frames arrive between two looks, `missed` do not."""
+
+    def __init__(self, pace: Pace) -> None:
+        self.pace, self.now_s = pace, 0.0
+        self._received = self._missed = 0
+
+    def looks(self, count: int, missed: int = 0, free: float | None = None) -> Rates:
+        for _ in range(count):
+            self._received, self._missed, self.now_s = self._received + 100, self._missed + missed, self.now_s + 2.0
+            self.pace.look(Traffic(0, 0, self._received, self._missed, free), self.now_s)
+        return self.pace.rates
+
+
+def test_losses_lower_the_rates_and_a_quiet_time_raises_them_no_higher_than_where_they_began() -> None:
+    pace = Pace(FULL, 1, automatic=True)
+    line, rungs = Line(pace), ladder(FULL)
+    assert line.looks(1) == FULL
+    assert line.looks(3, missed=20) == rungs[3]
+    assert line.looks(5, missed=7) == rungs[3]  # neither well nor bad
+    assert line.looks(int(UP_AFTER_S / LOOK_PERIOD_S)) == rungs[2]
+    assert line.looks(100) == FULL
+
+
+def test_a_full_radio_lowers_the_rates_to_the_last_and_no_further() -> None:
+    pace = Pace(FULL, 1, automatic=True)
+    assert Line(pace).looks(50, free=0.1) == ladder(FULL)[-1]
+
+
+def test_few_frames_show_no_losses() -> None:
+    pace = Pace(FULL, 1, automatic=True)
+    for second in range(0, 20, 2):
+        pace.look(Traffic(received=second, missed=second * 3, buffer_free=None), float(second))
+    assert pace.rates == FULL
+
+
+def test_fixed_rates_stay() -> None:
+    pace = Pace(FULL, 3, 3840.0)
+    assert Line(pace).looks(20, missed=50, free=0.0) == FULL
+
+
+def test_what_may_be_sent_leaves_the_vehicles_their_room() -> None:
+    pace = Pace(FULL, 3, 5760.0, automatic=True)
+    assert pace.up_bytes_s == pytest.approx(5760.0 - pace.load.down_bytes_s)
+    too_much = Pace(FULL, 3, 3840.0)
+    assert too_much.up_bytes_s == pytest.approx(too_much.load.up_bytes_s)
+    assert Pace(FULL, 3).up_bytes_s is None
