@@ -28,7 +28,7 @@ def sitl(options: SitlOptions) -> Exit:
     from agents.ports import VehicleRefusedError
     from gcs.console.terminal import STDERR, print_problem
     from gcs.flight.stubs import serve_until_ctrl_c, stub_configs
-    from gcs.link.claims import stub_claims
+    from gcs.link.ports.claims import stub_claims
 
     configs, speed = stub_configs(loaded_mission(options.mission)), options.speed or 1.0
     try:

@@ -23,8 +23,8 @@ from gcs.flight.team import Member, Team
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
 from gcs.keys.team_keys import flight_keys
-from gcs.link.claims import fed_ports, flight_claims
 from gcs.link.hub import MavsdkHub
+from gcs.link.ports.claims import fed_ports, flight_claims
 from gcs.link.signing_keys import signing_keys
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord

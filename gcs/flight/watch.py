@@ -41,6 +41,7 @@ class Watch:
         self._fences = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
         self._over: dict[int, set[str]] = {member.vehicle.id: set() for member in team.members}
         self._log_fault = ""
+        self._rates = {member.vehicle.section.url: member.link.pace.rates for member in team.members}
         self._links_reported: dict[int, tuple[int, int]] = {}
         self._lags_reported = {member.vehicle.id for member in team.members}  # they share this computer's clock
 
@@ -51,6 +52,7 @@ class Watch:
                 self._check_computer()
             self._report_clocks()
             self._report_senders()
+            self._report_rates()
             self._show_events()
             self._report_log_fault()
             self._update(self._hint())
@@ -121,6 +123,14 @@ class Watch:
                 self._report([impostor(subject, link)])
             if len(link.moves) > known[1]:
                 self._report([moved(subject, link)])
+
+    def _report_rates(self) -> None:
+        """Print each change of a connection's rates."""
+        for member in self._team.members:
+            url, rates = member.vehicle.section.url, member.link.pace.rates
+            if rates != self._rates[url]:
+                self._team.view.print_line(f"{url}: {rates.changed_from(self._rates[url])}")
+                self._rates[url] = rates
 
     def _row(self, member: Member, status: CoreStatus | None, places_m: Mapping[int, Place]) -> LiveRow:
         vehicle, vehicle_id, ending = member.link.status, member.vehicle.id, _ending(member)

@@ -15,6 +15,7 @@ from mavsdk.component_type import ComponentType
 from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
+from gcs.link.ports.urls import require_usable
 from gcs.link.postbox import Postbox
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.quality import Traffic
@@ -22,7 +23,6 @@ from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
 from gcs.link.relay.signing import Signing, Verdict
-from gcs.link.urls import require_usable
 
 Result = TypeVar("Result")
 

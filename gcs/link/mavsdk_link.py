@@ -10,7 +10,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from math import degrees
-from typing import Any, NamedTuple
 
 from mavsdk.autopilot import Autopilot
 from mavsdk.exceptions import MavsdkError
@@ -25,6 +24,8 @@ from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
+from gcs.link.parts import LinkParts
+from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
 from gcs.link.relay.gate import LinkReport
 
@@ -57,7 +58,7 @@ class MavsdkLink:
         self._now_s = now_s
         self._speed = speed
         self.truth = GroundTruth(config.system_id, config.frame, now_s) if config.truth else None
-        self._parts: _Parts | None = None
+        self._parts: LinkParts | None = None
         self._guided: Callable[[], object] | None = None
         self._keeper: asyncio.Task[None] | None = None
         self._attention = asyncio.Event()
@@ -88,6 +89,11 @@ class MavsdkLink:
         return self._unsent
 
     @property
+    def pace(self) -> Pace:
+        """The pace of its connection, which all vehicles there share."""
+        return self._config.pace
+
+    @property
     def report(self) -> LinkReport:
         """What arrived with the vehicle's system id, from it and from others."""
         return self._hub.report(self._config.system_id)
@@ -113,7 +119,7 @@ class MavsdkLink:
         )
         feed = VehicleFeed(system, self._config.frame, self._now_s, self._hub.postbox, self.truth)
         calls = VehicleCalls(self._config.system_id, feed, self._speed)
-        self._parts = _Parts(system, feed, calls, Action(system), Offboard(system))
+        self._parts = LinkParts(system, feed, calls, Action(system), Offboard(system))
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
@@ -269,7 +275,7 @@ class MavsdkLink:
             await asyncio.to_thread(parts.destroy)
             await self._hub.release(self._config.url, self._config.system_id)
 
-    def _connected(self) -> "_Parts":
+    def _connected(self) -> LinkParts:
         if self._parts is None:
             raise VehicleRefusedError(f"vehicle {self._config.system_id} is not connected", "connect first")
         return self._parts
@@ -382,19 +388,3 @@ class MavsdkLink:
         if self._config.frame.is_local:
             return None if feed.status.restarts else self._config.origin_m
         return await find_origin(calls, feed, self._config.frame, timeout_s)
-
-
-class _Parts(NamedTuple):
-    """The MAVSDK objects of a connected link."""
-
-    system: Any
-    feed: VehicleFeed
-    calls: VehicleCalls
-    action: Any
-    offboard: Any
-
-    def destroy(self) -> None:
-        """Destroy MAVSDK's plugins; blocks until running callbacks have returned."""
-        self.offboard.destroy()
-        self.action.destroy()
-        self.feed.close()

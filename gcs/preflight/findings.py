@@ -88,8 +88,8 @@ class VehicleFacts:
     know its place. `failed_checks` are its status texts about these. Positions are in the mission frame [m], rates are
     in the autopilot's own time, `clock_ratio` is how many times faster than the wall that runs. `firmware` is a
     version, empty where it tells none. A parameter that could not be read is None, so are `estimator` and
-    `fence_areas`. `link` is what arrived with its system id, from it
-    and from others. Raises ValueError for numbers that are not finite.
+    `fence_areas`. `link` is what arrived with its system id, from it and from others; `link_bytes_s` what comes a
+    second on its connection, from all vehicles there. Raises ValueError for numbers that are not finite.
     """
 
     vehicle_id: int
@@ -112,6 +112,7 @@ class VehicleFacts:
     parameters: Mapping[str, float | None] = field(default_factory=dict)
     fence_areas: tuple[FenceArea, ...] | None = ()
     link: LinkReport = field(default_factory=LinkReport)
+    link_bytes_s: float | None = None
 
     def __post_init__(self) -> None:
         numbers = [self.telemetry_rate_hz or 0.0, self.telemetry_rate_asked_hz, self.clock_ratio or 0.0]

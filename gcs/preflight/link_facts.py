@@ -35,6 +35,7 @@ HEARTBEAT_TIMEOUT_S = 5.0
 ORIGIN_TIMEOUT_S = 5.0
 STATUS_TIMEOUT_S = 4.0
 LISTENING_S = 1.5
+TRAFFIC_S = 2.0
 PARAMETERS_TIMEOUT_S = 3.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter times of the preflight check in `fly`, whose links are connected already."""
@@ -53,14 +54,38 @@ async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_
     """
     keys, paces = signing_keys(mission), link_paces(mission)
     hub = MavsdkHub()
+    connections = {url: _Connection(hub, url, pace) for url, pace in paces.items()}
     try:
         queries = (
-            _facts(hub, mission, vehicle, paces[vehicle.section.url], keys.get(vehicle.system_id), heartbeat_timeout_s)
+            _facts(connections[vehicle.section.url], mission, vehicle, keys.get(vehicle.system_id), heartbeat_timeout_s)
             for vehicle in mission.vehicles
         )
         return tuple(await asyncio.gather(*queries))
     finally:
         await hub.close()
+
+
+class _Connection:
+    """One connection and the queries of its vehicles."""
+
+    def __init__(self, hub: MavsdkHub, url: str, pace: Pace) -> None:
+        self.hub, self.pace = hub, pace
+        self._url = url
+        self._quiet = asyncio.Barrier(pace.vehicles)
+
+    async def came_bytes_s(self) -> float | None:
+        """Return what comes from all vehicles once all queries are answered; None where no one asks how much that is.
+
+        Every vehicle's query has to wait for this, also one that was not answered.
+        """
+        if self.pace.capacity_bytes_s is None:
+            return None
+        await self._quiet.wait()
+        before, began_s = self.hub.traffic(self._url), time.monotonic()
+        await asyncio.sleep(TRAFFIC_S)
+        down_bytes = self.hub.traffic(self._url).down_bytes - before.down_bytes
+        await self._quiet.wait()  # the first to leave may close the connection
+        return down_bytes / (time.monotonic() - began_s)
 
 
 class CheckedLink(MavsdkLink):
@@ -81,17 +106,18 @@ class CheckedLink(MavsdkLink):
 
 
 async def _facts(
-    hub: MavsdkHub,
+    connection: _Connection,
     mission: Mission,
     vehicle: MissionVehicle,
-    pace: Pace,
     signing_key: bytes | None,
     timeout_s: float,
 ) -> VehicleFacts:
+    hub, pace = connection.hub, connection.pace
     url, system_id, frame = vehicle.section.url, vehicle.system_id, mission.mission_frame()
     try:
         system = await hub.find(url, system_id, timeout_s, signing_key=signing_key)
     except VehicleRefusedError as refusal:
+        await connection.came_bytes_s()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     feed = VehicleFeed(system, frame, time.monotonic, hub.postbox)
     calls = VehicleCalls(system_id, feed, speed=1.0)
@@ -103,7 +129,8 @@ async def _facts(
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)
         facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
-        return replace(facts, link=hub.report(system_id))
+        came_bytes_s = await connection.came_bytes_s()
+        return replace(facts, link=hub.report(system_id), link_bytes_s=came_bytes_s)
     finally:
         await calls.close()
         await asyncio.to_thread(feed.close)

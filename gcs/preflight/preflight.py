@@ -7,6 +7,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.estimator import estimator
 from gcs.preflight.fence import fence_areas
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
+from gcs.preflight.link_budget import link_budget
 from gcs.preflight.mission import autopilot_limits, feasibility
 from gcs.preflight.parameters import JUDGES, failsafes, fence, station
 from gcs.preflight.profile import profile
@@ -46,7 +47,7 @@ def preflight(
 
     Without `today` no profile is too old. `stubs` are the vehicles that a flight brings along.
     """
-    findings = [*feasibility(mission, stubs=stubs), *together(mission, team)]
+    findings = [*feasibility(mission, stubs=stubs), *link_budget(mission, team), *together(mission, team)]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))

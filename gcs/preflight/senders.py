@@ -10,8 +10,22 @@ def senders(facts: VehicleFacts) -> Iterator[Finding]:
     """Check whether the link is signed, and that no other sender uses the vehicle's system id."""
     if facts.link.signed:
         yield Finding(Grade.PASS, facts.subject, "signing", "its messages and cordon's are signed")
+    if facts.link.doubled:
+        yield _doubled(facts)
     if facts.link.impostors:
         yield impostor(facts.subject, facts.link)
+
+
+def _doubled(facts: VehicleFacts) -> Finding:
+    return Finding(
+        Grade.REFUSE,
+        facts.subject,
+        "doubled",
+        f"several vehicles send with its system id on {facts.link.address}: the numbers of its messages go forth and "
+        "back",
+        "each command would go to all of them",
+        "give every vehicle a system id of its own (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), one after the other",
+    )
 
 
 def impostor(subject: str, link: LinkReport) -> Finding:

@@ -13,6 +13,7 @@ from agents.tactics import diagram
 from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
+from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
 from tests.structure import PACKAGES
@@ -21,6 +22,7 @@ from tests.support.paths import DOCS, ROOT
 _TABLES: dict[str, type[Settings]] = {
     **{f"[{name}]": model for name, model in SECTIONS.items()},
     "[network.security]": SecuritySection,
+    "[links.NAME]": SharedLinkSection,
     "[target.sensor]": SensorSection,
     "[[target.legs]]": LegSection,
     "[[vehicles]]": VehicleSection,

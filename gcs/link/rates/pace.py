@@ -37,7 +37,7 @@ class Pace:
         self.capacity_bytes_s = capacity_bytes_s
         self.is_bound = automatic or limits_setpoints or capacity_bytes_s is not None
         """Whether what is sent has to wait for its turn."""
-        self.vehicles, self._signed, self._automatic = vehicles, signed, automatic
+        self.vehicles, self.signed, self._automatic = vehicles, signed, automatic
         self._rungs = ladder(full) if automatic else (full,)
         self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)
         self._at = self._first
@@ -53,7 +53,7 @@ class Pace:
     @property
     def load(self) -> Load:
         """What the connection is asked to carry at these rates."""
-        return load(self.rates, self.vehicles, signed=self._signed)
+        return load(self.rates, self.vehicles, signed=self.signed)
 
     @property
     def up_bytes_s(self) -> float | None:

@@ -21,6 +21,15 @@ class Rates:
     setpoint_hz: float
     clock_hz: float = 10.0
 
+    def changed_from(self, before: "Rates") -> str:
+        """Return what changed, as text."""
+        pairs = (
+            ("motion", before.telemetry_hz, self.telemetry_hz),
+            ("status", before.status_hz, self.status_hz),
+            ("setpoints", before.setpoint_hz, self.setpoint_hz),
+        )
+        return ", ".join(f"{name} {old:.3g} to {new:.3g} Hz" for name, old, new in pairs if old != new)
+
 
 def ladder(full: Rates) -> tuple[Rates, ...]:
     """Return the rates from `full` down to the least, in the order in which control degrades.

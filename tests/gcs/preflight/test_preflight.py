@@ -1,6 +1,7 @@
 """The preflight's checks, from facts built by hand: each finding at its threshold, and the words of the grave ones."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from io import StringIO
@@ -13,6 +14,7 @@ from rich.console import Console
 from agents.ports import FlightMode, VehicleStatus
 from gcs.errors import Exit
 from gcs.link.estimator_report import EstimatorReport
+from gcs.link.relay.gate import LinkReport
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import AutopilotKind, FenceArea, Finding, GpsFix, Grade, VehicleFacts
@@ -581,3 +583,48 @@ def test_areas_of_a_fence_that_does_not_act_are_none(subtests: pytest.Subtests) 
 def test_an_area_is_a_polygon_of_finite_corners() -> None:
     with pytest.raises(ValueError, match="three corners"):
         FenceArea(((0.0, 0.0), (1.0, 0.0)), True)
+
+
+SERIAL = "serial:///dev/ttyUSB0:%d"
+
+
+def on_one_line(baud: int, came_bytes_s: float | None = None) -> dict[str, Finding]:
+    """What is found of the connection, with all vehicles of case 2 on one serial line."""
+    vehicles = tuple(
+        replace(each, section=each.section.model_copy(update={"url": SERIAL % baud})) for each in CASE2.vehicles
+    )
+    found = preflight(replace(CASE2, vehicles=vehicles), [well(i, link_bytes_s=came_bytes_s) for i in CASE2.ids])
+    return {each.check: each for each in found if each.check.startswith("link ")}
+
+
+@pytest.mark.parametrize(
+    ("baud", "grade"), [(921600, Grade.PASS), (115200, Grade.PASS), (76800, Grade.WARNING), (57600, Grade.REFUSE)]
+)
+def test_what_a_line_is_asked_for_is_held_against_its_rate(baud: int, grade: Grade) -> None:
+    budget = on_one_line(baud)["link budget"]
+    assert budget.grade is grade
+    assert f"of the {baud / 10:.0f} bytes a second" in budget.found
+
+
+def test_rates_that_fit_are_named_and_fit() -> None:
+    step = on_one_line(57600)["link budget"].next_step
+    rates = [float(number) for number in re.findall(r"_hz = ([0-9.]+)", step)]
+    telemetry_hz, status_hz, setpoint_hz = rates
+    # Bytes of the messages as MAVLink 2 has them: 40 for motion, 97 and half of 330 for status, 65 for setpoints.
+    asked = 3 * (40 * telemetry_hz + (97 + 165) * status_hz + 65 * setpoint_hz + 21) + 21
+    assert 0.6 * 5760 < asked <= 0.7 * 5760
+
+
+def test_a_line_that_is_too_slow_at_any_rate_is_told_so() -> None:
+    assert "faster radio" in on_one_line(9600)["link budget"].next_step
+
+
+@pytest.mark.parametrize(("came_bytes_s", "grade"), [(2500.0, Grade.PASS), (7000.0, Grade.WARNING)])
+def test_streams_that_were_not_asked_for_are_noticed(came_bytes_s: float, grade: Grade) -> None:
+    traffic = on_one_line(115200, came_bytes_s)["link traffic"]
+    assert traffic.grade is grade
+    assert f"{came_bytes_s:.0f} bytes a second come" in traffic.found
+
+
+def test_a_vehicle_whose_id_is_doubled_on_its_line_is_refused() -> None:
+    assert grave(team(link=LinkReport("/dev/ttyUSB0:57600", doubled=True))) == [("refuse", "vehicle 2", "doubled")]

@@ -25,7 +25,7 @@ from agents.team.participant import vehicle
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.watch import WatchView, watch
-from gcs.link.claims import flight_claims
+from gcs.link.ports.claims import flight_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT

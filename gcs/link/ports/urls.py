@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from agents.ports import VehicleRefusedError
-from gcs.link.holders import port_holder
+from gcs.link.ports.holders import port_holder
 
 CONNECT_TIMEOUT_S = 3.0
 SERIAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "tty.usb*")

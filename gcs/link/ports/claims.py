@@ -17,8 +17,8 @@ from secrets import token_hex
 from urllib.parse import urlsplit
 
 from agents.ports import VehicleRefusedError
-from gcs.link.holders import abstract_sockets, described, port_holder, process_holding
-from gcs.link.urls import require_usable
+from gcs.link.ports.holders import abstract_sockets, described, port_holder, process_holding
+from gcs.link.ports.urls import require_usable
 from gcs.mission.mission import Mission, MissionVehicle
 
 _FLIGHT = "cordon/flight/"

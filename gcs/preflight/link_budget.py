@@ -1,0 +1,74 @@
+"""Findings on what each connection is asked to carry, against what it carries."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from gcs.link.config import link_paces
+from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
+from gcs.link.rates.pace import Pace
+from gcs.link.rates.rates import SETPOINT_MIN_HZ, Rates, ladder
+from gcs.mission.mission import Mission
+from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
+
+UNASKED_SHARE = 1.5
+"""More than this share of what was asked for shows streams that were not."""
+
+
+def link_budget(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:
+    """Compare bytes asked for with bytes carried, of each connection whose capacity is known."""
+    measured = _measured_bytes_s(mission, team)
+    for url, pace in sorted(link_paces(mission).items()):
+        if pace.capacity_bytes_s is not None:
+            yield _fits(url, pace, pace.capacity_bytes_s)
+            if (came_bytes_s := measured.get(url)) is not None:
+                yield _came(url, pace.load, came_bytes_s)
+
+
+def _fits(url: str, pace: Pace, capacity_bytes_s: float) -> Finding:
+    asked_bytes_s = pace.load.bytes_s
+    return Finding.graded(
+        limited(asked_bytes_s, capacity_bytes_s, LOAD_SHARE),
+        MISSION,
+        "link budget",
+        f"{url}: {pace.vehicles} vehicle{'s' if pace.vehicles > 1 else ''} take {asked_bytes_s:.0f} of the "
+        f"{capacity_bytes_s:.0f} bytes a second that it carries ({asked_bytes_s / capacity_bytes_s:.0%}) with "
+        f"{_shown(pace.rates)}",
+        f"setpoints grow old, and commands wait, where more than {LOAD_SHARE:.0%} is asked for",
+        _step(pace, capacity_bytes_s),
+    )
+
+
+def _step(pace: Pace, capacity_bytes_s: float) -> str:
+    rungs = ladder(pace.rates)
+    rates = rungs[fitting(rungs, pace.vehicles, capacity_bytes_s, signed=pace.signed)]
+    least = load(rates, pace.vehicles, signed=pace.signed)
+    if least.bytes_s > LOAD_SHARE * capacity_bytes_s:
+        return (
+            f"the least rates take {least.bytes_s:.0f} bytes a second (setpoints {SETPOINT_MIN_HZ:g} times): use a "
+            "faster radio, or fewer vehicles on it"
+        )
+    return f'set [link] to {_shown(rates)}, or rates = "auto"'
+
+
+def _shown(rates: Rates) -> str:
+    return (
+        f"telemetry_rate_hz = {rates.telemetry_hz:.3g}, status_rate_hz = {rates.status_hz:.3g}, "
+        f"setpoint_rate_hz = {rates.setpoint_hz:.3g}"
+    )
+
+
+def _came(url: str, asked: Load, came_bytes_s: float) -> Finding:
+    share = came_bytes_s / asked.down_bytes_s
+    return Finding.graded(
+        Grade.WARNING if share > UNASKED_SHARE else Grade.PASS,
+        MISSION,
+        "link traffic",
+        f"{url}: {came_bytes_s:.0f} bytes a second come from the vehicles; {asked.down_bytes_s:.0f} were asked for",
+        "what was not asked for takes the room of setpoints and commands",
+        "stop other streams on that port (PX4: MAV_0_MODE, mavlink -m minimal; ArduPilot: SR1_* = 0)",
+    )
+
+
+def _measured_bytes_s(mission: Mission, team: Sequence[VehicleFacts]) -> Mapping[str, float]:
+    """Return what came on each connection, of which its vehicles know the sum."""
+    urls = {vehicle.id: vehicle.section.url for vehicle in mission.vehicles}
+    return {urls[facts.vehicle_id]: facts.link_bytes_s for facts in team if facts.link_bytes_s is not None}
