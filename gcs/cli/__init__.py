@@ -14,11 +14,8 @@ from gcs.errors import Exit, InputError
 
 OF_A_TEAM = ("command", "station", "target", "watch")
 """The verbs for a team that flies already."""
-VERBS = tuple(
-    sorted(
-        ("check", "drill", "excite", "fly", "identify", "keys", "log", "replay", "report", "sim", "sitl", *OF_A_TEAM)
-    )
-)
+OF_A_FLIGHT = ("check", "drill", "excite", "fly", "relay", "sim", "sitl")
+VERBS = tuple(sorted((*OF_A_FLIGHT, *OF_A_TEAM, "identify", "keys", "log", "replay", "report")))
 
 app = App(
     name="cordon",

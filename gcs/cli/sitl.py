@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -17,22 +18,39 @@ class SitlOptions:
 
     mission: MissionName = field(kw_only=False)
     speed: Speed = None
+    radio: Annotated[
+        str | None,
+        Parameter(help="Put an emulated radio between the vehicles and their urls, as `cordon relay` takes it."),
+    ] = None
 
 
 def sitl(options: SitlOptions) -> Exit:
     """Serve a mission's stub vehicles alone, for `cordon fly`, QGroundControl or any MAVLink client; Ctrl-C ends it.
 
     Example: cordon sitl case2 --speed 5
+
+    Example: cordon sitl case2 --radio baud=57600,latency_ms=60,loss=0.02
     """
     hold_back()
+    from contextlib import ExitStack
+
     from agents.ports import VehicleRefusedError
     from gcs.console.terminal import STDERR, print_problem
     from gcs.flight.stubs import serve_until_ctrl_c, stub_configs
     from gcs.link.ports.claims import stub_claims
+    from gcs.radio.mission_radio import free_ports, mission_radio
+    from gcs.radio.options import radio_spec
+    from gcs.radio.serving import running_beside
 
-    configs, speed = stub_configs(loaded_mission(options.mission)), options.speed or 1.0
+    mission, speed = loaded_mission(options.mission), options.speed or 1.0
+    spec = None if options.radio is None else radio_spec(options.radio)
+    ports = None if spec is None else free_ports(mission)
+    configs = stub_configs(mission, ports)
     try:
-        with stub_claims([config.client_port for config in configs]):
+        with ExitStack() as stack:
+            stack.enter_context(stub_claims(sorted({config.client_port for config in configs})))
+            if spec is not None and ports is not None:
+                stack.enter_context(running_beside(mission_radio(spec, mission, ports)))
             for config in configs:
                 place = f"{config.client_host}:{config.client_port}"
                 STDERR.print(f"vehicle {config.vehicle_id}: MAVLink to udp {place}", highlight=False)

@@ -41,21 +41,18 @@ def station_timeout_s(speed: float) -> float:
     return max(STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S * speed)
 
 
-def stub_configs(mission: Mission) -> list[StubConfig]:
-    """Return one stub for each vehicle, on the ground at its start; raises InputError for a url no stub can serve."""
-    faults = [
-        f"vehicles[{index}].url: a stub serves urls like udpin://127.0.0.1:14540 (given: {vehicle.section.url!r})"
-        for index, vehicle in enumerate(mission.vehicles)
-        if urlsplit(vehicle.section.url).scheme != "udpin"
-    ]
-    if faults:
-        raise InputError(faults)
+def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> list[StubConfig]:
+    """Return one stub for each vehicle, on the ground at its start.
+
+    It sends to the port of its url, or to that of its id in `ports`; raises InputError for a url no stub can serve.
+    """
+    ports = _url_ports(mission) if ports is None else ports
     simulation = mission.simulation
     noise = EstimatorNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
     return [
         StubConfig(
             vehicle_id=vehicle.system_id,
-            client_port=urlsplit(vehicle.section.url).port or 0,
+            client_port=ports[vehicle.id],
             plant=vehicle.true_plant,
             frame=mission.mission_frame(),
             start_position_m=vehicle.section.start_m,
@@ -68,6 +65,17 @@ def stub_configs(mission: Mission) -> list[StubConfig]:
         )
         for vehicle in mission.vehicles
     ]
+
+
+def _url_ports(mission: Mission) -> dict[int, int]:
+    faults = [
+        f"vehicles[{index}].url: a stub serves urls like udpin://127.0.0.1:14540 (given: {vehicle.section.url!r})"
+        for index, vehicle in enumerate(mission.vehicles)
+        if urlsplit(vehicle.section.url).scheme != "udpin"
+    ]
+    if faults:
+        raise InputError(faults)
+    return {vehicle.id: urlsplit(vehicle.section.url).port or 0 for vehicle in mission.vehicles}
 
 
 def prepared_configs(mission: Mission, speed: float) -> list[StubConfig]:

@@ -20,8 +20,10 @@ COMMANDS = frozenset({11, 75, 76})
 _TARGET_AT = {SETPOINT: 50, 11: 4, 75: 30, 76: 30}
 """Where in the payload the addressed system stands."""
 RADIO_STATUS, _BUFFER_FREE_AT = 109, 6
+RADIO_SYSTEM, RADIO_COMPONENT = 51, 68
+"""As SiK radios have them."""
 CRC_START, CRC_POLYNOMIAL_REVERSED = 0xFFFF, 0x8408
-HEARTBEAT_CRC_EXTRA = 50
+HEARTBEAT_CRC_EXTRA, RADIO_STATUS_CRC_EXTRA = 50, 185
 
 
 class Header(NamedTuple):
@@ -77,9 +79,22 @@ def station_heartbeat(sequence: int) -> bytes:
     """Return the heartbeat of a ground station."""
     kind, autopilot, version = 6, 8, 3
     payload = bytes((0, 0, 0, 0, kind, autopilot, 0, 0, version))
-    head = bytes((len(payload), 0, 0, sequence % 256, STATION_SYSTEM, STATION_COMPONENT, HEARTBEAT, 0, 0))
+    return _frame(Header(STATION_SYSTEM, STATION_COMPONENT, HEARTBEAT), sequence, payload, HEARTBEAT_CRC_EXTRA)
+
+
+def radio_status(sequence: int, buffer_free: float) -> bytes:
+    """Return the RADIO_STATUS of a radio with a free share of its transmit buffer."""
+    strength, noise = 200, 40
+    errors = bytes(4)
+    payload = errors + bytes((strength, strength, round(100.0 * buffer_free), noise, noise))
+    return _frame(Header(RADIO_SYSTEM, RADIO_COMPONENT, RADIO_STATUS), sequence, payload, RADIO_STATUS_CRC_EXTRA)
+
+
+def _frame(sender: Header, sequence: int, payload: bytes, crc_extra: int) -> bytes:
+    """Return a MAVLink 2 frame; the last byte of its payload is not 0."""
+    head = bytes((len(payload), 0, 0, sequence % 256, *sender, 0, 0))
     crc = CRC_START
-    for byte in (*head, *payload, HEARTBEAT_CRC_EXTRA):
+    for byte in (*head, *payload, crc_extra):
         crc = crc_step(crc ^ byte)
     return _MAGIC_V2 + head + payload + crc.to_bytes(CHECKSUM_LENGTH, "little")
 

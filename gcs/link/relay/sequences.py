@@ -1,7 +1,7 @@
 """The sequence numbers of a vehicle's frames: how many were lost, and whether one sender alone counts them."""
 
 DOUBLED_MIN, DOUBLED_SHARE = 5, 0.1
-"""Steps backwards that show two senders: a restart is one, and networks swap few frames."""
+"""Steps that are not forwards show two senders: a restart is one, and networks swap and double few frames."""
 
 
 class Sequences:
@@ -23,7 +23,7 @@ class Sequences:
         self.received += 1
         step = (number - self._last.get(component, number - 1)) % 256
         self._last[component] = number
-        if step < 128:
-            self.missed += step - 1 if step else 0
+        if 0 < step < 128:
+            self.missed += step - 1
         else:
             self._back += 1

@@ -125,11 +125,12 @@ def test_one_sender_counts_on_and_gaps_are_what_was_lost() -> None:
     assert (one.received, one.missed, one.is_doubled) == (18, 3, False)
 
 
-def test_two_senders_with_one_id_count_forth_and_back() -> None:
+@pytest.mark.parametrize("apart", [0, 1, 100, 200])
+def test_two_senders_with_one_id_count_forth_and_back(apart: int) -> None:
     two = Sequences()
     for number in range(20):
         two.take(1, number)
-        two.take(1, 100 + number)
+        two.take(1, (apart + number) % 256)
     assert two.is_doubled
 
 

@@ -1,0 +1,68 @@
+"""`cordon relay`: an emulated radio in front of any simulator."""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from gcs.cli.options import Json
+from gcs.errors import Exit
+
+Radio = Annotated[
+    str,
+    Parameter(
+        help="The radio: baud=57600, latency_ms=60, jitter_ms=30, loss=0.02, burst=3, noise=0.001, shared, "
+        "buffer_bytes=2048, seed=1; several with commas between them.",
+    ),
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelayOptions:
+    """What `cordon relay` is given."""
+
+    station: Annotated[
+        str,
+        Parameter(help="Where cordon is: udpout://127.0.0.1:14540, or pty:PATH for a serial device that it opens."),
+    ] = field(kw_only=False)
+    vehicles: Annotated[
+        tuple[str, ...],
+        Parameter(help="Where each vehicle is: udpin://127.0.0.1:14640, or pty:PATH.", negative=""),
+    ] = field(kw_only=False)
+    radio: Radio
+    json: Json = False
+
+
+def relay(options: RelayOptions) -> Exit:
+    """Carry MAVLink between a station and vehicles as a radio would: slowly, late and with losses. Ctrl-C ends it.
+
+    Places are urls as in a mission, or pty:PATH, which makes a serial device PATH for one program to open.
+
+    Example: cordon relay udpout://127.0.0.1:14540 udpin://127.0.0.1:14640 --radio baud=57600,latency_ms=60,loss=0.02
+
+    Example: cordon relay pty:/tmp/station pty:/tmp/px4-0 pty:/tmp/px4-1 --radio baud=115200,shared
+    """
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_problem
+    from gcs.errors import InputError
+    from gcs.radio.emulation import Emulation
+    from gcs.radio.options import radio_spec
+    from gcs.radio.serving import serve_until_ctrl_c
+    from gcs.signals import hold_back
+
+    hold_back()
+    spec = radio_spec(options.radio)
+    if not options.vehicles:
+        raise InputError(["vehicles: a radio needs at least one"])
+    try:
+        emulation = Emulation(spec, options.station, options.vehicles)
+    except ValueError as error:
+        raise InputError([f"{options.station} {' '.join(options.vehicles)}: {error}"]) from error
+    except OSError as error:
+        print_problem(f"the radio did not start: {error}", "end what uses that place, or name another one")
+        return Exit.REFUSED
+    counts = serve_until_ctrl_c([emulation])
+    if options.json:
+        print_result(counts)
+    return Exit.HOLDS

@@ -1,0 +1,1 @@
+"""An emulated radio between a station and its vehicles, over sockets and serial lines."""

@@ -1,0 +1,46 @@
+"""What an emulated radio carries, for people and for scripts."""
+
+import json
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from gcs.radio.emulation import Emulation
+from sitl.radio.channel import Counts
+
+
+def counts_json(emulations: Sequence[Emulation], duration_s: float) -> str:
+    """Return the counts of both ways as one JSON object."""
+    counts = {
+        "duration_s": duration_s,
+        "up": [_json(counts) for each in emulations for counts in each.up],
+        "down": [_json(counts) for each in emulations for counts in each.down],
+    }
+    return json.dumps(counts)
+
+
+def _json(counts: Counts) -> dict[str, int]:
+    return {
+        "frames": counts.sent_frames,
+        "bytes": counts.sent_bytes,
+        "lost": counts.lost_frames,
+        "dropped": counts.dropped_frames,
+    }
+
+
+def counts_table(emulations: Sequence[Emulation], duration_s: float) -> Table:
+    """Return the counts of both ways, and the bytes a second since the start."""
+    table = Table(title="radio", title_style="bold")
+    for column in ("way", "place"):
+        table.add_column(column, overflow="fold")
+    for column in ("frames", "bytes/s", "lost", "no room"):
+        table.add_column(column, justify="right")
+    rows = [("to", place, counts) for each in emulations for place, counts in zip(each.groups, each.up, strict=True)]
+    rows += [
+        ("from", place, counts) for each in emulations for place, counts in zip(each.places, each.down, strict=True)
+    ]
+    for way, place, counts in rows:
+        rate = counts.sent_bytes / duration_s if duration_s else 0.0
+        numbers = (counts.sent_frames, round(rate), counts.lost_frames, counts.dropped_frames)
+        table.add_row(way, place, *map(str, numbers))
+    return table

@@ -1,0 +1,173 @@
+"""Vehicles behind emulated radios: serial lines that are pseudo terminals, and one line for several vehicles."""
+
+import asyncio
+import json
+import os
+import re
+import select
+import signal
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from threading import Event, Thread
+
+import pytest
+
+from agents.ports import Setpoint
+from estimation.frames import Geodetic, MissionFrame
+from estimation.plant.model import Plant, PlantAxis
+from estimation.state import Telemetry
+from gcs.link.config import LinkConfig
+from gcs.link.hub import MavsdkHub
+from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.rates.pace import Pace
+from gcs.link.rates.rates import Rates
+from gcs.link.relay.carriers import Carrier, open_carrier
+from gcs.link.relay.frames import FrameStream, station_heartbeat
+from gcs.radio.emulation import Emulation, run
+from sitl.radio.spec import RadioSpec
+from sitl.server.process import StubProcess
+from sitl.server.server import StubConfig
+from tests.support.wire import LOOPBACK, cordon, free_ports, until
+
+pytestmark = pytest.mark.wire
+
+PLANT = Plant(PlantAxis(0.8, 0.87), PlantAxis(0.8, 0.87))
+FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0))
+BAUD = 115200
+
+
+@contextmanager
+def emulated(spec: RadioSpec, station: str, *vehicles: str) -> Iterator[Emulation]:
+    """Run a radio in a thread."""
+    emulation, ended = Emulation(spec, station, vehicles), Event()
+    thread = Thread(target=run, args=([emulation], ended.is_set, lambda: None))
+    thread.start()
+    try:
+        yield emulation
+    finally:
+        ended.set()
+        thread.join()
+        emulation.close()
+
+
+def received(carrier: Carrier, sent: list[bytes], within_s: float) -> list[bytes]:
+    """Return which of the frames arrive; the radio's own do as well."""
+    stream, frames, end_s = FrameStream(), list[bytes](), time.monotonic() + within_s
+    while len(frames) < len(sent) and time.monotonic() < end_s:
+        select.select(carrier.watched(), (), (), 0.1)
+        for data, _ in carrier.receive():
+            frames += [frame for frame in stream.feed(data) if frame in sent]
+    return frames
+
+
+def test_bytes_go_through_serial_lines_both_ways_at_their_rate(tmp_path: Path) -> None:
+    station, vehicle = tmp_path / "station", tmp_path / "vehicle"
+    sent = [station_heartbeat(number) for number in range(60)]
+    with emulated(RadioSpec(baud=9600, latency_ms=50.0, buffer_bytes=4096), f"pty:{station}", f"pty:{vehicle}"):
+        ends = [open_carrier(f"serial://{path}:9600") for path in (station, vehicle)]
+        for here, there in (ends, ends[::-1]):
+            began_s = time.monotonic()
+            assert here.known is not None
+            assert all(here.send(frame, here.known) for frame in sent)
+            assert received(there, sent, 10.0) == sent
+            took_s = time.monotonic() - began_s
+            assert took_s == pytest.approx(len(b"".join(sent)) * 10 / 9600 + 0.05, abs=0.15)
+        for end in ends:
+            end.close()
+    assert not station.exists()
+    assert not station.is_symlink()
+
+
+def test_a_place_that_is_taken_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(FileExistsError):
+        Emulation(RadioSpec(), f"pty:{tmp_path}/file", ["udpin://127.0.0.1:0"])
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@asynccontextmanager
+async def on_one_line(
+    place: Path, spec: RadioSpec, pace: Pace, *system_ids: int
+) -> AsyncIterator[tuple[list[MavsdkLink], list[list[Telemetry]], Emulation]]:
+    """Serve stubs on one serial line, and connect to all of them."""
+    ports = free_ports(len(system_ids))
+    stubs = StubProcess([StubConfig(i, port, PLANT, FRAME) for i, port in zip(system_ids, ports, strict=True)], 1.0)
+    stubs.start()
+    hub, told = MavsdkHub(), [list[Telemetry]() for _ in system_ids]
+    url = f"serial://{place}:{BAUD}"
+    try:
+        with emulated(spec, f"pty:{place}", *(f"udpin://{LOOPBACK}:{port}" for port in ports)) as radio:
+            links = [
+                MavsdkLink(hub, LinkConfig(url, i, FRAME, pace), time.monotonic) for i in dict.fromkeys(system_ids)
+            ]
+            await asyncio.gather(*(link.connect(each.append) for link, each in zip(links, told, strict=False)))
+            yield links, told, radio
+            for link in links:
+                await link.close()
+    finally:
+        await hub.close()
+        stubs.stop()
+
+
+async def test_three_vehicles_share_a_line_at_the_rates_and_bytes_that_were_planned(tmp_path: Path) -> None:
+    spec = RadioSpec(baud=BAUD, latency_ms=60.0, loss=0.02, shared=True)
+    pace = Pace(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3, BAUD / 10.0)
+    async with on_one_line(tmp_path / "line", spec, pace, 1, 2, 3) as (links, told, radio):
+        before = [counts.sent_bytes for counts in (*radio.up, *radio.down)]
+        for each in told:
+            each.clear()
+        began_s = time.monotonic()
+        while (took_s := time.monotonic() - began_s) < 6.0:
+            for link in links:
+                link.send(Setpoint((0.0, 0.0, 5.0 + 0.01 * took_s)))
+            await asyncio.sleep(0.02)  # more often than the setpoint rate
+        up, *down = (
+            (counts.sent_bytes - earlier) / took_s
+            for counts, earlier in zip((*radio.up, *radio.down), before, strict=True)
+        )
+        assert up == pytest.approx(pace.load.up_bytes_s, rel=0.1)
+        assert sum(down) == pytest.approx(pace.load.down_bytes_s, rel=0.1)
+        for each in told:
+            assert len(each) / took_s == pytest.approx(10.0 * 0.98, rel=0.1)
+        assert not any(link.report.doubled for link in links)
+
+
+async def test_two_vehicles_with_one_id_on_one_line_are_noticed(tmp_path: Path) -> None:
+    pace = Pace(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 2, BAUD / 10.0)
+    async with on_one_line(tmp_path / "line", RadioSpec(baud=BAUD), pace, 1, 1) as ((link,), _, _):
+        await until(lambda: link.report.doubled)
+
+
+def test_the_command_counts_until_ctrl_c_and_removes_its_devices(tmp_path: Path) -> None:
+    station, vehicle = tmp_path / "station", tmp_path / "vehicle"
+    with cordon("relay", f"pty:{station}", f"pty:{vehicle}", "--radio", "latency_ms=5", "--json") as relay:
+        end_s = time.monotonic() + 10.0
+        while not vehicle.exists() and time.monotonic() < end_s:
+            time.sleep(0.05)
+        descriptor = os.open(station, os.O_RDWR | os.O_NOCTTY)
+        os.write(descriptor, station_heartbeat(1))
+        time.sleep(0.3)
+        os.close(descriptor)
+        relay.send_signal(signal.SIGINT)
+        out, err = relay.communicate(timeout=10.0)
+    assert relay.returncode == 0
+    assert json.loads(out)["up"] == [{"frames": 1, "bytes": 21, "lost": 0, "dropped": 0}]
+    assert re.findall(r"│ (to|from) ", err) == ["to", "from"]
+    assert not station.is_symlink()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault", "code"),
+    [
+        (("pty:/tmp", "udpin://127.0.0.1:0", "--radio", "loss=0.1"), "the radio did not start", 3),
+        (("carrier-pigeon", "udpin://127.0.0.1:0", "--radio", "loss=0.1"), "carrier-pigeon", 2),
+        (("udpout://127.0.0.1:9", "udpin://127.0.0.1:0", "--radio", "loss=11"), "--radio.loss", 2),
+    ],
+)
+def test_bad_input_is_named(arguments: tuple[str, ...], fault: str, code: int) -> None:
+    with cordon("relay", *arguments) as relay:
+        _, err = relay.communicate(timeout=20.0)
+    assert fault in err
+    assert relay.returncode == code
