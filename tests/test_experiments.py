@@ -107,7 +107,7 @@ def test_the_walk_through_of_the_page_can_be_carried_out() -> None:
     fly, *others = (shlex.split(line.words) for line in lines if line.kind == "command")
     faults = [value for option, value in itertools.pairwise(fly) if option == "--fault"]
     mission = load_mission(fly[2])
-    assert len(scheduled_faults(faults, mission, mission.mission.duration_s)) == 3
+    assert len(scheduled_faults(faults, mission, mission.mission.duration_s, mission.ids)) == 3
     log = fly[fly.index("--log") + 1]
     assert [words[1:] for words in others] == [["station", log], ["report", log]]
 

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 
 from cyclopts import App, CycloptsError
 
+from gcs.cli.options import with_stubs
 from gcs.errors import Exit, InputError
 
 OF_A_TEAM = ("command", "station", "target", "watch")
@@ -30,9 +31,10 @@ for _verb in VERBS:
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    _load_summaries(sys.argv[1:])
+    tokens = with_stubs(sys.argv[1:])
+    _load_summaries(tokens)
     try:
-        command, bound, _ = app.parse_args(exit_on_error=False)
+        command, bound, _ = app.parse_args(tokens, exit_on_error=False)
     except CycloptsError:
         sys.exit(Exit.BAD_INPUT)
     try:

@@ -67,7 +67,7 @@ def _excite(options: ExciteOptions) -> Exit:
             print_result(dumps(preview_dict(mission, planned)))
         return Exit.HOLDS
     speed = options.speed or (1.0 if options.sitl else None)
-    plan = FlightPlan(mission, mission.mission.duration_s, mission.vehicles, options.sitl, speed)
+    plan = FlightPlan(mission, mission.mission.duration_s, mission.vehicles, speed, mission.ids if options.sitl else ())
 
     def judge(record: "FlightRecord") -> Exit:
         return _present(mission, planned, record, json=options.json)

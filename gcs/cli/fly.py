@@ -7,6 +7,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gcs.cli.options import (
+    ALL_STUBS,
     RESULT,
     Duration,
     Json,
@@ -21,6 +22,7 @@ from gcs.cli.options import (
     bus_mission,
     chosen_vehicle,
     require_station,
+    stub_ids,
 )
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
@@ -37,7 +39,10 @@ class FlyOptions:
     """What `cordon fly` is given."""
 
     mission: MissionName = field(kw_only=False)
-    sitl: Annotated[bool, Parameter(negative="", help="Start stub vehicles too: no hardware is needed.")] = False
+    sitl: Annotated[
+        str | None,
+        Parameter(help="Start stub vehicles too: all, no hardware is needed; or some, such as 2,3, beside the others."),
+    ] = None
     speed: Speed = None
     fault: Annotated[
         tuple[str, ...],
@@ -94,7 +99,8 @@ def fly(options: FlyOptions) -> int:
 
     Vehicles that have no position yet, or do not pass their arming checks, are waited for; Ctrl-C ends the wait.
 
-    With --sitl, --speed is an upper limit: a computer that does not hold it flies more slowly.
+    With --sitl, --speed is an upper limit: a computer that does not hold it flies more slowly. With --sitl 2,3 these
+    vehicles are stubs and the others are at their urls; all fly at the speed of the wall clock, or at --speed.
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 
@@ -122,7 +128,7 @@ def _supervise_beside_station(options: FlyOptions) -> int:
 
     address = () if options.station_address is None else ("--address", options.station_address)
     tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
-    sitl = ("--sitl",) if options.sitl else ()
+    sitl = ("--sitl",) if options.sitl == ALL_STUBS else ()
     with station_beside(["--mission", options.mission, *address, *tiles, *sitl]) as (line, failed):
         if failed is not None:
             return failed
@@ -139,9 +145,10 @@ def _fly(options: FlyOptions) -> Exit:
 
     check_plot(options.plot)
     mission = bus_mission(options.mission)
-    if options.sitl and options.only is not None:
+    stubs = () if options.sitl is None else stub_ids(options.sitl, mission)
+    if stubs and options.only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
-    if options.fault and not options.sitl:
+    if options.fault and not stubs:
         raise InputError(["--fault: it needs --sitl: no fault is injected into other vehicles"])
     only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
     duration_s = options.duration or mission.mission.duration_s
@@ -149,10 +156,10 @@ def _fly(options: FlyOptions) -> Exit:
         mission,
         duration_s,
         mission.vehicles if only is None else (only,),
-        options.sitl,
-        options.speed or (1.0 if options.sitl else None),
+        options.speed or (1.0 if stubs else None),
+        stubs,
         wait_s=options.wait,
-        faults=scheduled_faults(options.fault, mission, duration_s),
+        faults=scheduled_faults(options.fault, mission, duration_s, stubs),
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
 

@@ -1,5 +1,7 @@
 """Options that several verbs share, and how their values are looked up. Light: `--help` imports this file."""
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -52,6 +54,38 @@ Recorded = Annotated[
         help="Whether the flight is recorded. By default it is, in ~/.local/share/cordon/logs.",
     ),
 ]
+ALL_STUBS = "all"
+_IDS = re.compile(r"\d+(,\d+)*")
+
+
+def with_stubs(tokens: Sequence[str]) -> list[str]:
+    """Return a command line in which `--sitl` of `fly` has a value: the ids that follow it, or all vehicles.
+
+    No option of cyclopts takes a value or none, wherever it stands.
+    """
+    given = list(tokens)
+    if given[:1] != ["fly"] or "--sitl" not in given:
+        return given
+    at = given.index("--sitl")
+    ids = given[at + 1] if at + 1 < len(given) and _IDS.fullmatch(given[at + 1]) else None
+    return [*given[:at], f"--sitl={ids or ALL_STUBS}", *given[at + (1 if ids is None else 2) :]]
+
+
+def stub_ids(given: str, mission: "Mission") -> tuple[int, ...]:
+    """Return the vehicles that are to be stubs, by the value of `--sitl`; raises InputError for ids that cannot be."""
+    if given == ALL_STUBS:
+        return mission.ids
+    if not _IDS.fullmatch(given):
+        raise InputError([f"--sitl: {given!r} is not a list of vehicles like 2,3"])
+    ids = [int(each) for each in given.split(",")]
+    faults = [f"--sitl: the mission has no vehicle {each}" for each in ids if each not in mission.ids]
+    faults = [f"{fault} (it has {', '.join(map(str, mission.ids))})" for fault in faults]
+    faults += [f"--sitl: vehicle {each} is given twice" for each in sorted({*ids}) if ids.count(each) > 1]
+    if faults:
+        raise InputError(faults)
+    return tuple(ids)
+
+
 STATION_ADDRESS = "127.0.0.1:8766"
 Station = Annotated[
     bool,

@@ -55,7 +55,7 @@ class StubFlight(DrillFlight):
             self.stubs = {by_system[stub.config.vehicle_id]: stub for stub in stubs}
             ready.set()
 
-        configs = prepared_configs(self.mission, self.speed)
+        configs = prepared_configs(self.mission, self.mission.ids, self.speed)
         serving = asyncio.create_task(
             serve(configs, speed=self.speed, now_s=self._clock.now_s, stop=stop, on_ready=take)
         )

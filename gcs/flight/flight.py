@@ -56,7 +56,7 @@ async def fly(
 
     Ctrl-C makes every vehicle hold and land, a second one land at once.
     """
-    if plan.stubs and plan.speed is not None:
+    if plan.only_stubs and plan.speed is not None:
         plan = replace(plan, speed=_held_speed(plan, plan.speed, view))
     practice = Practice(plan.faults)
     if plan.faults:
@@ -83,10 +83,10 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.speed))
     # First of all: what stubs cannot serve is bad input, whatever else is in use.
-    flight_stubs = FlightStubs(plan.mission if plan.stubs else None, clock.speed)
+    flight_stubs = FlightStubs(plan.mission, plan.stubs, clock.speed)
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
-        claims = stack.enter_context(flight_claims(plan.mission, plan.vehicles, stubs=plan.stubs))
+        claims = stack.enter_context(flight_claims(plan.mission, plan.stubs))
         supervisor.relay(
             lambda: loop.call_soon_threadsafe(team.stop.ask, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )

@@ -19,16 +19,16 @@ from gcs.preflight.preflight import preflight
 class FlightPlan:
     """What to fly: mission, duration, vehicles, speed of time (None: measure it), and the agents' equipment.
 
-    `stubs` are started with the flight on request; `log` is the open log, None for a flight that is not recorded.
-    `wait_s` [wall s] is how long vehicles that are about to be ready are waited for on the ground. `faults` are those
-    that stubs are to have, by their times.
+    The vehicles with the ids `stubs` are stubs, which start with the flight; the others are at their urls. `log` is the
+    open log, None for a flight that is not recorded. `wait_s` [wall s] is how long vehicles that are about to be ready
+    are waited for on the ground. `faults` are those that stubs are to have, by their times.
     """
 
     mission: Mission
     duration_s: float
     vehicles: tuple[MissionVehicle, ...]
-    stubs: bool
     speed: float | None
+    stubs: tuple[int, ...] = ()
     equipment: Equipment | None = None
     log: LogProcess | None = None
     wait_s: float = 60.0
@@ -36,11 +36,18 @@ class FlightPlan:
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
-        return "sitl" if self.stubs or speed != 1.0 else "flight"
+        if self.only_stubs or speed != 1.0:
+            return "sitl"
+        return "hybrid" if self.stubs else "flight"
+
+    @property
+    def only_stubs(self) -> bool:
+        """Whether every vehicle is a stub."""
+        return {vehicle.id for vehicle in self.vehicles} == {*self.stubs}
 
     def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
         """Return what preflight finds in the mission and in the facts about its vehicles."""
-        return preflight(self.mission, facts, date.today(), stubs=self.stubs)
+        return preflight(self.mission, facts, date.today(), stubs=self.only_stubs)
 
     def run(self, speed: float) -> Run:
         """Return the log's record of the run that begins now."""

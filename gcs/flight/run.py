@@ -48,7 +48,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
     verdict = Exit.VERDICT_FAILED
     if flight.record is not None:
         verdict = judge(flight.record)
-        _warn_of_lateness(flight, flight.record, slower=plan.stubs and flight.speed > 1.0)
+        _warn_of_lateness(flight, flight.record, slower=plan.only_stubs and flight.speed > 1.0)
     report_log(log)
     return exit_code(flight.outcomes, verdict)
 

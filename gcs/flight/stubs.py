@@ -1,7 +1,7 @@
 """The mission's vehicles as stubs: those that `cordon sitl` serves and `cordon fly --sitl` starts."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
@@ -42,11 +42,11 @@ def station_timeout_s(speed: float) -> float:
 
 
 def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> list[StubConfig]:
-    """Return one stub for each vehicle, on the ground at its start.
+    """Return one stub for each vehicle, on the ground at its start; it sends to the port of its url.
 
-    It sends to the port of its url, or to that of its id in `ports`; raises InputError for a url no stub can serve.
+    With `ports`, by ids, these vehicles only, each to its port. Raises InputError for a url no stub can serve.
     """
-    ports = _url_ports(mission) if ports is None else ports
+    ports = url_ports(mission, mission.ids) if ports is None else ports
     simulation = mission.simulation
     noise = EstimatorNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
     return [
@@ -64,22 +64,25 @@ def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> li
             autopilot=AutopilotKind(vehicle.autopilot),
         )
         for vehicle in mission.vehicles
+        if vehicle.id in ports
     ]
 
 
-def _url_ports(mission: Mission) -> dict[int, int]:
+def url_ports(mission: Mission, ids: Collection[int]) -> dict[int, int]:
+    """Return the ports of the urls of these vehicles, by their ids; raises InputError for a url no stub can serve."""
+    stubs = [(index, vehicle) for index, vehicle in enumerate(mission.vehicles) if vehicle.id in ids]
     faults = [
         f"vehicles[{index}].url: a stub serves urls like udpin://127.0.0.1:14540 (given: {vehicle.section.url!r})"
-        for index, vehicle in enumerate(mission.vehicles)
+        for index, vehicle in stubs
         if urlsplit(vehicle.section.url).scheme != "udpin"
     ]
     if faults:
         raise InputError(faults)
-    return {vehicle.id: urlsplit(vehicle.section.url).port or 0 for vehicle in mission.vehicles}
+    return {vehicle.id: urlsplit(vehicle.section.url).port or 0 for _, vehicle in stubs}
 
 
-def prepared_configs(mission: Mission, speed: float) -> list[StubConfig]:
-    """Return the same stubs with failsafes and signing keys set as an operator should.
+def prepared_configs(mission: Mission, ids: Collection[int], speed: float) -> list[StubConfig]:
+    """Return the stubs of these vehicles with failsafes and signing keys set as an operator should.
 
     For flights that start their own vehicles, whose time passes `speed` times as fast as the wall's. Raises InputError
     when the keys cannot be read.
@@ -87,7 +90,7 @@ def prepared_configs(mission: Mission, speed: float) -> list[StubConfig]:
     keys = {i: SigningKey(key, wall_ticks()) for i, key in signing_keys(mission).items()}
     return [
         replace(config, parameters=_prepared(config.autopilot, speed), signing_key=keys.get(config.vehicle_id))
-        for config in stub_configs(mission)
+        for config in stub_configs(mission, url_ports(mission, ids))
     ]
 
 
@@ -113,9 +116,9 @@ async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> Non
 class FlightStubs:
     """The stub vehicles that a flight starts itself; their record is available once they have been stopped."""
 
-    def __init__(self, mission: Mission | None, speed: float) -> None:
-        """Prepare the mission's stubs, or none."""
-        self._process = None if mission is None else StubProcess(prepared_configs(mission, speed), speed)
+    def __init__(self, mission: Mission, ids: Collection[int], speed: float) -> None:
+        """Prepare the stubs of these vehicles, or none."""
+        self._process = StubProcess(prepared_configs(mission, ids, speed), speed) if ids else None
         self.record: StubRecord | None = None
 
     async def __aenter__(self) -> Self:

@@ -106,7 +106,7 @@ class Team:
             pace,
             vehicle.origin_m,
             signing_key=self.signing_keys.get(vehicle.system_id),
-            truth=not (self.plan.stubs or mission.frame.local),
+            truth=not (vehicle.id in self.plan.stubs or mission.frame.local),
         )
         link = CheckedLink(hub, config, clock.now_s, clock.speed)
         if link.truth is not None:
@@ -178,7 +178,7 @@ class Team:
             sum(loop.ticks for loop in loops),
             sum(loop.missed for loop in loops),
             wall_time_s,
-            self._received_truth() if stubs is None else stubs.tracks,
+            (*self._received_truth(), *(() if stubs is None else stubs.tracks)),
             endings=tuple(ending_of(vehicle_id, outcome) for vehicle_id, outcome in outcomes.items()),
             faults=tuple(fault.given for fault in self.plan.faults),
         )

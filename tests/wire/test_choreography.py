@@ -42,7 +42,7 @@ RETURN = ("[safety]", '[choreography]\nlayer_m = 3.0\nlanding = "return"\nlandin
 
 
 async def flown(mission: Mission, duration_s: float, findings: list[Finding]) -> Flight:
-    plan = FlightPlan(mission, duration_s, mission.vehicles, stubs=False, speed=SPEED)
+    plan = FlightPlan(mission, duration_s, mission.vehicles, speed=SPEED)
     return await fly(plan, LiveView(Console(file=StringIO())), findings.extend)
 
 
@@ -174,7 +174,7 @@ async def test_a_peer_whose_computer_has_another_time(
     mission = load_mission(mission_file("case2", INSECURE))
     one, _, three = mission.vehicles
     watched, told = Watched(monkeypatch), list[Finding]()
-    plan = FlightPlan(mission, 5.0, (one,), stubs=False, speed=SPEED)
+    plan = FlightPlan(mission, 5.0, (one,), speed=SPEED)
     async with served(stub_configs(mission)[:1], SPEED), mustering(mission, three, ahead_s):
         outcome = (await fly(plan, LiveView(Console(file=StringIO())), told.extend)).outcomes[1]
     assert outcome.ending is Ending.REFUSED
@@ -202,7 +202,7 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
     monkeypatch.setattr("gcs.flight.flight.MissionClock", computers_clock)
     mission = load_mission(mission_file("case2"))
     watched, two = Watched(monkeypatch), mission.vehicles[:2]
-    plans = [FlightPlan(mission, 5.0, (vehicle,), stubs=False, speed=SPEED) for vehicle in two]
+    plans = [FlightPlan(mission, 5.0, (vehicle,), speed=SPEED) for vehicle in two]
     async with served(stub_configs(mission)[:2], SPEED):
         flights = await asyncio.gather(*(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans))
     one, other = (outcome for flight in flights for outcome in flight.outcomes.values())
@@ -242,7 +242,7 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for(
     one, two, three = stub_configs(mission)
     watched, told, written = Watched(monkeypatch), list[Finding](), StringIO()
     async with served([one, replace(two, localised=False), three], SPEED):
-        plan = FlightPlan(mission, 5.0, mission.vehicles, stubs=False, speed=SPEED, wait_s=0.0)
+        plan = FlightPlan(mission, 5.0, mission.vehicles, speed=SPEED, wait_s=0.0)
         with pytest.raises(VehicleRefusedError, match="nothing was armed"):
             await fly(plan, LiveView(Console(file=written)), told.extend)
         assert {each.subject for each in told if each.grade is Grade.REFUSE} == {"vehicle 2"}

@@ -83,7 +83,7 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
         )
         monkeypatch.setattr(view, "print_line", lambda text, *_: team.said.append(text))
         async with served(stub_configs(mission), speed):
-            plan = FlightPlan(mission, 120.0, mission.vehicles, stubs=False, speed=speed)
+            plan = FlightPlan(mission, 120.0, mission.vehicles, speed=speed)
             team.flight = asyncio.create_task(fly(plan, view))
             try:
                 if until_tactic:
@@ -251,7 +251,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             command = [sys.executable, "-m", "gcs", "fly", path, "--only", "1", "--speed", str(SPEED)]
             os.execv(sys.executable, command)
         terminal, shown = Terminal(person), termios.tcgetattr(person)
-        plan = FlightPlan(mission, 120.0, mission.vehicles[1:], stubs=False, speed=SPEED)
+        plan = FlightPlan(mission, 120.0, mission.vehicles[1:], speed=SPEED)
         flight = asyncio.create_task(fly(plan, view))
         try:
             await until(lambda: list(tactics.values()) == ["formation"] * 2, 30.0)

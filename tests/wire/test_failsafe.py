@@ -62,7 +62,7 @@ async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(
 
     async with served(stub_configs(mission), SPEED):
         # The vehicles of one process share a session: the first is flown by itself.
-        plans = (FlightPlan(mission, 40.0, each, stubs=False, speed=SPEED) for each in split)
+        plans = (FlightPlan(mission, 40.0, each, speed=SPEED) for each in split)
         flights: asyncio.Future[list[Flight]] = asyncio.gather(
             *(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans)
         )

@@ -181,7 +181,7 @@ async def stubs(scene: Scene) -> AsyncIterator[None]:
         scene.stubs = {stub.config.vehicle_id: stub for stub in served}
         ready.set()
 
-    configs = prepared_configs(scene.mission, SPEED)
+    configs = prepared_configs(scene.mission, scene.mission.ids, SPEED)
     serving = asyncio.create_task(serve(configs, speed=SPEED, now_s=unix_clock(SPEED), stop=stop, on_ready=take))
     try:
         await asyncio.wait_for(ready.wait(), 10.0)

@@ -87,7 +87,7 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
     monkeypatch.setattr(view, "update", shown.update)
     monkeypatch.setattr(view, "print_line", shown.print_line)
     async with served(stub_configs(mission), SPEED):
-        plan = FlightPlan(mission, 100.0, mission.vehicles, stubs=False, speed=SPEED)
+        plan = FlightPlan(mission, 100.0, mission.vehicles, speed=SPEED)
         flight = asyncio.create_task(fly(plan, view))
         vehicles = watch.vehicles
         try:

@@ -30,7 +30,7 @@ class Terminal:
         self.said: list[str] = []
         patch.setattr(view, "update", lambda rows, *_: self.tactics.update({r.vehicle_id: r.tactic for r in rows}))
         patch.setattr(view, "print_line", lambda text, *_: self.said.append(text))
-        plan = FlightPlan(mission, 400.0, tuple(vehicles), stubs=False, speed=SPEED)
+        plan = FlightPlan(mission, 400.0, tuple(vehicles), speed=SPEED)
         self.flight: asyncio.Task[Flight] = asyncio.create_task(fly(plan, view))
 
     async def in_formation(self, count: int) -> None:

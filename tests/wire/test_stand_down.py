@@ -41,7 +41,7 @@ async def test_who_takes_a_vehicle_keeps_it_until_a_command_and_it_is_not_landed
     monkeypatch.setattr(view, "update", lambda team, *_: rows.update({row.vehicle_id: row.tactic for row in team}))
     stop = asyncio.Event()
     stubs = asyncio.create_task(serve(stub_configs(mission), speed=SPEED, now_s=unix_clock(SPEED), stop=stop))
-    plan = FlightPlan(mission, 60.0, mission.vehicles, stubs=False, speed=SPEED)
+    plan = FlightPlan(mission, 60.0, mission.vehicles, speed=SPEED)
     flight: asyncio.Task[Flight] = asyncio.create_task(fly(plan, view))
     try:
         await until(lambda: list(rows.values()) == ["formation"] * 3)

@@ -37,7 +37,7 @@ async def test_a_vehicle_that_says_where_it_is_is_encircled(
     port = urlsplit(mission.target.url or "").port or 0
     target = replace(team[0], vehicle_id=TARGET_ID, client_port=port, start_position_m=PLACE_M)
     async with served([*team, target], SPEED):
-        plan = FlightPlan(mission, 120.0, mission.vehicles, stubs=False, speed=SPEED)
+        plan = FlightPlan(mission, 120.0, mission.vehicles, speed=SPEED)
         flight = asyncio.create_task(fly(plan, view))
         try:
             await until(lambda: flight.done() or all(9.0 < radii.get(i, 0.0) < 11.0 for i in mission.ids), 60.0)

@@ -83,7 +83,7 @@ async def test_a_vehicle_on_the_ring_says_that_it_looks_at_the_target_and_flies_
     witness, front_port = Witness(), free_port()
     relay = Relay(1, front_port, stub.client_port, on_message=witness.hear, on_setpoint=lambda: None)
     await relay.open()
-    plan = FlightPlan(mission, 300.0, mission.vehicles, stubs=False, speed=SPEED)
+    plan = FlightPlan(mission, 300.0, mission.vehicles, speed=SPEED)
     async with served([replace(stub, client_port=front_port)], SPEED):
         flight = asyncio.create_task(fly(plan, LiveView(Console(file=StringIO()))))
         try:

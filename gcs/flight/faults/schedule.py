@@ -21,12 +21,17 @@ class ScheduledFault:
     vehicle: int | None
 
 
-def scheduled_faults(given: Sequence[str], mission: Mission, duration_s: float) -> tuple[ScheduledFault, ...]:
-    """Return the faults of texts such as `link-cut@120:2`, by their times; raises InputError with all problems."""
+def scheduled_faults(
+    given: Sequence[str], mission: Mission, duration_s: float, stubs: Sequence[int]
+) -> tuple[ScheduledFault, ...]:
+    """Return the faults of texts such as `link-cut@120:2`, by their times; raises InputError with all problems.
+
+    Only the vehicles with the ids `stubs` can have any.
+    """
     faults, problems = [], list[str]()
     for text in given:
         try:
-            faults.append(_scheduled(text, mission, duration_s))
+            faults.append(_scheduled(text, mission, duration_s, stubs))
         except InputError as error:
             problems += error.faults
     if problems:
@@ -34,13 +39,13 @@ def scheduled_faults(given: Sequence[str], mission: Mission, duration_s: float) 
     return tuple(sorted(faults, key=lambda each: each.at_s))
 
 
-def _scheduled(text: str, mission: Mission, duration_s: float) -> ScheduledFault:
+def _scheduled(text: str, mission: Mission, duration_s: float, stubs: Sequence[int]) -> ScheduledFault:
     form = _FORM.fullmatch(text)
     if form is None:
         raise InputError([f"--fault: {text!r} is not NAME@SECONDS or NAME@SECONDS:VEHICLE, such as link-cut@120:2"])
     fault, at_s = required_fault(form["fault"]), float(form["time"])
     vehicle = None if form["vehicle"] is None else int(form["vehicle"])
-    problem = _problem(fault, at_s, vehicle, mission, duration_s)
+    problem = _problem(fault, at_s, vehicle, mission, duration_s) or _no_stub(fault, vehicle, mission, stubs)
     if problem:
         raise InputError([f"--fault: {text!r}: {problem}"])
     return ScheduledFault(text, fault, at_s, vehicle)
@@ -57,3 +62,16 @@ def _problem(fault: Fault, at_s: float, vehicle: int | None, mission: Mission, d
     if vehicle is not None and vehicle not in mission.ids:
         return f"the mission has no vehicle {vehicle} (it has {', '.join(map(str, mission.ids))})"
     return ""
+
+
+def _no_stub(fault: Fault, vehicle: int | None, mission: Mission, stubs: Sequence[int]) -> str:
+    """Return why a fault may hit a vehicle that is no stub, empty if it hits stubs only."""
+    others = [each for each in mission.ids if each not in stubs]
+    if not others or vehicle in stubs:
+        return ""
+    known = ", ".join(map(str, stubs))
+    if fault.of_team:
+        return f"{fault.option} concerns the whole team, and only {known} are stubs"
+    if vehicle is None:
+        return f"name one of the stubs ({known}), such as {fault.option}@10:{stubs[0]}"
+    return f"vehicle {vehicle} is no stub (stubs: {known}): no fault is injected into it"

@@ -10,7 +10,7 @@ import errno
 import ipaddress
 import socket
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from os import getpid
 from secrets import token_hex
@@ -74,17 +74,18 @@ class Claims:
 
 
 @contextmanager
-def flight_claims(mission: Mission, vehicles: Sequence[MissionVehicle], *, stubs: bool) -> Iterator[Claims]:
-    """Claim what a flight needs, while it lasts; `stubs` are about to be started for its vehicles.
+def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
+    """Claim what a flight needs, while it lasts; stubs with the ids `stubs` are about to be started.
 
     Raises VehicleRefusedError, with the process where the system tells, when the team's name, a port, an endpoint or a
     stub's port is in use.
     """
     with Claims() as claims:
         faults = list(claims.take_team(mission))
-        if stubs:  # before they start; otherwise the links and the bus say so, beside what else they find
-            faults += (fault for vehicle in vehicles for fault in _faults_of(vehicle))
-            faults += claims.take_fed(fed_ports(vehicles))
+        # Before they start; of the others the links and the bus say so, beside what else they find.
+        vehicles = [mission.vehicle(each) for each in stubs]
+        faults += (fault for vehicle in vehicles for fault in _faults_of(vehicle))
+        faults += claims.take_fed(fed_ports(vehicles))
         _require_none(faults, "end the other run, or give this mission other ports and another network.team")
         yield claims
 

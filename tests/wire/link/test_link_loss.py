@@ -139,7 +139,7 @@ class Team:
         self.stubs = {i: Stub(config) for i, config in self.configs.items()}
         for stub in self.stubs.values():
             stub.start()
-        plan = FlightPlan(self.mission, duration_s, self.mission.vehicles, stubs=False, speed=SPEED)
+        plan = FlightPlan(self.mission, duration_s, self.mission.vehicles, speed=SPEED)
         flight = asyncio.create_task(fly(plan, self._view, self._tell))
         try:
             await until(lambda: flight.done() or self.spaced(120.0, 1, 2, 3), 40.0, "a ring of three")

@@ -239,7 +239,7 @@ async def test_what_is_no_multicopter_of_a_known_autopilot_is_not_armed(
         monkeypatch.setattr(sitl.server.server, "_MANNERS", manners)
     mission = load_mission(mission_file("px4-trio"))
     told: list[Finding] = []
-    plan = FlightPlan(mission, 5.0, mission.vehicles[:1], stubs=False, speed=SPEED)
+    plan = FlightPlan(mission, 5.0, mission.vehicles[:1], speed=SPEED)
     async with served([stub_configs(mission)[0]], SPEED):
         with pytest.raises(VehicleRefusedError, match="nothing was armed"):
             await fly(plan, LiveView(Console(file=StringIO())), told.extend)

@@ -42,7 +42,7 @@ async def test_a_team_without_gps_ends_up_where_the_mission_says(mission_file: C
     assert [config.gps for config in stub_configs(mission)] == [False, False]
     stubs = StubProcess(stub_configs(mission), SPEED)
     await asyncio.to_thread(stubs.start)
-    plan = FlightPlan(mission, DURATION_S, mission.vehicles, stubs=False, speed=SPEED)
+    plan = FlightPlan(mission, DURATION_S, mission.vehicles, speed=SPEED)
     try:
         findings = preflight(mission, await gather_facts(mission))
         assert [each for each in findings if each.grade is Grade.REFUSE] == []

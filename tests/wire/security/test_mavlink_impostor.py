@@ -106,7 +106,7 @@ async def test_forged_messages_have_no_effect_on_a_flight(
             await asyncio.sleep(0.02)
 
     async with served(*stub_configs(mission)):
-        plan = FlightPlan(mission, 8.0, mission.vehicles, stubs=False, speed=SPEED)
+        plan = FlightPlan(mission, 8.0, mission.vehicles, speed=SPEED)
         flight = asyncio.create_task(fly(plan, view, told.extend))
         # The vehicles are verified once their telemetry comes; preflight and take-off are still ahead.
         await until(lambda: flight.done() or verified == set(ports), 10.0, "telemetry")

@@ -101,7 +101,7 @@ async def flying(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path | 
     """Fly on stubs of this process, with a watch beside."""
     scene, stop = Scene(mission, monkeypatch), asyncio.Event()
     async with served(stub_configs(mission), SPEED):
-        plan = FlightPlan(mission, 300.0, mission.vehicles, stubs=False, speed=SPEED)
+        plan = FlightPlan(mission, 300.0, mission.vehicles, speed=SPEED)
         view = LiveView(Console(file=scene.text, width=300))
         scene.flight = asyncio.create_task(fly(plan, view, scene.findings.extend))
         watching = asyncio.create_task(watch(mission, WatchView(Console(file=scene.watched, width=300)), stop))

@@ -96,7 +96,7 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
             said = await refused(*second)
             assert all(part in said for part in parts), (second, said)
         with pytest.raises(VehicleRefusedError, match="flies another mission on this computer, by process"):
-            flight_claims(moved, moved.vehicles, stubs=True).__enter__()
+            flight_claims(moved, moved.ids).__enter__()
         sighting = ExternalSighting("mission", (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2)
         for stranger in (
             CommandClient(renamed).command("kill", renamed.ids, None),

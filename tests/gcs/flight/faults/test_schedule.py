@@ -1,5 +1,7 @@
 """Faults that the command line schedules: what is accepted, and what each refusal names."""
 
+import re
+
 import pytest
 
 from gcs.drill.faults import DRILLS
@@ -12,7 +14,7 @@ DURATION_S = 60.0
 
 
 def test_faults_come_by_their_times_with_the_vehicles_that_were_given() -> None:
-    faults = scheduled_faults(["Link-Cut@30:2", "target lost@2.5", "gps-jump@40"], CASE2, DURATION_S)
+    faults = scheduled_faults(["Link-Cut@30:2", "target lost@2.5", "gps-jump@40"], CASE2, DURATION_S, CASE2.ids)
     assert [(each.fault.name, each.at_s, each.vehicle) for each in faults] == [
         ("target lost", 2.5, None),
         ("link cut", 30.0, 2),
@@ -23,7 +25,7 @@ def test_faults_come_by_their_times_with_the_vehicles_that_were_given() -> None:
 def test_every_drill_can_be_practised() -> None:
     options = [drill.fault.replace(" ", "-") for drill in DRILLS]
     assert len(options) == len(set(options)) >= 22
-    assert len(scheduled_faults([f"{each}@1" for each in options], CASE2, DURATION_S)) == len(options)
+    assert len(scheduled_faults([f"{each}@1" for each in options], CASE2, DURATION_S, CASE2.ids)) == len(options)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +46,7 @@ def test_every_drill_can_be_practised() -> None:
 )
 def test_what_does_not_fit_is_refused_by_name_and_value(given: str, named: tuple[str, ...]) -> None:
     with pytest.raises(InputError) as refused:
-        scheduled_faults(["latency@1", given], CASE2, DURATION_S)
+        scheduled_faults(["latency@1", given], CASE2, DURATION_S, CASE2.ids)
     (problem,) = refused.value.faults
     assert problem.startswith("--fault: ")
     assert [each for each in named if each not in problem] == []
@@ -52,5 +54,19 @@ def test_what_does_not_fit_is_refused_by_name_and_value(given: str, named: tuple
 
 def test_all_that_does_not_fit_is_named_at_once() -> None:
     with pytest.raises(InputError) as refused:
-        scheduled_faults(["link-cut", "link-cut@99"], CASE2, DURATION_S)
+        scheduled_faults(["link-cut", "link-cut@99"], CASE2, DURATION_S, CASE2.ids)
     assert len(refused.value.faults) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "fault"),
+    [
+        ("link-cut@10:1", "vehicle 1 is no stub (stubs: 2, 3)"),
+        ("link-cut@10", "name one of the stubs (2, 3)"),
+        ("target-lost@10", "concerns the whole team, and only 2, 3 are stubs"),
+    ],
+)
+def test_in_a_hybrid_team_stubs_alone_have_faults(given: str, fault: str) -> None:
+    with pytest.raises(InputError, match=re.escape(fault)):
+        scheduled_faults([given], CASE2, DURATION_S, (2, 3))
+    assert len(scheduled_faults(["link-cut@10:2"], CASE2, DURATION_S, (2, 3))) == 1
