@@ -6,7 +6,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gcs.cli.options import Json
-from gcs.errors import Exit
+from gcs.errors import Exit, InputError
+from gcs.signals import hold_back
 
 Radio = Annotated[
     str,
@@ -43,15 +44,13 @@ def relay(options: RelayOptions) -> Exit:
 
     Example: cordon relay pty:/tmp/station pty:/tmp/px4-0 pty:/tmp/px4-1 --radio baud=115200,shared
     """
+    hold_back()
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_problem
-    from gcs.errors import InputError
     from gcs.radio.emulation import Emulation
     from gcs.radio.options import radio_spec
     from gcs.radio.serving import serve_until_ctrl_c
-    from gcs.signals import hold_back
 
-    hold_back()
     spec = radio_spec(options.radio)
     if not options.vehicles:
         raise InputError(["vehicles: a radio needs at least one"])

@@ -27,6 +27,7 @@ WALL_WAIT_MIN_S = 3.0
 TEXT_DELAY_S = 0.3
 """Wait for the status text that explains a refusal: PX4 sends it beside the acknowledgement."""
 SPEED_SNAP = 0.1
+CLOCK_SAMPLES, CLOCK_LONGEST_S = 6, 5.0
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
@@ -166,8 +167,9 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: Rates) ->
 async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: Rates, duration_s: float) -> float | None:
     """Return how many times faster than the wall the autopilot's clock runs; None without attitudes.
 
-    The attitude rate is raised for `duration_s` [wall s] only.
+    The attitude rate is set for `duration_s` [wall s] only, or for as long as some of them take at a low rate.
     """
+    duration_s = max(duration_s, min(CLOCK_SAMPLES / rates.clock_hz, CLOCK_LONGEST_S))
     await _request_rate(calls, feed.plugin, "attitude_euler", rates.clock_hz)
     try:
         return clock_ratio(await feed.attitude_clock(duration_s), duration_s)

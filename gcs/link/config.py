@@ -1,11 +1,11 @@
 """The configuration of one vehicle's link, and the pace of each connection of a mission."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from estimation.frames import MissionFrame, Triple
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
-from gcs.mission.links import LinkSection, capacity_bytes_s
+from gcs.mission.links import LinkSection, SharedLinkSection, capacity_bytes_s
 from gcs.mission.mission import Mission
 
 
@@ -36,22 +36,24 @@ def full_rates(link: LinkSection, loop_hz: float) -> Rates:
     return Rates(link.telemetry_rate_hz, link.status_rate_hz, setpoint_hz, link.attitude_rate_hz)
 
 
-def link_paces(mission: Mission) -> dict[str, Pace]:
-    """Return the pace of each connection of a mission, by its url."""
+def link_paces(mission: Mission, truth_hz: float = 0.0) -> dict[str, Pace]:
+    """Return the pace of each connection of a mission, by its url; vehicles are asked for their true motions or not."""
     link, vehicles = mission.link, mission.vehicles
     shared = {each.url: each for each in mission.links.values()}
     full = full_rates(link, mission.mission.rate_hz)
 
     def pace(url: str) -> Pace:
-        own = shared.get(url)
-        given_bytes_s = own.bytes_per_s if own is not None and own.bytes_per_s is not None else link.bytes_per_s
+        own = shared.get(url) or SharedLinkSection(url=url)
+        capacity = capacity_bytes_s(url, own.bytes_per_s or link.bytes_per_s)
         return Pace(
-            full,
+            # More attitudes would fill a slow connection and arrive late, and the clock would seem to run fast.
+            full if capacity is None else replace(full, clock_hz=full.status_hz),
             sum(vehicle.section.url == url for vehicle in vehicles),
-            capacity_bytes_s(url, given_bytes_s),
-            automatic=(own.rates if own is not None and own.rates is not None else link.rates) == "auto",
+            capacity,
+            automatic=(own.rates or link.rates) == "auto",
             signed=link.signing_key_file is not None,
             limits_setpoints=link.setpoint_rate_hz is not None,
+            truth_hz=truth_hz,
         )
 
     return {url: pace(url) for url in {vehicle.section.url for vehicle in vehicles}}

@@ -138,15 +138,19 @@ class MavsdkHub:
         end_s = time.monotonic() + timeout_s
         others = False
         while not relay.candidates(system_id):
-            if not others and relay.others(system_id):
+            if not others and self._strangers(relay, url, system_id):
                 others, end_s = True, min(end_s, time.monotonic() + OTHERS_GRACE_S)
             if time.monotonic() > end_s or self._closing.wait(POLL_PERIOD_S):
-                raise _not_received(url, system_id, relay, timeout_s)
+                raise _not_received(url, system_id, relay, self._strangers(relay, url, system_id), timeout_s)
         self._closing.wait(claims_s)
         candidates = relay.candidates(system_id)
         if len(candidates) > 1:
             raise _claimed_twice(url, system_id, candidates)
         relay.verify(system_id, candidates[0])
+
+    def _strangers(self, relay: Relay, url: str, system_id: int) -> list[int]:
+        """Return the system ids on a connection that are not those of vehicles which share it."""
+        return [each for each in relay.others(system_id) if self._vehicles.get(each) != url]
 
     def _open(self, url: str) -> tuple[Relay, Any]:
         """Open a connection, and connect MAVSDK to its relay."""
@@ -195,7 +199,9 @@ def _ground_station() -> Any:
     return mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 
 
-def _not_received(url: str, system_id: int, relay: Relay, timeout_s: float) -> VehicleRefusedError:
+def _not_received(
+    url: str, system_id: int, relay: Relay, strangers: list[int], timeout_s: float
+) -> VehicleRefusedError:
     """Return why no heartbeat of the vehicle counted."""
     if rejected := relay.rejected(system_id):
         verdicts = "; ".join(f"{verdict.value} (from {shown(address)})" for address, verdict in rejected.items())
@@ -204,9 +210,9 @@ def _not_received(url: str, system_id: int, relay: Relay, timeout_s: float) -> V
             f"the messages of vehicle {system_id} on {url} are {verdicts}; link.signing_key_file requires its key",
             ISSUE if unsigned else "compare its key with link.signing_key_file, and the clocks of computer and vehicle",
         )
-    if received := relay.others(system_id):
+    if strangers:
         return VehicleRefusedError(
-            f"{url} carries system id {', '.join(map(str, received))}, not {system_id}",
+            f"{url} carries system id {', '.join(map(str, strangers))}, not {system_id}",
             "correct the vehicle's id or url in the mission, or the autopilot's system id",
         )
     return _no_heartbeat(url, timeout_s)

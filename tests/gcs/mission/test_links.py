@@ -33,9 +33,9 @@ def test_vehicles_that_name_a_link_have_its_url_and_one_pace() -> None:
 
 def test_fixed_rates_are_those_of_the_link_section_and_setpoints_come_once_a_tick_at_most() -> None:
     rate_hz = parsed(content()).mission.rate_hz
-    assert pace_of(parsed(shared())) == Rates(20.0, 2.0, rate_hz, 10.0)
+    assert pace_of(parsed(shared())) == Rates(20.0, 2.0, rate_hz, 2.0)
     slow = put(put(shared(), ("link", "telemetry_rate_hz"), 8.0), ("link", "setpoint_rate_hz"), 6.0)
-    assert pace_of(parsed(slow)) == Rates(8.0, 2.0, 6.0, 10.0)
+    assert pace_of(parsed(slow)) == Rates(8.0, 2.0, 6.0, 2.0)
 
 
 @pytest.mark.parametrize("where", [("link", "rates"), ("links", "mesh", "rates")])

@@ -14,7 +14,7 @@ from threading import Event, Thread
 
 import pytest
 
-from agents.ports import Setpoint
+from agents.ports import Setpoint, VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
@@ -132,6 +132,10 @@ async def test_three_vehicles_share_a_line_at_the_rates_and_bytes_that_were_plan
         for each in told:
             assert len(each) / took_s == pytest.approx(10.0 * 0.98, rel=0.1)
         assert not any(link.report.doubled for link in links)
+        silent = LinkConfig(f"serial://{tmp_path}/line:{BAUD}", 9, FRAME, pace, heartbeat_timeout_s=1.0)
+        with pytest.raises(VehicleRefusedError, match="no heartbeat"):  # it does not name the others: they belong here
+            await MavsdkLink(links[0]._hub, silent, time.monotonic).connect(lambda _: None)
+        assert all(link.status.connected for link in links)
 
 
 async def test_two_vehicles_with_one_id_on_one_line_are_noticed(tmp_path: Path) -> None:
@@ -140,7 +144,8 @@ async def test_two_vehicles_with_one_id_on_one_line_are_noticed(tmp_path: Path) 
         await until(lambda: link.report.doubled)
 
 
-def test_the_command_counts_until_ctrl_c_and_removes_its_devices(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_counts_until_it_is_ended_and_removes_its_devices(ending: signal.Signals, tmp_path: Path) -> None:
     station, vehicle = tmp_path / "station", tmp_path / "vehicle"
     with cordon("relay", f"pty:{station}", f"pty:{vehicle}", "--radio", "latency_ms=5", "--json") as relay:
         end_s = time.monotonic() + 10.0
@@ -150,7 +155,7 @@ def test_the_command_counts_until_ctrl_c_and_removes_its_devices(tmp_path: Path)
         os.write(descriptor, station_heartbeat(1))
         time.sleep(0.3)
         os.close(descriptor)
-        relay.send_signal(signal.SIGINT)
+        relay.send_signal(ending)
         out, err = relay.communicate(timeout=10.0)
     assert relay.returncode == 0
     assert json.loads(out)["up"] == [{"frames": 1, "bytes": 21, "lost": 0, "dropped": 0}]

@@ -5,7 +5,15 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.link.rates.budget import SETPOINT_BYTES, SLOW_STATUS_BYTES, STATUS_BYTES, TELEMETRY_BYTES, fitting, load
+from gcs.link.rates.budget import (
+    SETPOINT_BYTES,
+    SLOW_STATUS_BYTES,
+    STATUS_BYTES,
+    TELEMETRY_BYTES,
+    TRUTH_BYTES,
+    fitting,
+    load,
+)
 from gcs.link.rates.pace import LOOK_PERIOD_S, UP_AFTER_S, Pace
 from gcs.link.rates.quality import Traffic
 from gcs.link.rates.rates import Rates, ladder
@@ -37,6 +45,7 @@ def test_a_rate_below_the_least_stays() -> None:
         ("extended_sys_state", (0, 1), STATUS_BYTES[2]),
         ("global_position_int", (1, 1, 1, 1, 1, 1, 1, 1, 30000), SLOW_STATUS_BYTES[3]),
         ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[4]),
+        ("sim_state", (0.1,) * 21 + (473977420, 85455940), TRUTH_BYTES),
         ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[5]),
         (
             "set_position_target_local_ned",
@@ -105,6 +114,15 @@ def test_few_frames_show_no_losses() -> None:
 def test_fixed_rates_stay() -> None:
     pace = Pace(FULL, 3, 3840.0)
     assert Line(pace).looks(20, missed=50, free=0.0) == FULL
+
+
+def test_simulators_are_asked_for_the_truth_where_there_is_room() -> None:
+    small, large = (Pace(FULL, 3, baud / 10.0, truth_hz=10.0) for baud in (115200, 921600))
+    assert small.truth_hz == 0.0
+    assert small.load == load(FULL, 3)
+    assert large.truth_hz == 10.0
+    assert large.load.down_bytes_s == load(FULL, 3).down_bytes_s + 3 * 10.0 * TRUTH_BYTES
+    assert Pace(FULL, 3, truth_hz=10.0).truth_hz == 10.0
 
 
 def test_what_may_be_sent_leaves_the_vehicles_their_room() -> None:
