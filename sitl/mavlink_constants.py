@@ -66,6 +66,7 @@ class ModeFlag(IntFlag):
     """MAV_MODE_FLAG, as far as it is used."""
 
     CUSTOM_MODE_ENABLED = 1
+    HIL_ENABLED = 32
     SAFETY_ARMED = 128
 
 
@@ -97,6 +98,10 @@ class EstimatorFlag(IntFlag):
 
 
 QUADROTOR = 2
+UID_OF_STUBS = 0x5354_5542_0000_0000
+"""Of system id 0: "STUB" in its upper half."""
+HITL = "SYS_HITL"
+"""PX4's parameter for a body that is simulated."""
 UNINITIALISED, STANDBY, ACTIVE, CRITICAL = 0, 3, 4, 5
 GPS_FIX_NONE, GPS_FIX_3D = 1, 3
 CELLS = 4

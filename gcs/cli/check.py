@@ -18,6 +18,9 @@ class CheckOptions:
 
     mission: MissionName = field(kw_only=False)
     all: Annotated[bool, Parameter(negative="", help="List the passed checks too, not only their number.")] = False
+    bench: Annotated[
+        bool, Parameter(negative="", help="Check boards with simulated bodies, as `cordon fly --bench` does.")
+    ] = False
     json: Json = False
 
 
@@ -37,7 +40,7 @@ def check(options: CheckOptions) -> Exit:
     from gcs.preflight.preflight import preflight
 
     mission = bus_mission(options.mission)
-    findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today())
+    findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today(), bench=options.bench)
     STDERR.print(findings_view(mission.mission.name, findings, passes=options.all))
     if options.json:
         print_result(findings_json(mission.mission.name, findings))

@@ -1,5 +1,6 @@
 """`cordon fly`: a mission over MAVLink and Zenoh."""
 
+import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,6 +31,7 @@ from gcs.signals import hold_back
 if TYPE_CHECKING:
     from gcs.metrics.record import FlightRecord
 
+OFF = "off"
 _LIVE_ADDRESS = "127.0.0.1:8765"
 
 
@@ -43,6 +45,10 @@ class FlyOptions:
         str | None,
         Parameter(help="Start stub vehicles too: all, no hardware is needed; or some, such as 2,3, beside the others."),
     ] = None
+    bench: Annotated[
+        bool,
+        Parameter(negative="", help="Fly boards with simulated bodies, on the bench with their propellers off."),
+    ] = False
     speed: Speed = None
     fault: Annotated[
         tuple[str, ...],
@@ -108,13 +114,15 @@ def fly(options: FlyOptions) -> int:
 
     Example: cordon fly px4-trio --wait 120
     """
+    from gcs.flight.supervision.supervisor import is_supervised, supervise
+
+    if options.bench and not is_supervised() and not _ask_for_propellers():
+        return Exit.REFUSED
     hold_back()
     for option, given in (("--live-address", options.live_address), ("--live-origin", options.live_origin)):
         if given and not options.live:
             raise InputError([f"{option}: it needs --live"])
     require_station(options.station, options.station_address, options.station_tiles)
-    from gcs.flight.supervision.supervisor import is_supervised, supervise
-
     if is_supervised():
         return _fly(options)
     return _supervise_beside_station(options) if options.station else supervise(json=options.json)
@@ -128,12 +136,35 @@ def _supervise_beside_station(options: FlyOptions) -> int:
 
     address = () if options.station_address is None else ("--address", options.station_address)
     tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
-    sitl = ("--sitl",) if options.sitl == ALL_STUBS else ()
-    with station_beside(["--mission", options.mission, *address, *tiles, *sitl]) as (line, failed):
+    with station_beside(["--mission", options.mission, *address, *tiles, "--vehicles", _source(options)]) as (
+        line,
+        failed,
+    ):
         if failed is not None:
             return failed
         print_line(line)
         return supervise(json=options.json)
+
+
+def _source(options: FlyOptions) -> str:
+    """Return what the page says that the vehicles are."""
+    if options.bench:
+        return "bench"
+    return {None: "flight", ALL_STUBS: "sitl"}.get(options.sitl, "hybrid")
+
+
+def _ask_for_propellers() -> bool:
+    """Ask on the terminal whether propellers are off; say no where there is none to answer."""
+    from gcs.console.terminal import print_line, print_problem
+
+    answer = ""
+    if sys.stdin.isatty():
+        print_line(f"Boards with simulated bodies may drive their motors. Propellers off? Type {OFF}:", "bold yellow")
+        answer = sys.stdin.readline().strip()
+    if answer != OFF:
+        found = "without a terminal nobody can answer" if not sys.stdin.isatty() else f"the answer was {answer!r}"
+        print_problem(f"--bench: the propellers were not said to be off: {found}", f"start it again and type {OFF}")
+    return answer == OFF
 
 
 def _fly(options: FlyOptions) -> Exit:
@@ -159,6 +190,7 @@ def _fly(options: FlyOptions) -> Exit:
         options.speed or (1.0 if stubs else None),
         stubs,
         wait_s=options.wait,
+        bench=options.bench,
         faults=scheduled_faults(options.fault, mission, duration_s, stubs),
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None

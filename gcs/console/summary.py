@@ -56,7 +56,10 @@ def _headline(result: FlightResult) -> Text:
     source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
     reference = f"\n{reference_line(result)}"
     practice = f"\npractice: {', '.join(result.faults)}" if result.faults else ""
-    return Text.assemble((result.mission, "bold"), (source, "dim"), (reference, "dim"), (practice, "yellow"))
+    kinds = f"\n{result.kinds_line}" if len({*result.kinds.values()}) > 1 or result.source == "bench" else ""
+    return Text.assemble(
+        (result.mission, "bold"), (source, "dim"), (kinds, "yellow"), (reference, "dim"), (practice, "yellow")
+    )
 
 
 def _verdict_table(result: FlightResult) -> Table:

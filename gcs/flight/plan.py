@@ -21,7 +21,8 @@ class FlightPlan:
 
     The vehicles with the ids `stubs` are stubs, which start with the flight; the others are at their urls. `log` is the
     open log, None for a flight that is not recorded. `wait_s` [wall s] is how long vehicles that are about to be ready
-    are waited for on the ground. `faults` are those that stubs are to have, by their times.
+    are waited for on the ground. `faults` are those that stubs are to have, by their times. On the `bench` boards with
+    simulated bodies fly, their propellers off.
     """
 
     mission: Mission
@@ -33,9 +34,12 @@ class FlightPlan:
     log: LogProcess | None = None
     wait_s: float = 60.0
     faults: tuple[ScheduledFault, ...] = ()
+    bench: bool = False
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
+        if self.bench:
+            return "bench"
         if self.only_stubs or speed != 1.0:
             return "sitl"
         return "hybrid" if self.stubs else "flight"
@@ -47,7 +51,7 @@ class FlightPlan:
 
     def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
         """Return what preflight finds in the mission and in the facts about its vehicles."""
-        return preflight(self.mission, facts, date.today(), stubs=self.only_stubs)
+        return preflight(self.mission, facts, date.today(), stubs=self.only_stubs, bench=self.bench)
 
     def run(self, speed: float) -> Run:
         """Return the log's record of the run that begins now."""

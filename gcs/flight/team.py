@@ -20,6 +20,7 @@ from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.keys.team_keys import TeamKeys
 from gcs.link.config import LinkConfig, link_paces
+from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates.pace import Pace
@@ -59,7 +60,8 @@ class Team:
     """The members of this process and everything that they share in one flight.
 
     `stop` is the operator's request to end; `view` is what the terminal shows; `signing_keys` are those of the links,
-    by the vehicle's system id. `newest` is each vehicle's newest status, also on its way up and down.
+    by the vehicle's system id. `newest` is each vehicle's newest status, also on its way up and down; `kinds` is what
+    each vehicle is.
     """
 
     plan: FlightPlan
@@ -72,6 +74,7 @@ class Team:
     stop: Stop = field(default_factory=Stop)
     members: list[Member] = field(default_factory=list)
     newest: dict[int, CoreStatus] = field(default_factory=dict)
+    kinds: dict[int, str] = field(default_factory=dict)
 
     @property
     def agents(self) -> list[Agent]:
@@ -91,7 +94,7 @@ class Team:
         plan = self.plan
         equipment = plan.equipment or Equipment()
         buses = equipment.buses(plan.mission, plan.vehicles, self.clock.speed, self.keys)
-        paces = link_paces(plan.mission)
+        paces = link_paces(plan.mission, 0.0 if plan.only_stubs or plan.mission.frame.local else TRUTH_HZ)
         for vehicle in plan.vehicles:
             link = self._link(vehicle, hub, paces[vehicle.section.url])
             agent = self._agent(vehicle, link, buses[vehicle.id], heartbeat(vehicle.id))
@@ -106,7 +109,7 @@ class Team:
             pace,
             vehicle.origin_m,
             signing_key=self.signing_keys.get(vehicle.system_id),
-            truth=not (vehicle.id in self.plan.stubs or mission.frame.local),
+            truth=pace.truth_hz > 0.0 and vehicle.id not in self.plan.stubs,
         )
         link = CheckedLink(hub, config, clock.now_s, clock.speed)
         if link.truth is not None:
@@ -181,6 +184,7 @@ class Team:
             (*self._received_truth(), *(() if stubs is None else stubs.tracks)),
             endings=tuple(ending_of(vehicle_id, outcome) for vehicle_id, outcome in outcomes.items()),
             faults=tuple(fault.given for fault in self.plan.faults),
+            kinds=self.kinds,
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
 

@@ -86,9 +86,8 @@ class Watch:
         rows = [self._row(member, team.newest.get(member.vehicle.id), places_m) for member in team.members]
         flying = any(not row.ending for row in rows)
         message = "holding and landing; Ctrl-C once more: land at once" if flying and team.stop.wanted.is_set() else ""
-        title = flight_title(
-            mission.mission.name, time_s, team.plan.duration_s, _ring_members(team), len(mission.vehicles)
-        )
+        name = f"BENCH {mission.mission.name}" if team.plan.bench else mission.mission.name
+        title = flight_title(name, time_s, team.plan.duration_s, _ring_members(team), len(mission.vehicles))
         team.view.update(rows, time_s or 0.0, message, hint, title)
 
     def _check_computer(self) -> None:

@@ -123,7 +123,7 @@ class FlightRecording:
         """Record what a vehicle said of itself before take-off."""
         known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
         parameters = tuple(Parameter(name, value) for name, value in known.items())
-        self._tape(facts.vehicle_id).note(Vehicle(facts.autopilot.value, facts.firmware, parameters))
+        self._tape(facts.vehicle_id).note(Vehicle(facts.autopilot.value, facts.firmware, parameters, facts.kind.value))
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
         """Record what a tick of a vehicle's control loop took."""

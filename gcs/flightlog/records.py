@@ -52,7 +52,7 @@ class Run(msgspec.Struct, frozen=True):
     """What was flown, by what: all that is needed to build the same cores again.
 
     `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records passes; `source` is
-    simulation, sitl or flight. `vehicles` are those whose cores are recorded here, out of the mission's.
+    simulation, sitl, hybrid, bench or flight. `vehicles` are those whose cores are recorded here, out of the mission's.
     `faults` are those that were injected into stub vehicles, as `link-cut@120:2`.
     """
 
@@ -78,11 +78,12 @@ class Parameter(msgspec.Struct, frozen=True):
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """What a vehicle's autopilot said of itself before take-off."""
+    """What a vehicle's autopilot said of itself before take-off; `kind` is what it is (gcs/link/kind.py)."""
 
     autopilot: str
     firmware: str
     parameters: tuple[Parameter, ...]
+    kind: str = ""
 
 
 class Carried(msgspec.Struct, frozen=True):

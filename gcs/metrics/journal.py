@@ -48,7 +48,8 @@ class RunTotals:
     """The totals of a run: source, ticks and missed ticks of all loops, wall time, and truth where it is known.
 
     `truth` is what simulators know, by system id. `seed` overrides the seed of the mission. `endings` are those of the
-    vehicles of which that is known. `faults` are those injected into stub vehicles.
+    vehicles of which that is known. `faults` are those injected into stub vehicles. `kinds` are what vehicles are, by
+    their ids.
     """
 
     source: str
@@ -59,6 +60,7 @@ class RunTotals:
     seed: int | None = None
     endings: tuple[VehicleEnding, ...] = ()
     faults: tuple[str, ...] = ()
+    kinds: Mapping[int, str] = field(default_factory=dict)
 
 
 class Journal:
@@ -146,6 +148,7 @@ class Journal:
             truth_missing=missing,
             endings=run.endings,
             faults=run.faults,
+            kinds=run.kinds,
         )
 
     def _estimated_tracks(self, grid_s: Vector) -> tuple[VehicleTrack, ...]:

@@ -46,9 +46,8 @@ def evaluate(
 ) -> FlightResult:
     """Compute the metrics and verdicts of a flight; without a reference none was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
-    each_engaged_s = engagement_times_s(record)
+    each_engaged_s, motion = engagement_times_s(record), ring_motion(record)
     engaged_s = [time_s for time_s in each_engaged_s if time_s is not None]
-    motion = ring_motion(record)
     window_s, ring_result = _judged_ring(record.time_s, motion, ring, engaged_s)
     vehicles = _vehicle_results(record, motion, ring, formation, window := _within(record.time_s, window_s))
     closest_m, engagers = _closest_approach_m(record), engagement(record, engages, each_engaged_s)
@@ -76,6 +75,7 @@ def evaluate(
         ended=FlightEnding.of(record.endings),
         engagement=engagers,
         faults=record.faults,
+        kinds=record.kinds,
     )
 
 

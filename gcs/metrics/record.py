@@ -1,7 +1,7 @@
 """The record of a flight: the input of metrics, figures and reports."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -80,6 +80,7 @@ class FlightRecord:
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
     which that is known, none in older logs. `faults` are those injected into stub vehicles, as `link-cut@120:2`.
+    `kinds` are what vehicles are (gcs/link/kind.py), by their ids; empty in older logs and in simulations.
     """
 
     mission: str
@@ -98,6 +99,7 @@ class FlightRecord:
     truth_missing: str = ""
     endings: tuple[VehicleEnding, ...] = ()
     faults: tuple[str, ...] = ()
+    kinds: Mapping[int, str] = field(default_factory=dict)
 
     def relative(self, track: VehicleTrack) -> tuple[Vector, Vector]:
         """Return position and velocity (T, 2) of a track relative to its target, both from the same source."""

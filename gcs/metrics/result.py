@@ -227,7 +227,8 @@ class FlightResult:
 
     `estimate` stands beside figures by truth where the vehicles' estimates are known as well. `truth_missing` is why
     the figures are by estimate although simulators sent truth, None otherwise. `ended` is None in logs of versions that
-    did not record how a flight ended. `faults` are those injected into stub vehicles.
+    did not record how a flight ended. `faults` are those injected into stub vehicles. `kinds` are what the vehicles
+    are, by their ids.
     """
 
     mission: str
@@ -253,6 +254,13 @@ class FlightResult:
     ended: FlightEnding | None = None
     engagement: EngagementResult = field(default_factory=EngagementResult)
     faults: tuple[str, ...] = ()
+    kinds: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def kinds_line(self) -> str:
+        """What the vehicles are, in a line; empty where that is not known."""
+        ids = {kind: [str(i) for i, each in self.kinds.items() if each == kind] for kind in self.kinds.values()}
+        return "; ".join(f"{kind}: {', '.join(each)}" for kind, each in ids.items())
 
     @property
     def ended_early(self) -> bool:
@@ -281,6 +289,7 @@ class FlightResult:
         plain["engagement"] = {name: list(ids) for name, ids in plain["engagement"].items()}
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
+        plain["kinds"] = {str(i): kind for i, kind in self.kinds.items()}
         return plain
 
     def to_json(self) -> str:

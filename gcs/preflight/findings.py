@@ -8,8 +8,11 @@ from math import isfinite
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
 from gcs.link.estimator_report import EstimatorReport
+from gcs.link.kind import Evidence, Kind, ardupilot_kind, px4_kind
 from gcs.link.relay.gate import LinkReport
 
+PX4_SIMULATES, ARDUPILOT_SIMULATES = "SYS_HITL", "SIM_OPOS_LAT"
+"""PX4's parameter for a board with a simulated body, and one of those that only a simulating ArduPilot has."""
 MISSION = "mission"
 """The subject of what concerns the mission or the team as a whole."""
 
@@ -89,7 +92,8 @@ class VehicleFacts:
     in the autopilot's own time, `clock_ratio` is how many times faster than the wall that runs. `firmware` is a
     version, empty where it tells none. A parameter that could not be read is None, so are `estimator` and
     `fence_areas`. `link` is what arrived with its system id, from it and from others; `link_bytes_s` what comes a
-    second on its connection, from all vehicles there. Raises ValueError for numbers that are not finite.
+    second on its connection, from all vehicles there. `uid` and `vendor_id` are those of its AUTOPILOT_VERSION. Raises
+    ValueError for numbers that are not finite.
     """
 
     vehicle_id: int
@@ -113,6 +117,9 @@ class VehicleFacts:
     fence_areas: tuple[FenceArea, ...] | None = ()
     link: LinkReport = field(default_factory=LinkReport)
     link_bytes_s: float | None = None
+    system_id: int = 0
+    uid: int | None = None
+    vendor_id: int | None = None
 
     def __post_init__(self) -> None:
         numbers = [self.telemetry_rate_hz or 0.0, self.telemetry_rate_asked_hz, self.clock_ratio or 0.0]
@@ -125,6 +132,21 @@ class VehicleFacts:
     def is_ready(self) -> bool:
         """Whether its health is reported, and all of it is well."""
         return bool(self.health) and all(self.health.values())
+
+    @property
+    def kind(self) -> Kind:
+        """What it is, by what it says."""
+        others = any(value is not None for value in self.parameters.values())
+        evidence = Evidence(
+            self.system_id,
+            self.uid,
+            self.vendor_id,
+            hil=self.link.hil,
+            sys_hitl=self.parameter(PX4_SIMULATES),
+            simulates=(self.parameter(ARDUPILOT_SIMULATES) is not None) if others else None,
+        )
+        of = {AutopilotKind.PX4: px4_kind, AutopilotKind.ARDUPILOT: ardupilot_kind}.get(self.autopilot)
+        return Kind.UNKNOWN if of is None else of(evidence)
 
     @property
     def subject(self) -> str:

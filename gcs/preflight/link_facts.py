@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
-from mavsdk.plugins.info import Info, InfoError
 from mavsdk.plugins.telemetry import FixType
 from mavsdk.vehicle import Vehicle
 
@@ -27,6 +26,7 @@ from gcs.link.rates.rates import Rates
 from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import AutopilotKind, FenceArea, GpsFix, VehicleFacts
+from gcs.preflight.identity import read_identity
 from gcs.preflight.parameters import parameters_wanted
 from gcs.preflight.reader import read_estimator, read_parameters
 from gcs.preflight.vehicle import ARMING_CHECKS, CALM_MODES
@@ -43,7 +43,6 @@ GPS_PERIODS = 4.0
 """Timeout in periods of the status rate: GPS status comes at half of it, and one message may be lost."""
 CIRCLE_CORNERS = 36
 KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.ARDUPILOT}
-RELEASED = ("release", "unknown")
 DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
@@ -167,19 +166,22 @@ class _VehicleQuery(NamedTuple):
         """Run all queries at once; times are wall seconds."""
         kind = KINDS.get(self.system.autopilot_type(), AutopilotKind.OTHER)
         wanted = parameters_wanted(kind)
-        (ratio, rate_hz), parameters, gps, areas, estimator, firmware = await asyncio.gather(
+        (ratio, rate_hz), parameters, gps, areas, estimator, identity = await asyncio.gather(
             self._timing(listening_s),
             read_parameters(self.system, kind, wanted, parameters_timeout_s),
             self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_hz),
             self.calls.run(_fence_areas, self.system, self.frame),
             self.calls.run(read_estimator, self.system, kind, parameters_timeout_s),
-            self.calls.run(_firmware, self.system),
+            self.calls.run(read_identity, self.system, parameters_timeout_s),
         )
         feed = self.feed
         return VehicleFacts(
             vehicle_id=self.vehicle_id,
             autopilot=kind,
-            firmware=firmware,
+            system_id=int(self.system.get_system_id()),
+            firmware=identity.firmware,
+            uid=identity.uid,
+            vendor_id=identity.vendor_id,
             multicopter=self.system.vehicle_type() is Vehicle.MULTICOPTER,
             status=feed.status,
             mode_received=feed.mode_received,
@@ -220,23 +222,6 @@ def _is_healthy(feed: VehicleFeed) -> bool:
     calm = feed.status.mode in CALM_MODES
     items = feed.health()
     return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
-
-
-def _firmware(system: Any) -> str:
-    """Return the version of the firmware, as 1.17.0-beta+0f1e2d3c; empty where it is not known.
-
-    MAVSDK requests it on connection: this does not wait.
-    """
-    plugin = Info(system)
-    try:
-        version = plugin.get_version()
-    except InfoError:
-        return ""
-    finally:
-        plugin.destroy()
-    kind, commit = version.flight_sw_version_type.name.lower(), version.flight_sw_git_hash
-    numbers = f"{version.flight_sw_major}.{version.flight_sw_minor}.{version.flight_sw_patch}"
-    return numbers + ("" if kind in RELEASED else f"-{kind}") + (f"+{commit}" if commit.strip("0") else "")
 
 
 def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import AutopilotKind, Finding, Grade, VehicleFacts
+from gcs.preflight.findings import ARDUPILOT_SIMULATES, PX4_SIMULATES, AutopilotKind, Finding, Grade, VehicleFacts
 from gcs.preflight.mission import ACCELERATION_LIMITS, SPEED_LIMITS, extent_m, highest_m
 
 Judgement = tuple[Grade, str, str, str]
@@ -106,7 +106,14 @@ def parameters_wanted(autopilot: AutopilotKind) -> tuple[tuple[str, ...], ...]:
         return ()
     limits = (tuple(name for name, _ in table[autopilot]) for table in (SPEED_LIMITS, ACCELERATION_LIMITS))
     station = (STATION_ID,) if autopilot is AutopilotKind.ARDUPILOT else ()
-    return (*((name,) for name in JUDGES[autopilot]), *((name,) for name in FENCES[autopilot]), *limits, *station)
+    simulates = ((PX4_SIMULATES,) if autopilot is AutopilotKind.PX4 else (ARDUPILOT_SIMULATES,),)
+    return (
+        *simulates,
+        *((name,) for name in JUDGES[autopilot]),
+        *((name,) for name in FENCES[autopilot]),
+        *limits,
+        *station,
+    )
 
 
 def failsafes(facts: VehicleFacts) -> Iterator[Finding]:

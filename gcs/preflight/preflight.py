@@ -7,6 +7,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.estimator import estimator
 from gcs.preflight.fence import fence_areas
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
+from gcs.preflight.kinds import kinds
 from gcs.preflight.link_budget import link_budget
 from gcs.preflight.mission import autopilot_limits, feasibility
 from gcs.preflight.parameters import JUDGES, failsafes, fence, station
@@ -41,13 +42,24 @@ _ORDER = list(Grade)
 
 
 def preflight(
-    mission: Mission, team: Sequence[VehicleFacts], today: date | None = None, *, stubs: bool = False
+    mission: Mission,
+    team: Sequence[VehicleFacts],
+    today: date | None = None,
+    *,
+    stubs: bool = False,
+    bench: bool = False,
 ) -> tuple[Finding, ...]:
     """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not.
 
-    Without `today` no profile is too old. `stubs` are the vehicles that a flight brings along.
+    Without `today` no profile is too old. `stubs` are all vehicles that a flight brings along; with `bench` boards with
+    simulated bodies stand on a bench, their propellers off.
     """
-    findings = [*feasibility(mission, stubs=stubs), *link_budget(mission, team), *together(mission, team)]
+    findings = [
+        *feasibility(mission, stubs=stubs),
+        *link_budget(mission, team),
+        *kinds(team, bench=bench),
+        *together(mission, team),
+    ]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))

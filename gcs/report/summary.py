@@ -16,6 +16,7 @@ _NAMED = 4
 _SOURCES = {
     "simulation": "in simulation",
     "sitl": "with simulated autopilots",
+    "bench": "on the bench, with simulated bodies",
     "hybrid": "with stubs beside other vehicles",
     "flight": "in a flight",
 }

@@ -13,7 +13,7 @@ from agents.team.messages import Verb
 from estimation.frames import Triple
 from gcs.console.advice import Severity
 
-FlightSource = Literal["flight", "sitl", "simulation", "log"]
+FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log"]
 Pair = tuple[float, float]
 
 

@@ -64,6 +64,7 @@ DEFAULTS: Mapping[str, Value] = MappingProxyType(
         "RTL_DESCEND_ALT": 10.0,
         "RTL_RETURN_ALT": 30.0,
         "SYS_AUTOSTART": 10040,
+        "SYS_HITL": 0,
     }
 )
 """PX4 1.17's, of a multicopter in its simulator. An int is a 32-bit integer on the wire, a float a 32-bit float."""

@@ -23,8 +23,10 @@ from sitl.mavlink_constants import (
     CRITICAL,
     GPS_FIX_3D,
     GPS_FIX_NONE,
+    HITL,
     QUADROTOR,
     STANDBY,
+    UID_OF_STUBS,
     UNINITIALISED,
     UNKNOWN_U16,
     EstimatorFlag,
@@ -69,7 +71,8 @@ class MavlinkConfig:
     """A stub vehicle's MAVLink system id, the mission frame, and how its estimates differ from the truth.
 
     `origin_m` is the origin of its local NED in the mission frame [m]. `seed` is that of the `noise`. With a
-    `signing_key` it signs its messages, and accepts signed ones only.
+    `signing_key` it signs its messages, and accepts signed ones only. `uid` is the unique id that it reports (none:
+    that of a stub).
     """
 
     system_id: int
@@ -78,6 +81,12 @@ class MavlinkConfig:
     noise: EstimatorNoise = field(default_factory=EstimatorNoise)
     seed: int | tuple[int, ...] = 0
     signing_key: SigningKey | None = None
+    uid: int | None = None
+
+    @property
+    def reported_uid(self) -> int:
+        """The unique id that it reports."""
+        return UID_OF_STUBS + self.system_id if self.uid is None else self.uid
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +178,8 @@ class Reporter:
     def _heartbeat(self) -> Fields:
         autopilot = self._autopilot
         flags = ModeFlag.CUSTOM_MODE_ENABLED | (ModeFlag.SAFETY_ARMED if autopilot.armed else 0)
+        if HITL in autopilot.parameters and autopilot.parameters[HITL] != 0:
+            flags |= ModeFlag.HIL_ENABLED
         mode = self._dialect.custom_mode(autopilot.mode)
         return QUADROTOR, self._dialect.autopilot, int(flags), mode, self._system_status(), 3
 
@@ -293,10 +304,9 @@ class Reporter:
 
     def _autopilot_version(self) -> Fields:
         no_hash = (0,) * 8
-        uid = 0x5354_5542_0000_0000 + self._config.system_id
         version = self._dialect.firmware_version
         versions = (version, version, 0, 0)
-        return self._dialect.capabilities, *versions, no_hash, no_hash, no_hash, 0, 0, uid
+        return self._dialect.capabilities, *versions, no_hash, no_hash, no_hash, 0, 0, self._config.reported_uid
 
     def _battery_percent(self) -> int:
         return round(self._autopilot.battery_fraction * 100.0)

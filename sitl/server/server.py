@@ -50,7 +50,7 @@ class StubConfig:
     external position: neither hold nor return can be flown, and it arms in take-off or offboard only. Not `localised`,
     it knows nothing of where it is and cannot be armed. `port` is where clients may call it; 0 is any. `parameters` are
     those that somebody has set to other values than the firmware's own. With a `signing_key` it accepts signed messages
-    only, and signs its own.
+    only, and signs its own. A `uid` and SYS_HITL among its `parameters` let it pose as a board.
     """
 
     vehicle_id: int
@@ -70,6 +70,7 @@ class StubConfig:
     port: int = 0
     parameters: Mapping[str, Value] = field(default_factory=dict)
     signing_key: SigningKey | None = None
+    uid: int | None = None
 
     def __post_init__(self) -> None:
         """Check what can be checked."""
@@ -204,7 +205,9 @@ class Stub:
             if not self.autopilot.parameters.set(name, value):
                 raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
         origin_m, seed = (x + dx, y + dy, dz), (config.seed, config.vehicle_id)
-        mavlink = MavlinkConfig(config.vehicle_id, config.frame, origin_m, config.noise, seed, config.signing_key)
+        mavlink = MavlinkConfig(
+            config.vehicle_id, config.frame, origin_m, config.noise, seed, config.signing_key, config.uid
+        )
         self._vehicle = MavlinkVehicle(self.autopilot, mavlink, dialect, self.faults)
         self.endpoint = _Endpoint(
             lambda data: self._vehicle.receive(data, pace.uptime_s()),

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -37,7 +37,10 @@ class StationOptions:
     ] = None
     tiles: Tiles = None
     key: KeyName = None
-    sitl: Annotated[bool, Parameter(negative="", help="Say on the page that the vehicles are stubs.")] = False
+    vehicles: Annotated[
+        Literal["flight", "sitl", "hybrid", "bench"],
+        Parameter(help="What the page says that the vehicles are: sitl for stubs, hybrid for some, bench for boards."),
+    ] = "flight"
 
 
 _DEFAULTS = StationOptions()
@@ -81,7 +84,7 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
 
     mission = bus_mission(options.mission)
     tiles = _tiles(options.tiles, origin_deg(mission))
-    team = LiveTeam(mission, "sitl" if options.sitl else "flight")
+    team = LiveTeam(mission, options.vehicles)
 
     def commands(broadcast: Broadcast) -> Commands:
         return Commands(mission, options.key, broadcast.publish)

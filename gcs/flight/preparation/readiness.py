@@ -56,6 +56,7 @@ class Readiness:
             self._team.view.update([], 0.0)
         for each in facts:
             self._team.recording.meet(each)
+            self._team.kinds[each.vehicle_id] = each.kind.value
         return findings
 
     @property

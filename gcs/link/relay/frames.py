@@ -9,7 +9,9 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 _MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
 HEAD_V1, HEAD_V2, CHECKSUM_LENGTH, SIGNATURE_LENGTH = 6, 10, 2, 13
 SIGNED_FLAG = 1
-HEARTBEAT = 0
+HEARTBEAT, _BASE_MODE_AT = 0, 6
+HIL_ENABLED = 32
+"""MAV_MODE_FLAG_HIL_ENABLED."""
 AUTOPILOT_COMPONENT = 1
 STATION_SYSTEM, STATION_COMPONENT = 245, 190
 """cordon's own, as MAVSDK's ground station has them."""
@@ -68,6 +70,11 @@ def _payload_byte(frame: bytes, at: int) -> int:
     """Return a byte of the payload; zeros at its end are not sent (MAVLink 2)."""
     start = HEAD_V1 if frame[0] == MAGIC_V1 else HEAD_V2
     return frame[start + at] if at < frame[1] else 0
+
+
+def is_hil(frame: bytes) -> bool:
+    """Return whether a heartbeat says that its vehicle's body is simulated."""
+    return bool(_payload_byte(frame, _BASE_MODE_AT) & HIL_ENABLED)
 
 
 def is_signed(frame: bytes) -> bool:

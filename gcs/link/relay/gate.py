@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 
-from gcs.link.relay.frames import HEAD_V2, FrameStream, buffer_free, header, is_autopilot_heartbeat, sequence
+from gcs.link.relay.frames import HEAD_V2, FrameStream, buffer_free, header, is_autopilot_heartbeat, is_hil, sequence
 from gcs.link.relay.sequences import Sequences
 from gcs.link.relay.signing import Signing, Verdict
 
@@ -34,7 +34,8 @@ class LinkReport:
 
     `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
     `moves` where the vehicle continued after a silence; `dropped` is the number of frames by reason. `doubled` says
-    that two vehicles send with this system id from one address: their sequence numbers go forth and back.
+    that two vehicles send with this system id from one address: their sequence numbers go forth and back. `hil` says
+    that the newest heartbeat has the flag of a simulated body.
     """
 
     address: str = ""
@@ -43,6 +44,7 @@ class LinkReport:
     moves: tuple[str, ...] = ()
     dropped: Mapping[str, int] = field(default_factory=dict)
     doubled: bool = False
+    hil: bool = False
 
 
 class Claim:
@@ -63,6 +65,7 @@ class Claim:
         self._dropped: Counter[str] = Counter()
         self.sequences = Sequences()
         """Of the frames from the verified address."""
+        self._hil = False
 
     def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
         """Return whether a frame with this system id is the vehicle's."""
@@ -80,6 +83,8 @@ class Claim:
             return False
         self._heard_s = now_s
         self.sequences.take(header(frame).component, sequence(frame))
+        if is_autopilot_heartbeat(frame):
+            self._hil = is_hil(frame)
         return True
 
     def verify(self, address: Address, now_s: float) -> None:
@@ -120,6 +125,7 @@ class Claim:
             tuple(map(shown, self._moves)),
             dict(self._dropped),
             self.sequences.is_doubled,
+            self._hil,
         )
 
     def _move(self, address: Address, verdict: Verdict) -> None:

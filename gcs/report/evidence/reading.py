@@ -16,7 +16,7 @@ from agents.team.messages import BusMessage, CommandAnswer, MemberState, Neighbo
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, VehicleEnd
+from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, Vehicle, VehicleEnd
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
@@ -59,6 +59,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         logs[0].run.seed,
         tuple(ending for each in vehicles if (ending := each.ending(start_s)) is not None),
         logs[0].run.faults,
+        _kinds(logs),
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]
@@ -106,10 +107,18 @@ def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
         "log": ", ".join(log.path.name for log in logs),
         "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),
     }
+    if kinds := _kinds(logs):
+        facts["vehicles"] = "; ".join(f"{i}: {kind}" for i, kind in kinds.items())
     if run.faults:
         facts["practice"] = ", ".join(run.faults)
     faults = [f"{log.path.name}: {fault}" for log in logs for fault in log.faults]
     return {**facts, "incomplete": "; ".join(faults)} if faults else facts
+
+
+def _kinds(logs: Sequence[FlightLog]) -> dict[int, str]:
+    """Return what the vehicles are, as far as the logs say it."""
+    vehicles = ((i, each) for log in logs for i in log.run.vehicles for each in log.of_kind(i, Vehicle))
+    return {i: each.kind for i, each in sorted(vehicles, key=lambda pair: pair[0]) if each.kind}
 
 
 @dataclass(slots=True)

@@ -4,7 +4,14 @@ import { byId, SEVERITIES, setAttribute, setText } from "./dom.js";
 import { clock } from "./units.js";
 import { alert, trouble } from "./vehicles.js";
 
-const SOURCES = { flight: "flight", sitl: "practice on stubs", simulation: "simulation", log: "recorded flight" };
+const SOURCES = {
+  flight: "flight",
+  sitl: "practice on stubs",
+  hybrid: "stubs beside other vehicles",
+  bench: "BENCH: simulated bodies",
+  simulation: "simulation",
+  log: "recorded flight",
+};
 const GRAVITY = ["alarm", "stale", "warning"];
 
 export class TopBar {

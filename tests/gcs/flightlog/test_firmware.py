@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 from foxglove import Context
-from mavsdk.plugins.info import InfoError, InfoResult, Version
+from mavsdk.plugins.info import Identification, InfoError, InfoResult, Product, Version
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from agents.shell.clock import MissionClock
 from gcs.flightlog.flight import FlightRecording
 from gcs.flightlog.writer import LogWriter
-from gcs.preflight import link_facts
+from gcs.preflight import identity
 from gcs.preflight.findings import AutopilotKind, VehicleFacts
 
 Kind = Version.FlightSoftwareVersionType
@@ -29,6 +29,12 @@ class TacticEvent:
         if self.version is None:
             raise InfoError(InfoResult.INFORMATION_NOT_RECEIVED_YET, "get_version()")
         return self.version
+
+    def get_identification(self) -> Identification:
+        return Identification(legacy_uid=77)
+
+    def get_product(self) -> Product:
+        return Product(vendor_id=0x26AC)
 
     def destroy(self) -> None:
         self.destroyed = True
@@ -47,8 +53,11 @@ class TacticEvent:
 )
 def test_a_version_in_words(version: Any, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     told = TacticEvent(version)
-    monkeypatch.setattr(link_facts, "Info", lambda _system: told)
-    assert link_facts._firmware(None) == words
+    monkeypatch.setattr(identity, "Info", lambda _system: told)
+    monkeypatch.setattr(identity, "MavlinkDirect", lambda _system: told)
+    read = identity.read_identity(told, 0.0)
+    assert read.firmware == words
+    assert (read.uid, read.vendor_id) == ((77, 0x26AC) if version else (None, None))
     assert told.destroyed
 
 

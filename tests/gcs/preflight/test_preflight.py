@@ -14,6 +14,7 @@ from rich.console import Console
 from agents.ports import FlightMode, VehicleStatus
 from gcs.errors import Exit
 from gcs.link.estimator_report import EstimatorReport
+from gcs.link.kind import PX4_SITL_UID, STUB_UID
 from gcs.link.relay.gate import LinkReport
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
@@ -37,6 +38,7 @@ PX4 = {
     "GF_MAX_VER_DIST": 0.0,
     "MPC_XY_VEL_MAX": 12.0,
     "MPC_ACC_HOR": 3.0,
+    "SYS_HITL": 0.0,
 }
 ARDUCOPTER = {
     "FS_THR_ENABLE": 3.0,
@@ -72,6 +74,9 @@ def well(vehicle_id: int, **changes: Any) -> VehicleFacts:
         clock_ratio=1.0,
         telemetry_rate_hz=20.0,
         parameters=PX4,
+        system_id=vehicle_id,
+        uid=0x3230_3031,
+        vendor_id=0x26AC,
     )
     return replace(facts, **changes)
 
@@ -256,7 +261,7 @@ def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
 
 def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[dict[str, Any], list[tuple[str, str]]], ...] = (
-        ({"autopilot": AutopilotKind.OTHER}, [("refuse", "autopilot")]),
+        ({"autopilot": AutopilotKind.OTHER}, [("refuse", "autopilot"), ("warning", "kind")]),
         ({"multicopter": False}, [("refuse", "airframe")]),
         ({"health": {}}, [("refuse", "health")]),
         ({"position_m": None, "origin_m": None}, [("refuse", "origin")]),
@@ -399,7 +404,7 @@ def test_arducopter_parameters(subtests: pytest.Subtests) -> None:
 @pytest.mark.parametrize("kind", [AutopilotKind.PX4, AutopilotKind.ARDUPILOT])
 def test_a_parameter_that_cannot_be_read_is_a_warning_with_its_name(kind: AutopilotKind) -> None:
     findings = team(autopilot=kind, parameters={})
-    told = " ".join(each.found for each in findings if each.grade is Grade.WARNING)
+    told = " ".join(f"{each.found} {each.next_step}" for each in findings if each.grade is Grade.WARNING)
     assert worst(findings) is Grade.WARNING
     assert [name for names in parameters_wanted(kind) for name in names if name not in told] == []
 
@@ -628,3 +633,38 @@ def test_streams_that_were_not_asked_for_are_noticed(came_bytes_s: float, grade:
 
 def test_a_vehicle_whose_id_is_doubled_on_its_line_is_refused() -> None:
     assert grave(team(link=LinkReport("/dev/ttyUSB0:57600", doubled=True))) == [("refuse", "vehicle 2", "doubled")]
+
+
+BOARD = {"uid": 0x31, "link": LinkReport(hil=True), "parameters": {**PX4, "SYS_HITL": 2.0}}
+SIMULATOR = {"uid": PX4_SITL_UID + 1, "vendor_id": 0}
+STUB = {"uid": (STUB_UID << 32) + 2, "vendor_id": 0}
+UNKNOWN = {"uid": None}
+
+
+@pytest.mark.parametrize(
+    ("second", "bench", "expected"),
+    [
+        ({}, False, []),
+        (BOARD, False, [("refuse", "mission", "kinds"), ("refuse", "vehicle 2", "bench")]),
+        (SIMULATOR, False, [("refuse", "mission", "kinds")]),
+        (STUB, False, [("refuse", "mission", "kinds")]),
+        (UNKNOWN, False, [("warning", "vehicle 2", "kind")]),
+        (BOARD, True, [("refuse", "vehicle 1", "bench"), ("refuse", "vehicle 3", "bench")]),
+    ],
+    ids=["all real", "a board", "a simulator", "a stub", "unknown beside real", "a board among real on the bench"],
+)
+def test_what_flies_is_not_mixed_with_what_is_simulated(
+    second: dict[str, Any], bench: bool, expected: list[tuple[str, str, str]]
+) -> None:
+    assert grave(preflight(CASE2, (well(1), well(2, **second), well(3)), bench=bench)) == expected
+
+
+def test_on_the_bench_boards_fly_with_stubs_and_simulators_and_nothing_else() -> None:
+    stub = {"uid": (STUB_UID << 32) + 1, "vendor_id": 0}
+    simulator = {"uid": PX4_SITL_UID + 2, "vendor_id": 0}
+    simulated = (well(1, **stub), well(2, **BOARD), well(3, **simulator))
+    assert grave(preflight(CASE2, simulated, bench=True)) == []
+    assert grave(preflight(CASE2, simulated)) == [("refuse", "vehicle 2", "bench")]
+    unknown = (*simulated[:2], well(3, **UNKNOWN))
+    assert ("refuse", "vehicle 3", "bench") in grave(preflight(CASE2, unknown, bench=True))
+    assert ("refuse", "mission", "kinds") in grave(preflight(CASE2, unknown))

@@ -1,0 +1,59 @@
+"""Findings on what the vehicles are: a team flies, or it is simulated, perhaps by boards on a bench."""
+
+from collections.abc import Iterator, Sequence
+
+from gcs.link.kind import Kind
+from gcs.preflight.findings import ARDUPILOT_SIMULATES, MISSION, PX4_SIMULATES, Finding, Grade, VehicleFacts
+
+MIXED = "what a simulated vehicle does is no reason for a real one to move: it takes it for a neighbour"
+LIVE = "an autopilot with a simulated body may drive real motors"
+BENCH = "on the bench, with propellers off, add --bench to `cordon check` and `cordon fly`"
+
+
+def kinds(team: Sequence[VehicleFacts], *, bench: bool) -> Iterator[Finding]:
+    """State what each vehicle that is heard is, and refuse teams that are mixed, or that need `bench`."""
+    heard = [facts for facts in team if facts.unreachable is None]
+    for facts in heard:
+        yield _stated(facts)
+    real = [facts for facts in heard if not facts.kind.is_simulated]
+    if bench:
+        yield from (_not_simulated(facts) for facts in real)
+    elif real and len(real) < len(heard):
+        yield _mixed(heard)
+    if not bench:
+        yield from (_board(facts) for facts in heard if facts.kind.is_board)
+
+
+def bench_line(team: Sequence[VehicleFacts]) -> str:
+    """Return what the vehicles are, in a line."""
+    ids = {kind: [str(facts.vehicle_id) for facts in team if facts.kind is kind] for kind in Kind}
+    parts = (f"{kind.value}: {', '.join(each)}" for kind, each in ids.items() if each)
+    return "; ".join(parts)
+
+
+def _stated(facts: VehicleFacts) -> Finding:
+    known = facts.kind is not Kind.UNKNOWN
+    return Finding.graded(
+        Grade.PASS if known else Grade.WARNING,
+        facts.subject,
+        "kind",
+        f"what it is: {facts.kind.value}",
+        "a vehicle that does not say whether it flies is treated as one that does",
+        f"check the link: its version and parameters were not received, or do not agree (PX4: {PX4_SIMULATES}, "
+        f"ArduPilot: {ARDUPILOT_SIMULATES})",
+    )
+
+
+def _mixed(team: Sequence[VehicleFacts]) -> Finding:
+    step = "fly the real vehicles apart from simulated ones, with a team name and a mission of their own"
+    return Finding(Grade.REFUSE, MISSION, "kinds", f"real and simulated vehicles: {bench_line(team)}", MIXED, step)
+
+
+def _not_simulated(facts: VehicleFacts) -> Finding:
+    found = f"it is not simulated: {facts.kind.value}"
+    step = "take it out of the mission, or set it up with a simulated body (PX4: SYS_HITL = 2)"
+    return Finding(Grade.REFUSE, facts.subject, "bench", found, "--bench is for vehicles that do not fly", step)
+
+
+def _board(facts: VehicleFacts) -> Finding:
+    return Finding(Grade.REFUSE, facts.subject, "bench", f"it is a {facts.kind.value}", LIVE, BENCH)

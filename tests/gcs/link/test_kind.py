@@ -1,0 +1,63 @@
+"""What a vehicle is, by what it says: measured identities of PX4's simulator, and what stubs and boards say."""
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.link.kind import Evidence, Kind, ardupilot_kind, px4_kind
+from gcs.link.relay.frames import is_hil
+
+SITL_UID = 5283920058631409231
+"""PX4 1.17's simulator reported this as system 1."""
+STUB_UID = int.from_bytes(b"STUB\0\0\0\1")
+BOARD_UID = 0x0000_0030_3130_3738
+
+
+def px4(uid: int | None, sys_hitl: float | None = 0.0, *, hil: bool = False, system_id: int = 1) -> Kind:
+    return px4_kind(Evidence(system_id, uid, 0x26AC, hil=hil, sys_hitl=sys_hitl))
+
+
+@pytest.mark.parametrize(
+    ("found", "kind"),
+    [
+        (px4(BOARD_UID), Kind.FLIGHT),
+        (px4(BOARD_UID, 2.0, hil=True), Kind.BOARD),
+        (px4(BOARD_UID, 1.0, hil=True), Kind.BOARD_OUTER),
+        (px4(SITL_UID), Kind.SIMULATOR),
+        (px4(SITL_UID + 2, system_id=3), Kind.SIMULATOR),
+        (px4(SITL_UID, system_id=3), Kind.FLIGHT),
+        (px4(STUB_UID), Kind.STUB),
+        (px4(BOARD_UID, 2.0), Kind.UNKNOWN),
+        (px4(BOARD_UID, 0.0, hil=True), Kind.UNKNOWN),
+        (px4(BOARD_UID, None), Kind.UNKNOWN),
+        (px4(None), Kind.UNKNOWN),
+        (px4(None, None, hil=True), Kind.UNKNOWN),
+    ],
+)
+def test_a_px4_vehicle_is_what_its_messages_agree_on(found: Kind, kind: Kind) -> None:
+    assert found is kind
+
+
+@pytest.mark.parametrize(
+    ("evidence", "kind"),
+    [
+        (Evidence(1, 5, 0x1209, simulates=False), Kind.FLIGHT),
+        (Evidence(1, 5, 0x1209, simulates=True), Kind.BOARD),
+        (Evidence(1, 5, 0, simulates=True), Kind.SIMULATOR),
+        (Evidence(1, STUB_UID, 0, simulates=False), Kind.STUB),
+        (Evidence(1, 5, 0x1209), Kind.UNKNOWN),
+        (Evidence(1), Kind.UNKNOWN),
+    ],
+)
+def test_an_ardupilot_vehicle_simulates_where_it_has_a_simulators_parameters(evidence: Evidence, kind: Kind) -> None:
+    assert ardupilot_kind(evidence) is kind
+
+
+def test_an_unknown_vehicle_counts_as_one_that_flies() -> None:
+    assert [kind for kind in Kind if not kind.is_simulated] == [Kind.FLIGHT, Kind.UNKNOWN]
+    assert [kind for kind in Kind if kind.is_board] == [Kind.BOARD, Kind.BOARD_OUTER]
+
+
+@pytest.mark.parametrize(("base_mode", "hil"), [(145, False), (145 + 32, True), (0, False)])
+def test_the_flag_is_read_from_the_bytes_of_a_heartbeat(base_mode: int, hil: bool) -> None:
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    assert is_hil(bytes(sender.heartbeat_encode(2, 12, base_mode, 393216, 4).pack(sender))) is hil
