@@ -108,6 +108,7 @@ ARDUCOPTER_DEFAULTS: Mapping[str, Value] = MappingProxyType(
         "MOT_SPOOL_TIME": 0.5,
         "PSC_JERK_XY": 5.0,
         "RTL_ALT": 1500.0,
+        "SIM_OPOS_LAT": 47.397742,
         "SYSID_MYGCS": 255,
         "SYSID_THISMAV": 1,
         "TKOFF_SLEW_TIME": 2.0,

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from gcs.cli import app, main
+from gcs.cli.options import with_stubs
 from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE
 from tests.support.paths import MISSIONS, ROOT
 from tests.support.result_keys import RESULT_KEYS
@@ -184,7 +185,7 @@ def test_the_help_of_every_command_shows_an_example(command: str, run_here: Cord
 def test_the_example_of_every_command_is_one_that_parses(command: str) -> None:
     docstring = app[command].help or ""
     example = docstring.partition("Example: ")[2].splitlines()[0].split()
-    bound = app.parse_args(example[1:], exit_on_error=False, print_error=False)[1]
+    bound = app.parse_args(with_stubs(example[1:]), exit_on_error=False, print_error=False)[1]
     if "mission" in bound.signature.parameters:
         assert bound.arguments["mission"] in {"case1", "case2", "case2-field"}
 
