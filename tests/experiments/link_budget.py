@@ -17,6 +17,7 @@ from typing import Any
 
 from gcs.flight.stubs import stub_configs
 from gcs.link.config import link_paces
+from gcs.link.ground_truth import RATE_HZ
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.radio.emulation import Emulation, run
@@ -108,7 +109,7 @@ def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
         for baud, link in ROWS:
             path, line = Path(folder, "mission.toml"), Path(folder, "line")
             path.write_text(text_of(on_one_line(line, baud, link)))
-            (pace,) = link_paces(load_mission(str(path))).values()
+            (pace,) = link_paces(load_mission(str(path)), RATE_HZ).values()
             flown = counted(path, baud, options.duration)
             rates, planned = pace.rates, pace.load
             radii = ", ".join(f"{each['radius_error_rms_m'] or 0.0:.3f}" for each in flown.result["vehicles"])
