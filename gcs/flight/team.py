@@ -86,6 +86,11 @@ class Team:
         """The mission's start on the shared clock, once the agents agreed on it."""
         return self.members[0].agent.start_s
 
+    def meet(self, facts: VehicleFacts) -> None:
+        """Record what is known of a vehicle before take-off, and what it is."""
+        self.recording.meet(facts)
+        self.kinds[facts.vehicle_id] = facts.kind.value
+
     def equip(self, hub: MavsdkHub, heartbeat: Callable[[int], Heartbeat]) -> None:
         """Create the links and the agents of all vehicles of this process, not yet connected.
 

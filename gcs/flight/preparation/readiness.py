@@ -55,8 +55,7 @@ class Readiness:
         if self._shown:
             self._team.view.update([], 0.0)
         for each in facts:
-            self._team.recording.meet(each)
-            self._team.kinds[each.vehicle_id] = each.kind.value
+            self._team.meet(each)
         return findings
 
     @property
