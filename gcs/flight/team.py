@@ -20,7 +20,6 @@ from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.keys.team_keys import TeamKeys
 from gcs.link.config import LinkConfig, link_paces
-from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates.pace import Pace
@@ -99,7 +98,7 @@ class Team:
         plan = self.plan
         equipment = plan.equipment or Equipment()
         buses = equipment.buses(plan.mission, plan.vehicles, self.clock.speed, self.keys)
-        paces = link_paces(plan.mission, 0.0 if plan.only_stubs or plan.mission.frame.local else TRUTH_HZ)
+        paces = link_paces(plan.mission, truth=not (plan.only_stubs or plan.mission.frame.local))
         for vehicle in plan.vehicles:
             link = self._link(vehicle, hub, paces[vehicle.section.url])
             agent = self._agent(vehicle, link, buses[vehicle.id], heartbeat(vehicle.id))
@@ -114,7 +113,7 @@ class Team:
             pace,
             vehicle.origin_m,
             signing_key=self.signing_keys.get(vehicle.system_id),
-            truth=pace.truth_hz > 0.0 and vehicle.id not in self.plan.stubs,
+            truth=pace.truth_bytes_s > 0.0 and vehicle.id not in self.plan.stubs,
         )
         link = CheckedLink(hub, config, clock.now_s, clock.speed)
         if link.truth is not None:

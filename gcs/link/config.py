@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field, replace
 
 from estimation.frames import MissionFrame, Triple
+from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
+from gcs.link.rates.budget import TRUTH_BYTES
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
 from gcs.mission.links import LinkSection, SharedLinkSection, capacity_bytes_s
@@ -36,8 +38,8 @@ def full_rates(link: LinkSection, loop_hz: float) -> Rates:
     return Rates(link.telemetry_rate_hz, link.status_rate_hz, setpoint_hz, link.attitude_rate_hz)
 
 
-def link_paces(mission: Mission, truth_hz: float = 0.0) -> dict[str, Pace]:
-    """Return the pace of each connection of a mission, by its url; vehicles are asked for their true motions or not."""
+def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, Pace]:
+    """Return the pace of each connection, by its url; with `truth` simulators are asked for their true motions."""
     link, vehicles = mission.link, mission.vehicles
     shared = {each.url: each for each in mission.links.values()}
     full = full_rates(link, mission.mission.rate_hz)
@@ -45,15 +47,16 @@ def link_paces(mission: Mission, truth_hz: float = 0.0) -> dict[str, Pace]:
     def pace(url: str) -> Pace:
         own = shared.get(url) or SharedLinkSection(url=url)
         capacity = capacity_bytes_s(url, own.bytes_per_s or link.bytes_per_s)
+        carried = [vehicle for vehicle in vehicles if vehicle.section.url == url]
         return Pace(
             # More attitudes would fill a slow connection and arrive late, and the clock would seem to run fast.
             full if capacity is None else replace(full, clock_hz=full.status_hz),
-            sum(vehicle.section.url == url for vehicle in vehicles),
+            len(carried),
             capacity,
             automatic=(own.rates or link.rates) == "auto",
             signed=link.signing_key_file is not None,
             limits_setpoints=link.setpoint_rate_hz is not None,
-            truth_hz=truth_hz,
+            truth_bytes_s=sum(TRUTH_HZ * TRUTH_BYTES[vehicle.autopilot] for vehicle in carried if truth),
         )
 
     return {url: pace(url) for url in {vehicle.section.url for vehicle in vehicles}}

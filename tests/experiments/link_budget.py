@@ -5,6 +5,7 @@ line of 38400 baud.
 """
 
 import json
+import subprocess
 import sys
 import tempfile
 import threading
@@ -17,7 +18,6 @@ from typing import Any
 
 from gcs.flight.stubs import stub_configs
 from gcs.link.config import link_paces
-from gcs.link.ground_truth import RATE_HZ
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.radio.emulation import Emulation, run
@@ -30,8 +30,10 @@ from tests.support.paths import MISSIONS
 from tests.support.wire import cordon
 
 RADIO = RadioSpec(latency_ms=60.0, loss=0.02, shared=True)
-FROM_S = 25.0
-"""When counting begins after the start of the flight's process: the team is on its way to the target."""
+STARTED = "formation: start"
+"""The event of each agent in which the mission begins."""
+APART_S = 5.0
+"""Counting begins so long after the mission, and ends so long before it."""
 ROWS: tuple[tuple[int, dict[str, object]], ...] = (
     (115200, {"telemetry_rate_hz": 20.0, "status_rate_hz": 2.0}),
     (115200, {"telemetry_rate_hz": 10.0, "status_rate_hz": 1.0, "setpoint_rate_hz": 10.0}),
@@ -84,15 +86,26 @@ def counted(path: Path, baud: int, duration_s: float) -> Counted:
         radio(load_mission(str(path)), baud) as emulation,
         cordon("fly", str(path), "--duration", f"{duration_s:g}", "--json", "--no-log") as flight,
     ):
-        time.sleep(FROM_S)
+        _await_start(flight)
+        time.sleep(APART_S)
         before, began_s = _bytes(emulation), time.monotonic()
-        time.sleep(duration_s - FROM_S / 2.0)
+        time.sleep(duration_s - 2.0 * APART_S)
         up, down = (after - earlier for after, earlier in zip(_bytes(emulation), before, strict=True))
         took_s = time.monotonic() - began_s
         out, err = flight.communicate(timeout=600.0)
     if not out:
         raise SystemExit(err)
     return Counted(up / took_s, down / took_s, json.loads(out))
+
+
+def _await_start(flight: subprocess.Popen[str]) -> None:
+    """Read the flight's messages up to the start of its mission."""
+    said: list[str] = []
+    for line in flight.stderr or ():
+        said.append(line)
+        if STARTED in line:
+            return
+    raise SystemExit(f"The flight ended before its mission began:\n{''.join(said)}")
 
 
 def _bytes(emulation: Emulation) -> tuple[int, int]:
@@ -109,7 +122,7 @@ def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
         for baud, link in ROWS:
             path, line = Path(folder, "mission.toml"), Path(folder, "line")
             path.write_text(text_of(on_one_line(line, baud, link)))
-            (pace,) = link_paces(load_mission(str(path)), RATE_HZ).values()
+            (pace,) = link_paces(load_mission(str(path)), truth=True).values()
             flown = counted(path, baud, options.duration)
             rates, planned = pace.rates, pace.load
             radii = ", ".join(f"{each['radius_error_rms_m'] or 0.0:.3f}" for each in flown.result["vehicles"])

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from math import inf
 
-from gcs.link.rates.budget import LOAD_SHARE, TRUTH_BYTES, Load, fitting, load
+from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
 from gcs.link.rates.quality import Traffic
 from gcs.link.rates.rates import Rates, ladder
 
@@ -23,7 +23,7 @@ class Pace:
 
     `automatic` rates begin at the first of `ladder(full)` that fits `capacity_bytes_s` (None: not known), and `look`
     moves them along that ladder by what is lost and by what the radio reports. They never rise above where they began.
-    Simulators are asked for their true motions `truth_hz` times a second, where there is room for them.
+    Simulators are asked for their true motions, `truth_bytes_s` of all together, where there is room for them.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class Pace:
         automatic: bool = False,
         signed: bool = False,
         limits_setpoints: bool = False,
-        truth_hz: float = 0.0,
+        truth_bytes_s: float = 0.0,
     ) -> None:
         self.capacity_bytes_s = capacity_bytes_s
         self.is_bound = automatic or limits_setpoints or capacity_bytes_s is not None
@@ -44,10 +44,10 @@ class Pace:
         self._rungs = ladder(full) if automatic else (full,)
         self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)
         self._at = self._first
-        self.truth_hz = 0.0
-        """How often simulators are asked for their true motions: not where these would take the room of others."""
-        if self.has_room(vehicles * truth_hz * TRUTH_BYTES):
-            self.truth_hz = truth_hz
+        self.truth_bytes_s = 0.0
+        """What the true motions take that simulators are asked for: not where these would take the room of others."""
+        if self.has_room(truth_bytes_s):
+            self.truth_bytes_s = truth_bytes_s
         self._before: Traffic | None = None
         self._look_next_s = -inf
         self._well_since_s = -inf
@@ -61,7 +61,7 @@ class Pace:
     def load(self) -> Load:
         """What the connection is asked to carry at these rates."""
         asked = load(self.rates, self.vehicles, signed=self.signed)
-        return replace(asked, down_bytes_s=asked.down_bytes_s + self.vehicles * self.truth_hz * TRUTH_BYTES)
+        return replace(asked, down_bytes_s=asked.down_bytes_s + self.truth_bytes_s)
 
     def has_room(self, more_bytes_s: float) -> bool:
         """Return whether so much more can be asked for."""

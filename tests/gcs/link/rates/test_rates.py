@@ -45,7 +45,8 @@ def test_a_rate_below_the_least_stays() -> None:
         ("extended_sys_state", (0, 1), STATUS_BYTES[2]),
         ("global_position_int", (1, 1, 1, 1, 1, 1, 1, 1, 30000), SLOW_STATUS_BYTES[3]),
         ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[4]),
-        ("sim_state", (0.1,) * 21 + (473977420, 85455940), TRUTH_BYTES),
+        ("sim_state", (0.1,) * 21 + (473977420, 85455940), TRUTH_BYTES["ardupilot"]),
+        ("hil_state_quaternion", (1, [0.1] * 4, *(0.1,) * 3, *(300,) * 11), TRUTH_BYTES["px4"]),
         ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[5]),
         (
             "set_position_target_local_ned",
@@ -117,12 +118,12 @@ def test_fixed_rates_stay() -> None:
 
 
 def test_simulators_are_asked_for_the_truth_where_there_is_room() -> None:
-    small, large = (Pace(FULL, 3, baud / 10.0, truth_hz=10.0) for baud in (115200, 921600))
-    assert small.truth_hz == 0.0
+    small, large = (Pace(FULL, 3, baud / 10.0, truth_bytes_s=2280.0) for baud in (115200, 921600))
+    assert small.truth_bytes_s == 0.0
     assert small.load == load(FULL, 3)
-    assert large.truth_hz == 10.0
-    assert large.load.down_bytes_s == load(FULL, 3).down_bytes_s + 3 * 10.0 * TRUTH_BYTES
-    assert Pace(FULL, 3, truth_hz=10.0).truth_hz == 10.0
+    assert large.truth_bytes_s == 2280.0
+    assert large.load.down_bytes_s == load(FULL, 3).down_bytes_s + 2280.0
+    assert Pace(FULL, 3, truth_bytes_s=2280.0).truth_bytes_s == 2280.0
 
 
 def test_what_may_be_sent_leaves_the_vehicles_their_room() -> None:
