@@ -30,6 +30,8 @@ SPEED_SNAP = 0.1
 CLOCK_SAMPLES, CLOCK_LONGEST_S = 6, 5.0
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
+RATE_ATTEMPTS = 5
+"""Until the rates are set, what the autopilots send by themselves may fill a slow link, and acknowledgements are late."""
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
@@ -153,7 +155,8 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: Rates) ->
     Raises VehicleRefusedError when the motion is refused; a refused status message does not prevent a flight.
     """
     telemetry = feed.plugin
-    await calls.command("send its local position", telemetry.set_rate_position_velocity_ned, rates.telemetry_hz)
+    motion = telemetry.set_rate_position_velocity_ned
+    await calls.command("send its local position", motion, rates.telemetry_hz, attempts=RATE_ATTEMPTS)
     slow = [(name, rates.status_hz) for name in STATUS]
     for name, rate_hz in (*slow, *((name, rates.status_hz / 2.0) for name in SLOW_STATUS)):
         await _request_rate(calls, telemetry, name, rate_hz)
