@@ -303,6 +303,7 @@ class VehicleCore:
     def on_vehicle(self, status: VehicleStatus) -> None:
         """Take the autopilot's status."""
         self._fault_detector.vehicle.status = status
+        self._estimator.follow_link(status.round_trip_s)
         if status.lost is not Connection.NONE:
             self._name_override()
 

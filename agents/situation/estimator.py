@@ -13,6 +13,9 @@ from estimation.polar import Polar, polar_from_motion
 from estimation.state import DISTURBANCE, MOTION, Sighting, TargetEstimate, Telemetry, Vector
 from estimation.vectors import Pair
 
+LINK_DELAY_MAX_S = 0.5
+"""A link that is slower is not predicted over: the history of setpoints is short, and such a link is about to fail."""
+
 
 class Estimator:
     """Estimates one vehicle's motion, the target's, and the centre of the ring.
@@ -31,7 +34,8 @@ class Estimator:
         self._height_m = config.take_off_altitude_m
         # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
         self._held_s = 0.5 / config.rate_hz
-        self._acts_after_s = config.plant.delay_s + self._held_s
+        self._plant_delay_s = config.plant.delay_s
+        self._link_delay_s = 0.0
 
     @property
     def ring_frequency_rad_s(self) -> float:
@@ -56,6 +60,13 @@ class Estimator:
         """Take in the aim (2,) of the setpoint that is sent: the input of the own filter's process model."""
         self.own.command(now_s, aim_m)
 
+    def follow_link(self, round_trip_s: float | None) -> None:
+        """Let setpoints act, and telemetry arrive, later by the link's round trip, up to `LINK_DELAY_MAX_S`."""
+        delay_s = min(round_trip_s or 0.0, LINK_DELAY_MAX_S)
+        if delay_s != self._link_delay_s:
+            self._link_delay_s = delay_s
+            self.own.delay_by(delay_s)
+
     def follow_ring(self, ring_rad_s: float, polar: Polar | None = None) -> None:
         """Let the disturbance swing at the ring's angular rate (0: off the ring), corrected by the one flown."""
         self._ring_frequency.follow(ring_rad_s, None if polar is None else polar.angular_rate_rad_s)
@@ -68,7 +79,7 @@ class Estimator:
         if own is None:
             return None
         target = self._seen = self.target.estimate(now_s)
-        acting_s = now_s + self._acts_after_s
+        acting_s = now_s + self._plant_delay_s + self._link_delay_s + self._held_s
         acting = self.own.predicted(acting_s, self._held_s)
         acting_target = None if target is None else moved(target.mean, acting_s - target.time_s)
         centre = self._target_blend.centre(target, now_s)

@@ -52,6 +52,7 @@ class OwnFilter:
         self._gate_squared = settings.gate_sigma**2 * _MEASURED
         self._steps = lru_cache(maxsize=1024)(partial(_steps, plant, settings))
         self._inputs = _InputHistory(plant.delay_s)
+        self._plant_delay_s = plant.delay_s
         self._axes: Axes | None = None
         self._time_s = -inf
         self._consistency = Consistency()
@@ -67,6 +68,10 @@ class OwnFilter:
     def command(self, time_s: float, aim_m: Vector) -> None:
         """Store the aim (2,) sent at `time_s`: the setpoint itself unless it has a velocity."""
         self._inputs.add(time_s, aim_m)
+
+    def delay_by(self, link_s: float) -> None:
+        """Let setpoints act later from now on, beside the plant's own delay, by that of the link both ways."""
+        self._inputs.delay_s = self._plant_delay_s + link_s
 
     def turn_disturbance(self, rate_rad_s: float) -> None:
         """Estimate a disturbance oscillating at this rate from now on, besides the steady one; 0: only that one."""
@@ -270,7 +275,7 @@ class _InputHistory:
     """The setpoints that were sent, by the time from which they act."""
 
     def __init__(self, delay_s: float) -> None:
-        self._delay_s = delay_s
+        self.delay_s = delay_s
         self._from_s: list[float] = []
         self._setpoint_m: list[_Pair] = []
 
@@ -281,7 +286,8 @@ class _InputHistory:
             self._setpoint_m.append(position_m)
 
     def add(self, time_s: float, setpoint_m: Vector) -> None:
-        self._from_s.append(time_s + self._delay_s)
+        # A setpoint does not overtake the one before it where the delay has become shorter.
+        self._from_s.append(max(time_s + self.delay_s, self._from_s[-1] if self._from_s else -inf))
         self._setpoint_m.append((setpoint_m.item(0), setpoint_m.item(1)))
         oldest = bisect_right(self._from_s, time_s - _HISTORY_S) - 1
         if oldest > 0:

@@ -19,6 +19,7 @@ WINDOW_S = 10.0
 SHARES = (0.6, 0.75, 1.0, 1.33, 1.67)
 """Of stiffness and of damping: the other plants that are tried."""
 DELAYS_S = (-0.2, -0.1, 0.0, 0.1, 0.2)
+DELAY_MAX_S, DELAY_STEP_S = 1.0, 0.02
 WINDOWS_LEAST = 6
 MOVED_LEAST_M = 0.3
 """The setpoint has to move by this (rms, about a straight line) for a window to say anything about a plant."""
@@ -47,6 +48,19 @@ def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
     left = {each: _unexplained_m(each, windows) for each in (plant, *others(plant))}
     best = min(left, key=left.__getitem__)
     return Watched(len(windows), left[plant], left[best], best)
+
+
+def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | None:
+    """Return the delay with which a plant explains a flight best: from a setpoint to its effect in the positions [s].
+
+    Arguments and None as in `watch`.
+    """
+    windows = list(_windows(setpoints, samples))
+    if len(windows) < WINDOWS_LEAST:
+        return None
+    tried_s = np.arange(0.0, DELAY_MAX_S + DELAY_STEP_S / 2.0, DELAY_STEP_S)
+    left = [_unexplained_m(replace(plant, delay_s=float(delay_s)), windows) for delay_s in tried_s]
+    return float(tried_s[np.argmin(left)])
 
 
 def others(plant: Plant) -> list[Plant]:
@@ -93,6 +107,13 @@ def _held(at_s: Vector, value: Vector, time_s: Vector) -> Vector:
     return value[np.maximum(np.searchsorted(at_s, time_s + 1e-6, side="right") - 1, 0)]
 
 
+def _means(at_s: Vector, value: Vector, edges_s: Vector) -> Vector:
+    """Return the means of a value that is held from each of its times on, between each edge and the next."""
+    total = np.vstack([np.zeros(2), np.cumsum(value[:-1] * np.diff(at_s)[:, None], axis=0)])
+    totals = np.column_stack([np.interp(edges_s, at_s, column) for column in total.T])
+    return np.diff(totals, axis=0) / STEP_S
+
+
 def _without_line(values: Vector) -> Vector:
     base = np.column_stack([np.ones(len(values)), np.arange(len(values))])
     return values - base @ np.linalg.lstsq(base, values, rcond=None)[0]
@@ -109,7 +130,7 @@ def _unexplained_m(plant: Plant, windows: Sequence[_Window]) -> float:
     begins_s = np.array([window.from_s for window in windows])
     pushes = np.array(
         [
-            _held(window.setpoint_s, _aims(plant, window), begins_s[k] - plant.delay_s + STEP_S * np.arange(count))
+            _means(window.setpoint_s, _aims(plant, window), begins_s[k] - plant.delay_s + STEP_S * np.arange(count + 1))
             for k, window in enumerate(windows)
         ]
     )

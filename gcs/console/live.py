@@ -43,6 +43,7 @@ LIVE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("r\n[m]", "right"),
 )
 WIDE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+    ("trip\n[ms]", "right"),
     ("ω\n[rad/s]", "right"),
     ("lead\n[°]", "right"),
     ("lag\n[°]", "right"),
@@ -55,9 +56,10 @@ class LiveRow:
     """One vehicle at one time; None where a value does not apply or is not known.
 
     `nearest_m` is the horizontal distance to the nearest other vehicle, too close below `separation_m`; `fence_m` is
-    that to the fence, negative outside. `link_age_s` is the age of the newest telemetry [wall s]; `gps` the fix and the
-    satellites. `spacing_lead_deg` and `spacing_lag_deg` are the angles to the neighbours on the ring; `battery` is a
-    fraction. `ending` says what became of a vehicle whose flight is over, empty before.
+    that to the fence, negative outside. `link_age_s` is the age of the newest telemetry, `round_trip_s` the time from a
+    message to its answer [wall s]; `gps` the fix and the satellites. `spacing_lead_deg` and `spacing_lag_deg` are the
+    angles to the neighbours on the ring; `battery` is a fraction. `ending` says what became of a vehicle whose flight
+    is over, empty before.
     """
 
     vehicle_id: int
@@ -78,6 +80,7 @@ class LiveRow:
     separation_m: float = 0.0
     fence_m: float | None = None
     link_age_s: float | None = None
+    round_trip_s: float | None = None
     gps: str = "–"
     ending: str = ""
 
@@ -149,6 +152,7 @@ def _cells(row: LiveRow, wide: bool, over: bool) -> list[Text]:
     ]
     if wide:
         cells += [
+            Text(number(None if row.round_trip_s is None else 1e3 * row.round_trip_s, ".0f")),
             Text(number(row.angular_rate_rad_s, "+.3f")),
             Text(number(row.spacing_lead_deg, ".1f")),
             Text(number(row.spacing_lag_deg, ".1f")),

@@ -158,6 +158,7 @@ class Watch:
             separation_m=self._team.plan.mission.safety.separation_m,
             fence_m=None if fence is None or place_m is None else fence.clearance_m(place_m),
             link_age_s=None if motion is None else self._age_s(motion),
+            round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.speed,
             gps=_gps(vehicle),
             ending=ending,
         )

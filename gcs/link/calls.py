@@ -31,7 +31,7 @@ CLOCK_SAMPLES, CLOCK_LONGEST_S = 6, 5.0
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
 RATE_ATTEMPTS = 5
-"""Until the rates are set, what the autopilots send by themselves may fill a slow link, and acknowledgements are late."""
+"""Until the rates are set, what autopilots send by themselves may fill a slow link, and acknowledgements are late."""
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""

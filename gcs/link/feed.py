@@ -260,6 +260,10 @@ class VehicleFeed:
         self.texts.take(text.text, text.type)
         self.reports.take_text(text.text)
 
+    def note_round_trip(self, round_trip_s: float) -> None:
+        """Take the round trip of the link [s of the mission clock]."""
+        self._update(round_trip_s=round_trip_s)
+
     def _take_connected(self, connected: bool) -> None:
         before = self.status.connected
         self._update(connected=bool(connected))

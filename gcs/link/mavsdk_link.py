@@ -43,6 +43,8 @@ WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
 """Without motion for this long on a live link, the autopilot has lost the rates: they are requested again."""
 RENEWAL_TIMEOUT_S = 5.0
+ROUND_TRIP_STEP_S = 0.01
+"""Shorter changes of the round trip are not reported: they change no prediction noticeably."""
 
 
 class MavsdkLink:
@@ -353,9 +355,18 @@ class MavsdkLink:
                 with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
             self._config.pace.look(self._hub.traffic(self._config.url), time.monotonic())
+            self._note_round_trip()
             if self._rates is not self._config.pace.rates:
                 with suppress(VehicleRefusedError):
                     await self._request_rates()
+
+    def _note_round_trip(self) -> None:
+        """Report the link's round trip on the mission clock, in whole steps."""
+        feed, measured_s = self._connected().feed, self.report.round_trip_s
+        if measured_s is not None:
+            round_trip_s = ROUND_TRIP_STEP_S * round(measured_s * self._speed / ROUND_TRIP_STEP_S)
+            if round_trip_s != feed.status.round_trip_s:
+                feed.note_round_trip(round_trip_s)
 
     async def _request_rates(self) -> None:
         """Request the rates in force, and let the relay keep to them."""

@@ -13,7 +13,7 @@ from gcs.preflight.mission import autopilot_limits, feasibility
 from gcs.preflight.parameters import JUDGES, failsafes, fence, station
 from gcs.preflight.profile import profile
 from gcs.preflight.senders import senders
-from gcs.preflight.vehicle import at_rest, battery, clock, gps, health, identity, place, telemetry, together
+from gcs.preflight.vehicle import at_rest, battery, clock, gps, health, identity, latency, place, telemetry, together
 
 Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
 
@@ -26,6 +26,7 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
     place,
     lambda facts, _mission, _vehicle: battery(facts),
     lambda facts, _mission, _vehicle: telemetry(facts),
+    lambda facts, _mission, vehicle: latency(facts, vehicle),
     lambda facts, _mission, _vehicle: clock(facts),
 )
 """The checks of every vehicle whose messages arrive."""

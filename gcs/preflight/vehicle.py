@@ -6,6 +6,7 @@ from itertools import combinations
 from math import hypot
 
 from agents.ports import FlightMode
+from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
 from gcs.link.status_texts import quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
@@ -256,6 +257,20 @@ def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
         "use a faster link, come nearer, or turn other streams down (PX4: MAV_0_RATE, ArduPilot: SR0_*)",
         temporary=True,
     )
+
+
+def latency(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Check the link's round trip, which the prediction adds to the delay of the profile."""
+    round_trip_s, delay_s = facts.link.round_trip_s, vehicle.plant.delay_s
+    if round_trip_s is None:
+        found = "the round trip of its link is not known: it answers no TIMESYNC"
+        step = "check the link; the firmware is to answer TIMESYNC"
+    else:
+        found = f"the round trip of its link is {round_trip_s:.2f} s, beside a delay of {delay_s:.2f} s in its profile"
+        step = "use a faster link, or lower rates on it"
+    known = round_trip_s is not None and round_trip_s <= LINK_DELAY_MAX_S
+    why = f"a link's delay of up to {LINK_DELAY_MAX_S:g} s is predicted over, where it is known"
+    yield Finding.graded(Grade.PASS if known else Grade.WARNING, facts.subject, "latency", found, why, step)
 
 
 def clock(facts: VehicleFacts) -> Iterator[Finding]:

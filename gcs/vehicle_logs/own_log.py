@@ -1,6 +1,10 @@
-"""Cordon's own log as everybody's: each vehicle's setpoints when they were sent, and its motion as it told."""
+"""Cordon's own log as everybody's: each vehicle's setpoints when they were sent, and its motion as it told.
+
+A setpoint counts as sent later by the round trip of the vehicle's link: what is identified is a vehicle without it.
+"""
 
 from collections.abc import Sequence
+from statistics import median
 
 import numpy as np
 
@@ -54,7 +58,7 @@ def _add_setpoints(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: Missi
     """Take what was sent, and when it flew the vehicle: its autopilot's word counts, where it has one."""
     sent: list[tuple[float, Triple]] = []
     fed: list[tuple[float, Triple]] = []
-    mode = FlightMode.UNKNOWN
+    mode, link_s = FlightMode.UNKNOWN, _round_trip_s(flight, vehicle_id)
     for record in flight.vehicles[vehicle_id]:
         if record.kind is Autopilot:
             mode = record.read(Autopilot).status.mode
@@ -63,13 +67,20 @@ def _add_setpoints(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: Missi
             flown = decision.setpoint is not None and mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
             raw.modes.append((_stamp(decision.time_s), CORDON if flown else mode.value))
             if decision.setpoint is not None:
-                sent.append((decision.time_s, decision.setpoint.position_m))
+                sent_s = decision.time_s + link_s
+                sent.append((sent_s, decision.setpoint.position_m))
                 if decision.setpoint.velocity_m_s:
                     x, y, z = decision.setpoint.velocity_m_s
-                    fed.append((decision.time_s, (x, y, z)))
+                    fed.append((sent_s, (x, y, z)))
     _add(raw, "setpoint", DECISION, sent, frame)
     if fed:
         _add(raw, "setpoint_velocity", DECISION, fed, frame)
+
+
+def _round_trip_s(flight: FlightLog, vehicle_id: int) -> float:
+    """Return the usual round trip of a vehicle's link, 0 where none was measured."""
+    statuses = (each.status for each in flight.of_kind(vehicle_id, Autopilot))
+    return median([each.round_trip_s for each in statuses if each.round_trip_s is not None] or [0.0])
 
 
 def _add_motion(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:

@@ -120,6 +120,7 @@ class MavlinkVehicle:
             "REQUEST_DATA_STREAM": self._on_request_data_stream,
             "SETUP_SIGNING": self._on_setup_signing,
             "SET_POSITION_TARGET_LOCAL_NED": self._on_setpoint,
+            "TIMESYNC": _timesync,
         }
 
     def receive(self, data: bytes, time_s: float) -> list[bytes]:
@@ -292,6 +293,11 @@ class MavlinkVehicle:
 
 def _sender(message: Any) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _timesync(message: Any, time_s: float) -> list[Outgoing]:
+    """Answer a request of the autopilot's time; an answer to one of its own is none."""
+    return [] if message.tc1 else [(MessageId.TIMESYNC, (round(time_s * 1e9), message.ts1))]
 
 
 def _encoded(value: Value, *, bytewise: bool) -> tuple[float, int]:

@@ -124,6 +124,30 @@ def test_errors_are_as_large_as_the_filter_believes() -> None:
     assert lowest < sum(squares) < highest
 
 
+def test_a_link_delays_setpoints_as_a_slower_plant_does() -> None:
+    """One filter knows the plant and the link, the other one plant with the delay of both."""
+    slow = Plant(PLANT.x, PLANT.y, 0.25 + 0.13)
+    over_link, whole = OwnFilter(DELAYED, SETTINGS), OwnFilter(slow, SETTINGS)
+    over_link.delay_by(0.13)
+    fly(over_link, slow, 60, wind=(0.3, -0.1))
+    fly(whole, slow, 60, wind=(0.3, -0.1))
+    assert estimated(over_link, 6.0) == pytest.approx(estimated(whole, 6.0), abs=1e-12)
+    assert over_link.predicted(6.4, 0.05) == pytest.approx(whole.predicted(6.4, 0.05), abs=1e-12)
+
+
+def test_a_setpoint_does_not_overtake_the_one_before_it() -> None:
+    """The delay falls from 0.5 s to none: the setpoints of this time act at once then, the newest last."""
+    own = OwnFilter(PLANT, SETTINGS)
+    own.measure(telemetry(0.0, np.zeros(4)))
+    own.delay_by(0.5)
+    for tick in range(5):
+        own.command(0.1 * tick, np.array([float(tick), 0.0]))
+    own.delay_by(0.0)
+    own.command(0.5, np.array([9.0, 0.0]))
+    assert own.mean_aim_m(0.91, 1.5) == (9.0, 0.0)
+    assert own.mean_aim_m(0.7, 0.8) == pytest.approx((2.0, 0.0))
+
+
 @pytest.mark.parametrize(("turning_rad_s", "motion_error"), [(0.15, 1e-3), (0.0, 0.05)])
 def test_a_disturbance_that_turns_leaves_no_error_if_that_is_known(turning_rad_s: float, motion_error: float) -> None:
     settings = OwnFilterSettings(position_noise_m=0.05, velocity_noise_m_s=1.0)

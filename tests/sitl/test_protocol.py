@@ -619,6 +619,13 @@ def test_a_ping_is_answered(client: Client) -> None:
     assert (answer.time_usec, answer.seq, answer.target_system, answer.target_component) == (123456, 9, 245, 190)
 
 
+def test_a_timesync_request_is_answered_with_its_time_and_an_answer_is_not(client: Client) -> None:
+    answer = only(client.send(dialect.MAVLink_timesync_message(0, 987_654_321)), "TIMESYNC")
+    assert answer.ts1 == 987_654_321
+    assert answer.tc1 > 0
+    assert client.send(dialect.MAVLink_timesync_message(5, 987_654_321)) == []
+
+
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.binary(max_size=300), max_size=5))
 def test_no_bytes_break_it(datagrams: list[bytes]) -> None:

@@ -18,6 +18,8 @@ SETPOINT_BYTES = 65
 TRUTH_BYTES = {"px4": 76, "ardupilot": 104}
 """HIL_STATE_QUATERNION and SIM_STATE."""
 HEARTBEAT_BYTES, HEARTBEAT_HZ = 21, 1.0
+ROUND_TRIP_BYTES, ROUND_TRIP_HZ = 28, 0.5
+"""TIMESYNC, each way."""
 SIGNATURE_BYTES = 13
 LOAD_SHARE = 0.7
 """The share of a connection that may be planned with: commands, parameters and repetitions take the rest."""
@@ -37,17 +39,22 @@ class Load:
 
 
 def load(rates: Rates, vehicles: int, *, signed: bool = False) -> Load:
-    """Return what so many vehicles on one connection take at these rates. One heartbeat goes up for all of them."""
+    """Return what so many vehicles on one connection take at these rates.
+
+    One heartbeat and one TIMESYNC go up for all of them.
+    """
     extra = SIGNATURE_BYTES if signed else 0
     streams = (
         (rates.telemetry_hz, (TELEMETRY_BYTES,)),
         (rates.status_hz, STATUS_BYTES),
         (rates.status_hz / 2.0, SLOW_STATUS_BYTES),
         (HEARTBEAT_HZ, (HEARTBEAT_BYTES,)),
+        (ROUND_TRIP_HZ, (ROUND_TRIP_BYTES,)),
     )
     down = sum(rate_hz * (size + extra) for rate_hz, sizes in streams for size in sizes)
     up = rates.setpoint_hz * (SETPOINT_BYTES + extra)
-    return Load(vehicles * up + HEARTBEAT_HZ * (HEARTBEAT_BYTES + extra), vehicles * down)
+    shared = HEARTBEAT_HZ * (HEARTBEAT_BYTES + extra) + ROUND_TRIP_HZ * (ROUND_TRIP_BYTES + extra)
+    return Load(vehicles * up + shared, vehicles * down)
 
 
 def fitting(rungs: Sequence[Rates], vehicles: int, capacity_bytes_s: float, *, signed: bool = False) -> int:

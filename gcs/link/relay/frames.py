@@ -10,6 +10,7 @@ _MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
 HEAD_V1, HEAD_V2, CHECKSUM_LENGTH, SIGNATURE_LENGTH = 6, 10, 2, 13
 SIGNED_FLAG = 1
 HEARTBEAT, _BASE_MODE_AT = 0, 6
+TIMESYNC, TIMESYNC_LENGTH = 111, 16
 HIL_ENABLED = 32
 """MAV_MODE_FLAG_HIL_ENABLED."""
 AUTOPILOT_COMPONENT = 1
@@ -25,7 +26,7 @@ RADIO_STATUS, _BUFFER_FREE_AT = 109, 6
 RADIO_SYSTEM, RADIO_COMPONENT = 51, 68
 """As SiK radios have them."""
 CRC_START, CRC_POLYNOMIAL_REVERSED = 0xFFFF, 0x8408
-HEARTBEAT_CRC_EXTRA, RADIO_STATUS_CRC_EXTRA = 50, 185
+HEARTBEAT_CRC_EXTRA, TIMESYNC_CRC_EXTRA, RADIO_STATUS_CRC_EXTRA = 50, 34, 185
 
 
 class Header(NamedTuple):
@@ -89,6 +90,22 @@ def station_heartbeat(sequence: int) -> bytes:
     return _frame(Header(STATION_SYSTEM, STATION_COMPONENT, HEARTBEAT), sequence, payload, HEARTBEAT_CRC_EXTRA)
 
 
+def timesync_request(sequence: int, time_ns: int) -> bytes:
+    """Return a TIMESYNC request to all systems; their answers return `time_ns`."""
+    payload = bytes(8) + time_ns.to_bytes(8, "little")
+    return _frame(Header(STATION_SYSTEM, STATION_COMPONENT, TIMESYNC), sequence, payload, TIMESYNC_CRC_EXTRA)
+
+
+def timesync_answer(frame: bytes) -> int | None:
+    """Return the time that an answer to a TIMESYNC request returns; None for other messages."""
+    if header(frame).message != TIMESYNC:
+        return None
+    start = HEAD_V1 if frame[0] == MAGIC_V1 else HEAD_V2
+    payload = frame[start : start + frame[1]].ljust(TIMESYNC_LENGTH, b"\0")
+    answered, asked = payload[:8], payload[8:TIMESYNC_LENGTH]
+    return int.from_bytes(asked, "little", signed=True) if any(answered) else None
+
+
 def radio_status(sequence: int, buffer_free: float) -> bytes:
     """Return the RADIO_STATUS of a radio with a free share of its transmit buffer."""
     strength, noise = 200, 40
@@ -98,7 +115,8 @@ def radio_status(sequence: int, buffer_free: float) -> bytes:
 
 
 def _frame(sender: Header, sequence: int, payload: bytes, crc_extra: int) -> bytes:
-    """Return a MAVLink 2 frame; the last byte of its payload is not 0."""
+    """Return a MAVLink 2 frame, without the zeros at the end of its payload, whose first byte stays."""
+    payload = payload[:1] + payload[1:].rstrip(b"\0")
     head = bytes((len(payload), 0, 0, sequence % 256, *sender, 0, 0))
     crc = CRC_START
     for byte in (*head, *payload, crc_extra):

@@ -8,7 +8,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 
-from gcs.link.relay.frames import HEAD_V2, FrameStream, buffer_free, header, is_autopilot_heartbeat, is_hil, sequence
+from gcs.link.relay.frames import (
+    HEAD_V2,
+    FrameStream,
+    buffer_free,
+    header,
+    is_autopilot_heartbeat,
+    is_hil,
+    sequence,
+    timesync_answer,
+)
+from gcs.link.relay.round_trips import RoundTrips
 from gcs.link.relay.sequences import Sequences
 from gcs.link.relay.signing import Signing, Verdict
 
@@ -35,7 +45,8 @@ class LinkReport:
     `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
     `moves` where the vehicle continued after a silence; `dropped` is the number of frames by reason. `doubled` says
     that two vehicles send with this system id from one address: their sequence numbers go forth and back. `hil` says
-    that the newest heartbeat has the flag of a simulated body.
+    that the newest heartbeat has the flag of a simulated body. `round_trip_s` is the time from a request to its answer
+    [wall s], None before the first answer.
     """
 
     address: str = ""
@@ -45,6 +56,7 @@ class LinkReport:
     dropped: Mapping[str, int] = field(default_factory=dict)
     doubled: bool = False
     hil: bool = False
+    round_trip_s: float | None = None
 
 
 class Claim:
@@ -65,10 +77,11 @@ class Claim:
         self._dropped: Counter[str] = Counter()
         self.sequences = Sequences()
         """Of the frames from the verified address."""
+        self.round_trips = RoundTrips()
         self._hil = False
 
     def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
-        """Return whether a frame with this system id is the vehicle's."""
+        """Return whether a frame with this system id is the vehicle's, and for MAVSDK."""
         if self.address is None:
             self._consider(frame, address)
             return False
@@ -85,7 +98,8 @@ class Claim:
         self.sequences.take(header(frame).component, sequence(frame))
         if is_autopilot_heartbeat(frame):
             self._hil = is_hil(frame)
-        return True
+        asked_ns = timesync_answer(frame)
+        return asked_ns is None or not self.round_trips.answered(asked_ns, round(now_s * 1e9))
 
     def verify(self, address: Address, now_s: float) -> None:
         """Listen and talk to this address alone from now on."""
@@ -126,6 +140,7 @@ class Claim:
             dict(self._dropped),
             self.sequences.is_doubled,
             self._hil,
+            self.round_trips.median_s,
         )
 
     def _move(self, address: Address, verdict: Verdict) -> None:

@@ -8,9 +8,17 @@ import time
 from collections.abc import Container, Iterable, Iterator
 from math import inf
 
+from gcs.link.rates.budget import ROUND_TRIP_HZ
 from gcs.link.rates.quality import Traffic
 from gcs.link.relay.carriers import open_carrier
-from gcs.link.relay.frames import MAGIC_V2, SIGNATURE_LENGTH, FrameStream, station_heartbeat, target_system
+from gcs.link.relay.frames import (
+    MAGIC_V2,
+    SIGNATURE_LENGTH,
+    FrameStream,
+    station_heartbeat,
+    target_system,
+    timesync_request,
+)
 from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
 from gcs.link.relay.inner import InnerConnection, InnerListener
 from gcs.link.relay.relay_thread import RelayThread
@@ -18,6 +26,7 @@ from gcs.link.relay.signing import Signing, Verdict
 from gcs.link.relay.transmit_queue import Outgoing, TransmitQueue
 
 CALL_PERIOD_S = 0.5
+ROUND_TRIP_PERIOD_S = 1.0 / ROUND_TRIP_HZ
 
 
 class Relay:
@@ -36,6 +45,8 @@ class Relay:
         self._first: list[bytes] = []
         self._called = 0
         self._call_next_s = -inf
+        self._round_trips = 0
+        self._round_trip_next_s = -inf
         self._outgoing = FrameStream()
         self._queue: TransmitQueue | None = None
         self._up_bytes = self._down_bytes = 0
@@ -85,6 +96,7 @@ class Relay:
             claim = self._gate.claims[system_id]
             claim.verify(address, time.monotonic())
             self._first.append(claim.candidates.pop(address))
+            self._round_trip_next_s = -inf
         self._thread.wake()
 
     def report(self, system_id: int) -> LinkReport:
@@ -133,7 +145,7 @@ class Relay:
         self._carrier.call_again()
         # Each call to the system gives the interpreter lock away, and waits to get it again.
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
-        for frame, address in (*self._signed_all(self._paced(sent)), *self._calls()):
+        for frame, address in (*self._signed_all(self._paced([*sent, *self._requests()])), *self._calls()):
             if self._carrier.send(frame, address):
                 self._up_bytes += len(frame)
         arrives = any(descriptor in readable for descriptor in self._carrier.watched())
@@ -176,6 +188,21 @@ class Relay:
         with self._lock:
             peers = self._gate.peers()
             return [each for frame, address in frames for each in _signed(frame, address, peers.get(address, ()))]
+
+    def _requests(self) -> list[Outgoing]:
+        """Return the TIMESYNC requests that are due, one for each address: all vehicles there answer it."""
+        now_s = time.monotonic()
+        if now_s < self._round_trip_next_s:
+            return []
+        self._round_trip_next_s = now_s + ROUND_TRIP_PERIOD_S
+        self._round_trips += 1
+        now_ns = round(now_s * 1e9)
+        with self._lock:
+            peers = self._gate.peers()
+            for claim in (claim for claims in peers.values() for claim in claims):
+                claim.round_trips.asked(now_ns)
+        request = timesync_request(self._round_trips, now_ns)
+        return [(request, address) for address in peers]
 
     def _calls(self) -> list[tuple[bytes, Address]]:
         """Return the heartbeats that are due to those that are not verified: MAVSDK sends none before.

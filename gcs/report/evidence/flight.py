@@ -70,7 +70,8 @@ class VehicleEvidence:
 
     `telemetry` is the reception of its own autopilot, `peers` that of each other vehicle, by id; `dropped` states the
     messages dropped by reason. `battery` (K, 2) holds times and fractions. `altitude_m` (T,) is at `own.time_s`.
-    `samples` (K, 3) are time, x and y of the autopilot's position.
+    `samples` (K, 3) are time, x and y of the autopilot's position. `round_trip_s` (K,) are those of its link, one with
+    each status of the autopilot [s of the mission clock].
     """
 
     vehicle_id: int
@@ -83,6 +84,7 @@ class VehicleEvidence:
     dropped: str = ""
     battery: Vector = field(default_factory=_no_pairs)
     samples: Vector = field(default_factory=lambda: np.empty((0, 3)))
+    round_trip_s: Vector = field(default_factory=_none)
 
 
 @dataclass(frozen=True, slots=True)

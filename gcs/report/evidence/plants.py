@@ -1,10 +1,12 @@
 """Validation of the profiles' plants against the flight, and when to identify a plant again."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimation.plant.model import Plant
-from estimation.plant.watch import others, watch
-from estimation.state import POSITION
+from estimation.plant.watch import DELAY_MAX_S, effect_delay_s, others, watch
+from estimation.state import POSITION, Vector
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
 
@@ -14,18 +16,20 @@ half of the variance. In closed loop, noise alone favours a softer plant: the dr
 
 
 def plant_facts(mission: Mission, evidence: FlightEvidence) -> dict[str, str]:
-    """Return the validation of the plant of each recorded vehicle's profile as text, by fact name."""
-    return {
-        f"plant of vehicle {each.vehicle_id}": _validation(mission.vehicle(each.vehicle_id), each)
-        for each in evidence.vehicles
-        if each.loop.time_s.size and each.samples.size
-    }
+    """Return the validation of the plant of each recorded vehicle's profile, and its latency, as text by fact name."""
+    facts: dict[str, str] = {}
+    for each in evidence.vehicles:
+        if each.loop.time_s.size and each.samples.size:
+            vehicle = mission.vehicle(each.vehicle_id)
+            facts[f"plant of vehicle {each.vehicle_id}"] = _validation(vehicle, each)
+            facts[f"latency of vehicle {each.vehicle_id}"] = _latency(vehicle, each)
+    return facts
 
 
 def _validation(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
-    loop, plant = evidence.loop, vehicle.plant
-    sent = [loop.time_s, loop.setpoint_m[:, POSITION]] + [loop.velocity_m_s[:, POSITION]] * (plant.feedforward > 0.0)
-    watched, name = watch(plant, np.column_stack(sent), evidence.samples), f"'{vehicle.section.profile}'"
+    plant = _over_the_link(vehicle.plant, evidence)
+    watched = watch(plant, _setpoints(plant, evidence), evidence.samples)
+    name = f"'{vehicle.section.profile}'"
     if watched is None:
         return f"{name}: not enough excitation to validate the plant"
     left = f"{name}: residual {watched.unexplained_m:.2f} m rms over {watched.windows} windows"
@@ -34,6 +38,27 @@ def _validation(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
     return (
         f"{left}, other plant {watched.best_m:.2f} m ({_numbers(watched.best, plant)}): identify again (cordon excite)"
     )
+
+
+def _latency(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
+    effect_s = effect_delay_s(vehicle.plant, _setpoints(vehicle.plant, evidence), evidence.samples)
+    effect = "not enough excitation to measure it" if effect_s is None else f"{effect_s:.2f} s"
+    trips_s, link = evidence.round_trip_s, "not measured"
+    if trips_s.size:
+        link = f"{np.median(trips_s):.2f} s ({trips_s.min():.2f} to {trips_s.max():.2f})"
+    return f"setpoint to effect {effect}; delay of the profile {vehicle.plant.delay_s:.2f} s, link's round trip {link}"
+
+
+def _over_the_link(plant: Plant, evidence: VehicleEvidence) -> Plant:
+    """Return a plant as it appears over the vehicle's link."""
+    link_s = float(np.median(evidence.round_trip_s)) if evidence.round_trip_s.size else 0.0
+    return replace(plant, delay_s=min(plant.delay_s + link_s, DELAY_MAX_S))
+
+
+def _setpoints(plant: Plant, evidence: VehicleEvidence) -> Vector:
+    loop = evidence.loop
+    sent = [loop.time_s, loop.setpoint_m[:, POSITION]] + [loop.velocity_m_s[:, POSITION]] * (plant.feedforward > 0.0)
+    return np.column_stack(sent)
 
 
 def _numbers(best: Plant, plant: Plant) -> str:

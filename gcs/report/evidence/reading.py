@@ -156,6 +156,7 @@ class _VehicleReader:
         self._peers: dict[int, MemberState] = {}
         self._angles: dict[int, NeighbourAngle] = {}
         self._battery: list[tuple[float, float]] = []
+        self._round_trip_s: list[float] = []
         self._truth: dict[bool, list[tuple[float, ...]]] = {False: [], True: []}
         self._late = 0
         self._dropped = ""
@@ -233,6 +234,7 @@ class _VehicleReader:
             peers={peer: _reception(received, start_s, speed) for peer, received in sorted(self._received.items())},
             dropped=self._dropped,
             battery=battery,
+            round_trip_s=np.array(self._round_trip_s),
         )
 
     def _decision(self, record: LogRecord) -> None:
@@ -310,6 +312,8 @@ class _VehicleReader:
         status = record.message().status
         if status.HasField("battery"):
             self._battery.append((record.time_ns * 1e-9 * self._log.run.speed, status.battery))
+        if "round_trip_s" in status.DESCRIPTOR.fields_by_name and status.HasField("round_trip_s"):  # not in older logs
+            self._round_trip_s.append(status.round_trip_s)
 
 
 def _target_of(decision: Any) -> Vector | None:

@@ -77,6 +77,7 @@ def well(vehicle_id: int, **changes: Any) -> VehicleFacts:
         system_id=vehicle_id,
         uid=0x3230_3031,
         vendor_id=0x26AC,
+        link=LinkReport(round_trip_s=0.02),
     )
     return replace(facts, **changes)
 
@@ -272,6 +273,9 @@ def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
         ({"telemetry_rate_hz": 15.9}, [("warning", "telemetry")]),
         ({"telemetry_rate_hz": 16.0}, []),
         ({"telemetry_rate_hz": 7.9}, [("refuse", "telemetry")]),
+        ({"link": LinkReport(round_trip_s=0.49)}, []),
+        ({"link": LinkReport(round_trip_s=0.51)}, [("warning", "latency")]),
+        ({"link": LinkReport()}, [("warning", "latency")]),
         ({"clock_ratio": None}, [("warning", "clock")]),
         ({"clock_ratio": 1.05}, [("warning", "clock")]),
     )
@@ -632,10 +636,12 @@ def test_streams_that_were_not_asked_for_are_noticed(came_bytes_s: float, grade:
 
 
 def test_a_vehicle_whose_id_is_doubled_on_its_line_is_refused() -> None:
-    assert grave(team(link=LinkReport("/dev/ttyUSB0:57600", doubled=True))) == [("refuse", "vehicle 2", "doubled")]
+    assert grave(team(link=LinkReport("/dev/ttyUSB0:57600", doubled=True, round_trip_s=0.1))) == [
+        ("refuse", "vehicle 2", "doubled")
+    ]
 
 
-BOARD = {"uid": 0x31, "link": LinkReport(hil=True), "parameters": {**PX4, "SYS_HITL": 2.0}}
+BOARD = {"uid": 0x31, "link": LinkReport(hil=True, round_trip_s=0.01), "parameters": {**PX4, "SYS_HITL": 2.0}}
 SIMULATOR = {"uid": PX4_SITL_UID + 1, "vendor_id": 0}
 STUB = {"uid": (STUB_UID << 32) + 2, "vendor_id": 0}
 UNKNOWN = {"uid": None}

@@ -1,5 +1,6 @@
 """Whether a plant still explains a flight: against flights whose plant is known, integrated in small steps."""
 
+import re
 from dataclasses import replace
 from math import hypot
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimation.plant.model import Plant, PlantAxis
-from estimation.plant.watch import others, watch
+from estimation.plant.watch import effect_delay_s, others, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.mission.file import load_mission
@@ -56,6 +57,39 @@ def test_another_plant_is_noticed_and_named(a0: float, a1: float, delay_s: float
     assert watched.best.x.a0_per_s2 == pytest.approx(a0, rel=0.15)
     assert watched.best.x.a1_per_s == pytest.approx(a1, rel=0.15)
     assert watched.best.delay_s == pytest.approx(delay_s, abs=0.05)
+
+
+@pytest.mark.parametrize("delay_s", [0.04, 0.2, 0.36, 0.71])
+def test_the_delay_from_a_setpoint_to_its_effect_is_found(delay_s: float) -> None:
+    """Also where it is not that of the plant; the samples say where the vehicle was 13 ms before."""
+    found_s = effect_delay_s(FILE, *flown(1.7, 1.8, delay_s))
+    assert found_s == pytest.approx(delay_s + 0.013, abs=0.02)
+
+
+def test_no_delay_is_found_where_nothing_was_asked_for() -> None:
+    assert effect_delay_s(FILE, *flown(1.7, 1.8, 0.2, step_m=0.0)) is None
+
+
+@pytest.mark.parametrize("link_s", [0.0, 0.15])
+def test_a_link_is_no_fault_of_the_plant(link_s: float) -> None:
+    """A flight over a link whose round trip is known, and one whose is not measured."""
+    mission = load_mission("px4-trio")
+    mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=FILE), *mission.vehicles[1:]))
+    sent, samples = flown(1.7, 1.8, 0.2 + link_s)
+    loop = Loop(
+        time_s=sent[:, 0], setpoint_m=np.pad(sent[:, 1:], ((0, 0), (0, 1))), velocity_m_s=np.zeros((len(sent), 3))
+    )
+    trips_s = np.array([0.14, 0.15, 0.16]) if link_s else np.empty(0)
+    vehicle = VehicleEvidence(1, loop=loop, samples=samples, round_trip_s=trips_s)
+    empty = np.empty((0, 2))
+    record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
+    facts = plant_facts(mission, FlightEvidence(record, (vehicle,)))
+    assert "valid for this flight" in facts["plant of vehicle 1"]
+    measured = "link's round trip 0.15 s (0.14 to 0.16)" if link_s else "link's round trip not measured"
+    assert measured in facts["latency of vehicle 1"]
+    found = re.search(r"setpoint to effect (\d\.\d\d) s", facts["latency of vehicle 1"])
+    assert found is not None
+    assert float(found[1]) == pytest.approx(0.213 + link_s, abs=0.02)
 
 
 @pytest.mark.parametrize(("gain", "told"), [(1.0, ": valid "), (0.0, "without velocity feed-forward): ")])
@@ -123,6 +157,6 @@ def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
     told = plant_facts(mission, FlightEvidence(record, (seen, VehicleEvidence(2))))
-    assert list(told) == ["plant of vehicle 1"]
+    assert list(told) == ["plant of vehicle 1", "latency of vehicle 1"]
     assert told["plant of vehicle 1"].startswith("'px4': residual 0.")
     assert told["plant of vehicle 1"].endswith(expected)

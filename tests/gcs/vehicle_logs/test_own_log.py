@@ -38,7 +38,7 @@ def decision(time_s: float, setpoint: Setpoint | None) -> Decision:
     )  # fmt: skip
 
 
-def written(path: Path, flown: Flown) -> Path:
+def written(path: Path, flown: Flown, round_trip_s: float | None = None) -> Path:
     """Write what was flown as cordon's log of vehicle 1, whose mission's x axis points elsewhere than north."""
     mission = content((MISSIONS / "case1.toml").read_text(encoding="utf-8"))
     turned = parsed(put(mission, ("frame", "x_bearing_deg"), BEARING_DEG))
@@ -70,7 +70,7 @@ def written(path: Path, flown: Flown) -> Path:
             continue
         if mode is FlightMode.HOLD and time_s >= flown.offboard_s[0]:
             mode = FlightMode.OFFBOARD
-            note(time_s, Autopilot(VehicleStatus(connected=True, mode=mode)))
+            note(time_s, Autopilot(VehicleStatus(connected=True, mode=mode, round_trip_s=round_trip_s)))
         note(time_s, decision(time_s, Setpoint(turn(flown.asked_m[index]))))
     writer.close()
     return path
@@ -120,6 +120,17 @@ def test_motion_and_setpoints_are_north_and_west_whatever_the_missions_bearing(
     assert own.setpoint.time_s + begin_s == pytest.approx(np.array(flown.asked_s), abs=1e-5)
     steps_m = np.diff(own.position.values, axis=0) / np.diff(own.position.time_s)[:, None]
     assert np.abs((own.velocity.values[1:] + own.velocity.values[:-1]) / 2.0 - steps_m).max() < 0.1
+
+
+def test_setpoints_count_as_sent_later_by_the_links_round_trip(
+    own: VehicleLog, station: Station, tmp_path: Path
+) -> None:
+    """So what is identified is the vehicle without the link."""
+    (late,) = read_vehicle_logs(written(tmp_path / "late.mcap", station.flown[0], round_trip_s=0.13))
+    assert late.setpoint is not None
+    assert own.setpoint is not None
+    assert late.setpoint.time_s == pytest.approx(own.setpoint.time_s + 0.13, abs=2e-6)
+    assert [mode.span.begin_s for mode in late.modes] == [mode.span.begin_s for mode in own.modes]
 
 
 def test_who_flew_it_when_and_what_it_was(own: VehicleLog, station: Station) -> None:

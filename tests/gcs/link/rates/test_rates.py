@@ -62,10 +62,10 @@ def test_messages_are_as_long_as_the_dialect_says(name: str, payload: tuple[floa
 
 def test_the_load_of_three_vehicles_adds_up_by_hand() -> None:
     total = load(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3)
-    assert total.up_bytes_s == 3 * 650.0 + 21.0
-    assert total.down_bytes_s == 3 * (400.0 + 97.0 + 165.0 + 21.0)
+    assert total.up_bytes_s == 3 * 650.0 + 21.0 + 14.0
+    assert total.down_bytes_s == 3 * (400.0 + 97.0 + 165.0 + 21.0 + 14.0)
     signed = load(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3, signed=True)
-    assert signed.up_bytes_s == 3 * 780.0 + 34.0
+    assert signed.up_bytes_s == 3 * 780.0 + 34.0 + 20.5
 
 
 def test_rates_that_fit_leave_a_reserve_and_the_next_higher_do_not() -> None:
