@@ -24,6 +24,10 @@ from gcs.link.relay.signing import Signing, Verdict
 
 SILENCE_S = 3.0
 """The link's timeout, as MAVSDK's: a vehicle is followed to another address only after this silence [wall s]."""
+REPEAT_AFTER_S, REPEAT_FOR_S = 1.5, 10.0
+"""MAVSDK takes a vehicle for lost after 3 s without a heartbeat, also where other messages arrive. So the newest is
+repeated then, if it is not too old. Of heartbeats, which come once a second, a radio loses two in a row now and then.
+"""
 ADDRESSES_MAX = 16
 """Senders that are kept apart; what further ones send is counted without their address."""
 OTHER_ADDRESS = "other address"
@@ -72,6 +76,8 @@ class Claim:
         self.candidates: dict[Address, bytes] = {}
         self.rejected: dict[Address, Verdict] = {}
         self._heard_s = -inf
+        self._heartbeat = b""
+        self._heartbeat_s = self._passed_s = -inf
         self._impostors: Counter[Address] = Counter()
         self._moves: list[Address] = []
         self._dropped: Counter[str] = Counter()
@@ -98,8 +104,18 @@ class Claim:
         self.sequences.take(header(frame).component, sequence(frame))
         if is_autopilot_heartbeat(frame):
             self._hil = is_hil(frame)
+            self._heartbeat, self._heartbeat_s = frame, now_s
+            self._passed_s = now_s
         asked_ns = timesync_answer(frame)
         return asked_ns is None or not self.round_trips.answered(asked_ns, round(now_s * 1e9))
+
+    def repeated(self, now_s: float) -> bytes:
+        """Return the newest heartbeat where it is to be passed on again, because of a vehicle that is heard."""
+        is_heard, since_s = now_s == self._heard_s, now_s - self._heartbeat_s
+        if not is_heard or since_s > REPEAT_FOR_S or now_s - self._passed_s < REPEAT_AFTER_S:
+            return b""
+        self._passed_s = now_s
+        return self._heartbeat
 
     def verify(self, address: Address, now_s: float) -> None:
         """Listen and talk to this address alone from now on."""
@@ -189,7 +205,8 @@ class Gate:
             self._count_stranger(data, address)
             return b""
         frames = self._stream(address).feed(data)
-        return b"".join(frame for frame in frames if self._admits(frame, address, now_s))
+        passed = [frame for frame in frames if self._admits(frame, address, now_s)]
+        return b"".join((*passed, *(claim.repeated(now_s) for claim in self.claims.values() if passed)))
 
     def gone(self, address: Address) -> None:
         """Take that the connection to an address has ended."""

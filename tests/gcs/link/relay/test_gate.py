@@ -1,0 +1,65 @@
+"""What the gate passes on where heartbeats are lost."""
+
+from itertools import pairwise
+from math import inf
+
+import pytest
+from pymavlink.dialects.v20 import common as dialect
+
+from gcs.link.relay.gate import REPEAT_FOR_S, Claim, Gate
+
+VEHICLE = ("127.0.0.1", 14540)
+MAVSDK_TIMEOUT_S = 3.0
+
+
+def packed(message: dialect.MAVLink_message, system_id: int = 1) -> bytes:
+    return bytes(message.pack(dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)))
+
+
+def heartbeat(system_id: int = 1) -> bytes:
+    return packed(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3), system_id)
+
+
+ATTITUDE = packed(dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+
+
+def of_vehicles(*system_ids: int) -> Gate:
+    gate = Gate()
+    for system_id in system_ids:
+        gate.claims[system_id] = Claim()
+        gate.claims[system_id].verify(VEHICLE, 0.0)
+    return gate
+
+
+def heartbeats_s(last_s: float, attitude_until_s: float, until_s: float) -> list[float]:
+    """Return when heartbeats come out: they come in once a second until one time, attitudes ten times until another."""
+    gate, out = of_vehicles(1), []
+    for tick in range(round(10 * until_s)):
+        now_s, passed = tick / 10, b""
+        if tick % 10 == 0 and now_s <= last_s:
+            passed += gate.admit(heartbeat(), VEHICLE, now_s)
+        if now_s <= attitude_until_s:
+            passed += gate.admit(ATTITUDE, VEHICLE, now_s)
+        out += [now_s] * passed.count(heartbeat())
+    return out
+
+
+def test_lost_heartbeats_of_a_vehicle_that_is_heard_are_made_up_for_but_not_for_ever() -> None:
+    at_s = heartbeats_s(5.0, inf, 30.0)
+    assert max(later - earlier for earlier, later in pairwise(at_s)) < MAVSDK_TIMEOUT_S - 1.0
+    assert at_s[-1] == pytest.approx(5.0 + REPEAT_FOR_S, abs=1.6)
+
+
+def test_a_vehicle_that_is_silent_is_lost_at_once() -> None:
+    assert heartbeats_s(5.0, 5.0, 30.0) == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def test_heartbeats_that_arrive_are_not_doubled() -> None:
+    assert heartbeats_s(20.0, 20.0, 20.0) == [float(second) for second in range(20)]
+
+
+def test_what_is_heard_of_one_vehicle_is_no_life_of_another() -> None:
+    gate = of_vehicles(1, 2)
+    for system_id in (1, 2):
+        gate.admit(heartbeat(system_id), VEHICLE, 0.0)
+    assert gate.admit(ATTITUDE, VEHICLE, 2.5) == ATTITUDE + heartbeat(1)
