@@ -24,9 +24,10 @@ from gcs.link.relay.signing import Signing, Verdict
 
 SILENCE_S = 3.0
 """The link's timeout, as MAVSDK's: a vehicle is followed to another address only after this silence [wall s]."""
-REPEAT_AFTER_S, REPEAT_FOR_S = 1.5, 10.0
+REPEAT_AFTER_S, REPEAT_FOR_S, BREAK_S = 1.5, 10.0, 1.0
 """MAVSDK takes a vehicle for lost after 3 s without a heartbeat, also where other messages arrive. So the newest is
 repeated then, if it is not too old. Of heartbeats, which come once a second, a radio loses two in a row now and then.
+After a break without any message it is not repeated: the flight mode in it may be another by now.
 """
 ADDRESSES_MAX = 16
 """Senders that are kept apart; what further ones send is counted without their address."""
@@ -100,6 +101,8 @@ class Claim:
             self._move(address, verdict)
         if verdict is not Verdict.AUTHENTIC or address != self.address:
             return False
+        if now_s - self._heard_s > BREAK_S:
+            self._heartbeat = b""
         self._heard_s = now_s
         self.sequences.take(header(frame).component, sequence(frame))
         if is_autopilot_heartbeat(frame):

@@ -54,6 +54,13 @@ def test_a_vehicle_that_is_silent_is_lost_at_once() -> None:
     assert heartbeats_s(5.0, 5.0, 30.0) == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
 
 
+def test_after_a_break_the_vehicle_itself_has_to_say_its_mode() -> None:
+    gate = of_vehicles(1)
+    gate.admit(heartbeat(), VEHICLE, 0.0)
+    gate.admit(ATTITUDE, VEHICLE, 0.9)
+    assert gate.admit(ATTITUDE, VEHICLE, 2.0) == ATTITUDE
+
+
 def test_heartbeats_that_arrive_are_not_doubled() -> None:
     assert heartbeats_s(20.0, 20.0, 20.0) == [float(second) for second in range(20)]
 
@@ -62,4 +69,5 @@ def test_what_is_heard_of_one_vehicle_is_no_life_of_another() -> None:
     gate = of_vehicles(1, 2)
     for system_id in (1, 2):
         gate.admit(heartbeat(system_id), VEHICLE, 0.0)
-    assert gate.admit(ATTITUDE, VEHICLE, 2.5) == ATTITUDE + heartbeat(1)
+    gate.admit(ATTITUDE, VEHICLE, 0.9)
+    assert gate.admit(ATTITUDE, VEHICLE, 1.8) == ATTITUDE + heartbeat(1)
