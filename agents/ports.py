@@ -9,6 +9,7 @@ from typing import Protocol
 import msgspec
 
 from agents.drops import Drops
+from agents.team.external_positions import ExternalPosition
 from agents.team.messages import BusMessage
 from estimation.frames import Triple
 from estimation.state import Sighting, Telemetry
@@ -139,6 +140,10 @@ class VehicleLink(Protocol):
         """Cut the motors now, wherever the vehicle is and whoever has it: it falls. Returns when it is disarmed."""
         ...
 
+    def locate(self, position: ExternalPosition) -> None:
+        """Pass on where the vehicle is as seen from outside; never blocks, never raises for a lost link."""
+        ...
+
     def hand_over(self) -> None:
         """Send nothing from now on, and leave the flight mode alone: a pilot has the vehicle."""
         ...
@@ -172,13 +177,13 @@ class PeerBus(Protocol):
     async def open(
         self,
         on_message: Callable[[BusMessage], None],
-        on_perception: Callable[[bytes], None],
+        on_sensor: Callable[[str, bytes], None],
         on_presence: Callable[[int, bool], None],
     ) -> None:
         """Join; the callbacks run on the event loop.
 
-        They take a message of another participant, which came on the key of its type and its sender; the payload of
-        a sighting from outside the team; another vehicle's id and whether it is present.
+        They take a message of another participant, which came on the key of its type and its sender; the topic and the
+        payload of a sensor outside the team; another vehicle's id and whether it is present.
         """
         ...
 

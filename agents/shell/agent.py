@@ -4,6 +4,7 @@ The phases, and what is done on each event, stand in `agents/shell/life.py`. Thi
 """
 
 import asyncio
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from agents.shell.parts import AgentParts
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
+from agents.team import external_positions
 from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Sighting, Telemetry
 
@@ -159,10 +161,19 @@ class Agent:
         self._kill_if_commanded()
         self._start_agreement.receive(message)
 
-    def _perceive(self, payload: bytes) -> None:
+    def _perceive(self, topic: str, payload: bytes) -> None:
+        if topic == external_positions.TOPIC:
+            self._locate(payload)
+            return
         seen = self._parts.perception.take(payload, self._clock.now_s(), max(self._clock.speed, 1.0))
         if seen is not None:
             self.see(seen)
+
+    def _locate(self, payload: bytes) -> None:
+        positions = self._parts.positions
+        position = None if positions is None else positions.take(payload, time.time())
+        if position is not None:
+            self._link.locate(position)
 
     def _kill_if_commanded(self) -> None:
         if self._core.kills:

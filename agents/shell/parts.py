@@ -8,6 +8,7 @@ from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleLink
 from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
+from agents.team.external_positions import ExternalPositions
 from agents.team.messages import MissionIdentity
 from agents.team.perception import Perception
 
@@ -17,6 +18,7 @@ class AgentParts:
     """The parts of one agent.
 
     `core` was made from `config`. `make_sensor(start_s)` makes the sensor of the target once the start is known.
+    `positions` reads where the vehicle is as seen from outside, None where its autopilot knows that by itself.
     `mission` is what peers and operators compare with theirs.
     `observe` is called on each tick with the core's status and its computing time [us], None outside the control loop.
     """
@@ -30,4 +32,5 @@ class AgentParts:
     observe: Callable[[CoreStatus, float | None], None]
     heartbeat: Heartbeat
     perception: Perception
+    positions: ExternalPositions | None = None
     mission: MissionIdentity | None = None

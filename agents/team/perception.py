@@ -65,11 +65,6 @@ class ExternalSighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 _decoder = msgspec.json.Decoder(ExternalSighting)
 
 
-def is_perception_key(key: str) -> bool:
-    """Return whether a key, below the team's, is one of the sensors outside of it."""
-    return key.startswith(f"{TOPIC}/")
-
-
 class SightingRefusedError(Exception):
     """An external sighting is refused: the reason and the offending value."""
 

@@ -103,7 +103,7 @@ class CommandClient:
 
     async def open(self) -> None:
         """Join the bus until `close`; raises VehicleRefusedError when that is not possible."""
-        await self._bus.open(self._receive, lambda _sighting: None, self._on_presence)
+        await self._bus.open(self._receive, lambda *_: None, self._on_presence)
         self._is_open = True
 
     async def close(self) -> None:

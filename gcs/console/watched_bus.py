@@ -58,7 +58,7 @@ class WatchedBus:
         if identity != self._identity:
             await self._leave()
             self._identity, self._bus = identity, guest_bus(self._mission, identity)
-            await self._bus.open(self._on_message, lambda _sighting: None, lambda _vehicle, _present: None)
+            await self._bus.open(self._on_message, lambda *_: None, lambda _vehicle, _present: None)
 
     async def _leave(self) -> None:
         bus, self._bus = self._bus, None

@@ -245,7 +245,7 @@ class DrillFlight:
 
     async def _listen(self) -> None:
         bus = guest_bus(self.mission, self._keys.identity("observer"))
-        await bus.open(self._receive, lambda _sighting: None, lambda *_: None)
+        await bus.open(self._receive, lambda *_: None, lambda *_: None)
         self._stack.push_async_callback(bus.close)
 
     def _receive(self, message: BusMessage) -> None:

@@ -52,5 +52,5 @@ async def _opened(team: Team, identity: Identity, stack: AsyncExitStack) -> Peer
     """Return the bus to vehicles of other processes: from a vehicle's own bus they take no commands."""
     bus = guest_bus(team.plan.mission, identity)
     stack.push_async_callback(bus.close)
-    await bus.open(lambda _message: None, lambda _sighting: None, lambda _vehicle, _present: None)
+    await bus.open(lambda _message: None, lambda *_: None, lambda _vehicle, _present: None)
     return bus

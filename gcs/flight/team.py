@@ -11,6 +11,7 @@ from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending, Outcome, Stop
 from agents.shell.parts import AgentParts
+from agents.team.external_positions import ExternalPositions
 from agents.team.perception import Perception
 from gcs.console.live import LiveView
 from gcs.flight.equipment import Equipment
@@ -114,15 +115,24 @@ class Team:
             vehicle.origin_m,
             signing_key=self.signing_keys.get(vehicle.system_id),
             truth=pace.truth_bytes_s > 0.0 and vehicle.id not in self.plan.stubs,
+            external_positions=self._located_from_outside(vehicle),
         )
         link = CheckedLink(hub, config, clock.now_s, clock.speed)
         if link.truth is not None:
             link.truth.on_sample = partial(self.recording.truth, vehicle.id)
         return link
 
+    def _located_from_outside(self, vehicle: MissionVehicle) -> bool:
+        """Return whether a vehicle is sent its positions; the stubs of a flight know theirs."""
+        return self.plan.mission.frame.external_positions and vehicle.id not in self.plan.stubs
+
     def _agent(self, vehicle: MissionVehicle, link: CheckedLink, bus: PeerBus, heartbeat: Heartbeat) -> Agent:
         mission, equipment = self.plan.mission, self.plan.equipment or Equipment()
         config = mission.agent_config(vehicle)
+
+        def report(text: str) -> None:
+            self.view.print_line(f"vehicle {vehicle.id}: {text}")
+
         parts = AgentParts(
             core=self.recording.core(config),
             config=config,
@@ -132,9 +142,8 @@ class Team:
             make_sensor=lambda start_s: _true_sensor(equipment.sensor(mission, vehicle.id, start_s), link),
             observe=self._observe,
             heartbeat=heartbeat,
-            perception=Perception(
-                mission.mission_frame(), lambda text: self.view.print_line(f"vehicle {vehicle.id}: {text}")
-            ),
+            perception=Perception(mission.mission_frame(), report),
+            positions=ExternalPositions(vehicle.id, report) if self._located_from_outside(vehicle) else None,
             mission=mission.identity,
         )
         return Agent(parts)

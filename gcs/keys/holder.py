@@ -7,7 +7,7 @@ import msgspec
 from agents.shell.bus.bus_security import Grant
 from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, Verb
 from agents.team.participant import Participant, Role
-from agents.team.perception import TOPIC as PERCEPTION
+from agents.team.sensors import SENSOR_TOPICS
 
 VERBS: tuple[Verb, ...] = get_args(Verb)
 UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")
@@ -61,6 +61,6 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
             case "operator":
                 return Grant(self.common_name, tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may))
             case "sensor":
-                return Grant(self.common_name, (f"{PERCEPTION}/{self.name}",))
+                return Grant(self.common_name, tuple(f"{topic}/{self.name}" for topic in sorted(SENSOR_TOPICS)))
             case "observer":
                 return Grant(self.common_name)

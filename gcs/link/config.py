@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from estimation.frames import MissionFrame, Triple
 from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
-from gcs.link.rates.budget import TRUTH_BYTES
+from gcs.link.rates.budget import EXTERNAL_HZ, TRUTH_BYTES
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
 from gcs.mission.links import LinkSection, SharedLinkSection, capacity_bytes_s
@@ -18,7 +18,8 @@ class LinkConfig:
     In a local frame `origin_m` is where the vehicle's NED begins [m, mission frame]; other frames do not use it.
     `heartbeat_timeout_s` limits the search for the vehicle and is wall time. `ready_timeout_s` limits the waits for its
     position and for its arming checks and is time of the mission clock. With a `signing_key` (32 bytes) every message
-    to and from the vehicle is signed. With `truth` a simulated vehicle is asked for its true motion.
+    to and from the vehicle is signed. With `truth` a simulated vehicle is asked for its true motion. With
+    `external_positions` its autopilot is sent where it is as seen from outside.
     """
 
     url: str
@@ -30,6 +31,7 @@ class LinkConfig:
     ready_timeout_s: float = 60.0
     signing_key: bytes | None = field(default=None, repr=False)
     truth: bool = False
+    external_positions: bool = False
 
 
 def full_rates(link: LinkSection, loop_hz: float) -> Rates:
@@ -56,6 +58,7 @@ def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, Pace]:
             automatic=(own.rates or link.rates) == "auto",
             signed=link.signing_key_file is not None,
             limits_setpoints=link.setpoint_rate_hz is not None,
+            positions_hz=EXTERNAL_HZ if mission.frame.external_positions else 0.0,
             truth_bytes_s=sum(TRUTH_HZ * TRUTH_BYTES[vehicle.autopilot] for vehicle in carried if truth),
         )
 

@@ -8,6 +8,7 @@ import asyncio
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from math import degrees
 
@@ -17,10 +18,12 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
+from agents.team.external_positions import ExternalPosition
 from estimation.frames import Triple, wrap_signed_rad
 from estimation.state import Telemetry
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
 from gcs.link.config import LinkConfig
+from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
@@ -72,8 +75,13 @@ class MavsdkLink:
 
     @property
     def status(self) -> VehicleStatus:
-        """The newest status received."""
-        return self._parts.feed.status if self._parts is not None else VehicleStatus()
+        """The newest status received, with the lack of positions from outside where these are expected."""
+        if self._parts is None:
+            return VehicleStatus()
+        status = self._parts.feed.status
+        if self._parts.external is not None and self._parts.external.is_stale:
+            return replace(status, estimator_fault=NO_EXTERNAL_POSITION)
+        return status
 
     @property
     def motion(self) -> Telemetry | None:
@@ -121,7 +129,10 @@ class MavsdkLink:
         )
         feed = VehicleFeed(system, self._config.frame, self._now_s, self._hub.postbox, self.truth)
         calls = VehicleCalls(self._config.system_id, feed, self._speed)
-        self._parts = LinkParts(system, feed, calls, Action(system), Offboard(system))
+        external = None
+        if self._config.external_positions:
+            external = ExternalPositionSender(system, self._config.frame, self._config.origin_m)
+        self._parts = LinkParts(system, feed, calls, Action(system), Offboard(system), external)
         self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
@@ -131,9 +142,15 @@ class MavsdkLink:
         feed.on_loss, feed.on_return = self._mute, self._attention.set
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
+    def locate(self, position: ExternalPosition) -> None:
+        """Send the autopilot where it is as seen from outside."""
+        parts = self._parts
+        if parts is not None and parts.external is not None:
+            parts.external.send(position)
+
     async def take_off(self, altitude_m: float) -> None:
         """Arm, climb to `altitude_m` above the mission origin's datum, and return when the vehicle hovers there."""
-        _, feed, calls, action, _ = self._connected()
+        _, feed, calls, action, *_ = self._connected()
         if feed.status.armed and feed.status.in_air:
             raise calls.refusal("is already in the air", "land it first")
         self._silent = False
@@ -181,7 +198,7 @@ class MavsdkLink:
 
     async def land(self) -> None:
         """Land where the vehicle is; returns when it is disarmed. Setpoints are ignored until the next take-off."""
-        _, feed, calls, action, offboard = self._connected()
+        _, feed, calls, action, offboard, _ = self._connected()
         # After landing from offboard, PX4 stays in offboard and refuses to arm; and when setpoints return, it
         # re-enters offboard by itself: it has taken off again.
         self._silent = True
@@ -203,7 +220,7 @@ class MavsdkLink:
 
         Arming is never forced afterwards; setpoints are ignored until the next take-off.
         """
-        _, feed, calls, action, _ = self._connected()
+        _, feed, calls, action, *_ = self._connected()
         self._silent = True
         try:
             await calls.command_until(
@@ -260,7 +277,7 @@ class MavsdkLink:
 
         A ratio within a tenth of a whole number is rounded to it. Raises VehicleRefusedError without attitudes.
         """
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         ratio = await measure_clock(calls, feed, self._config.pace.rates, duration_s)
         if ratio is None:
             raise calls.refusal("sends no attitude, whose time stamps are needed", "check the link, or state the speed")
@@ -284,7 +301,7 @@ class MavsdkLink:
 
     async def _plan_climb(self, altitude_m: float) -> float:
         """Set the take-off altitude relative to the vehicle's home, and return it."""
-        _, feed, calls, action, _ = self._connected()
+        _, feed, calls, action, *_ = self._connected()
         climb_m = altitude_m - feed.ground_z_m
         await calls.command("set the take-off altitude", action.set_takeoff_altitude, climb_m)
         return climb_m
@@ -301,7 +318,7 @@ class MavsdkLink:
         return arrived and abs(off_m) < ALTITUDE_TOLERANCE_M
 
     async def _until_ready(self, condition: Callable[[], bool]) -> None:
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         within_s = self._config.ready_timeout_s
         if not await calls.reached(condition, calls.wall_s(within_s)):
             failure = f"was not ready ({feed.failing()}) within {within_s:g} s"
@@ -309,7 +326,7 @@ class MavsdkLink:
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
         """Request a mode, again and again: autopilots accept the command also where they cannot enter the mode yet."""
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         began_s, entered = time.monotonic(), False
         end_s = began_s + calls.wall_s(MODE_TIMEOUT_S)
         while not entered:
@@ -320,7 +337,7 @@ class MavsdkLink:
             entered = await calls.reached(lambda: feed.status.mode is mode, REQUEST_PERIOD_S)
 
     async def _request(self, mode: FlightMode, function: Callable[[], object]) -> None:
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         self._asking += 1
         try:
             await calls.command(f"enter {mode.value}", function)
@@ -370,14 +387,14 @@ class MavsdkLink:
 
     async def _request_rates(self) -> None:
         """Request the rates in force, and let the relay keep to them."""
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         self._rates = self._config.pace.rates
         self._hub.set_pace(self._config.url, self._config.pace, self._speed)
         await request_rates(calls, feed, self._rates)
 
     async def _renew(self) -> None:
         """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved."""
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         await self._request_rates()
         await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
         if feed.origin_m is None:
@@ -385,7 +402,7 @@ class MavsdkLink:
 
     async def _locate(self) -> None:
         """Find the origin of the vehicle, and wait for its first telemetry; raises VehicleRefusedError."""
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         feed.origin_m = await self._origin(self._config.ready_timeout_s)
         missing = feed.missing
         await calls.until(lambda: not missing(), MODE_TIMEOUT_S, lambda: f"sent no {missing()}", "check its estimator")
@@ -395,7 +412,7 @@ class MavsdkLink:
 
         In a local frame it is the configured origin until the autopilot restarts; after a restart it is unknown.
         """
-        _, feed, calls, _, _ = self._connected()
+        _, feed, calls, *_ = self._connected()
         if self._config.frame.is_local:
             return None if feed.status.restarts else self._config.origin_m
         return await find_origin(calls, feed, self._config.frame, timeout_s)

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 from gcs.link.calls import VehicleCalls
+from gcs.link.external_position import ExternalPositionSender
 from gcs.link.feed import VehicleFeed
 
 
@@ -14,9 +15,12 @@ class LinkParts(NamedTuple):
     calls: VehicleCalls
     action: Any
     offboard: Any
+    external: ExternalPositionSender | None
 
     def destroy(self) -> None:
         """Destroy MAVSDK's plugins; blocks until running callbacks have returned."""
+        if self.external is not None:
+            self.external.close()
         self.offboard.destroy()
         self.action.destroy()
         self.feed.close()

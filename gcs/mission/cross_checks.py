@@ -154,6 +154,8 @@ def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) ->
             yield f"frame.{name}: with local = true it lies nowhere on Earth: leave one of them out (given: {value})"
         if not frame.local and value is None:
             yield f"frame.{name}: this key is missing; indoors, without GPS, write local = true instead"
+    if frame.external_positions and not frame.local:
+        yield "frame.external_positions: with a [frame] on Earth the autopilots have GPS: write local = true as well"
     for i, vehicle in vehicles:
         if vehicle.origin_m is not None and not frame.local:
             yield f"vehicles[{i}].origin_m: with a [frame] on Earth the vehicle says itself where its origin is"

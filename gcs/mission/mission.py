@@ -65,13 +65,15 @@ class MissionSection(Settings):
 class FrameSection(Settings):
     """`[frame]`: where on Earth the mission frame lies, and the bearing of its x axis clockwise from north. Latitude,
     longitude and altitude are required, unless `local` is true: then the place on Earth is unknown, as indoors,
-    no GPS is needed, and every vehicle's `origin_m` says where its own local NED begins.
+    no GPS is needed, and every vehicle's `origin_m` says where its own local NED begins. With `external_positions`
+    cordon sends the autopilots where they are, as motion capture or UWB says on the team's bus (docs/indoor.md).
     """
 
     latitude_deg: float | None = Field(None, ge=-89.0, le=89.0)
     longitude_deg: float | None = Field(None, ge=-180.0, le=180.0)
     altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
     local: bool = False
+    external_positions: bool = False
     x_bearing_deg: float = Field(0.0, ge=-360.0, le=360.0)
 
 

@@ -16,11 +16,12 @@ class Positioning:
     """The sources of position.
 
     Without `gps` the vehicle has a local position only, as from cameras indoors. A vehicle that is not `localised`
-    never has a position.
+    never has a position; an `external` one has it while it is sent positions.
     """
 
     gps: bool = True
     localised: bool = True
+    external: bool = False
 
 
 FULL_BATTERY = Battery()

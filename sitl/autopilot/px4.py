@@ -22,6 +22,8 @@ from sitl.vehicle.shaping import ShapeLimits
 
 ESTIMATOR_READY_S = 2.0
 """From boot to a position estimate."""
+DEAD_RECKONING_S = 5.0
+"""So long there is a position estimate without a position from outside (EKF2_NOAID_TOUT)."""
 CHECK_PERIOD_S = 0.1
 """PX4 looks at the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
 LANDED_AFTER_S = 1.0
@@ -85,6 +87,7 @@ class Autopilot:
         self.mode = mode
         self.gps = positioning.gps
         self._localised = positioning.localised
+        self._located_s = -inf if positioning.external else inf
         self._endurance_s = battery.endurance_s
         self._delay_s = plant.delay_s
         self._guidance = Guidance(self.parameters, self.airframe)
@@ -113,7 +116,12 @@ class Autopilot:
     @property
     def estimator_ready(self) -> bool:
         """Whether there is a local position estimate."""
-        return self._localised and self.time_s >= ESTIMATOR_READY_S
+        located = self.time_s - self._located_s <= DEAD_RECKONING_S
+        return self._localised and located and self.time_s >= ESTIMATOR_READY_S
+
+    def receive_external_position(self, time_s: float) -> None:
+        """Take that a position from outside has arrived."""
+        self._located_s = max(self._located_s, time_s)
 
     @property
     def global_position_known(self) -> bool:

@@ -121,6 +121,7 @@ class MavlinkVehicle:
             "SETUP_SIGNING": self._on_setup_signing,
             "SET_POSITION_TARGET_LOCAL_NED": self._on_setpoint,
             "TIMESYNC": _timesync,
+            "VISION_POSITION_ESTIMATE": self._on_external_position,
         }
 
     def receive(self, data: bytes, time_s: float) -> list[bytes]:
@@ -235,6 +236,13 @@ class MavlinkVehicle:
         velocity = self._config.frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
         target = PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading, velocity)
         self.autopilot.receive_setpoint(time_s, target)
+        return []
+
+    def _on_external_position(self, m: Any, time_s: float) -> list[Outgoing]:
+        """Take a position from outside; the stub's estimate is of its own body all the same."""
+        if not all(map(isfinite, (m.x, m.y, m.z))):
+            return self._drop(Drop.NOT_FINITE)
+        self.autopilot.receive_external_position(time_s)
         return []
 
     def _on_request_data_stream(self, m: Any, time_s: float) -> list[Outgoing]:

@@ -48,9 +48,10 @@ class StubConfig:
 
     Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 flown indoors by
     external position: neither hold nor return can be flown, and it arms in take-off or offboard only. Not `localised`,
-    it knows nothing of where it is and cannot be armed. `port` is where clients may call it; 0 is any. `parameters` are
-    those that somebody has set to other values than the firmware's own. With a `signing_key` it accepts signed messages
-    only, and signs its own. A `uid` and SYS_HITL among its `parameters` let it pose as a board.
+    it knows nothing of where it is and cannot be armed; an `external` one knows it while it is sent positions. `port`
+    is where clients may call it; 0 is any. `parameters` are those that somebody has set to other values than the
+    firmware's own. With a `signing_key` it accepts signed messages only, and signs its own. A `uid` and SYS_HITL among
+    its `parameters` let it pose as a board.
     """
 
     vehicle_id: int
@@ -67,6 +68,7 @@ class StubConfig:
     autopilot: AutopilotKind = AutopilotKind.PX4
     gps: bool = True
     localised: bool = True
+    external: bool = False
     port: int = 0
     parameters: Mapping[str, Value] = field(default_factory=dict)
     signing_key: SigningKey | None = None
@@ -199,7 +201,7 @@ class Stub:
             config.plant,
             (x, y, 0.0),
             battery=Battery(config.battery_fraction),
-            positioning=Positioning(config.gps, config.localised),
+            positioning=Positioning(config.gps, config.localised, config.external),
         )
         for name, value in config.parameters.items():
             if not self.autopilot.parameters.set(name, value):

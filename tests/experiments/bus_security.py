@@ -39,7 +39,7 @@ class Counter:
 
     async def open(self) -> None:
         """Join."""
-        await self.bus.open(self._take, lambda _sighting: None, self._note_presence)
+        await self.bus.open(self._take, lambda *_: None, self._note_presence)
 
     def _take(self, message: BusMessage) -> None:
         self.messages += 1

@@ -64,15 +64,15 @@ class Bus:
 
     def __init__(self) -> None:
         self.deliver: Callable[[BusMessage], None] = lambda _message: None
-        self.sight: Callable[[bytes], None] = lambda _sighting: None
+        self.sight: Callable[[str, bytes], None] = lambda *_: None
 
     async def open(
         self,
         on_message: Callable[[BusMessage], None],
-        on_perception: Callable[[bytes], None],
+        on_sensor: Callable[[str, bytes], None],
         on_presence: Callable[[int, bool], None],
     ) -> None:
-        self.deliver, self.sight = on_message, on_perception
+        self.deliver, self.sight = on_message, on_sensor
 
     def publish(self, topic: str, payload: bytes) -> None:
         pass
@@ -91,7 +91,11 @@ COMMAND = OperatorCommand(1.0, "hold", None, "somebody", 7)
 async def opened(bus: Bus) -> tuple[PresentFaults, list[object]]:
     """Open a failing bus; return its receiver of faults, and what comes through."""
     receiver, heard = PresentFaults(), list[object]()
-    await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, heard.append, lambda *_: None)
+
+    def sense(_topic: str, payload: bytes) -> None:
+        heard.append(payload)
+
+    await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, sense, lambda *_: None)
     return receiver, heard
 
 
@@ -106,7 +110,7 @@ async def test_a_bus_loses_the_share_it_is_told_to() -> None:
         bus.deliver(member(1))
     assert 1450 < len(heard) < 1550
     for _ in range(1000):
-        bus.sight(b"noise")
+        bus.sight("perception", b"noise")
     assert 400 < heard.count(b"noise") < 600
 
 
@@ -117,7 +121,7 @@ async def test_who_is_unheard_is_and_operators_are_not() -> None:
     for sender in (1, 2, 3):
         bus.deliver(member(sender))
     bus.deliver(COMMAND)
-    bus.sight(b"noise")
+    bus.sight("perception", b"noise")
     assert heard == [member(3), COMMAND, b"noise"]
 
 

@@ -20,6 +20,7 @@ from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.tactics import Event
 from agents.tape import CoreInput, TacticEvent, TapedCore
+from agents.team.external_positions import ExternalPosition
 from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb
 from agents.team.perception import Perception
 from estimation.frames import Geodetic, MissionFrame
@@ -53,6 +54,7 @@ class FakeLink:
     def __init__(self) -> None:
         self.status = VehicleStatus(connected=True, mode=FlightMode.READY, local_position_ok=True, armable=True)
         self.position_m = (0.0, 0.0, 0.0)
+        self.located: list[ExternalPosition] = []
         self.refused: set[str] = set()
         self.broken: set[str] = set()
         self.stuck: set[str] = set()
@@ -117,6 +119,9 @@ class FakeLink:
         if self._arming is not None:
             self._arming.cancel()
         self.change(armed=False)
+
+    def locate(self, position: ExternalPosition) -> None:
+        self.located.append(position)
 
     def hand_over(self) -> None:
         self._calls.append("hand_over")
@@ -184,7 +189,7 @@ class FakeBus:
     async def open(
         self,
         on_message: Callable[[BusMessage], None],
-        on_perception: Callable[[bytes], None],
+        on_sensor: Callable[[str, bytes], None],
         on_presence: Callable[[int, bool], None],
     ) -> None:
         self.deliver, self.appear = on_message, on_presence

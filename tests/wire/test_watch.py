@@ -51,7 +51,7 @@ async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable
     mission = load_mission(mission_file("case2", INSECURE))
     heard: list[object] = []
     bus = single_bus(vehicle(1), BusTeam(mission.network.team, mission.ids), mission.vehicle(1).section.endpoint)
-    await bus.open(heard.append, heard.append, lambda *presence: heard.append(presence))
+    await bus.open(heard.append, lambda *sensed: heard.append(sensed), lambda *presence: heard.append(presence))
     try:
         async with watched(mission) as (output, _):
             began_s = time.monotonic()

@@ -61,6 +61,10 @@ class Heard:
         assert isinstance(message, CommandAnswer)
         self.messages.append(message.did)
 
+    def on_sensor(self, topic: str, payload: bytes) -> None:
+        assert topic == "perception"
+        self.sightings.append(payload)
+
     def on_presence(self, peer_id: int, present: bool) -> None:
         self.presence.append((peer_id, present))
 
@@ -111,7 +115,7 @@ def free_endpoints(count: int) -> list[str]:
 @asynccontextmanager
 async def opened(vehicle_id: int, listen: str, connect: list[str]) -> AsyncIterator[tuple[ParticipantBus, Heard]]:
     bus, heard = single_bus(vehicle(vehicle_id), TEAM, listen, connect), Heard()
-    await bus.open(heard.on_message, heard.sightings.append, heard.on_presence)
+    await bus.open(heard.on_message, heard.on_sensor, heard.on_presence)
     try:
         yield bus, heard
     finally:
@@ -129,10 +133,7 @@ async def shared(
     heard = {each: Heard() for each in vehicle_ids}
     try:
         await asyncio.gather(
-            *(
-                each.open(heard[i].on_message, heard[i].sightings.append, heard[i].on_presence)
-                for i, each in buses.items()
-            )
+            *(each.open(heard[i].on_message, heard[i].on_sensor, heard[i].on_presence) for i, each in buses.items())
         )
         yield buses, heard
     finally:
@@ -276,7 +277,7 @@ async def test_a_raising_callback_does_not_stop_the_bus() -> None:
         raise RuntimeError("a bug in the core")
 
     async with opened(1, ends[0], []) as (first, _):
-        await second.open(on_message, lambda _: None, lambda peer_id, alive: present.append((peer_id, alive)))
+        await second.open(on_message, lambda *_: None, lambda peer_id, alive: present.append((peer_id, alive)))
         await until(lambda: present == [(1, True)], 2.0)
         answer(first, "one")
         answer(first, "two")

@@ -12,7 +12,7 @@ from typing import get_args
 from agents.drops import DropCounter, Drops, Reason
 from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, MemberState, Verb
 from agents.team.participant import is_name
-from agents.team.perception import TOPIC as SENSOR_TOPIC
+from agents.team.sensors import SENSOR_TOPICS
 
 PAYLOAD_LIMIT_BYTES = 4096
 KEY_LENGTH = 128
@@ -168,8 +168,8 @@ class Mailbox:
         match parts:
             case [topic, verb, name] if topic == OPERATOR_TOPIC and verb in _VERBS and is_name(name):
                 return self._operators.box(name, now_s) or Reason.TOO_MANY
-            case [topic, name] if topic == SENSOR_TOPIC and is_name(name):
-                return self._sensors.box(name, now_s) or Reason.TOO_MANY
+            case [topic, name] if topic in SENSOR_TOPICS and is_name(name):
+                return self._sensors.box(f"{topic}/{name}", now_s) or Reason.TOO_MANY
             case [topic, name] if topic in PEER_TOPICS:
                 return Reason.OWN_ID if name in self._own_names else Reason.NOT_A_MEMBER
         return Reason.UNKNOWN_KEY

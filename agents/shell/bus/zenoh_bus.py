@@ -17,7 +17,7 @@ from agents.shell.handover import Handover
 from agents.team.admission import Admission
 from agents.team.messages import REPORT_TOPIC, BusMessage, OperatorCommand
 from agents.team.participant import Participant, is_name
-from agents.team.perception import is_perception_key
+from agents.team.sensors import SENSOR_TOPICS
 
 RATE_HZ = 100.0
 
@@ -159,8 +159,9 @@ class ZenohBus:
                 (self._present.add if present else self._present.discard)(peer_id)
                 self._give([bus.on_presence for bus in self._others(peer_id)], peer_id, present)
         for key, payload in messages:
-            if is_perception_key(key):
-                self._give([bus.on_perception for bus in self._joined], payload)
+            topic, _, _ = key.partition("/")
+            if topic in SENSOR_TOPICS:
+                self._give([bus.on_sensor for bus in self._joined], topic, payload)
             else:
                 self._deliver(key, payload)
 
@@ -197,8 +198,8 @@ class ParticipantBus:
         self.participant = participant
         self.vehicle_id = participant.vehicle_id
         self.on_message: Callable[[BusMessage], None] = _ignore
-        self.on_perception: Callable[[bytes], None] = _ignore
-        self.on_presence: Callable[[int, bool], None] = _ignore_presence
+        self.on_sensor: Callable[[str, bytes], None] = _ignore
+        self.on_presence: Callable[[int, bool], None] = _ignore
         self._bus = bus
         self._session = session
         self._closed = False
@@ -216,11 +217,11 @@ class ParticipantBus:
     async def open(
         self,
         on_message: Callable[[BusMessage], None],
-        on_perception: Callable[[bytes], None],
+        on_sensor: Callable[[str, bytes], None],
         on_presence: Callable[[int, bool], None],
     ) -> None:
         """Join the team. Raises VehicleRefusedError when the endpoints cannot be used: a taken port."""
-        self.on_message, self.on_perception, self.on_presence = on_message, on_perception, on_presence
+        self.on_message, self.on_sensor, self.on_presence = on_message, on_sensor, on_presence
         try:
             await self._bus.join(self)
             await asyncio.to_thread(self._appear)
@@ -271,9 +272,5 @@ def single_bus(
     return ZenohBus(team, [Station((participant,), listen, security)], connect).of(participant)
 
 
-def _ignore(_received: object) -> None:
-    pass
-
-
-def _ignore_presence(_peer_id: int, _present: bool) -> None:
+def _ignore(*_received: object) -> None:
     pass

@@ -50,7 +50,7 @@ class FailingBus:
     async def open(
         self,
         on_message: Callable[[BusMessage], None],
-        on_perception: Callable[[bytes], None],
+        on_sensor: Callable[[str, bytes], None],
         on_presence: Callable[[int, bool], None],
     ) -> None:
         """Join."""
@@ -59,18 +59,18 @@ class FailingBus:
             if _sender(message) not in self._present.now.unheard:
                 self._delayed(on_message, message)
 
-        await self._bus.open(receive, partial(self._delayed, on_perception), on_presence)
+        await self._bus.open(receive, partial(self._delayed, on_sensor), on_presence)
         self._flooding = asyncio.create_task(self._flood())
 
-    def _delayed(self, receive: Callable[[_Received], None], received: _Received) -> None:
+    def _delayed(self, receive: Callable[..., None], *received: object) -> None:
         """Call a receiver after the present delay, unless what was received is lost."""
         faults = self._present.now
         if self._chance.random() < faults.loss:
             return
         if faults.delay_s > 0.0:
-            asyncio.get_running_loop().call_later(faults.delay_s, receive, received)
+            asyncio.get_running_loop().call_later(faults.delay_s, receive, *received)
         else:
-            receive(received)
+            receive(*received)
 
     def publish(self, topic: str, payload: bytes) -> None:
         """Send: messages are lost at the receiver, and lies made here."""

@@ -17,6 +17,8 @@ SETPOINT_BYTES = 65
 """SET_POSITION_TARGET_LOCAL_NED."""
 TRUTH_BYTES = {"px4": 76, "ardupilot": 104}
 """HIL_STATE_QUATERNION and SIM_STATE."""
+EXTERNAL_BYTES, EXTERNAL_HZ = 48, 30.0
+"""VISION_POSITION_ESTIMATE; more often than this positions from outside are not passed on."""
 HEARTBEAT_BYTES, HEARTBEAT_HZ = 21, 1.0
 ROUND_TRIP_BYTES, ROUND_TRIP_HZ = 28, 0.5
 """TIMESYNC, each way."""
@@ -38,8 +40,8 @@ class Load:
         return self.up_bytes_s + self.down_bytes_s
 
 
-def load(rates: Rates, vehicles: int, *, signed: bool = False) -> Load:
-    """Return what so many vehicles on one connection take at these rates.
+def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: float = 0.0) -> Load:
+    """Return what so many vehicles on one connection take at these rates; each is sent positions from outside.
 
     One heartbeat and one TIMESYNC go up for all of them.
     """
@@ -52,7 +54,7 @@ def load(rates: Rates, vehicles: int, *, signed: bool = False) -> Load:
         (ROUND_TRIP_HZ, (ROUND_TRIP_BYTES,)),
     )
     down = sum(rate_hz * (size + extra) for rate_hz, sizes in streams for size in sizes)
-    up = rates.setpoint_hz * (SETPOINT_BYTES + extra)
+    up = rates.setpoint_hz * (SETPOINT_BYTES + extra) + positions_hz * (EXTERNAL_BYTES + extra)
     shared = HEARTBEAT_HZ * (HEARTBEAT_BYTES + extra) + ROUND_TRIP_HZ * (ROUND_TRIP_BYTES + extra)
     return Load(vehicles * up + shared, vehicles * down)
 

@@ -36,11 +36,13 @@ class Pace:
         signed: bool = False,
         limits_setpoints: bool = False,
         truth_bytes_s: float = 0.0,
+        positions_hz: float = 0.0,
     ) -> None:
         self.capacity_bytes_s = capacity_bytes_s
         self.is_bound = automatic or limits_setpoints or capacity_bytes_s is not None
         """Whether what is sent has to wait for its turn."""
         self.vehicles, self.signed, self._automatic = vehicles, signed, automatic
+        self._positions_hz = positions_hz
         self._rungs = ladder(full) if automatic else (full,)
         self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)
         self._at = self._first
@@ -60,7 +62,7 @@ class Pace:
     @property
     def load(self) -> Load:
         """What the connection is asked to carry at these rates."""
-        asked = load(self.rates, self.vehicles, signed=self.signed)
+        asked = load(self.rates, self.vehicles, signed=self.signed, positions_hz=self._positions_hz)
         return replace(asked, down_bytes_s=asked.down_bytes_s + self.truth_bytes_s)
 
     def has_room(self, more_bytes_s: float) -> bool:

@@ -11,7 +11,6 @@ from agents.team.perception import (
     SOURCES_FROM,
     Perception,
     Refusal,
-    is_perception_key,
 )
 from estimation.frames import Geodetic, MissionFrame
 
@@ -142,9 +141,3 @@ def test_a_reason_is_told_once_and_counted_ever_after() -> None:
             perception.take(json.dumps(GOOD | changes).encode(), NOW_S, 1.0)
     assert perception.refused == {Refusal.FRAME: 5, Refusal.FUTURE: 5}
     assert len(told) == 2
-
-
-def test_sightings_from_outside_have_keys_of_their_own() -> None:
-    assert is_perception_key("perception/mast-camera")
-    assert not is_perception_key("member/1")
-    assert not is_perception_key("perceptions/1")

@@ -164,7 +164,7 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
             bus.publish("start", encode(StartProposal(vehicle_id, time.time(), 0.0, mission=mission.identity)))
             await asyncio.sleep(0.1)
 
-    await bus.open(receive, lambda _sighting: None, lambda _vehicle, _present: None)
+    await bus.open(receive, lambda *_: None, lambda _vehicle, _present: None)
     sending = asyncio.create_task(send())
     try:
         yield

@@ -100,7 +100,7 @@ class Peers:
         key = key_of(message)
         (self.forged if SAID.get(key) == encode(message) else self.heard[own]).add(key)
 
-    def perceive(self, _payload: bytes) -> None:
+    def perceive(self, _topic: str, _payload: bytes) -> None:
         self.forged.add("perception/mast")
 
     def note_presence(self, own: int, vehicle_id: int, present: bool) -> None:
@@ -323,7 +323,7 @@ async def test_certificates_of_several_vehicles_in_one_process(
         ends, heard, present = [f"tcp/{each}" for each in team.endpoints], set[str](), set[int]()
         bus = single_bus(third.participant, BusTeam(TEAM, (1, 2, 3)), None, ends, third.security)
         try:
-            await bus.open(lambda each: heard.add(key_of(each)), lambda _: None, lambda each, _: present.add(each))
+            await bus.open(lambda each: heard.add(key_of(each)), lambda *_: None, lambda each, _: present.add(each))
 
             def said() -> bool:
                 for each in (*team.buses, bus):

@@ -48,7 +48,7 @@ async def joined(
     listen, connect = (endpoint, []) if listens else (None, [endpoint])
     bus = single_bus(identity.participant, TEAM, listen, connect, identity.security)
     try:
-        await bus.open(heard.append, lambda _: None, lambda *_: None)
+        await bus.open(heard.append, lambda *_: None, lambda *_: None)
         yield bus
     finally:
         await bus.close()
