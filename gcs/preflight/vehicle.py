@@ -10,7 +10,7 @@ from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
 from gcs.link.status_texts import quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
-from gcs.mission.mission import Mission, MissionVehicle
+from gcs.mission.mission import FrameSection, Mission, MissionVehicle
 from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, tolerated
 
 PLACE_LIMIT_M = 10.0
@@ -136,7 +136,7 @@ def place(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Ite
     In a local frame the mission says where its origin is: then there is nothing to find out about that.
     """
     if facts.origin_m is None or facts.position_m is None:
-        yield _without_a_place(facts, local=mission.frame.local)
+        yield _without_a_place(facts, mission.frame)
         return
     if not mission.frame.local:
         yield _far(facts, hypot(facts.origin_m[0], facts.origin_m[1]))
@@ -155,13 +155,15 @@ def _far(facts: VehicleFacts, away_m: float) -> Finding:
     )
 
 
-def _without_a_place(facts: VehicleFacts, *, local: bool) -> Finding:
+def _without_a_place(facts: VehicleFacts, frame: FrameSection) -> Finding:
     found, step = facts.lost or ("it sent no local position", "wait for its estimator, or check it")
     unwell = [item for item in POSITION_ITEMS if not facts.health.get(item, True)]
     if unwell:
         found = f"it does not know where it is ({', '.join(unwell)}: not well){_says(facts, *unwell)}"
-        source = "its GPS first; with a good fix" if not local else "its external position first; with that"
+        source = "its GPS first; with a good fix" if not frame.local else "its external position first; with that"
         step = f"see to {source}, restart the autopilot, and look at its messages"
+    if frame.external_positions:
+        step = "`cordon fly` sends it its positions, `cordon check` does not; in `cordon fly`, see docs/indoor.md"
     why = "without a place in the mission frame it cannot keep clear of the others"
     return Finding(
         Grade.REFUSE, facts.subject, "origin", found, why, step, temporary=facts.lost is None or bool(unwell)
