@@ -338,6 +338,7 @@ class VehicleCore:
         """Take a message from the bus; one that is not of the team, too old or from the future is counted and dropped.
 
         Places on the ring and sightings are parts of their senders' states; in older logs they come by themselves.
+        Start proposals are the shell's.
         """
         if isinstance(message, MemberState) and self._team.waits(message):
             return
@@ -356,8 +357,6 @@ class VehicleCore:
                 self._command(message, now_s)
             case CommandAnswer():
                 self._answers.append(message)
-            case _:
-                pass  # a start proposal is the shell's concern before the mission starts
 
     def on_command(self, command: OperatorCommand, now_s: float) -> None:
         """Take a command of an operator at this computer: it acts at once, and the next tick answers it."""

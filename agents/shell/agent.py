@@ -12,8 +12,9 @@ from agents.ports import VehicleRefusedError
 from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
-from agents.shell.outcome import Ending, LoopReport, Outcome, Stop, outcome_of
+from agents.shell.outcome import FAILED, KILLED, Ending, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.parts import AgentParts
+from agents.shell.pilot_override import override_outcome, override_reason
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
@@ -25,8 +26,6 @@ ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats come once a second: after this, an arming that was under way has been reported."""
 HOLD_BEFORE_LANDING_S = 3.0
 
-_KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "find it, and see to it before it flies again")
-_FAILED = Outcome(Ending.FAILED)
 _ALL_BUT_KILL = tuple(kind for kind in Kind if kind is not Kind.KILL)
 
 
@@ -142,7 +141,7 @@ class Agent:
             except Exception as error:
                 self._fail(Kind.TICKS, error)
         if self._phase is Phase.ENDED:
-            self._reporter.end(_FAILED if self._failure else self._outcome)
+            self._reporter.end(FAILED if self._failure else self._outcome)
             self._over.set()
 
     def _fail(self, kind: Kind, error: Exception) -> None:
@@ -171,8 +170,7 @@ class Agent:
 
     def _locate(self, payload: bytes) -> None:
         positions = self._parts.positions
-        position = None if positions is None else positions.take(payload, time.time())
-        if position is not None:
+        if positions is not None and (position := positions.take(payload, time.time())) is not None:
             self._link.locate(position)
 
     def _kill_if_commanded(self) -> None:
@@ -315,9 +313,7 @@ class Agent:
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
         elif pilot_took_over(status):
-            what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
-            lost = f": it reports that its {status.lost.value} is lost" if status.lost.value else ""
-            self._override_reason = f"{what}, which cordon did not ask for{lost}"
+            self._override_reason = override_reason(status)
 
     def _take_back(self) -> None:
         self._link.take_back()
@@ -348,19 +344,15 @@ class Agent:
         self._outcome = outcome
 
     def _report_land_decision(self) -> None:
-        """Report why the vehicle came down: without a reason of its own the mission was over."""
-        descent = self._core.descent
-        self._report(Outcome(Ending.COMPLETED) if descent is None else outcome_of(descent))
+        """Report why the vehicle came down."""
+        self._report(outcome_of(self._core.descent))
 
     def _report_refusal(self) -> None:
         if self._refusal is not None:
             self._report(Outcome(Ending.REFUSED, self._refusal.reason, self._refusal.next_step))
 
     def _report_override(self) -> None:
-        reason, step = self._override_reason, "land it from where the mode was changed: cordon has handed it over"
-        if self._link.status.restarts:
-            reason, step = f"{reason}: its autopilot restarted", "go and see, and look at its log for the reason"
-        self._report(Outcome(Ending.PILOT_OVERRIDE, reason, step))
+        self._report(override_outcome(self._override_reason, restarted=self._link.status.restarts > 0))
 
     def _performers(self) -> dict[Action, Callable[[], object]]:
         """Return what performs each action."""
@@ -386,7 +378,7 @@ class Agent:
             Action.REPORT_LAND_DECISION: self._report_land_decision,
             Action.REPORT_REFUSAL: self._report_refusal,
             Action.REPORT_OVERRIDE: self._report_override,
-            Action.REPORT_KILLED: lambda: self._report(_KILLED),
+            Action.REPORT_KILLED: lambda: self._report(KILLED),
             Action.END_SUPERVISION: self._parts.heartbeat.ended,
         }
 

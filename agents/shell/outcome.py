@@ -36,11 +36,15 @@ class Outcome:
 
 
 BY_OPERATOR = Outcome(Ending.STOPPED, "the operator ended the flight")
+KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "recover and inspect it")
+FAILED = Outcome(Ending.FAILED)
 _BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BATTERY_CRITICAL, Condition.NO_WAY_HOME))
 
 
-def outcome_of(descent: Descent) -> Outcome:
-    """Return the outcome of a vehicle that came down before its mission's end."""
+def outcome_of(descent: Descent | None) -> Outcome:
+    """Return the outcome of a vehicle that came down, None because its mission was over."""
+    if descent is None:
+        return Outcome(Ending.COMPLETED)
     if descent.verb:
         return Outcome(Ending.ABORTED if descent.verb == "abort" else Ending.STOPPED, descent.reason)
     return Outcome(Ending.BATTERY if descent.condition in _BATTERY else Ending.FAILSAFE, descent.reason)

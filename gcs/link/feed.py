@@ -42,6 +42,9 @@ NEEDS_GPS = ("global position", "home position", "arming checks")
 CLOCK_BACK_S = 0.5
 """A step of the autopilot's clock by more than this backwards is a restart: no datagram is as late."""
 
+ROUND_TRIP_STEP_S = 0.01
+"""Shorter changes of the round trip are not reported: they change no prediction noticeably."""
+
 
 class VehicleFeed:
     """The newest telemetry of one system. MAVSDK's thread posts it to the event loop; callbacks never raise.
@@ -261,8 +264,10 @@ class VehicleFeed:
         self.reports.take_text(text.text)
 
     def note_round_trip(self, round_trip_s: float) -> None:
-        """Take the round trip of the link [s of the mission clock]."""
-        self._update(round_trip_s=round_trip_s)
+        """Take the round trip of the link [s of the mission clock], and report it in whole steps."""
+        in_steps_s = ROUND_TRIP_STEP_S * round(round_trip_s / ROUND_TRIP_STEP_S)
+        if in_steps_s != self.status.round_trip_s:
+            self._update(round_trip_s=in_steps_s)
 
     def _take_connected(self, connected: bool) -> None:
         before = self.status.connected

@@ -10,16 +10,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from math import degrees
 
 from mavsdk.autopilot import Autopilot
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action import Action
-from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
+from mavsdk.plugins.offboard import Offboard
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.team.external_positions import ExternalPosition
-from estimation.frames import Triple, wrap_signed_rad
+from estimation.frames import Triple
 from estimation.state import Telemetry
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
 from gcs.link.config import LinkConfig
@@ -46,8 +45,6 @@ WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
 """Without motion for this long on a live link, the autopilot has lost the rates: they are requested again."""
 RENEWAL_TIMEOUT_S = 5.0
-ROUND_TRIP_STEP_S = 0.01
-"""Shorter changes of the round trip are not reported: they change no prediction noticeably."""
 
 
 class MavsdkLink:
@@ -256,18 +253,8 @@ class MavsdkLink:
         if parts is None or parts.feed.origin_m is None:
             self._unsent += 1
             return
-        x, y, z = setpoint.position_m
-        x0, y0, z0 = parts.feed.origin_m
-        north_m, east_m, down_m = self._config.frame.ned_from_mission((x - x0, y - y0, z - z0))
-        heading_deg = degrees(wrap_signed_rad(self._config.frame.x_bearing_rad - setpoint.yaw_rad))
-        place = PositionNedYaw(north_m, east_m, down_m, heading_deg)
         try:
-            if setpoint.velocity_m_s:
-                x_rate, y_rate, climb = setpoint.velocity_m_s
-                velocity_m_s = self._config.frame.ned_from_mission((x_rate, y_rate, climb))
-                parts.offboard.set_position_velocity_ned(place, VelocityNedYaw(*velocity_m_s, heading_deg))
-            else:
-                parts.offboard.set_position_ned(place)
+            parts.send(setpoint, parts.feed.origin_m, self._config.frame)
             self._sent += 1
         except (MavsdkError, RuntimeError):
             self._unsent += 1
@@ -372,18 +359,11 @@ class MavsdkLink:
                 with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
             self._config.pace.look(self._hub.traffic(self._config.url), time.monotonic())
-            self._note_round_trip()
+            if (round_trip_s := self.report.round_trip_s) is not None:
+                feed.note_round_trip(round_trip_s * self._speed)
             if self._rates is not self._config.pace.rates:
                 with suppress(VehicleRefusedError):
                     await self._request_rates()
-
-    def _note_round_trip(self) -> None:
-        """Report the link's round trip on the mission clock, in whole steps."""
-        feed, measured_s = self._connected().feed, self.report.round_trip_s
-        if measured_s is not None:
-            round_trip_s = ROUND_TRIP_STEP_S * round(measured_s * self._speed / ROUND_TRIP_STEP_S)
-            if round_trip_s != feed.status.round_trip_s:
-                feed.note_round_trip(round_trip_s)
 
     async def _request_rates(self) -> None:
         """Request the rates in force, and let the relay keep to them."""

@@ -1,7 +1,12 @@
 """The MAVSDK objects of one connected vehicle."""
 
+from math import degrees
 from typing import Any, NamedTuple
 
+from mavsdk.plugins.offboard import PositionNedYaw, VelocityNedYaw
+
+from agents.ports import Setpoint
+from estimation.frames import MissionFrame, Triple, wrap_signed_rad
 from gcs.link.calls import VehicleCalls
 from gcs.link.external_position import ExternalPositionSender
 from gcs.link.feed import VehicleFeed
@@ -16,6 +21,22 @@ class LinkParts(NamedTuple):
     action: Any
     offboard: Any
     external: ExternalPositionSender | None
+
+    def send(self, setpoint: Setpoint, origin_m: Triple, frame: MissionFrame) -> None:
+        """Send a setpoint to the vehicle in its own NED, whose origin is at `origin_m` in the mission frame.
+
+        Raises what MAVSDK raises.
+        """
+        x, y, z = setpoint.position_m
+        x0, y0, z0 = origin_m
+        heading_deg = degrees(wrap_signed_rad(frame.x_bearing_rad - setpoint.yaw_rad))
+        place = PositionNedYaw(*frame.ned_from_mission((x - x0, y - y0, z - z0)), heading_deg)
+        if setpoint.velocity_m_s:
+            x_rate, y_rate, climb = setpoint.velocity_m_s
+            velocity = VelocityNedYaw(*frame.ned_from_mission((x_rate, y_rate, climb)), heading_deg)
+            self.offboard.set_position_velocity_ned(place, velocity)
+        else:
+            self.offboard.set_position_ned(place)
 
     def destroy(self) -> None:
         """Destroy MAVSDK's plugins; blocks until running callbacks have returned."""

@@ -30,7 +30,7 @@ ROWS = (
     LiveRow(
         1, "encircle", "offboard", True, 10.02, 0.0512, 119.24, 121.3, 0.83,
         height_m=8.04, speed_m_s=0.51, nearest_id=2, nearest_m=17.31, separation_m=3.0, fence_m=4.26, link_age_s=0.04,
-        gps="3D 12",
+        round_trip_s=0.1204, gps="3D 12",
     ),
     LiveRow(2, "return and land", "offboard", True, 9.97, -0.05, 120.8, 119.2, 0.31, "ring [pair 1]"),
     LiveRow(3, "formation", "hold", False, battery=0.12, alert="battery critical", link_age_s=3.2, fence_m=-0.5),
@@ -112,10 +112,10 @@ def test_eighty_columns_show_what_an_operator_needs_with_its_unit() -> None:
 
 def test_a_hundred_and_twenty_columns_show_everything() -> None:
     lines = shown_at(120)
-    assert lines[1].split()[-4:] == ["r", "ω", "lead", "lag"]
+    assert lines[1].split()[-5:] == ["r", "trip", "ω", "lead", "lag"]
     assert lines[3].split() == [
         "1", "encircle", "offboard", "8.0", "0.5", "17.3", "to", "2", "4.3", "0.0", "3D", "12", "83%",
-        "10.02", "+0.051", "119.2", "121.3",
+        "10.02", "120", "+0.051", "119.2", "121.3",
     ]  # fmt: skip
     assert "return and land" in lines[4]
     assert max(map(len, lines)) <= 120

@@ -48,7 +48,7 @@ def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
     steering = {"hold", "resume", "land", "rtl", "abort", "formation"}
     assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering}
     assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob"}
-    assert granted(keys, "sensor-mast") == {"perception/mast"}
+    assert granted(keys, "sensor-mast") == {"perception/mast", "position/mast"}
     assert granted(keys, "observer-tower") == set()
 
 
