@@ -6,6 +6,7 @@ Sections are validated one by one and cross-checked as far as they hold, so that
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from estimation.bounded_toml import TEXT_MAX_LENGTH, toml_content
@@ -21,6 +22,7 @@ from gcs.mission.identity import identified
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
+from gcs.mission.overrides import overridden
 from gcs.mission.profiles import LoadedVehicle, resolved
 from gcs.mission.sections import EXCITES, OLD_OWN_FILTER, REQUIRED, SECTIONS, TUNED, TUNING
 from gcs.mission.validation import shown, unknown_keys, validated
@@ -44,8 +46,11 @@ def mission_path(name: str) -> Path:
     return _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
 
 
-def load_mission(name: str) -> Mission:
-    """Load a bundled mission by its bare name, or a file by its path; raises MissionError with every fault."""
+def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
+    """Load a bundled mission by its bare name, or a file by its path, with other values at some places.
+
+    Raises InputError with every fault.
+    """
     path = mission_path(name)
     try:
         text = read_plain(path, 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
@@ -54,7 +59,7 @@ def load_mission(name: str) -> Mission:
         raise MissionError([f"{name}: {error.strerror or error}; bundled missions: {known}"]) from error
     except UnicodeDecodeError as error:
         raise MissionError([f"{name}: not a text file: {error}"]) from error
-    return parse_mission(text, path.parent)
+    return parse_mission(overridden(text, overrides), path.parent)
 
 
 def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, str] | None = None) -> Mission:

@@ -1,0 +1,81 @@
+"""Values given in place of those in a mission file, by their place: `encirclement.radius_m`, `vehicles[0].id`.
+
+The result is a mission's text again: a log holds it, and the same flight can be flown from it.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+import tomli_w
+
+from estimation.bounded_toml import KEY_PARTS_MAX, toml_content
+from gcs.errors import InputError
+
+_STEP = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
+"""One part of a place: a name, and the indexes into the arrays behind it."""
+
+
+def override(given: str) -> tuple[str, object]:
+    """Return place and value of `KEY=VALUE`; what is no TOML value is a string. Raises InputError."""
+    place, equals, text = given.partition("=")
+    if not equals:
+        raise InputError([f"--set {given}: write KEY=VALUE, such as encirclement.radius_m=12"])
+    try:
+        return place.strip(), tomllib.loads(f"value = {text.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        return place.strip(), text.strip()
+
+
+def overridden(text: str, overrides: Mapping[str, object]) -> str:
+    """Return a mission's text with other values at these places; without any, as it was.
+
+    Whether the values hold is found where the mission is read. Raises InputError for places that cannot be.
+    """
+    if not overrides:
+        return text
+    try:
+        content = toml_content(text)
+    except ValueError as error:
+        raise InputError([f"not TOML: {error}"]) from error
+    faults = [fault for place, value in overrides.items() for fault in _put(content, place, value)]
+    if faults:
+        raise InputError(faults)
+    return tomli_w.dumps(content)
+
+
+def _put(content: dict[str, Any], place: str, value: object) -> list[str]:
+    """Put a value into the content; return what is wrong with its place."""
+    steps = _steps(place)
+    if not steps:
+        return [f"{place}: not the place of a key; write it as in encirclement.radius_m or vehicles[0].profile"]
+    table: Any = content
+    for step, following in zip(steps, (*steps[1:], None), strict=True):
+        if isinstance(step, int):
+            if not isinstance(table, list):
+                return [f"{place}: what stands before [{step}] is no array"]
+            if step >= len(table):
+                return [f"{place}: there is no [{step}], the last is [{len(table) - 1}]"]
+        elif not isinstance(table, dict):
+            return [f"{place}: what stands before {step} is no table"]
+        elif step not in table and isinstance(following, str):
+            table[step] = {}
+        elif step not in table and following is not None:
+            return [f"{place}: there is no {step}"]
+        if following is None:
+            table[step] = value
+        else:
+            table = table[step]
+    return []
+
+
+def _steps(place: str) -> list[str | int]:
+    """Return the names and indexes of a place, none where it is not one."""
+    steps: list[str | int] = []
+    for part in place.split("."):
+        match = _STEP.fullmatch(part)
+        if match is None:
+            return []
+        steps += [match[1], *map(int, re.findall(r"\d+", match[2]))]
+    return steps if len(steps) < KEY_PARTS_MAX else []
