@@ -10,7 +10,8 @@ from math import dist
 from typing import Any, TypeVar
 
 from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkDirectResult, MavlinkMessage
+from mavsdk.plugins.telemetry import TelemetryError, TelemetryResult
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
@@ -32,6 +33,7 @@ ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
 RATE_ATTEMPTS = 5
 """Until the rates are set, what autopilots send by themselves may fill a slow link, and acknowledgements are late."""
+UNANSWERED = (TelemetryResult.TIMEOUT, MavlinkDirectResult.TIMEOUT)
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
@@ -137,11 +139,20 @@ class VehicleCalls:
         reported = f"; the autopilot reports {quoted(texts)}" if texts else ""
         return f"vehicle {self._system_id} {reason}{lost}{reported}"
 
+    async def request(self, function: Callable[..., object], argument: object) -> None:
+        """Run a call that may be refused, again while it is not answered: then it, or its answer, may be lost."""
+        for _ in range(RATE_ATTEMPTS):
+            try:
+                await self.run(function, argument)
+            except (TelemetryError, MavlinkDirectError) as error:
+                if error.result in UNANSWERED:
+                    continue
+            return
+
     async def request_message(self, direct: Any, message: int, rate_hz: float) -> None:
-        """Request a message that MAVSDK's telemetry does not know at a rate [Hz]; a refusal is no error."""
+        """Request a message that MAVSDK's telemetry does not know at a rate [Hz]."""
         command = command_long(self._system_id, SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz)
-        with suppress(MavlinkDirectError):
-            await self.run(direct.send_command, command)
+        await self.request(direct.send_command, command)
 
     async def close(self) -> None:
         """Wait for running calls: destroying MAVSDK's objects before would block their threads for ever."""
@@ -159,7 +170,7 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: Rates) ->
     await calls.command("send its local position", motion, rates.telemetry_hz, attempts=RATE_ATTEMPTS)
     slow = [(name, rates.status_hz) for name in STATUS]
     for name, rate_hz in (*slow, *((name, rates.status_hz / 2.0) for name in SLOW_STATUS)):
-        await _request_rate(calls, telemetry, name, rate_hz)
+        await calls.request(getattr(telemetry, f"set_rate_{name}"), rate_hz)
     estimator = feed.reports.estimator
     for number in (estimator.number, estimator.wind_number):
         await calls.request_message(feed.reports.direct, number, rates.status_hz / 2.0)
@@ -173,16 +184,11 @@ async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: Rates, du
     The attitude rate is set for `duration_s` [wall s] only, or for as long as some of them take at a low rate.
     """
     duration_s = max(duration_s, min(CLOCK_SAMPLES / rates.clock_hz, CLOCK_LONGEST_S))
-    await _request_rate(calls, feed.plugin, "attitude_euler", rates.clock_hz)
+    await calls.request(feed.plugin.set_rate_attitude_euler, rates.clock_hz)
     try:
         return clock_ratio(await feed.attitude_clock(duration_s), duration_s)
     finally:
-        await _request_rate(calls, feed.plugin, "attitude_euler", rates.status_hz)
-
-
-async def _request_rate(calls: VehicleCalls, telemetry: Any, name: str, rate_hz: float) -> None:
-    with suppress(MavsdkError):
-        await calls.run(getattr(telemetry, f"set_rate_{name}"), rate_hz)
+        await calls.request(feed.plugin.set_rate_attitude_euler, rates.status_hz)
 
 
 def choose_guided(system: Any) -> None:

@@ -178,3 +178,15 @@ def test_bad_input_is_named(arguments: tuple[str, ...], fault: str, code: int) -
         _, err = relay.communicate(timeout=20.0)
     assert fault in err
     assert relay.returncode == code
+
+
+async def test_rates_are_requested_again_where_a_line_loses_requests_and_answers(tmp_path: Path) -> None:
+    spec = RadioSpec(baud=BAUD, loss=0.4)
+    pace = Pace(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 1, BAUD / 10.0)
+    async with on_one_line(tmp_path / "line", spec, pace, 1) as (_, _, radio):
+        (before,) = [counts.sent_bytes for counts in radio.down]
+        began_s = time.monotonic()
+        await asyncio.sleep(6.0)
+        (counts,) = radio.down
+        down_bytes_s = (counts.sent_bytes - before) / (time.monotonic() - began_s)
+        assert down_bytes_s == pytest.approx(pace.load.down_bytes_s, rel=0.1)
