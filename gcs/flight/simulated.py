@@ -53,11 +53,10 @@ def fly_simulated(
             recording.advance((tick + 1) / rate_hz)
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
+    new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
     began_s = perf_counter()
     flight = simulate(
-        simulated_vehicles(
-            mission, seed, partial(VehicleCore, planner=planner) if recording is None else recording.core
-        ),
+        simulated_vehicles(mission, seed, new_core),
         network,
         rate_hz=rate_hz,
         duration_s=duration_s,
