@@ -10,7 +10,7 @@ from agents.broadcast import Broadcast, command_answer, received_sighting
 from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, shifted
-from agents.control.planner import Planner
+from agents.control.task_planner import PlannerFactory, planner_of
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.notes import Notes
 from agents.orders import Orders, Reshaping
@@ -50,9 +50,9 @@ from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 
 class VehicleCore:
-    """Estimates, decides, plans and guards for one vehicle."""
+    """Estimates, decides, plans and guards for one vehicle; `planner` makes a planner to put before cordon's own."""
 
-    def __init__(self, config: AgentConfig) -> None:
+    def __init__(self, config: AgentConfig, planner: PlannerFactory | None = None) -> None:
         self._config = config
         clocks = ClockWatch(config.failsafe.clock_step_s)
         self._notes = Notes()
@@ -65,7 +65,7 @@ class VehicleCore:
         self._broadcast = Broadcast(config, self._team, self._own_sensor)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensor, self._team, clocks)
         self._failsafe = FailsafeMonitor(config)
-        self._planner = Planner(config, self._team)
+        self._planner = planner_of(config, self._team, planner)
         self._slew_limit = SlewLimit(config)
         self._neighbours = Neighbours(config)
         self._guard = Guard(config)
@@ -129,7 +129,7 @@ class VehicleCore:
             self._change(event, descent=Descent(self.alert))
         self._follow_mission(situation)
         self._layer_m = self._chosen_layer_m(situation)
-        return Task(self._tactic, situation, self._layer_m)
+        return Task(self._tactic, situation, self._layer_m, self._team.members())
 
     def _plan(self, task: Task) -> Plan:
         """Plan: the aim of the tactic, as far as it may move in one tick."""

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 
 from agents.tactics import Tactic
+from agents.team.messages import MemberState
 from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate, Vector
 
@@ -45,11 +46,15 @@ class Situation(msgspec.Struct, frozen=True):
 
 
 class Task(msgspec.Struct, frozen=True):
-    """What is decided in a tick: the tactic to fly in a situation, and the altitude layer to fly it at."""
+    """What is decided in a tick: the tactic to fly in a situation, and the altitude layer to fly it at.
+
+    `peers` are the newest states of the others, each from the moment in it: those far away are up to a second old.
+    """
 
     tactic: Tactic
     situation: Situation
     layer_m: float
+    peers: tuple[MemberState, ...]
 
 
 def moved(motion: Vector, by_s: float) -> Vector:

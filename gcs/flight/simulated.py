@@ -1,11 +1,13 @@
 """Fly a mission in one process with simulated time: `cordon sim`."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.control.task_planner import PlannerFactory
 from agents.core import VehicleCore
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
@@ -32,11 +34,16 @@ def fly_simulated(
     duration_s: float,
     progress: Callable[[float], None],
     recording: "SimulationRecording | None" = None,
+    planner: PlannerFactory | None = None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
-    `progress` is called with the simulated time flown [s].
+    `progress` is called with the simulated time flown [s]. `planner` makes each vehicle's planner, see `TaskPlanner`;
+    its exceptions end the flight. Raises ValueError where such a flight is to be recorded: no replay of the log could
+    compute its decisions again.
     """
+    if planner is not None and recording is not None:
+        raise ValueError("a flight with a planner of its own cannot be recorded: fly it without a log")
     rate_hz, count = mission.mission.rate_hz, len(mission.vehicles)
     observed = _Observed(round(duration_s * rate_hz) + 1, count)
 
@@ -46,9 +53,10 @@ def fly_simulated(
             recording.advance((tick + 1) / rate_hz)
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
+    new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
     began_s = perf_counter()
     flight = simulate(
-        simulated_vehicles(mission, seed, VehicleCore if recording is None else recording.core),
+        simulated_vehicles(mission, seed, new_core),
         network,
         rate_hz=rate_hz,
         duration_s=duration_s,
