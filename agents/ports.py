@@ -54,7 +54,8 @@ class VehicleStatus:
     estimator (above 1 the sensor is rejected), that of `estimator_sensor`, and `estimator_fault` names what it lacks;
     `gps_dimensions` is that of the fix (0 without one, 2 or 3) from so many `satellites`, and `gps_threat` names
     jamming or spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the horizontal wind that
-    its estimator takes to blow. `round_trip_s` is the time from a message to its answer [s of the mission clock].
+    its estimator takes to blow. `round_trip_s` is the time from a message to its answer [s of the mission clock],
+    and `link_fault` how the link falls short.
     """
 
     connected: bool = False
@@ -76,6 +77,7 @@ class VehicleStatus:
     lost: Connection = Connection.NONE
     wind_m_s: float | None = None
     round_trip_s: float | None = None
+    link_fault: str = ""
 
 
 class Setpoint(msgspec.Struct, frozen=True):

@@ -38,6 +38,7 @@ class Condition(Enum):
     CLOCK_STEPPED = "peer's clock stepped"
     CLOCK_DRIFTED = "peer's clock drifted"
     ESTIMATOR_DEGRADED = "estimator degraded"
+    LINK_DEGRADED = "link degraded"
     COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
@@ -282,6 +283,14 @@ TABLE = (
         "a test ratio of the autopilot's estimator is above 0.5, its GPS has no three-dimensional fix, fewer than 6 "
         "satellites, or is jammed",
         "failsafe.estimator_s",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+    ),
+    Row(
+        Condition.LINK_DEGRADED,
+        "more than 10 % of the messages on the link are lost, its radio reports a full buffer, or its round trip takes "
+        "more than 0.5 s",
+        "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
     ),

@@ -1,4 +1,4 @@
-"""What an autopilot reports about itself that is a condition of the failsafe table."""
+"""What an autopilot and its link report that is a condition of the failsafe table."""
 
 from collections.abc import Iterator
 
@@ -29,6 +29,8 @@ def reported_faults(status: VehicleStatus, tilt_max_deg: float, wind_max_m_s: fl
         faults[Condition.ESTIMATOR_FAILING] = failing
     if degraded := ", ".join(_degraded(status)):
         faults[Condition.ESTIMATOR_DEGRADED] = degraded
+    if status.link_fault:
+        faults[Condition.LINK_DEGRADED] = status.link_fault
     return faults
 
 

@@ -36,6 +36,7 @@ _ADVICE = {
     Condition.CLOCK_STEPPED: "synchronise the computers' clocks before the next flight",
     Condition.CLOCK_DRIFTED: "synchronise the computers' clocks before the next flight",
     Condition.ESTIMATOR_DEGRADED: "watch its position; return if it gets worse",
+    Condition.LINK_DEGRADED: "bring its antenna nearer; land it if it gets worse",
     Condition.COMPUTER_SHORT: "free memory or disk on its computer: the log may end early",
     Condition.LEADER_LOST: "look for the silent vehicle; the next in line leads",
     Condition.PEER_SILENT: "look for the silent vehicle; the others keep clear of it",

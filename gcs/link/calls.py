@@ -10,8 +10,8 @@ from math import dist
 from typing import Any, TypeVar
 
 from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkDirectResult, MavlinkMessage
-from mavsdk.plugins.telemetry import TelemetryError, TelemetryResult
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
+from mavsdk.plugins.telemetry import TelemetryError
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame, Triple
@@ -33,7 +33,8 @@ ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
 RATE_ATTEMPTS = 5
 """Until the rates are set, what autopilots send by themselves may fill a slow link, and acknowledgements are late."""
-UNANSWERED = (TelemetryResult.TIMEOUT, MavlinkDirectResult.TIMEOUT)
+TIMEOUT = "TIMEOUT"
+"""The name of the result, in each plugin of MAVSDK, of a request that was not answered."""
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
@@ -95,6 +96,10 @@ class VehicleCalls:
                 if attempt == attempts:
                     await asyncio.sleep(TEXT_DELAY_S)
                     result = getattr(getattr(error, "result", None), "name", str(error))
+                    if result == TIMEOUT:
+                        raise self.refusal(
+                            f"did not answer the command to {verb}", "check its link", began_s
+                        ) from error
                     raise self.refusal(
                         f"refused to {verb} ({result})", "resolve the cause that the autopilot reports", began_s
                     ) from error
@@ -145,7 +150,7 @@ class VehicleCalls:
             try:
                 await self.run(function, argument)
             except (TelemetryError, MavlinkDirectError) as error:
-                if error.result in UNANSWERED:
+                if error.result.name == TIMEOUT:
                     continue
             return
 

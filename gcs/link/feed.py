@@ -44,6 +44,8 @@ CLOCK_BACK_S = 0.5
 
 ROUND_TRIP_STEP_S = 0.01
 """Shorter changes of the round trip are not reported: they change no prediction noticeably."""
+ROUND_TRIP_MAX_S = 0.5
+"""Over a longer one setpoints are late by more than the control loop predicts."""
 
 
 class VehicleFeed:
@@ -263,11 +265,18 @@ class VehicleFeed:
         self.texts.take(text.text, text.type)
         self.reports.take_text(text.text)
 
-    def note_round_trip(self, round_trip_s: float) -> None:
-        """Take the round trip of the link [s of the mission clock], and report it in whole steps."""
-        in_steps_s = ROUND_TRIP_STEP_S * round(round_trip_s / ROUND_TRIP_STEP_S)
-        if in_steps_s != self.status.round_trip_s:
-            self._update(round_trip_s=in_steps_s)
+    def note_link(self, round_trip_s: float | None, fault: str, speed: float) -> None:
+        """Take the round trip of the link [wall s], None if it is not known, and how the connection falls short.
+
+        The status has the round trip in whole steps of the mission clock, which runs `speed` times as fast.
+        """
+        if round_trip_s is not None and round_trip_s > ROUND_TRIP_MAX_S:
+            fault = fault or f"its round trip is {round_trip_s:.1f} s"
+        in_steps_s = self.status.round_trip_s
+        if round_trip_s is not None:
+            in_steps_s = ROUND_TRIP_STEP_S * round(round_trip_s * speed / ROUND_TRIP_STEP_S)
+        if (in_steps_s, fault) != (self.status.round_trip_s, self.status.link_fault):
+            self._update(round_trip_s=in_steps_s, link_fault=fault)
 
     def _take_connected(self, connected: bool) -> None:
         before = self.status.connected

@@ -359,8 +359,7 @@ class MavsdkLink:
                 with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
             self._config.pace.look(self._hub.traffic(self._config.url), time.monotonic())
-            if (round_trip_s := self.report.round_trip_s) is not None:
-                feed.note_round_trip(round_trip_s * self._speed)
+            feed.note_link(self.report.round_trip_s, self._config.pace.fault, self._speed)
             if self._rates is not self._config.pace.rates:
                 with suppress(VehicleRefusedError):
                     await self._request_rates()

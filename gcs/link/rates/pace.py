@@ -21,8 +21,8 @@ FRAMES_MIN = 20
 class Pace:
     """The rates in force on one connection, for all of its vehicles alike.
 
-    `automatic` rates begin at the first of `ladder(full)` that fits `capacity_bytes_s` (None: not known), and `look`
-    moves them along that ladder by what is lost and by what the radio reports. They never rise above where they began.
+    `look` finds what is lost and what the radio reports. `automatic` rates begin at the first of `ladder(full)` that
+    fits `capacity_bytes_s` (None: not known), and move along that ladder by it. They never rise above where they began.
     Simulators are asked for their true motions, `truth_bytes_s` of all together, where there is room for them.
     """
 
@@ -50,6 +50,8 @@ class Pace:
         """What the true motions take that simulators are asked for: not where these would take the room of others."""
         if self.has_room(truth_bytes_s):
             self.truth_bytes_s = truth_bytes_s
+        self.fault = ""
+        """How the connection falls short by the newest looks, empty where it does not."""
         self._before: Traffic | None = None
         self._look_next_s = -inf
         self._well_since_s = -inf
@@ -78,7 +80,7 @@ class Pace:
 
     def look(self, traffic: Traffic, now_s: float) -> None:
         """Take the counts of a connection at a time [s, wall]; any of its vehicles may bring them."""
-        if not self._automatic or now_s < self._look_next_s:
+        if now_s < self._look_next_s:
             return
         before, self._before = self._before, traffic
         self._look_next_s = now_s + LOOK_PERIOD_S
@@ -87,10 +89,13 @@ class Pace:
             return
         lost, free = traffic.lost_share(before), 1.0 if traffic.buffer_free is None else traffic.buffer_free
         if lost > LOSS_HIGH or free < BUFFER_LOW:
+            self.fault = f"{lost:.0%} of its messages are lost" if lost > LOSS_HIGH else "its radio's buffer is full"
             self._at = min(self._at + 1, len(self._rungs) - 1)
             self._well_since_s = now_s
         elif lost > LOSS_LOW or free < BUFFER_HIGH:
             self._well_since_s = now_s
-        elif now_s - self._well_since_s >= UP_AFTER_S:
-            self._at = max(self._at - 1, self._first)
-            self._well_since_s = now_s
+        else:
+            self.fault = ""
+            if now_s - self._well_since_s >= UP_AFTER_S:
+                self._at = max(self._at - 1, self._first)
+                self._well_since_s = now_s

@@ -267,6 +267,9 @@ CASES = {
     Condition.CLOCK_DRIFTED: Case(
         set_to(clock_drifts=True), set_to(clock_drifts=False, clock_ahead_s=0.3), 6.0 + 1.5, AS_BEFORE * 3, over_s=1.3
     ),
+    Condition.LINK_DEGRADED: Case(
+        reporting(link_fault="34% of its messages are lost"), reporting(), 0.0, AS_BEFORE * 3
+    ),
     Condition.ESTIMATOR_DEGRADED: Case(reporting(satellites=5), reporting(satellites=6), 2.8, AS_BEFORE * 3),
     Condition.COMPUTER_SHORT: Case(set_to(short_of="memory"), set_to(short_of=""), 0.0, AS_BEFORE * 3),
     Condition.LEADER_LOST: Case(peers(1), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),

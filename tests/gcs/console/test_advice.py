@@ -14,6 +14,7 @@ FLIES_ON = {
     "leader lost",
     "peer silent",
     "peer doubtful",
+    "link degraded",
     "sightings contradict",
     "target from outside only",
 }

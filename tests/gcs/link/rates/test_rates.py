@@ -112,9 +112,17 @@ def test_few_frames_show_no_losses() -> None:
     assert pace.rates == FULL
 
 
-def test_fixed_rates_stay() -> None:
+def test_fixed_rates_stay_and_what_the_connection_lacks_is_stated_until_it_is_well() -> None:
     pace = Pace(FULL, 3, 3840.0)
-    assert Line(pace).looks(20, missed=50, free=0.0) == FULL
+    line = Line(pace)
+    assert line.looks(20, missed=50, free=0.0) == FULL
+    assert "33%" in pace.fault  # 50 of 150
+    line.looks(1, missed=7)
+    assert pace.fault  # neither well nor bad
+    line.looks(1)
+    assert not pace.fault
+    line.looks(1, free=0.1)
+    assert "buffer" in pace.fault
 
 
 def test_simulators_are_asked_for_the_truth_where_there_is_room() -> None:
