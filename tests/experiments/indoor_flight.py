@@ -38,6 +38,7 @@ STATION_PORT = 14550
 EARTH_M = 6_371_000.0
 READY_S = 12.0
 RADIUS_M, CENTRE_M = 2.0, (4.0, 0.0)
+RADIUS_ERROR_MAX_M = 0.1
 INDOORS = {
     "EKF2_GPS_CTRL": 0.0,
     "EKF2_EV_CTRL": 11.0,
@@ -218,8 +219,9 @@ def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
     off = [(time_s, hypot(x - CENTRE_M[0], y - CENTRE_M[1]) - RADIUS_M) for time_s, (x, y, _) in flown]
     last_s = off[-1][0]
     ring = np.array([each for time_s, each in off if last_s - 0.5 * options.duration < time_s < last_s - 15.0])
-    print(f"by truth: radius error {np.sqrt(np.mean(ring**2)):.3f} m rms, {np.abs(ring).max():.3f} m max")
-    return 0
+    error_m = float(np.sqrt(np.mean(ring**2)))
+    print(f"by truth: radius error {error_m:.3f} m rms, {np.abs(ring).max():.3f} m max")
+    return 0 if error_m <= RADIUS_ERROR_MAX_M else 1
 
 
 if __name__ == "__main__":
