@@ -55,14 +55,13 @@ def identify(
     from estimation.plant.provenance import PlantGrade
     from gcs.cli.output import IdentifyProgress, print_result
     from gcs.console.terminal import STDERR
-    from gcs.identify.reading import check_one_kind, recording_of
+    from gcs.identify.reading import recordings_of
     from gcs.identify.view import identified_dict, identified_view
 
-    _check_files(options, logs)
+    _check_files(options)
     others = {name: _plant(name) for name in options.against}
     vehicle_logs = _read(logs, options.vehicle)
-    recordings = [recording_of(log) for log in vehicle_logs]
-    check_one_kind(vehicle_logs, recordings)
+    recordings = recordings_of(vehicle_logs)
     with IdentifyProgress(f"vehicle {vehicle_logs[0].system_id}") as progress:
         identified = identified_from(recordings, progress.update, others)
     STDERR.print(identified_view(identified, vehicle_logs), soft_wrap=True)
@@ -76,11 +75,9 @@ def identify(
 def _read(paths: Sequence[Path], vehicle: int | None) -> "list[VehicleLog]":
     """Return the logs of one vehicle; raises InputError, and LogError with file, topic and time."""
     from gcs.cli.output import print_notes
-    from gcs.identify.reading import chosen
-    from gcs.vehicle_logs.foreign import read_vehicle_logs
+    from gcs.identify.reading import logs_of_one
 
-    logs = chosen([log for path in paths for log in read_vehicle_logs(path)], vehicle)
-    _check_same(logs)
+    logs = logs_of_one(paths, vehicle)
     print_notes(logs)
     return logs
 
@@ -121,25 +118,12 @@ def _write(option: str, path: Path, text: str) -> None:
     print_line(f"written: {path}")
 
 
-def _check_files(options: IdentifyOptions, logs: Sequence[Path]) -> None:
+def _check_files(options: IdentifyOptions) -> None:
     """Refuse, before anything is read, output that could not be written."""
     from gcs.cli.output import check_file, check_page
 
-    if len(set(logs)) < len(logs):
-        raise InputError([f"{path}: given more than once" for path in sorted(set(logs)) if logs.count(path) > 1])
     if options.output is not None:
         check_file("--output", options.output, (".toml",))
         if options.output.exists():
             raise InputError([f"--output: {str(options.output)!r} exists already"])
     check_page(options.html)
-
-
-def _check_same(logs: "Sequence[VehicleLog]") -> None:
-    """Refuse logs of different vehicles, as far as the logs say."""
-    for what, values in (
-        ("autopilots", {log.autopilot for log in logs}),
-        ("firmwares", {log.firmware for log in logs if log.firmware}),
-    ):
-        if len(values) > 1:
-            named = "; ".join(f"{log.path}: {log.autopilot} {log.firmware}".rstrip() for log in logs)
-            raise InputError([f"the logs are of different {what}, and one plant cannot be both: {named}"])

@@ -146,12 +146,9 @@ def _logs(paths: Sequence[Path]) -> "list[FlightLog]":
 
 
 def _result(flight: "LoggedFlight") -> "FlightResult":
-    from gcs.metrics.metrics import evaluate
-    from gcs.report.evidence.criteria import criteria_of
+    from gcs.metrics.references import evaluated
 
-    criteria = criteria_of(flight.mission)
-    references = criteria.ring, criteria.formation, criteria.tolerances, criteria.engagement
-    return evaluate(flight.evidence.record, *references)
+    return evaluated(flight.mission, flight.evidence.record)
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:

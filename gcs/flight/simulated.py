@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from time import perf_counter
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,10 +22,12 @@ from sitl.simulation.absence import Absence
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
 from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
 from sitl.vehicle.imperfections import Imperfections
+from sitl.vehicle.plant_step import StepFunction
 
 if TYPE_CHECKING:
     from gcs.flightlog.simulation import SimulationRecording
 
+OnTick = Callable[[int, int, TickOutput], None]
 _COMES_DOWN = (Tactic.RETURN_AND_LAND, Tactic.LAND)
 
 
@@ -35,12 +38,16 @@ def fly_simulated(
     progress: Callable[[float], None],
     recording: "SimulationRecording | None" = None,
     planner: PlannerFactory | None = None,
+    *,
+    steps: Mapping[int, StepFunction] = MappingProxyType({}),
+    on_tick: OnTick = lambda *_: None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s]. `planner` makes each vehicle's planner, see `TaskPlanner`;
     its exceptions end the flight. Raises ValueError where such a flight is to be recorded: no replay of the log could
-    compute its decisions again.
+    compute its decisions again. `steps` move vehicles, by their ids, in place of their true plants' equations.
+    `on_tick` is called with the number of each tick, the vehicle's place in line, and its output.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a planner of its own cannot be recorded: fly it without a log")
@@ -49,20 +56,16 @@ def fly_simulated(
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
         observed.note(tick, vehicle, output.status)
+        on_tick(tick, vehicle, output)
         if recording is not None and vehicle == count - 1:
             recording.advance((tick + 1) / rate_hz)
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
+    vehicles = simulated_vehicles(mission, seed, new_core, steps=steps)
     began_s = perf_counter()
     flight = simulate(
-        simulated_vehicles(mission, seed, new_core),
-        network,
-        rate_hz=rate_hz,
-        duration_s=duration_s,
-        seed=seed,
-        observe=observe,
-        progress=progress,
+        vehicles, network, rate_hz=rate_hz, duration_s=duration_s, seed=seed, observe=observe, progress=progress
     )
     wall_time_s = perf_counter() - began_s
     if recording is not None:
@@ -104,11 +107,13 @@ def simulated_vehicles(
     new_core: Callable[[AgentConfig], VehicleCore] = VehicleCore,
     absences: Sequence[Absence] = (),
     imperfections: Mapping[int, Imperfections] | None = None,
+    steps: Mapping[int, StepFunction] = MappingProxyType({}),
 ) -> list[SimulatedVehicle[TickOutput]]:
     """Return the mission's vehicles with their cores, at rest at their starts, active from time 0.
 
     During `absences` a vehicle's agent is away; the one that returns is new and knows when the mission started.
-    `imperfections` are by vehicle; without them all vehicles have those of the mission's `[simulation]`.
+    `imperfections` are by vehicle; without them all vehicles have those of the mission's `[simulation]`. `steps` are
+    the dynamics of vehicles that do not move by the equation of a plant.
     """
     common = simulated_imperfections(mission)
     return [
@@ -119,6 +124,7 @@ def simulated_vehicles(
             new_core,
             [absence for absence in absences if absence.vehicle_id == vehicle.id],
             imperfections[vehicle.id] if imperfections else common,
+            steps.get(vehicle.id),
         )
         for vehicle in mission.vehicles
     ]
@@ -131,6 +137,7 @@ def _simulated_vehicle(
     new_core: Callable[[AgentConfig], VehicleCore],
     absences: Sequence[Absence],
     imperfections: Imperfections,
+    step: StepFunction | None,
 ) -> SimulatedVehicle[TickOutput]:
     config = mission.agent_config(vehicle)
 
@@ -150,6 +157,7 @@ def _simulated_vehicle(
         imperfections=imperfections,
         absences=absences,
         climbs=mission.encirclement.altitude == "target",
+        step=step,
     )
     return SimulatedVehicle(model, started(), target_sensor(mission, vehicle.id, 0.0, seed), started)
 

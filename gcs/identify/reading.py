@@ -1,12 +1,14 @@
 """From logs to what identification is made from: one vehicle's recordings."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from estimation.identification.excerpts import Recording, excerpts_of
 from estimation.state import Vector
 from gcs.errors import InputError
+from gcs.vehicle_logs.foreign import read_vehicle_logs
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 SAMPLED_TOPICS = frozenset({"trajectory_setpoint", "POSITION_TARGET_LOCAL_NED"})
@@ -54,7 +56,26 @@ def _velocity_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:
     return velocity_m_s
 
 
-def check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[Recording]) -> None:
+def recordings_of(logs: Sequence[VehicleLog]) -> list[Recording]:
+    """Return one vehicle's logs as recordings; raises LogError, and InputError where they are of two plants."""
+    recordings = [recording_of(log) for log in logs]
+    _check_one_kind(logs, recordings)
+    return recordings
+
+
+def logs_of_one(paths: Sequence[Path], vehicle: int | None, option: str = "--vehicle") -> list[VehicleLog]:
+    """Return the logs of the one vehicle asked for, or of the only one there is.
+
+    Raises InputError, which names `option` where the vehicle has to be told, and LogError with file, topic and time.
+    """
+    if len(set(paths)) < len(paths):
+        raise InputError([f"{path}: given more than once" for path in sorted(set(paths)) if paths.count(path) > 1])
+    logs = _chosen([log for path in paths for log in read_vehicle_logs(path)], vehicle, option)
+    _check_same(logs)
+    return logs
+
+
+def _check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[Recording]) -> None:
     """Refuse logs some of which were flown with velocities beside the setpoints and some without: two plants."""
     told = []
     for log, recording in zip(logs, recordings, strict=True):
@@ -65,12 +86,22 @@ def check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[Recording]) 
         raise InputError([f"setpoints with velocities beside them and without make two plants, one file each: {words}"])
 
 
-def chosen(logs: Sequence[VehicleLog], vehicle: int | None) -> list[VehicleLog]:
-    """Return the logs of the one vehicle asked for, or of the only one there is; raises InputError."""
+def _check_same(logs: Sequence[VehicleLog]) -> None:
+    """Refuse logs of different vehicles, as far as the logs say."""
+    for what, values in (
+        ("autopilots", {log.autopilot for log in logs}),
+        ("firmwares", {log.firmware for log in logs if log.firmware}),
+    ):
+        if len(values) > 1:
+            named = "; ".join(f"{log.path}: {log.autopilot} {log.firmware}".rstrip() for log in logs)
+            raise InputError([f"the logs are of different {what}, and one plant cannot be both: {named}"])
+
+
+def _chosen(logs: Sequence[VehicleLog], vehicle: int | None, option: str) -> list[VehicleLog]:
     known = sorted({log.system_id for log in logs})
     told = ", ".join(map(str, known))
     if vehicle is None and len(known) > 1:
-        raise InputError([f"--vehicle: the logs hold vehicles {told}: say which of them is to be identified"])
+        raise InputError([f"{option}: the logs hold vehicles {told}: say which of them is to be identified"])
     if vehicle is not None and vehicle not in known:
-        raise InputError([f"--vehicle: the logs have no vehicle {vehicle} (they have {told})"])
+        raise InputError([f"{option}: the logs have no vehicle {vehicle} (they have {told})"])
     return [log for log in logs if vehicle is None or log.system_id == vehicle]

@@ -97,7 +97,8 @@ def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: li
         raise MissionError(faults)
     sections.pop("decision")
     complete = tuple(resolved(*vehicle, own_filter) for vehicle in vehicles if vehicle is not None)
-    mission = Mission(**sections, links=links, vehicles=complete, text=text, profile_texts=shelf.texts)  # type: ignore[arg-type]  # each is of its section's model
+    read = {"text": text, "profile_texts": shelf.texts, "parse": parse_mission}
+    mission = Mission(**sections, links=links, vehicles=complete, **read)  # type: ignore[arg-type]  # each is of its section's model
     if unstable := list(unstable_loops(mission)):
         raise MissionError(unstable)
     return identified(mission)

@@ -1,6 +1,6 @@
 """The mission file: its sections, as a user writes them in TOML. Unknown keys are errors, numbers are finite."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import radians
 from pathlib import Path
@@ -27,6 +27,7 @@ from estimation.plant.model import Plant
 from estimation.profile.profile import Autopilot, Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
 from gcs.mission.links import LinkSection, SharedLinkSection, connection_url
+from gcs.mission.overrides import overridden, places
 from sitl.world import Leg, TargetMotion
 
 
@@ -299,7 +300,8 @@ class Mission:
 
     `identity` is what vehicles and operators of one team compare (gcs/mission/identity.py). `folder` is that of its
     file. `warnings` name the keys that stand where an earlier version had them, and where each stands today. A mission
-    that `excites` is the flight by which its only vehicle is identified.
+    that `excites` is the flight by which its only vehicle is identified. `parse` makes a mission of text, folder and
+    profile texts.
     """
 
     mission: MissionSection
@@ -318,8 +320,9 @@ class Mission:
     simulation: SimulationSection
     verdicts: VerdictSection
     vehicles: tuple[MissionVehicle, ...]
-    text: str = field(compare=False)
-    profile_texts: Mapping[str, str] = field(compare=False)
+    text: str = field(compare=False, repr=False)
+    profile_texts: Mapping[str, str] = field(compare=False, repr=False)
+    parse: "Callable[[str, Path | None, Mapping[str, str] | None], Mission]" = field(compare=False, repr=False)
     identity: MissionIdentity | None = field(default=None, compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
     excites: bool = False
@@ -336,6 +339,16 @@ class Mission:
             if vehicle.id == vehicle_id:
                 return vehicle
         raise KeyError(vehicle_id)
+
+    def replace(self, **sections: object) -> "Mission":
+        """Return the mission with other values of some keys, checked as a file is; the mission itself stays as it is.
+
+        A section is a table of keys, and so are those inside it: `replace(encirclement={"radius_m": 12.0})`. `vehicles`
+        are by id: `replace(vehicles={2: {"profile": "heavy.toml"}})`. Any other value, also an array of tables, takes
+        the place of the whole key. Profiles are found where those of the mission are. Raises InputError with every
+        fault.
+        """
+        return self.parse(overridden(self.text, places(sections, self.ids)), self.folder, self.profile_texts)
 
     def sensor(self, vehicle_id: int) -> SensorSection:
         """Return how one vehicle sees the simulated target."""

@@ -5,7 +5,7 @@ The result is a mission's text again: a log holds it, and the same flight can be
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tomli_w
@@ -26,6 +26,30 @@ def override(given: str) -> tuple[str, object]:
         return place.strip(), tomllib.loads(f"value = {text.strip()}")["value"]
     except tomllib.TOMLDecodeError:
         return place.strip(), text.strip()
+
+
+def places(sections: Mapping[str, object], vehicle_ids: Sequence[int]) -> dict[str, object]:
+    """Return the places of the values in nested tables; `vehicles` are a table by id. Raises InputError.
+
+    `{"encirclement": {"radius_m": 12}}` is `{"encirclement.radius_m": 12}`.
+    """
+    found = dict[str, object]()
+    for name, value in sections.items():
+        if name == "vehicles" and isinstance(value, Mapping):
+            for vehicle_id, keys in value.items():
+                if vehicle_id not in vehicle_ids:
+                    known = ", ".join(map(str, vehicle_ids))
+                    raise InputError([f"vehicles: the mission has no vehicle {vehicle_id!r} (it has {known})"])
+                found |= _flat(f"vehicles[{vehicle_ids.index(vehicle_id)}]", keys)
+        else:
+            found |= _flat(name, value)
+    return found
+
+
+def _flat(place: str, value: object) -> dict[str, object]:
+    if not isinstance(value, Mapping):
+        return {place: value}
+    return {at: each for key, inner in value.items() for at, each in _flat(f"{place}.{key}", inner).items()}
 
 
 def overridden(text: str, overrides: Mapping[str, object]) -> str:

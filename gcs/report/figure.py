@@ -19,7 +19,7 @@ from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, STYLE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "METADATA", "STYLE", "save_figure"]
+__all__ = ["COLOURS", "METADATA", "STYLE", "drawn_figure", "save_figure"]
 
 METADATA: dict[str, dict[str, None]] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 WIDTH_IN = 10.0
@@ -31,8 +31,8 @@ def save_figure(
     ring: RingReference,
     path: Path,
     formation: FormationReference | None = None,
-) -> None:
-    """Draw a flight and write it to `path`, whose suffix chooses PNG, SVG or PDF.
+) -> "Figure":
+    """Draw a flight, write it to `path`, whose suffix chooses PNG, SVG or PDF, and return it.
 
     `formation` adds its desired speed. Raises ValueError for any other suffix, OSError when the file cannot
     be written.
@@ -43,8 +43,19 @@ def save_figure(
     from matplotlib import rc_context  # noqa: PLC0415
 
     with rc_context(STYLE):
-        figure = _draw(Sheet(record, result, ring, formation, ring_motion(record)))
+        figure = drawn_figure(record, result, ring, formation)
         figure.savefig(path, dpi=160, metadata=METADATA[suffix])
+    return figure
+
+
+def drawn_figure(
+    record: FlightRecord, result: FlightResult, ring: RingReference, formation: FormationReference | None = None
+) -> "Figure":
+    """Return the page of figures of a flight, drawn but not written."""
+    from matplotlib import rc_context  # noqa: PLC0415
+
+    with rc_context(STYLE):
+        return _draw(Sheet(record, result, ring, formation, ring_motion(record)))
 
 
 def _draw(sheet: Sheet) -> "Figure":

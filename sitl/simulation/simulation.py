@@ -122,8 +122,9 @@ class SimulatedVehicle(Generic[OutputT]):
         self._new_core = new_core
         self._away: Absence | None = None
         wind_random = np.random.default_rng([*model.seed, _WIND])
+        push_m_s2, imperfections = model.disturbance_m_s2, model.imperfections
         self._body = Body(
-            model.plant, model.start_m, model.altitude_m, model.disturbance_m_s2, model.imperfections, wind_random
+            model.plant, model.start_m, model.altitude_m, push_m_s2, imperfections, wind_random, model.step
         )
         self.altitude_m = self._wanted_altitude_m = model.altitude_m
         self._sensor = sensor

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from estimation.plant.model import Plant
 from sitl.simulation.absence import Absence
 from sitl.vehicle.imperfections import IDEAL, Imperfections
+from sitl.vehicle.plant_step import StepFunction
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,8 @@ class VehicleModel:
 
     `plant` is its true plant, which may differ from the one that its core assumes. `seed` seeds all its random
     generators. `disturbance_m_s2` is a constant acceleration (x, y). A vehicle that `climbs` follows the altitude of
-    its setpoints; any other keeps `altitude_m`. During `absences` its agent is away.
+    its setpoints; any other keeps `altitude_m`. During `absences` its agent is away. `step` is any dynamics in place of
+    the plant's equation and of bounds on the motion's shape; delay and feed-forward remain the plant's.
     """
 
     plant: Plant
@@ -34,3 +36,4 @@ class VehicleModel:
     imperfections: Imperfections = IDEAL
     absences: Sequence[Absence] = ()
     climbs: bool = False
+    step: StepFunction | None = None

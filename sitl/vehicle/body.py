@@ -1,13 +1,14 @@
 """The true motion of one simulated vehicle: its plant, bounded or not, in the wind, with setpoints that come late."""
 
 from collections import deque
+from collections.abc import Callable
 from functools import lru_cache, partial
 
 import numpy as np
 
 from estimation.plant.model import Plant
 from sitl.vehicle.imperfections import Imperfections
-from sitl.vehicle.plant_step import Motion, NumericStep, Pair
+from sitl.vehicle.plant_step import FunctionStep, Motion, MotionStep, NumericStep, Pair, StepFunction
 from sitl.vehicle.shaping import ShapedStep
 from sitl.vehicle.wind import Wind, low_altitude
 
@@ -28,16 +29,19 @@ class Body:
         disturbance_m_s2: Pair,
         imperfections: Imperfections,
         random: np.random.Generator,
+        step: StepFunction | None = None,
     ) -> None:
-        """Put it at rest at `start_m`, at time 0."""
+        """Put it at rest at `start_m`, at time 0; `step` moves it in place of the plant and the bounds on its shape."""
         x, y = start_m
         self._motion: Motion = (x, y, 0.0, 0.0)
         self._disturbance = disturbance_m_s2
         self._aim_m, self._off_m = start_m, (0.0, 0.0)
         self._delay_s = plant.delay_s
         self._pending: deque[tuple[float, Pair]] = deque()
-        self._exact_step = lru_cache(_STEPS_KEPT)(partial(NumericStep, plant))
-        self._shaped = None if imperfections.shape is None else ShapedStep(plant, STEP_S, imperfections.shape)
+        new_step: Callable[[float], MotionStep] = partial(FunctionStep, step) if step else partial(NumericStep, plant)
+        self._exact_step = lru_cache(_STEPS_KEPT)(new_step)
+        shape = None if step else imperfections.shape
+        self._shaped = None if shape is None else ShapedStep(plant, STEP_S, shape)
         self._acceleration = (0.0, 0.0)
         windy = imperfections.gusts or imperfections.wind_m_s != (0.0, 0.0)
         gusts = low_altitude(float(np.hypot(*imperfections.wind_m_s)), altitude_m) if imperfections.gusts else None

@@ -1,11 +1,40 @@
 """The plant over one time step on plain numbers: for two axes arrays cost more than their arithmetic."""
 
+from collections.abc import Callable
+from typing import Protocol
+
 from estimation.plant.model import Plant, PlantStep, exact_step
 
 Pair = tuple[float, float]
 Motion = tuple[float, float, float, float]
 """[x y x' y'] in the mission frame."""
+StepFunction = Callable[[Motion, Pair, Pair, float], Motion]
+"""Any dynamics: from the motion, the aim [m], a disturbance [m/s²] and the duration of a step [s] to the motion after it.
+
+A step is any part of a period of the loop: it ends where a setpoint comes into force. Aims come one delay of the plant
+after they were sent, and hold a velocity beside the setpoint by its feed-forward. A function that keeps a state of its
+own serves one vehicle in one flight.
+"""
 _Axis = tuple[float, float, float, float, float, float, float, float]
+
+
+class MotionStep(Protocol):
+    """A vehicle's dynamics over one time step."""
+
+    def advance(self, motion: Motion, aim_m: Pair, disturbance_m_s2: Pair) -> Motion:
+        """Return the motion one step later."""
+        ...
+
+
+class FunctionStep:
+    """Any dynamics, by a function."""
+
+    def __init__(self, function: StepFunction, step_s: float) -> None:
+        self._function, self._step_s = function, step_s
+
+    def advance(self, motion: Motion, aim_m: Pair, disturbance_m_s2: Pair) -> Motion:
+        """Return the motion one step later."""
+        return self._function(motion, aim_m, disturbance_m_s2, self._step_s)
 
 
 class NumericStep:

@@ -1,0 +1,70 @@
+"""Missions, simulated flights, flight logs and identification, for Python programs and notebooks.
+
+`m = cordon.load("case2")`, `flight = cordon.simulate(m, seed=3)`, `flight.metrics`, `flight.plot()`; docs/python.md
+has more. What a name needs is imported when it is first used. Everything is built on gcs and what is below it.
+"""
+
+import warnings
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from cordon.package_names import shadowed, shared
+
+if TYPE_CHECKING:
+    from agents.control.plan import Plan as Plan
+    from agents.control.task_planner import TaskPlanner as TaskPlanner
+    from agents.settings.config import AgentConfig as AgentConfig
+    from agents.situation.situation import Task as Task
+    from cordon.channels import VehicleChannels as VehicleChannels
+    from cordon.flight import Flight as Flight
+    from cordon.identification import identify as identify
+    from cordon.missions import load as load
+    from cordon.reading import read as read
+    from cordon.simulation import simulate as simulate
+    from cordon.target_path import TargetPath as TargetPath
+    from estimation.identification.identified import Identified as Identified
+    from estimation.plant.model import Plant as Plant
+    from estimation.plant.model import PlantAxis as PlantAxis
+    from gcs.errors import InputError as InputError
+    from gcs.metrics.result import FlightResult as FlightResult
+    from gcs.mission.mission import Mission as Mission
+    from sitl.vehicle.plant_step import StepFunction as StepFunction
+
+_HOMES = {
+    "AgentConfig": "agents.settings.config",
+    "Flight": "cordon.flight",
+    "FlightResult": "gcs.metrics.result",
+    "Identified": "estimation.identification.identified",
+    "InputError": "gcs.errors",
+    "Mission": "gcs.mission.mission",
+    "Plan": "agents.control.plan",
+    "Plant": "estimation.plant.model",
+    "PlantAxis": "estimation.plant.model",
+    "StepFunction": "sitl.vehicle.plant_step",
+    "TargetPath": "cordon.target_path",
+    "Task": "agents.situation.situation",
+    "TaskPlanner": "agents.control.task_planner",
+    "VehicleChannels": "cordon.channels",
+    "identify": "cordon.identification",
+    "load": "cordon.missions",
+    "read": "cordon.reading",
+    "simulate": "cordon.simulation",
+}
+"""Where each public name is defined."""
+
+for _words in (*shadowed(), *shared()):
+    warnings.warn(_words, stacklevel=2)
+
+
+if not TYPE_CHECKING:  # a type checker reads the imports above, and knows names that do not exist
+
+    def __getattr__(name: str) -> object:
+        """Import a public name when it is first used."""
+        if name not in _HOMES:
+            raise AttributeError(f"module 'cordon' has no attribute {name!r}")
+        value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+        return value
+
+    def __dir__() -> list[str]:
+        """Return the public names."""
+        return sorted(_HOMES)

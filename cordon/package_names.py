@@ -1,0 +1,85 @@
+"""Whether the names of cordon's packages belong to cordon alone in this environment.
+
+`agents`, `gcs`, `estimation` and `sitl` are names that other distributions use too. Where one is installed beside
+cordon, files of both are in one folder, or Python finds one and not the other. Every start of cordon looks: it reads no
+other distribution's metadata unless there is something wrong.
+"""
+
+import os
+from importlib.util import find_spec
+
+PACKAGES = ("agents", "estimation", "gcs", "sitl")
+_ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - pathlib costs 10 ms
+_WAY_OUT = (
+    "Give cordon an environment of its own: `pipx install cordon-gcs`, `uv tool install cordon-gcs`, or a new `venv`"
+)
+
+
+def shadowed() -> list[str]:
+    """Return a sentence for each of cordon's packages in whose place Python imports another, or none at all."""
+    found = {name: _folder(name) for name in PACKAGES}
+    return [
+        f"Python imports {name!r} from {folder or 'nowhere'} and not from {_ROOT}, where cordon is. {_WAY_OUT}"
+        for name, folder in found.items()
+        if folder != os.path.join(_ROOT, name)  # noqa: PTH118
+    ]
+
+
+def shared() -> list[str]:
+    """Return a sentence for each of cordon's packages into whose folder another distribution was installed."""
+    crowded = _crowded()
+    if not crowded:
+        return []
+    from importlib.metadata import packages_distributions  # noqa: PLC0415 - it reads the metadata of all
+
+    owners = {name: {*packages_distributions().get(name, ())} - {"cordon-gcs"} for name in crowded}
+    return [
+        f"{', '.join(sorted(others))} and cordon-gcs both install {name!r} into {_ROOT}: files of one may have "
+        f"replaced those of the other. {_WAY_OUT}, and install cordon-gcs again where it is needed here"
+        for name, others in owners.items()
+        if others
+    ]
+
+
+def _folder(name: str) -> str:
+    """Return where Python finds a package, empty if it does not."""
+    spec = find_spec(name)
+    places = None if spec is None else spec.submodule_search_locations
+    return os.path.realpath(next(iter(places))) if places else ""
+
+
+def _crowded() -> list[str]:
+    """Return the packages whose folders hold other files than cordon's own; none in a source tree."""
+    known = _installed()
+    return [name for name in PACKAGES if known and _here(name) != known[name]]
+
+
+def _here(name: str) -> dict[str, str]:
+    """Return the files in a package's own folder with their sizes, and its folders."""
+    with os.scandir(os.path.join(_ROOT, name)) as entries:  # noqa: PTH118
+        return {
+            entry.name: str(entry.stat().st_size) if entry.is_file() else ""
+            for entry in entries
+            if entry.name != "__pycache__"
+        }
+
+
+def _installed() -> dict[str, dict[str, str]]:
+    """Return the same as it was installed, by package, from cordon's RECORD; empty without one."""
+    with os.scandir(_ROOT) as entries:
+        record = next(
+            (entry.path for entry in entries if entry.name.startswith("cordon_gcs-") and entry.name.endswith("-info")),
+            "",
+        )
+    known: dict[str, dict[str, str]] = {name: {} for name in PACKAGES}
+    try:
+        with open(os.path.join(record, "RECORD"), encoding="utf-8") as lines:  # noqa: PTH118, PTH123
+            for line in lines:
+                path, _, size = line.rstrip().rsplit(",", 2)
+                package, _, rest = path.partition("/")
+                name, _, inside = rest.partition("/")
+                if package in known and name != "__pycache__":
+                    known[package][name] = "" if inside else size
+    except OSError:
+        return {}
+    return known

@@ -1,0 +1,16 @@
+"""What a user's own functions return, checked before a flight goes on with it."""
+
+from math import isfinite
+
+from gcs.errors import InputError
+
+
+def finite_numbers(returned: object, names: tuple[str, ...], of: str) -> tuple[float, ...]:
+    """Return what a function returned as numbers, one for each name; raises InputError unless it is that."""
+    try:
+        numbers = tuple(map(float, returned))  # type: ignore[call-overload]  # anything, until here
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != len(names) or not all(map(isfinite, numbers)):
+        raise InputError([f"{of} returned {returned!r}: return ({', '.join(names)}), finite numbers"])
+    return numbers
