@@ -42,6 +42,9 @@ def _endpoint(text: str) -> str:
 PARTS_MAX = 1000
 """Legs of the target's way, and intervals in which it is not seen."""
 
+TARGET_SPEED_MAX_M_S = 20.0
+"""Of a simulated target along its legs."""
+
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
 Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
 Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(pair)]
@@ -109,7 +112,7 @@ class LegSection(Settings):
     """`[[target.legs]]`: a straight piece of the simulated target's way, and how long it stays at its end."""
 
     to_m: Metres2
-    speed_m_s: float = Field(gt=0.0, le=20.0)
+    speed_m_s: float = Field(gt=0.0, le=TARGET_SPEED_MAX_M_S)
     pause_s: float = Field(0.0, ge=0.0, le=3600.0)
 
 

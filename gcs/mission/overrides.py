@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import tomli_w
 
 from estimation.bounded_toml import KEY_PARTS_MAX, toml_content
@@ -48,7 +49,7 @@ def places(sections: Mapping[str, object], vehicle_ids: Sequence[int]) -> dict[s
 
 def _flat(place: str, value: object) -> dict[str, object]:
     if not isinstance(value, Mapping):
-        return {place: value}
+        return {place: value.tolist() if isinstance(value, np.generic | np.ndarray) else value}
     return {at: each for key, inner in value.items() for at, each in _flat(f"{place}.{key}", inner).items()}
 
 
@@ -70,7 +71,11 @@ def overridden(text: str, overrides: Mapping[str, object]) -> str:
 
 
 def _put(content: dict[str, Any], place: str, value: object) -> list[str]:
-    """Put a value into the content; return what is wrong with its place."""
+    """Put a value into the content; return what is wrong with its place, or with the value as one of TOML."""
+    try:
+        tomli_w.dumps({"value": value})
+    except TypeError:
+        return [f"{place}: {value!r} is no value of TOML: give a number, text, true or false, an array or a table"]
     steps = _steps(place)
     if not steps:
         return [f"{place}: not the place of a key; write it as in encirclement.radius_m or vehicles[0].profile"]

@@ -9,7 +9,7 @@ Pair = tuple[float, float]
 Motion = tuple[float, float, float, float]
 """[x y x' y'] in the mission frame."""
 StepFunction = Callable[[Motion, Pair, Pair, float], Motion]
-"""Any dynamics: from the motion, the aim [m], a disturbance [m/s²] and the duration of a step [s] to the motion after it.
+"""Any dynamics: from motion, aim [m], disturbance [m/s²] and the duration of a step [s] to the motion after it.
 
 A step is any part of a period of the loop: it ends where a setpoint comes into force. Aims come one delay of the plant
 after they were sent, and hold a velocity beside the setpoint by its feed-forward. A function that keeps a state of its
