@@ -64,18 +64,27 @@ def overridden(text: str, overrides: Mapping[str, object]) -> str:
         content = toml_content(text)
     except ValueError as error:
         raise InputError([f"not TOML: {error}"]) from error
-    faults = [fault for place, value in overrides.items() for fault in _put(content, place, value)]
+    faults = [
+        fault
+        for place, value in overrides.items()
+        for fault in _unwritable(place, value) or _put(content, place, value)
+    ]
     if faults:
         raise InputError(faults)
     return tomli_w.dumps(content)
 
 
-def _put(content: dict[str, Any], place: str, value: object) -> list[str]:
-    """Put a value into the content; return what is wrong with its place, or with the value as one of TOML."""
+def _unwritable(place: str, value: object) -> list[str]:
+    """Return what is wrong with a value that TOML does not have."""
     try:
         tomli_w.dumps({"value": value})
     except TypeError:
         return [f"{place}: {value!r} is no value of TOML: give a number, text, true or false, an array or a table"]
+    return []
+
+
+def _put(content: dict[str, Any], place: str, value: object) -> list[str]:
+    """Put a value into the content; return what is wrong with its place."""
     steps = _steps(place)
     if not steps:
         return [f"{place}: not the place of a key; write it as in encirclement.radius_m or vehicles[0].profile"]
