@@ -52,7 +52,7 @@ _HOMES = {
 }
 """Where each public name is defined."""
 
-for _words in (*shadowed(), *shared()):
+for _words in shadowed() or shared():
     warnings.warn(_words, stacklevel=2)
 
 
