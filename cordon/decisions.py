@@ -24,9 +24,9 @@ class Decisions:
     @classmethod
     def unknown(cls, samples: int) -> "Decisions":
         """Return decisions of which nothing is known yet."""
-        pairs = (np.full((samples, 2), np.nan) for _ in range(4))
-        triples = (np.full((samples, 3), np.nan) for _ in range(2))
-        return cls(*pairs, *triples, tick_us=np.full(samples, np.nan))
+        own_m, own_m_s, target_m, target_m_s = (np.full((samples, 2), np.nan) for _ in range(4))
+        setpoint_m, beside_m_s = (np.full((samples, 3), np.nan) for _ in range(2))
+        return cls(own_m, own_m_s, target_m, target_m_s, setpoint_m, beside_m_s, np.full(samples, np.nan))
 
     def note(self, tick: int, output: TickOutput) -> None:
         """Take in a tick of a simulation."""

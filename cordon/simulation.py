@@ -11,7 +11,7 @@
 True
 >>> slow = cordon.Plant(cordon.PlantAxis(0.4, 0.9), cordon.PlantAxis(0.4, 0.9), delay_s=0.2)
 >>> later = cordon.simulate(mission, duration_s=20.0, plants={2: slow})
->>> bool(later.vehicles[2].position_m[-1, 0] < flight.vehicles[2].position_m[-1, 0])
+>>> bool(later.vehicles[2].position_m[20, 0] < flight.vehicles[2].position_m[20, 0])  # after 2 s
 True
 """
 

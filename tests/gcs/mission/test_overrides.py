@@ -1,9 +1,11 @@
 import tomllib
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gcs.errors import InputError
-from gcs.mission.file import MissionError, load_mission
+from gcs.mission.file import MissionError, load_mission, parse_mission
 from gcs.mission.overrides import overridden, override
 from tests.support.mission_text import CASE2
 
@@ -67,3 +69,57 @@ def test_a_place_that_cannot_be_is_named(place: str, names: str) -> None:
 def test_a_setting_without_a_value_is_refused() -> None:
     with pytest.raises(InputError, match="radius_m"):
         override("encirclement.radius_m")
+
+
+# Mission.replace
+
+
+def test_keys_are_replaced_by_section_and_by_vehicle() -> None:
+    mission = load_mission("case2")
+    changed = mission.replace(
+        encirclement={"radius_m": np.float64(12.0)},
+        target={"sensor": {"range_m": np.int64(30)}, "start_m": np.array([30.0, 1.0])},
+        vehicles={3: {"start_m": (0.0, -6.0)}},
+    )
+    assert changed.encirclement.radius_m == 12.0
+    assert changed.encirclement.angular_rate_rad_s == mission.encirclement.angular_rate_rad_s
+    assert (changed.target.sensor.range_m, changed.target.sensor.rate_hz) == (30.0, mission.target.sensor.rate_hz)
+    assert changed.target.start_m == (30.0, 1.0)
+    assert [vehicle.section.start_m for vehicle in changed.vehicles] == [(0.0, 4.0), (0.0, 0.0), (0.0, -6.0)]
+    assert mission.encirclement.radius_m == 10.0
+    assert parse_mission(changed.text, None, changed.profile_texts) == changed
+
+
+def test_profiles_beside_the_mission_are_found_after_it_was_changed(tmp_path: Path) -> None:
+    for name, a0 in (("own.toml", 0.6), ("heavy.toml", 0.3)):
+        (tmp_path / name).write_text(f"[x]\na0_per_s2 = {a0}\na1_per_s = 0.9\n[y]\na0_per_s2 = {a0}\na1_per_s = 0.9\n")
+    text = CASE2.replace("id = 1\n", 'id = 1\nprofile = "own.toml"\n')
+    (tmp_path / "mission.toml").write_text(text)
+    mission = load_mission(str(tmp_path / "mission.toml"))
+    (tmp_path / "own.toml").unlink()
+    changed = mission.replace(vehicles={2: {"profile": "heavy.toml"}})
+    assert [vehicle.plant.x.a0_per_s2 for vehicle in changed.vehicles[:2]] == [0.6, 0.3]
+
+
+def test_all_vehicles_are_replaced_by_an_array() -> None:
+    mission = load_mission("case2")
+    one = {"id": 2, "url": "udpin://127.0.0.1:14541", "endpoint": "tcp/127.0.0.1:7462", "start_m": [0.0, 0.0]}
+    assert mission.replace(vehicles=[one]).ids == (2,)
+
+
+@pytest.mark.parametrize(
+    ("sections", "places"),
+    [
+        ({"encirclement": {"radius": 12.0}, "mission": {"rate_hz": -1.0}}, ("encirclement.radius", "mission.rate_hz")),
+        ({"vehicles": {9: {"altitude_m": 8.0}}}, ("vehicles",)),
+        ({"encirclement": 12.0}, ("encirclement",)),
+        (
+            {"encirclement": {"radius_m": None}, "target": {"legs": [{"to_m": object()}]}},
+            ("encirclement.radius_m", "target.legs"),
+        ),
+    ],
+)
+def test_what_cannot_be_replaced_is_named(sections: dict[str, object], places: tuple[str, ...]) -> None:
+    with pytest.raises(InputError) as raised:
+        load_mission("case2").replace(**sections)
+    assert tuple(sorted(fault.partition(":")[0] for fault in raised.value.faults)) == places
