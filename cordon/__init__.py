@@ -1,7 +1,6 @@
-"""Missions, simulated flights, flight logs and identification, for Python programs and notebooks.
+"""The interface for Python programs and notebooks: missions, simulated flights, flight logs and identification.
 
-`m = cordon.load("case2")`, `flight = cordon.simulate(m, seed=3)`, `flight.metrics`, `flight.plot()`; docs/python.md
-has more. What a name needs is imported when it is first used. Everything is built on gcs and what is below it.
+It may import gcs and what is below that. What a public name needs is imported when the name is first used.
 """
 
 import warnings

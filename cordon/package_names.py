@@ -11,7 +11,7 @@ from importlib.util import find_spec
 PACKAGES = ("agents", "estimation", "gcs", "sitl")
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - pathlib costs 10 ms
 _WAY_OUT = (
-    "Give cordon an environment of its own: `pipx install cordon-gcs`, `uv tool install cordon-gcs`, or a new `venv`"
+    "give cordon an environment of its own: `pipx install cordon-gcs`, `uv tool install cordon-gcs`, or a new `venv`"
 )
 
 
@@ -19,7 +19,8 @@ def shadowed() -> list[str]:
     """Return a sentence for each of cordon's packages in whose place Python imports another, or none at all."""
     found = {name: _folder(name) for name in PACKAGES}
     return [
-        f"Python imports {name!r} from {folder or 'nowhere'} and not from {_ROOT}, where cordon is. {_WAY_OUT}"
+        f"Python imports {name!r} from {folder or 'nowhere'} and not from {_ROOT}, where cordon is. Take the other "
+        f"folder out of Python's path. If another distribution is installed there, {_WAY_OUT}"
         for name, folder in found.items()
         if folder != os.path.join(_ROOT, name)  # noqa: PTH118
     ]
@@ -35,7 +36,7 @@ def shared() -> list[str]:
     owners = {name: {*packages_distributions().get(name, ())} - {"cordon-gcs"} for name in crowded}
     return [
         f"{', '.join(sorted(others))} and cordon-gcs both install {name!r} into {_ROOT}: files of one may have "
-        f"replaced those of the other. {_WAY_OUT}, and install cordon-gcs again where it is needed here"
+        f"replaced those of the other. Uninstall both and install what you need here again, and {_WAY_OUT}"
         for name, others in owners.items()
         if others
     ]

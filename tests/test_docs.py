@@ -1,14 +1,18 @@
 """The documentation says what the code does."""
 
 import re
+from pathlib import Path
 
 import pytest
 
+import cordon
 from gcs.errors import Exit
 from tests.support.docs import GENERATED, renewed
 from tests.support.paths import DOCS
 
 ROOT = DOCS.parent
+READS_A_LOG = {"logs"}
+"""Documents whose first piece of Python reads `flight.mcap`."""
 
 
 def test_generated_parts_are_up_to_date(subtests: pytest.Subtests) -> None:
@@ -29,6 +33,25 @@ def test_links_lead_somewhere(subtests: pytest.Subtests) -> None:
         with subtests.test(document=document):
             targets = re.findall(r"\]\((?!https?://)([^)#]+)\)", document.read_text(encoding="utf-8"))
             assert [target for target in targets if not (document.parent / target).exists()] == []
+
+
+def test_python_in_documents_runs(
+    subtests: pytest.Subtests, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A document's pieces run one after the other, as a reader would run them, in a folder with a log of a flight."""
+    ran = set()
+    for document in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
+        pieces = re.findall(r"^```python\n(.*?)^```", document.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        names: dict[str, object] = {}
+        (folder := tmp_path / document.stem).mkdir()
+        monkeypatch.chdir(folder)
+        if document.stem in READS_A_LOG:
+            cordon.simulate("case2", duration_s=5.0, log="flight.mcap")
+        for number, piece in enumerate(pieces, start=1):
+            with subtests.test(document=document.name, piece=number):
+                exec(compile(piece, f"{document.name}, piece {number}", "exec"), names)
+                ran.add(document.stem)
+    assert ran >= {"python", "logs"}
 
 
 def test_every_exit_code_is_documented() -> None:

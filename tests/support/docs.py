@@ -3,6 +3,7 @@
 import ast
 import tomllib
 from collections.abc import Callable, Iterator
+from inspect import getdoc
 
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
@@ -10,6 +11,7 @@ from pydantic_core import PydanticUndefined
 from agents.safety.failsafe import TABLE, Reaction, Row
 from agents.shell import life
 from agents.tactics import diagram
+from cordon.channels import VehicleChannels
 from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
@@ -78,8 +80,14 @@ def failsafe_table() -> str:
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
+def channel_list() -> str:
+    """Return the channels of a vehicle's flight, from the docstring of their class."""
+    return (getdoc(VehicleChannels) or "").partition("\n\n")[2]
+
+
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "missions.md": {"keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
+    "python.md": {"channels": channel_list},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "safety.md": {"failsafes": failsafe_table},
 }
@@ -101,8 +109,8 @@ def _floors(package: str) -> Iterator[str]:
     """Return the folders of a package in the order of its import contract, the highest first."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = project["tool"]["importlinter"]["contracts"]
-    (floors,) = (each["layers"] for each in contracts if each.get("containers") == [package])
-    names = (name.strip() for floor in floors for name in floor.split("|"))
+    layers = (each["layers"] for each in contracts if each.get("containers") == [package])
+    names = (name.strip() for floors in layers for floor in floors for name in floor.split("|"))
     return (name for name in names if (ROOT / package / name).is_dir())
 
 
