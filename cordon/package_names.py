@@ -6,10 +6,12 @@ other distribution's metadata unless there is something wrong.
 """
 
 import os
+import re
 from importlib.util import find_spec
 
 PACKAGES = ("agents", "estimation", "gcs", "sitl")
 _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - pathlib costs 10 ms
+_METADATA = re.compile(r"cordon_gcs-.*\.dist-info")
 _WAY_OUT = (
     "give cordon an environment of its own: `pipx install cordon-gcs`, `uv tool install cordon-gcs`, or a new `venv`"
 )
@@ -68,19 +70,15 @@ def _here(name: str) -> dict[str, str]:
 def _installed() -> dict[str, dict[str, str]]:
     """Return the same as it was installed, by package, from cordon's RECORD; empty without one."""
     with os.scandir(_ROOT) as entries:
-        record = next(
-            (entry.path for entry in entries if entry.name.startswith("cordon_gcs-") and entry.name.endswith("-info")),
-            "",
-        )
+        records = [os.path.join(each.path, "RECORD") for each in entries if _METADATA.fullmatch(each.name)]  # noqa: PTH118
     known: dict[str, dict[str, str]] = {name: {} for name in PACKAGES}
-    try:
-        with open(os.path.join(record, "RECORD"), encoding="utf-8") as lines:  # noqa: PTH118, PTH123
-            for line in lines:
-                path, _, size = line.rstrip().rsplit(",", 2)
-                package, _, rest = path.partition("/")
-                name, _, inside = rest.partition("/")
-                if package in known and name != "__pycache__":
-                    known[package][name] = "" if inside else size
-    except OSError:
+    if not (records and os.path.exists(records[0])):  # noqa: PTH110
         return {}
+    with open(records[0], encoding="utf-8") as lines:  # noqa: PTH123
+        for line in lines:
+            path, _, size = line.rstrip().rsplit(",", 2)
+            package, _, rest = path.partition("/")
+            name, _, inside = rest.partition("/")
+            if package in known and name != "__pycache__":
+                known[package][name] = "" if inside else size
     return known

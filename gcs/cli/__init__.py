@@ -1,6 +1,6 @@
 """The command line: one file for each verb, its options, and what is printed.
 
-It may import every folder of gcs; nothing imports it.
+It may import every folder of gcs, and none imports it.
 """
 
 import sys
