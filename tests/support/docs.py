@@ -174,6 +174,8 @@ def _symbol(field: FieldInfo) -> str:
 
 
 def _default(field: FieldInfo) -> str:
+    if field.default_factory is not None:
+        return f"`{field.get_default(call_default_factory=True, validated_data={'id': 1})}` for id 1, and so on"
     if field.default is PydanticUndefined:
         return "required"
     if isinstance(field.default, Settings):
