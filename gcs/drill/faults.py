@@ -15,7 +15,6 @@ from gcs.drill.roles import Roles
 from gcs.drill.stubs import StubFlight
 from gcs.flight.faults.catalogue import BUS_DELAY_S, LINK_DELAY_S, fault_named, required_fault
 from gcs.flight.faults.failing_equipment import FLOOD_HZ
-from gcs.flight.faults.names import FaultName
 from gcs.flight.stubs import station_timeout_s
 from gcs.mission.mission import Mission
 
@@ -63,7 +62,7 @@ class Drill(Generic[Flight]):
     `waits_for_estimate` the subject resumes once its estimate has settled.
     """
 
-    fault: FaultName
+    fault: str
     expected: str
     expect: Callable[[Roles, float], Expectation]
     undo_after_s: float | None = None

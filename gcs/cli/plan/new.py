@@ -2,17 +2,26 @@
 
 import re
 from dataclasses import dataclass, field
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import Annotated, get_args
 
 from cyclopts import Parameter
-from cyclopts.validators import Number
 
 from gcs.cli.options import Plot
 from gcs.cli.plan.questions import Questions, number, one_of, parsed, whole
 from gcs.errors import Exit, InputError
-from gcs.mission.writing.template import PROFILES, SEPARATION_M, Links, NewMission, NewShape, own_ports, plant_profile
+from gcs.mission.writing.template import (
+    PROFILES,
+    SEPARATION_M,
+    Links,
+    NewMission,
+    NewShape,
+    least_radius_m,
+    own_ports,
+    plant_profile,
+)
 
 LINKS: tuple[Links, ...] = get_args(Links)
 SHAPES: tuple[NewShape, ...] = get_args(NewShape)
@@ -30,7 +39,7 @@ class NewOptions:
     file: Annotated[Path, Parameter(help="The mission file to write, such as my.toml; it must not exist yet.")] = field(
         kw_only=False
     )
-    vehicles: Annotated[int | None, Parameter(help="How many vehicles.", validator=Number(gte=1, lte=254))] = None
+    vehicles: Annotated[int | None, Parameter(help="How many vehicles.")] = None
     links: Annotated[
         Links | None,
         Parameter(
@@ -56,7 +65,7 @@ class NewOptions:
     ] = None
     fence: Annotated[
         float | None,
-        Parameter(help="Metres of room between the flight and a fence around it; 0 for none.", validator=Number(gte=0)),
+        Parameter(help="Metres of room between the flight and a fence around it; 0 for none."),
     ] = None
     plot: Plot = None
 
@@ -118,13 +127,13 @@ def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
     profile = options.profile or _profile(ask, options, links)
     plant = parsed("--profile", profile, _plant)
     shape = ask.answer(options.shape, "--shape", f"Formation: {', '.join(SHAPES)}?", "line", one_of(SHAPES))
-    wide = f"{max(10, ceil(vehicles * SEPARATION_M / 4.0))}"
-    radius_m = ask.answer(options.radius, "--radius", "Radius of the ring in m?", wide, number(0.1, 1000.0))
+    least_m = least_radius_m(vehicles)
+    wide, ring = f"{max(10, ceil(1.5 * least_m))}", number(least_m, 1000.0, f" for {SEPARATION_M:g} m between vehicles")
+    radius_m = ask.answer(options.radius, "--radius", "Radius of the ring in m?", wide, ring)
     slow = f"{min(0.1, 1.0 / radius_m):.2g}"
     rate_rad_s = ask.answer(options.rate, "--rate", "Angular rate on the ring in rad/s?", slow, number(-2.0, 2.0))
-    target = None if options.target is None else parsed("--target", options.target, _target_speed_m_s)
     question = "Target: rest, moving, or its speed along x in m/s?"
-    target_m_s = ask.answer(target, "--target", question, "moving", _target_speed_m_s)
+    target_m_s = ask.answer(options.target, "--target", question, "moving", _target_speed_m_s)
     fence_m = ask.answer(options.fence, "--fence", "Room to a fence in m, 0 for none?", "20", number(0.0, 1000.0))
     ask.require_all()
     mission = NewMission(
@@ -156,17 +165,31 @@ def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
     if not ask.asks or None not in required:
         return PROFILES[links]
     question = "Their profile: a bundled one, a file, or an own plant as A0,A1,DELAY?"
-    return ask.answer(None, "--profile", question, PROFILES[links], str)
+    return ask.answer(None, "--profile", question, PROFILES[links], partial(_known_profile, options.file.parent))
+
+
+def _known_profile(folder: Path, text: str) -> str:
+    """Return a profile's name, or an own plant, that holds; raises ValueError."""
+    from estimation.profile.profile import ProfileError
+    from estimation.profile.shelf import ProfileShelf
+
+    if not _plant(text):
+        try:
+            ProfileShelf(folder).load(text)
+        except ProfileError as error:
+            raise ValueError("; ".join(error.faults)) from error
+    return text
 
 
 def _plant(profile: str) -> str:
     """Return the text of the profile of an own plant, empty for the name of a profile; raises ValueError."""
-    numbers = profile.split(",")
-    if len(numbers) == 1:
+    if "," not in profile:
         return ""
+    numbers = profile.split(",")
     if len(numbers) != 3:
         raise ValueError(f"an own plant is A0,A1,DELAY, such as 0.8,0.9,0.1 (given: {profile!r})")
-    return plant_profile(*map(number(0.0, 100.0), numbers))
+    positive = number(0.01, 100.0)
+    return plant_profile(positive(numbers[0]), positive(numbers[1]), number(0.0, 1.0)(numbers[2]))
 
 
 def _target_speed_m_s(text: str) -> float:

@@ -19,13 +19,13 @@ class Questions:
         self.asks = sys.stdin.isatty() and STDERR.is_terminal
         self._missing: list[str] = []
 
-    def answer(self, given: T | None, option: str, question: str, proposal: str, parse: Callable[[str], T]) -> T:
-        """Return what was given by the option, or the answer; Enter takes the proposal.
+    def answer(self, given: object, option: str, question: str, proposal: str, parse: Callable[[str], T]) -> T:
+        """Return what was given by the option, or the answer where that is None; Enter takes the proposal.
 
-        Without a terminal the proposal stands in until `require_all`. Raises InputError at the end of the input.
+        Without a terminal the proposal stands in until `require_all`. Raises InputError, also where the input ends.
         """
         if given is not None:
-            return given
+            return parsed(option, f"{given}", parse)
         if not self.asks:
             self._missing.append(f"{option}: it is missing, and there is no terminal to ask on ({question})")
             return parse(proposal)
@@ -70,8 +70,8 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-def number(low: float, high: float) -> Callable[[str], float]:
-    """Return a reader of numbers between two; it raises ValueError."""
+def number(low: float, high: float, reason: str = "") -> Callable[[str], float]:
+    """Return a reader of numbers between two, for this reason; it raises ValueError."""
 
     def read(text: str) -> float:
         try:
@@ -79,7 +79,7 @@ def number(low: float, high: float) -> Callable[[str], float]:
         except ValueError:
             value = float("nan")
         if not isfinite(value) or not low <= value <= high:
-            raise ValueError(f"a number between {low:g} and {high:g}, without unit (given: {text!r})")
+            raise ValueError(f"a number between {low:g} and {high:g}{reason}, without unit (given: {text!r})")
         return value
 
     return read

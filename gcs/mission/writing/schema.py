@@ -12,12 +12,8 @@ from gcs.mission.sections import REQUIRED, SECTIONS, TUNING, VEHICLES_MAX
 
 def mission_schema() -> dict[str, Any]:
     """Return the schema of today's missions; what concerns several keys is found by `cordon check` alone."""
-    tuning: Any = create_model(
-        "Tuning",
-        __base__=Settings,
-        __doc__="What no mission has to choose.",
-        **{name: (model, Field(default_factory=model)) for name, model in TUNING.items()},
-    )
+    tables: dict[str, Any] = {name: (model, Field(default_factory=model)) for name, model in TUNING.items()}
+    tuning: Any = create_model("Tuning", __base__=Settings, __doc__="What no mission has to choose.", **tables)
     sections: dict[str, Any] = {
         name: (model, ... if name in REQUIRED else Field(default_factory=model)) for name, model in SECTIONS.items()
     }

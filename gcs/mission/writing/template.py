@@ -8,6 +8,7 @@ from math import ceil, floor
 from typing import Literal
 from zlib import crc32
 
+from agents.ring.place import chord_m
 from agents.settings.shapes import offset_m
 
 Links = Literal["stub", "px4", "ardupilot", "udp", "serial"]
@@ -29,6 +30,11 @@ _CATCHING_UP_M_S = 0.5
 _APPROACH_M = 20.0
 """How far the formation flies, relative to the target, before its first vehicle engages: some 40 s."""
 _ENGAGED_S = 300.0
+
+
+def least_radius_m(vehicles: int) -> float:
+    """Return the radius of the smallest ring on which vehicles are separated, in whole centimetres."""
+    return 0.1 if vehicles == 1 else ceil(100.0 * SEPARATION_M / chord_m(1.0, vehicles)) / 100.0
 
 
 def own_ports(name: str, vehicles: int, taken: Collection[int]) -> range:
