@@ -39,7 +39,7 @@ def _source(fault: str, path: Path, lines: list[str], known: dict[str, int], cha
     if place == "not TOML":
         advice = next((f"; {each}" for start, each in _ADVICE.items() if message.startswith(start)), "")
         match = _SYNTAX_LINE.search(message)
-        number = int(match[1]) if match else len(lines)
+        number = int(match[1]) if match else len("\n".join(lines).rstrip().split("\n"))  # at the end of the document
     else:
         around = [*accumulate(_PARTS.findall(place), _below)][::-1]
         if any(each in changes for each in around):

@@ -182,13 +182,13 @@ separation_m = {separation_m}  # the guard keeps vehicles at least so far apart
 {fence}
 
 [target]
-start_m = [{target_x_m}, 0.0]
-velocity_m_s = [{target_speed_m_s}, 0.0]
-importance = 0.8
-threat = 0.2
+start_m = [{target_x_m}, 0.0]  # where it is at first
+velocity_m_s = [{target_speed_m_s}, 0.0]  # or legs = [...], a way of several pieces
+importance = 0.8  # at least decision.importance_min: vehicles engage
+threat = 0.2  # at most decision.threat_max
 
 [target.sensor]  # how vehicles see the simulated target
-range_m = {range_m}
+range_m = {range_m}  # how far they see
 rate_hz = 5.0  # sightings a second
 noise_m = 0.0  # standard deviation of a sighting
 
