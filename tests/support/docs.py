@@ -13,6 +13,7 @@ from agents.tactics import diagram
 from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
+from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
@@ -37,6 +38,12 @@ _PROFILE_TABLES: dict[str, type[Settings]] = {
     "[identified]": Identification,
 }
 _LIMITS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
+
+
+def mission_table() -> str:
+    """Return the bundled missions with their descriptions, as Markdown."""
+    rows = [f"| `{name}` | {load_mission(name).mission.description} |" for name in bundled_missions()]
+    return "\n".join(["| mission | what happens |", "|---|---|", *rows])
 
 
 def key_tables() -> str:
@@ -79,7 +86,7 @@ def failsafe_table() -> str:
 
 
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
-    "missions.md": {"keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
+    "missions.md": {"missions": mission_table, "keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "safety.md": {"failsafes": failsafe_table},
 }

@@ -6,7 +6,7 @@ from gcs.errors import Exit
 def schema() -> Exit:
     """Print the JSON Schema of mission files, with which editors complete and check them.
 
-    Example: cordon schema > mission.schema.json
+    Example: cordon schema
     """
     from json import dumps
 
