@@ -8,25 +8,38 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Group
 
 from gcs.cli.options import with_stubs
 from gcs.errors import Exit, InputError
 
-OF_A_TEAM = ("command", "station", "target", "watch")
-"""The verbs for a team that flies already."""
-OF_A_FLIGHT = ("check", "drill", "excite", "fly", "relay", "sim", "sitl")
-VERBS = tuple(sorted((*OF_A_FLIGHT, *OF_A_TEAM, "identify", "keys", "log", "replay", "report")))
+GROUPS = {
+    "Plan": ("missions", "new", "schema", "sim", "check"),
+    "Fly": ("fly", "sitl", "drill", "excite", "relay"),
+    "Operate": ("watch", "station", "command", "target", "keys"),
+    "Analyse": ("report", "replay", "identify", "log"),
+}
+"""The verbs in the order of the help."""
+FOLDERS = {
+    **dict.fromkeys(("missions", "new", "schema"), "plan."),
+    **dict.fromkeys(("command", "station", "target", "watch"), "team."),
+}
+"""The folders of the verbs' files, beside this one unless given."""
+VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 app = App(
     name="cordon",
-    help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.",
-    help_epilogue="Start with: cordon fly case2 --sitl --speed 10",
+    help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.\n\n"
+    "Start with: cordon fly case2 --sitl --speed 10",
+    group_commands=Group("This program", sort_key=len(GROUPS)),
     version=lambda: f"{version('cordon-gcs')} ({_runs()})",
 )
-for _verb in VERBS:
-    _module = f"gcs.cli.team.{_verb}" if _verb in OF_A_TEAM else f"gcs.cli.{_verb}"
-    app.command(f"{_module}:{_verb}", name=_verb)
+for _order, (_title, _verbs) in enumerate(GROUPS.items()):
+    _group = Group(_title, sort_key=_order)
+    for _place, _verb in enumerate(_verbs):
+        _module = f"gcs.cli.{FOLDERS.get(_verb, '')}{_verb}"
+        app.command(f"{_module}:{_verb}", name=_verb, group=_group, sort_key=_place)
+app.register_install_completion_command(help="Install completion of commands and options in your shell.")
 
 
 def main() -> None:
@@ -35,7 +48,8 @@ def main() -> None:
     _load_summaries(tokens)
     try:
         command, bound, _ = app.parse_args(tokens, exit_on_error=False)
-    except CycloptsError:
+    except CycloptsError as error:
+        print("next:", *("cordon", *(error.command_chain or ()), "--help"), file=sys.stderr)
         sys.exit(Exit.BAD_INPUT)
     try:
         sys.exit(command(*bound.args, **bound.kwargs))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Json, MissionName, bus_mission
+from gcs.cli.options import Changes, Json, MissionName, bus_mission
 from gcs.errors import Exit
 
 
@@ -17,6 +17,7 @@ class CheckOptions:
     """What `cordon check` is given."""
 
     mission: MissionName = field(kw_only=False)
+    changes: Changes = ()
     all: Annotated[bool, Parameter(negative="", help="List the passed checks too, not only their number.")] = False
     bench: Annotated[
         bool, Parameter(negative="", help="Check boards with simulated bodies, as `cordon fly --bench` does.")
@@ -29,9 +30,7 @@ def check(options: CheckOptions) -> Exit:
 
     Refusals are listed last, above the count.
 
-    Example: cordon check case2
-
-    Example: cordon check case2 --all
+    Example: cordon check px4-trio --all
     """
     from gcs.cli.output import print_result
     from gcs.console.terminal import STDERR
@@ -39,7 +38,7 @@ def check(options: CheckOptions) -> Exit:
     from gcs.preflight.link_facts import gather_facts
     from gcs.preflight.preflight import preflight
 
-    mission = bus_mission(options.mission)
+    mission = bus_mission(options.mission, options.changes)
     findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today(), bench=options.bench)
     STDERR.print(findings_view(mission.mission.name, findings, passes=options.all))
     if options.json:

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from gcs.cli.options import RESULT, Json, MissionName, loaded_mission
 from gcs.errors import Exit, InputError
+from gcs.flight.faults.names import OPTIONS
 
 
 @Parameter(name="*")
@@ -23,7 +24,7 @@ class DrillOptions:
         Parameter(
             negative="",
             show_default=False,
-            help="Only this fault, such as killed-agent or foreign-mode; may be repeated.",
+            help=f"Only this fault; may be repeated: {', '.join(OPTIONS)}.",
         ),
     ] = ()
     log: Annotated[
@@ -35,7 +36,7 @@ class DrillOptions:
 def drill(options: DrillOptions) -> Exit:
     """Inject faults into a simulated team and measure its reactions. No real vehicle flies.
 
-    Example: cordon drill case2 --fault killed-agent
+    Example: cordon drill ardupilot-trio --fault battery-low --fault killed-agent
     """
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import print_result

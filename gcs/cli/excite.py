@@ -39,7 +39,7 @@ def excite(options: ExciteOptions) -> int:
 
     Guard, failsafes, preflight and Ctrl-C are those of `cordon fly`. `cordon identify` reads the log.
 
-    Example: cordon excite case2 --vehicle 1 --preview
+    Example: cordon excite shaped-trio --vehicle 1 --preview
     """
     hold_back()
     from gcs.flight.supervision.supervisor import is_supervised, supervise

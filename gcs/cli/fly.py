@@ -10,6 +10,7 @@ from cyclopts.validators import Number
 from gcs.cli.options import (
     ALL_STUBS,
     RESULT,
+    Changes,
     Duration,
     Json,
     Log,
@@ -26,6 +27,7 @@ from gcs.cli.options import (
     stub_ids,
 )
 from gcs.errors import Exit, InputError
+from gcs.flight.faults.names import OPTIONS
 from gcs.signals import hold_back
 
 if TYPE_CHECKING:
@@ -41,6 +43,7 @@ class FlyOptions:
     """What `cordon fly` is given."""
 
     mission: MissionName = field(kw_only=False)
+    changes: Changes = ()
     sitl: Annotated[
         str | None,
         Parameter(help="Start stub vehicles too: all, no hardware is needed; or some, such as 2,3, beside the others."),
@@ -55,8 +58,8 @@ class FlyOptions:
         Parameter(
             negative="",
             show_default=False,
-            help="Practice with --sitl: a fault of `cordon drill`, NAME@SECONDS or NAME@SECONDS:VEHICLE, such as "
-            "link-cut@120:2; may be repeated.",
+            help="Practice with --sitl: NAME@SECONDS or NAME@SECONDS:VEHICLE, such as link-cut@120:2; may be repeated. "
+            f"Names: {', '.join(OPTIONS)}.",
         ),
     ] = ()
     only: Annotated[int | None, Parameter(help="Run the agent of this vehicle alone; the others run elsewhere.")] = None
@@ -110,7 +113,7 @@ def fly(options: FlyOptions) -> int:
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 
-    Example: cordon fly case2 --sitl --station --fault link-cut@60:2
+    Example: cordon fly mixed-team --sitl --station --fault link-cut@60:2
 
     Example: cordon fly px4-trio --wait 120
     """
@@ -136,10 +139,9 @@ def _supervise_beside_station(options: FlyOptions) -> int:
 
     address = () if options.station_address is None else ("--address", options.station_address)
     tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
-    with station_beside(["--mission", options.mission, *address, *tiles, "--vehicles", _source(options)]) as (
-        line,
-        failed,
-    ):
+    settings = [part for given in options.changes for part in ("--set", given)]
+    mission = ["--mission", options.mission, *settings]
+    with station_beside([*mission, *address, *tiles, "--vehicles", _source(options)]) as (line, failed):
         if failed is not None:
             return failed
         print_line(line)
@@ -175,7 +177,7 @@ def _fly(options: FlyOptions) -> Exit:
     from gcs.flight.run import run_flight
 
     check_plot(options.plot)
-    mission = bus_mission(options.mission)
+    mission = bus_mission(options.mission, options.changes)
     stubs = () if options.sitl is None else stub_ids(options.sitl, mission)
     if stubs and options.only is not None:
         raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])

@@ -18,11 +18,20 @@ RESULT = Group("Result")
 MissionName = Annotated[
     str,
     Parameter(
-        help="A bundled mission (case1, case2, case2-field, case3-turns, shaped-trio, px4-trio and others), or "
-        "a TOML file."
+        help="A bundled mission, such as case1 (`cordon missions` lists them), or a file (`cordon new` writes one)."
     ),
 ]
 RunningMission = Annotated[str, Parameter(help="The mission that the team flies: it holds the team's addresses.")]
+Changes = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set",
+        negative="",
+        show_default=False,
+        help="KEY=VALUE: another value in place of the mission's, such as encirclement.radius_m=12 or "
+        "vehicles[0].profile=px4; may be repeated. All that fly, watch or command one team give the same.",
+    ),
+]
 KeyName = Annotated[
     str | None,
     Parameter(help="Whose keys to use, such as anna: needed only where the mission's folder of keys has several."),
@@ -111,14 +120,15 @@ def require_station(station: bool, address: str | None, tiles: Path | None) -> N
             raise InputError([f"{option}: it needs --station"])
 
 
-def loaded_mission(name: str) -> "Mission":
-    """Return the mission that a verb was given, bundled or a file; its warnings go to standard error.
+def loaded_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
+    """Return the mission that a verb was given, bundled or a file, with the values of `--set`.
 
-    Raises InputError with every fault.
+    Its warnings go to standard error. Raises InputError with every fault.
     """
     from gcs.mission.file import load_mission
+    from gcs.mission.overrides import override
 
-    mission = load_mission(name)
+    mission = load_mission(name, dict(map(override, changes)))
     if mission.warnings:
         from gcs.console.terminal import print_line
 
@@ -127,15 +137,15 @@ def loaded_mission(name: str) -> "Mission":
     return mission
 
 
-def bus_mission(name: str) -> "Mission":
-    """Return the mission of a verb that joins the team's bus; an insecure one is said so.
+def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
+    """Return the mission of a verb that joins the team's bus, with the values of `--set`; an insecure one is said so.
 
     Raises InputError, also for a bus beyond this computer without `[network.security]`.
     """
     from gcs.console.terminal import print_line
     from gcs.keys.team_keys import INSECURE, security_faults
 
-    mission = loaded_mission(name)
+    mission = loaded_mission(name, changes)
     if faults := security_faults(mission):
         raise InputError(faults)
     if mission.network.security is not None and mission.network.security.insecure:

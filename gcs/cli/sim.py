@@ -12,6 +12,7 @@ from cyclopts.validators import Number
 from gcs.cli.options import (
     RESULT,
     STATION_ADDRESS,
+    Changes,
     Duration,
     Json,
     Log,
@@ -33,6 +34,7 @@ class SimOptions:
     """What `cordon sim` is given."""
 
     mission: MissionName = field(kw_only=False)
+    changes: Changes = ()
     seed: Annotated[
         int | None,
         Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
@@ -83,7 +85,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     from gcs.flight.simulated import fly_simulated
 
     check_plot(options.plot)
-    mission = loaded_mission(options.mission)
+    mission = loaded_mission(options.mission, options.changes)
     if options.station_tiles is not None:
         from gcs.station.mission_picture import origin_deg
         from gcs.station.tiles import opened_tiles

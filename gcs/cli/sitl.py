@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import MissionName, Speed, loaded_mission
+from gcs.cli.options import Changes, MissionName, Speed, loaded_mission
 from gcs.errors import Exit
 from gcs.signals import hold_back
 
@@ -17,6 +17,7 @@ class SitlOptions:
     """What `cordon sitl` is given."""
 
     mission: MissionName = field(kw_only=False)
+    changes: Changes = ()
     speed: Speed = None
     radio: Annotated[
         str | None,
@@ -27,9 +28,9 @@ class SitlOptions:
 def sitl(options: SitlOptions) -> Exit:
     """Serve a mission's stub vehicles alone, for `cordon fly`, QGroundControl or any MAVLink client; Ctrl-C ends it.
 
-    Example: cordon sitl case2 --speed 5
+    Example: cordon sitl case3-turns --speed 5
 
-    Example: cordon sitl case2 --radio baud=57600,latency_ms=60,loss=0.02
+    Example: cordon sitl px4-trio --radio baud=57600,latency_ms=60,loss=0.02
     """
     hold_back()
     from contextlib import ExitStack
@@ -42,7 +43,7 @@ def sitl(options: SitlOptions) -> Exit:
     from gcs.radio.options import radio_spec
     from gcs.radio.serving import running_beside
 
-    mission, speed = loaded_mission(options.mission), options.speed or 1.0
+    mission, speed = loaded_mission(options.mission, options.changes), options.speed or 1.0
     spec = None if options.radio is None else radio_spec(options.radio)
     ports = None if spec is None else free_ports(mission)
     configs = stub_configs(mission, ports)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from itertools import combinations
-from math import hypot
+from math import ceil, hypot
 
 from agents.ring.place import chord_m
 from agents.settings.sections import (
@@ -94,7 +94,7 @@ def _distinct(
             # An id that is doubled doubles the system id: one fault, not two.
             if key == "system_id" and one.id == other.id:
                 continue
-            yield f"vehicles[{k}].{key}: {value(other)} is vehicles[{i}]'s already"
+            yield f"vehicles[{k}].{key}: {value(other)} is vehicles[{i}]'s already: each has its own"
 
 
 def _separated(
@@ -111,9 +111,11 @@ def _separated(
                 f"vehicles[{k}].start_m: {distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m"
             )
     if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
+        needed_m = least / chord_m(1.0, count)
         yield (
             f"encirclement.radius_m: {count} vehicles on a ring of {ring.radius_m} m are "
-            f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m"
+            f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m; "
+            f"it takes {ceil(needed_m * 100.0) / 100.0} m"
         )
 
 

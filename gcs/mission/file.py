@@ -3,6 +3,7 @@
 Sections are validated one by one and cross-checked as far as they hold, so that one run names every fault at once.
 """
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,12 +25,11 @@ from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
 from gcs.mission.overrides import overridden
 from gcs.mission.profiles import LoadedVehicle, resolved
-from gcs.mission.sections import EXCITES, OLD_OWN_FILTER, REQUIRED, SECTIONS, TUNED, TUNING
+from gcs.mission.sections import EXCITES, OLD_OWN_FILTER, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
 from gcs.mission.validation import shown, unknown_keys, validated
+from gcs.mission.writing.lines import located
 
 _BUNDLED = Path(__file__).parent / "missions"
-VEHICLES_MAX = 254
-"""As many as there are MAVLink system ids."""
 
 
 class MissionError(InputError):
@@ -49,17 +49,26 @@ def mission_path(name: str) -> Path:
 def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
     """Load a bundled mission by its bare name, or a file by its path, with other values at some places.
 
-    Raises InputError with every fault.
+    Raises InputError with every fault, and where in the file it is.
     """
     path = mission_path(name)
     try:
         text = read_plain(path, 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
     except OSError as error:
-        known = ", ".join(bundled_missions())
-        raise MissionError([f"{name}: {error.strerror or error}; bundled missions: {known}"]) from error
+        raise MissionError([f"{name}: {error.strerror or error}; {_other_missions(name)}"]) from error
     except UnicodeDecodeError as error:
         raise MissionError([f"{name}: not a text file: {error}"]) from error
-    return parse_mission(overridden(text, overrides), path.parent)
+    try:
+        return parse_mission(overridden(text, overrides), path.parent)
+    except InputError as error:
+        raise MissionError(located(error.faults, path, text, overrides)) from error
+
+
+def _other_missions(name: str) -> str:
+    known = bundled_missions()
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    return f"{hint}bundled missions: {', '.join(known)}; `cordon new` writes a file"
 
 
 def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, str] | None = None) -> Mission:
@@ -86,7 +95,11 @@ def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: li
     own_filter = validated(OwnFilterSettings, content.pop(OLD_OWN_FILTER, {}), OLD_OWN_FILTER, faults)
     known = [*SECTIONS, "links", "vehicles", "tuning"]
     faults += unknown_keys("", [key for key in content if key not in known], known)
-    faults += [f"{name}: this section is missing" for name in REQUIRED if name not in content]
+    faults += [
+        f"{name}: this section is missing; `cordon new` writes a mission with all it needs"
+        for name in REQUIRED
+        if name not in content
+    ]
     sections = _sections(content, faults)
     # Thresholds that do not hold are reported once, not again for every vehicle.
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
@@ -188,6 +201,9 @@ class _Shared(NamedTuple):
 
 
 def _vehicles(content: object, shared: _Shared, shelf: ProfileShelf, faults: list[str]) -> list[LoadedVehicle | None]:
+    if isinstance(content, dict):
+        faults.append("vehicles: [vehicles] is a single table: write [[vehicles]] above each vehicle")
+        return []
     if not isinstance(content, list) or not content:
         faults.append("vehicles: a mission needs at least one [[vehicles]] table")
         return []

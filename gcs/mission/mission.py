@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import radians
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -220,8 +220,15 @@ class TrueScale(Settings):
     feedforward: float = Field(1.0, ge=0.0, le=2.0)
 
 
+def _by_id(default: Callable[[int], str]) -> Any:
+    """Return a field whose default follows the vehicle's id; one that does not hold is a fault already."""
+    return Field(default_factory=lambda known: default(known.get("id", 1)))
+
+
 class VehicleSection(Settings):
-    """`[[vehicles]]`: one vehicle; `system_id` is its id unless given. `profile` is the name of a bundled profile or a
+    """`[[vehicles]]`: one vehicle; `system_id` is its id unless given. `url`, where cordon meets its MAVLink, and
+    `endpoint`, its agent's place on the bus, are on this computer unless given, at ports that follow the id: `url` is
+    that of PX4's simulator. `profile` is the name of a bundled profile or a
     file beside the mission. `autopilot` is what a stub in its place flies as, the profile's unless given.
     `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
     `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
@@ -232,8 +239,8 @@ class VehicleSection(Settings):
     id: int = Field(ge=1, le=254)
     system_id: int | None = Field(None, ge=1, le=254)
     link: str | None = None
-    url: Annotated[str, AfterValidator(connection_url)]
-    endpoint: Annotated[str, AfterValidator(_endpoint)]
+    url: Annotated[str, AfterValidator(connection_url)] = _by_id(lambda i: f"udpin://127.0.0.1:{14539 + i}")
+    endpoint: Annotated[str, AfterValidator(_endpoint)] = _by_id(lambda i: f"tcp/127.0.0.1:{7460 + i}")
     start_m: Metres2
     origin_m: Metres3 | None = None
     slot_m: Metres2 | None = None

@@ -62,4 +62,6 @@ TUNED: dict[str, tuple[str, type[Settings]]] = {
     "target_filter": ("target", TargetFilterSettings),
 }
 """The settings that are made of a section and a table of `[tuning]`, by the name of that table."""
+VEHICLES_MAX = 254
+"""As many as there are MAVLink system ids."""
 REQUIRED = ("mission", "frame", "formation", "encirclement", "target")

@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Sequence
+from math import radians
 from typing import TypeVar, get_args
 
 from pydantic import ValidationError
@@ -13,8 +14,13 @@ _PLAIN_WORDS = {
     "missing": "this key is missing",
     "model_type": "it must be a table",
     "tuple_type": "it must be a list of numbers",
+    "float_type": "it must be a number, without unit and quotation marks",
+    "int_type": "it must be a whole number, without unit and quotation marks",
 }
 
+_FOLLOWS = "default_factory_not_called"
+"""Of a default that follows from another key: that one has a fault of its own."""
+_OUT_OF_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 KEY_LENGTH_MAX = 60
 FAULTS_MAX = 20
 """Of one section; the others are counted."""
@@ -27,7 +33,7 @@ def validated(model: type[_S], content: object, path: str, faults: list[str]) ->
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        errors = error.errors(include_url=False)
+        errors = [each for each in error.errors(include_url=False) if each["type"] != _FOLLOWS]
         faults += [_plain(model, path, fault) for fault in errors[:FAULTS_MAX]]
         faults += _and_more(path, len(errors))
         return None
@@ -43,8 +49,15 @@ def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
     reason = _PLAIN_WORDS.get(fault["type"]) or fault["msg"].removeprefix("Value error, ").replace(
         "Input should be", "it must be"
     )
-    given = "" if fault["type"] == "missing" else f" (given: {shown(fault['input'])})"
+    given = "" if fault["type"] == "missing" else f" (given: {shown(fault['input'])}{_as_degrees(last, fault)})"
     return f"{_place(path, fault['loc'])}: {reason}{given}"
+
+
+def _as_degrees(key: int | str, fault: ErrorDetails) -> str:
+    """Return what an angle out of its range is in radians if it was meant in degrees."""
+    if fault["type"] not in _OUT_OF_RANGE or not str(key).endswith(("_rad", "_rad_s")):
+        return ""
+    return f"; {fault['input']:g} degrees are {radians(fault['input']):.3g} radians"
 
 
 def _place(path: str, below: Sequence[int | str]) -> str:

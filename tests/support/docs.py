@@ -15,6 +15,7 @@ from cordon.channels import VehicleChannels
 from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
+from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
@@ -39,6 +40,12 @@ _PROFILE_TABLES: dict[str, type[Settings]] = {
     "[identified]": Identification,
 }
 _LIMITS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
+
+
+def mission_table() -> str:
+    """Return the bundled missions with their descriptions, as Markdown."""
+    rows = [f"| `{name}` | {load_mission(name).mission.description} |" for name in bundled_missions()]
+    return "\n".join(["| mission | what happens |", "|---|---|", *rows])
 
 
 def key_tables() -> str:
@@ -86,7 +93,7 @@ def channel_list() -> str:
 
 
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
-    "missions.md": {"keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
+    "missions.md": {"missions": mission_table, "keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
     "python.md": {"channels": channel_list},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "safety.md": {"failsafes": failsafe_table},
@@ -182,6 +189,8 @@ def _symbol(field: FieldInfo) -> str:
 
 
 def _default(field: FieldInfo) -> str:
+    if field.default_factory is not None:
+        return f"`{field.get_default(call_default_factory=True, validated_data={'id': 1})}` for id 1, and so on"
     if field.default is PydanticUndefined:
         return "required"
     if isinstance(field.default, Settings):

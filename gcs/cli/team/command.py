@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from gcs.cli.options import KeyName, RunningMission, bus_mission, chosen_vehicle
+from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chosen_vehicle
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ class CommandOptions:
 
     vehicle: Annotated[int | None, Parameter(help="Send it to this vehicle alone, in place of all.")] = None
     mission: RunningMission = "case2"
+    changes: Changes = ()
     key: KeyName = None
     yes: Annotated[bool, Parameter(negative="", help="Kill without asking for confirmation.")] = False
 
@@ -45,14 +46,14 @@ def command(
     An abort hovers at once, and lands after `safety.abort_hover_s` unless resumed, or at a second abort. A kill cuts
     the motors: vehicles fall. `formation` takes a shape, which all vehicles in formation change to.
 
-    Example: cordon command formation wedge --mission case2
+    Example: cordon command formation wedge --mission mixed-team
     """
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import confirmed
     from gcs.console.command_client import CommandClient
     from gcs.console.terminal import print_problem
 
-    mission, vehicle = bus_mission(options.mission), options.vehicle
+    mission, vehicle = bus_mission(options.mission, options.changes), options.vehicle
     vehicles = mission.ids if vehicle is None else (chosen_vehicle(mission, vehicle, "--vehicle").id,)
     if faults := list(_shape_faults(mission, verb, shape, vehicle)):
         raise InputError(faults)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from gcs.cli.options import STATION_ADDRESS, KeyName, RunningMission, Tiles, bus_mission
+from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, RunningMission, Tiles, bus_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -26,6 +26,7 @@ class StationOptions:
     """What `cordon station` is given beside a log."""
 
     mission: RunningMission = "case2"
+    changes: Changes = ()
     address: Annotated[
         str, Parameter(help="Where the page is served, HOST:PORT. Beyond this computer with --tls and --token-file.")
     ] = STATION_ADDRESS
@@ -57,7 +58,7 @@ def station(
     It listens to the team as `cordon watch` does, before, in and after flights. It commands only with an operator's
     keys. Ctrl-C ends the page, not the flight.
 
-    Example: cordon station --mission case2
+    Example: cordon station --mission case2-field
     """
     hold_back()
     access = _access(options)
@@ -82,7 +83,7 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
     from gcs.station.mission_picture import origin_deg
     from gcs.station.server import serve_team
 
-    mission = bus_mission(options.mission)
+    mission = bus_mission(options.mission, options.changes)
     tiles = _tiles(options.tiles, origin_deg(mission))
     team = LiveTeam(mission, options.vehicles)
 

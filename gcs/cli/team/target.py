@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import KeyName, RunningMission, bus_mission
+from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ class TargetOptions:
         Parameter(help="Repeat it for this many seconds, twice a second.", validator=Number(gte=0.0, lte=3600.0)),
     ] = 0.0
     mission: RunningMission = "case2"
+    changes: Changes = ()
     key: KeyName = None
 
     @property
@@ -67,12 +68,12 @@ def target(
 
     The target's estimate stays valid for `target_filter.stale_after_s` after the last sighting.
 
-    Example: cordon target 35 -5 --sigma 1 --lasting 30 --mission case2
+    Example: cordon target 35 -5 --sigma 1 --lasting 30 --mission my-mission.toml
     """
     position = tuple(value for value in (x, y, options.lat, options.lon) if value is not None)
     if len(position) != 2 or not (options.is_geodetic or (x is not None and y is not None)):
         raise InputError(["target: give its position as X Y in metres, or as --lat and --lon in degrees"])
-    mission = bus_mission(options.mission)
+    mission = bus_mission(options.mission, options.changes)
     if faults := list(_position_faults(position, mission, geodetic=options.is_geodetic)):
         raise InputError(faults)
     return _publish(_sighting(position, options), mission, options)

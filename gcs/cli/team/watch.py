@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RunningMission, bus_mission
+from gcs.cli.options import Changes, RunningMission, bus_mission
 from gcs.errors import Exit
 from gcs.signals import hold_back
 
@@ -16,6 +16,7 @@ class WatchOptions:
     """What `cordon watch` is given."""
 
     mission: RunningMission = "case2"
+    changes: Changes = ()
 
 
 _DEFAULTS = WatchOptions()
@@ -24,14 +25,14 @@ _DEFAULTS = WatchOptions()
 def watch(*, options: WatchOptions = _DEFAULTS) -> Exit:
     """Watch a running team from another terminal. Read-only; Ctrl-C ends the view, not the flight.
 
-    Example: cordon watch --mission case2
+    Example: cordon watch --mission px4-trio
     """
     hold_back()
     from agents.ports import VehicleRefusedError
     from gcs.console.terminal import STDERR, print_problem
     from gcs.console.watch import WatchView, watch_until_ctrl_c
 
-    mission = bus_mission(options.mission)
+    mission = bus_mission(options.mission, options.changes)
     try:
         with WatchView(STDERR, mission.safety.separation_m) as view:
             asyncio.run(watch_until_ctrl_c(mission, view))

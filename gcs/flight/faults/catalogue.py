@@ -8,6 +8,7 @@ from signal import SIGKILL, SIGSTOP
 from estimation.frames import Triple
 from gcs.errors import InputError
 from gcs.flight.faults.injection import Injection, Scene
+from gcs.flight.faults.names import FaultName, as_option
 from gcs.flight.faults.team_faults import TeamFaults
 from gcs.mission.mission import Mission
 from sitl.faults import VehicleFaults, VehicleInjection
@@ -28,7 +29,7 @@ ROOM_SHARE = 2.0
 class Fault:
     """A fault: what it changes, how many airborne vehicles it takes, and whether it is one of the whole team."""
 
-    name: str
+    name: FaultName
     inject: Callable[[Scene], Injection]
     vehicles_min: int = 1
     of_team: bool = False
@@ -36,12 +37,12 @@ class Fault:
     @property
     def option(self) -> str:
         """The name as a word of the command line."""
-        return self.name.replace(" ", "-")
+        return as_option(self.name)
 
 
 def fault_named(text: str) -> Fault | None:
     """Return the fault of a name, in which hyphens may stand for spaces and case does not count; None without one."""
-    return _BY_OPTION.get(text.replace(" ", "-").lower())
+    return _BY_OPTION.get(as_option(text).lower())
 
 
 def required_fault(text: str) -> Fault:

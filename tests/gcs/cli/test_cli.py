@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -18,7 +19,10 @@ import pytest
 
 from gcs.cli import app, main
 from gcs.cli.options import with_stubs
+from gcs.flight.faults.catalogue import FAULTS
 from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE
+from gcs.mission.file import bundled_missions
+from gcs.mission.writing.schema import mission_schema
 from tests.support.paths import MISSIONS, ROOT
 from tests.support.result_keys import RESULT_KEYS
 
@@ -187,7 +191,53 @@ def test_the_example_of_every_command_is_one_that_parses(command: str) -> None:
     example = docstring.partition("Example: ")[2].splitlines()[0].split()
     bound = app.parse_args(with_stubs(example[1:]), exit_on_error=False, print_error=False)[1]
     if "mission" in bound.signature.parameters:
-        assert bound.arguments["mission"] in {"case1", "case2", "case2-field"}
+        assert bound.arguments["mission"] in bundled_missions()
+
+
+def test_the_commands_have_different_examples() -> None:
+    examples = [(app[command].help or "").partition("Example: ")[2].splitlines()[0] for command in COMMANDS]
+    named = [word for example in examples for word in example.split() if word in bundled_missions()]
+    assert len(set(named)) > len(named) / 2
+
+
+def test_commands_are_grouped_by_what_they_are_for(run_here: Cordon) -> None:
+    text = run_here("--help").out
+    titles = [line.split()[1] for line in text.splitlines() if line.startswith("╭")]
+    assert titles == ["Plan", "Fly", "Operate", "Analyse", "This"]
+    assert text.index(" sim ") < text.index("─ Fly ─") < text.index(" sitl ") < text.index("─ Operate ─")
+
+
+@pytest.mark.parametrize("command", ["fly", "drill"])
+def test_the_help_lists_every_fault_that_can_be_injected(command: str, run_here: Cordon) -> None:
+    words = set(re.findall(r"[\w-]+", run_here(command, "--help").out))
+    assert {fault.option for fault in FAULTS} <= words
+
+
+def test_completion_knows_every_command_and_its_options(tmp_path: Path, run_here: Cordon) -> None:
+    assert run_here("--install-completion", "--shell", "bash", "--output", "completion").code == 0
+    script = (tmp_path / "completion").read_text(encoding="utf-8")
+    assert [word for word in (*COMMANDS, "--set", "--fault", "--plot", "wedge") if word not in script] == []
+
+
+def test_the_bundled_missions_are_listed_with_what_they_are_for(run_here: Cordon) -> None:
+    lines = run_here("missions").out.splitlines()[1:]
+    listed = json.loads(run_here("missions", "--json").out)["missions"]
+    assert [each["mission"] for each in listed] == [line.split()[0] for line in lines] == bundled_missions()
+    for each, line in zip(listed, lines, strict=True):
+        mission = tomllib.loads((MISSIONS / f"{each['mission']}.toml").read_text(encoding="utf-8"))
+        assert each["description"] == mission["mission"]["description"]
+        assert line.endswith(each["description"])
+        assert each["radius_m"] == mission["encirclement"]["radius_m"]
+        assert each["vehicles"] == len(mission["vehicles"])
+
+
+def test_the_schema_is_json_on_standard_output(run_here: Cordon) -> None:
+    assert json.loads(run_here("schema").out) == mission_schema()
+
+
+def test_a_value_given_takes_the_place_of_the_missions(tmp_path: Path, run_here: Cordon) -> None:
+    ran = run_here("sim", "case1", "--duration", "1", "--set", "mission.seed=5", "--set", "mission.name=mine", "--json")
+    assert (json.loads(ran.out)["seed"], json.loads(ran.out)["mission"]) == (5, "mine")
 
 
 def test_no_command_at_all_is_a_plea_for_help(run_here: Cordon) -> None:
@@ -277,8 +327,9 @@ def test_bad_input_is_an_exit_code_of_the_process_and_text_on_standard_error(mis
     ran = cordon("sim", path, "--json")
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.splitlines() == [
-        "formation.spacing_m: it must be a finite number (given: nan)",
-        "encirclement.radius_m: it must be a valid number (given: '10 m')",
+        "formation.spacing_m: it must be a finite number (given: nan) [mission.toml, line 14: spacing_m = nan]",
+        "encirclement.radius_m: it must be a number, without unit and quotation marks (given: '10 m') "
+        '[mission.toml, line 19: radius_m = "10 m"]',
     ]
 
 
@@ -293,7 +344,9 @@ def test_an_unknown_mission_names_the_bundled_ones(refused: Refused) -> None:
         "ardupilot-trio, case1, case2, case2-field, case2-wander, case3-turns, crossing, mixed-team, px4-trio, "
         "shaped-trio"
     )
-    assert refused("sim", "case9") == [f"case9: No such file or directory; bundled missions: {known}"]
+    [line] = refused("sim", "case9")
+    assert line.startswith("case9: No such file or directory; did you mean 'case")
+    assert known in line
 
 
 @pytest.mark.parametrize("command", ["sim", "fly", "sitl"])

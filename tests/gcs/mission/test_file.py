@@ -802,3 +802,13 @@ def test_a_mission_beyond_a_profiles_limits_is_refused(limits: dict[str, float],
         text_of(GOOD_PLANT | {"limits": {name: 1.05 * value for name, value in limits.items()}})
     )
     assert parsed(mission, tmp_path).ids == (1, 2, 3)
+
+
+def test_addresses_follow_the_id_unless_given() -> None:
+    bare = content()
+    for vehicle in bare["vehicles"]:
+        del vehicle["url"], vehicle["endpoint"]
+    assert [(each.section.url, each.section.endpoint) for each in parsed(bare).vehicles] == [
+        (each.section.url, each.section.endpoint) for each in load_mission("case2").vehicles
+    ]
+    assert faults(drop(bare, ("vehicles", 1, "id"))) == ["vehicles[1].id: this key is missing"]

@@ -1,0 +1,65 @@
+"""`cordon missions`: the bundled missions."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cyclopts import Parameter
+
+from gcs.cli.options import Json
+from gcs.errors import Exit
+
+if TYPE_CHECKING:
+    from gcs.mission.mission import Mission
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionsOptions:
+    """What `cordon missions` is given."""
+
+    json: Json = False
+
+
+_DEFAULTS = MissionsOptions()
+
+
+def missions(*, options: MissionsOptions = _DEFAULTS) -> Exit:
+    """List the bundled missions: vehicles, shape, ring, target, duration, and what each is for.
+
+    Example: cordon missions
+    """
+    from json import dumps
+
+    from gcs.cli.output import print_result
+    from gcs.mission.file import bundled_missions, load_mission
+
+    known = [load_mission(name) for name in bundled_missions()]
+    print_result(dumps({"missions": list(map(_facts, known))}) if options.json else _table(known))
+    return Exit.HOLDS
+
+
+def _facts(mission: "Mission") -> dict[str, object]:
+    """Return what the list says of a mission, by the names of the JSON."""
+    return {
+        "mission": mission.mission.name,
+        "vehicles": len(mission.vehicles),
+        "shape": mission.agent_config(mission.vehicles[0]).shape,
+        "radius_m": mission.encirclement.radius_m,
+        "angular_rate_rad_s": mission.encirclement.angular_rate_rad_s,
+        "target_speed_m_s": mission.target.motion.speed_max_m_s,
+        "duration_s": mission.mission.duration_s,
+        "description": mission.mission.description,
+    }
+
+
+def _table(known: "list[Mission]") -> str:
+    """Return a line for each mission, its columns aligned."""
+    rows = [("mission", "vehicles", "shape", "radius", "rate", "target", "duration", "what happens")]
+    for mission in known:
+        name, count, shape, radius_m, rate_rad_s, speed_m_s, duration_s, description = _facts(mission).values()
+        target = f"{speed_m_s:g} m/s" if speed_m_s else "at rest"
+        row = f"{name}", f"{count}", f"{shape}", f"{radius_m:g} m", f"{rate_rad_s:g} rad/s", target, f"{duration_s:g} s"
+        rows.append((*row, f"{description}"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    return "\n".join(lines)

@@ -1,0 +1,203 @@
+"""`cordon new`: a mission file of one's own, flown once in simulation."""
+
+import re
+from dataclasses import dataclass, field
+from functools import partial
+from math import ceil
+from pathlib import Path
+from typing import Annotated, get_args
+
+from cyclopts import Parameter
+
+from gcs.cli.options import Plot
+from gcs.cli.plan.questions import Questions, number, one_of, parsed, whole
+from gcs.errors import Exit, InputError
+from gcs.mission.writing.template import (
+    PROFILES,
+    SEPARATION_M,
+    Links,
+    NewMission,
+    NewShape,
+    least_radius_m,
+    own_ports,
+    plant_profile,
+)
+
+LINKS: tuple[Links, ...] = get_args(Links)
+SHAPES: tuple[NewShape, ...] = get_args(NewShape)
+TARGETS = {"rest": 0.0, "moving": 0.1}
+"""Words for the speed of the target [m/s]."""
+TARGET_MAX_M_S = 5.0
+_PORT = re.compile(r":(\d{4,5})\b")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewOptions:
+    """What `cordon new` is given; it asks for what is missing."""
+
+    file: Annotated[Path, Parameter(help="The mission file to write, such as my.toml; it must not exist yet.")] = field(
+        kw_only=False
+    )
+    vehicles: Annotated[int | None, Parameter(help="How many vehicles.")] = None
+    links: Annotated[
+        Links | None,
+        Parameter(
+            help="What they are: stubs, which need nothing; simulators of PX4 or ArduPilot; vehicles whose MAVLink "
+            "comes by UDP or by serial devices."
+        ),
+    ] = None
+    profile: Annotated[
+        str | None,
+        Parameter(
+            help="What a vehicle is: a bundled profile (stub, px4, ardupilot and others), a profile in the file's "
+            "folder, or an own plant x'' = a0 (X_d - x) - a1 x' with a delay in seconds as A0,A1,DELAY, such as "
+            "0.8,0.9,0.1. By default it follows --links."
+        ),
+    ] = None
+    shape: Annotated[NewShape | None, Parameter(help="Shape of the formation.")] = None
+    radius: Annotated[float | None, Parameter(help="Radius of the ring in metres.")] = None
+    rate: Annotated[
+        float | None, Parameter(help="Angular rate on the ring in rad/s; the speed is radius times rate.")
+    ] = None
+    target: Annotated[
+        str | None, Parameter(help="The target: rest, moving (at 0.1 m/s along x), or its speed in m/s.")
+    ] = None
+    fence: Annotated[
+        float | None,
+        Parameter(help="Metres of room between the flight and a fence around it; 0 for none."),
+    ] = None
+    plot: Plot = None
+
+
+def new(options: NewOptions) -> Exit:
+    """Write a mission file of your own, each key explained, and fly it once in simulation.
+
+    Asks for what is not given. It has a team name and ports of its own, so that it can fly beside other missions.
+
+    Example: cordon new my.toml --vehicles 5 --links stub --shape wedge --radius 15 --rate 0.1 --target rest --fence 9
+    """
+    from gcs.cli.output import check_file, check_plot
+    from gcs.cli.sim import SimOptions, sim
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.mission.file import parse_mission
+
+    path = options.file
+    check_file("FILE", path, (".toml",))
+    check_plot(options.plot)
+    _require_new(path)
+    own_profile = path.with_name(f"{path.stem}-profile.toml")
+    try:
+        profile, mission = _chosen(options, own_profile.name)
+    except KeyboardInterrupt:
+        print_problem("interrupted: nothing was written")
+        return Exit.REFUSED
+    profiles = {own_profile.name: profile} if profile else {}
+    if profile:
+        _require_new(own_profile)
+    parse_mission(mission.text, path.parent, profiles)
+    for name, text in {**profiles, path.name: mission.text}.items():
+        _write(path.with_name(name), text)
+        print_line(f"written: {path.with_name(name)}")
+    verdict = sim(SimOptions(mission=str(path), plot=options.plot))
+    print_line(f"next: cordon fly {path} --sitl --speed 10")
+    return verdict
+
+
+def _require_new(path: Path) -> None:
+    if path.exists():
+        raise InputError([f"FILE: {path} exists already, and is not overwritten; name another"])
+
+
+def _write(path: Path, text: str) -> None:
+    from gcs.cli.output import writing
+
+    with writing("FILE", path), path.open("x", encoding="utf-8") as file:
+        file.write(text)
+
+
+def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
+    """Return the text of an own profile, empty without one, and the mission, from options and answers.
+
+    Raises InputError.
+    """
+    ask = Questions()
+    vehicles = ask.answer(options.vehicles, "--vehicles", "How many vehicles?", "3", whole(1, 254))
+    links = ask.answer(options.links, "--links", f"What are they: {', '.join(LINKS)}?", "stub", one_of(LINKS))
+    profile = options.profile or _profile(ask, options, links)
+    plant = parsed("--profile", profile, _plant)
+    shape = ask.answer(options.shape, "--shape", f"Formation: {', '.join(SHAPES)}?", "line", one_of(SHAPES))
+    least_m = least_radius_m(vehicles)
+    wide, ring = f"{max(10, ceil(1.5 * least_m))}", number(least_m, 1000.0, f" for {SEPARATION_M:g} m between vehicles")
+    radius_m = ask.answer(options.radius, "--radius", "Radius of the ring in m?", wide, ring)
+    slow = f"{min(0.1, 1.0 / radius_m):.2g}"
+    rate_rad_s = ask.answer(options.rate, "--rate", "Angular rate on the ring in rad/s?", slow, number(-2.0, 2.0))
+    question = "Target: rest, moving, or its speed along x in m/s?"
+    target_m_s = ask.answer(options.target, "--target", question, "moving", _target_speed_m_s)
+    fence_m = ask.answer(options.fence, "--fence", "Room to a fence in m, 0 for none?", "20", number(0.0, 1000.0))
+    ask.require_all()
+    mission = NewMission(
+        name=options.file.stem,
+        vehicles=vehicles,
+        links=links,
+        profile=own_profile if plant else profile,
+        shape=shape,
+        radius_m=radius_m,
+        angular_rate_rad_s=rate_rad_s,
+        target_speed_m_s=target_m_s,
+        fence_m=fence_m,
+        ports=own_ports(options.file.stem, vehicles, _ports_beside(options.file)),
+    )
+    return plant, mission
+
+
+def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
+    """Return the profile that goes with the links, or the answer where the other questions are asked as well."""
+    required = (
+        options.vehicles,
+        options.links,
+        options.shape,
+        options.radius,
+        options.rate,
+        options.target,
+        options.fence,
+    )
+    if not ask.asks or None not in required:
+        return PROFILES[links]
+    question = "Their profile: a bundled one, a file, or an own plant as A0,A1,DELAY?"
+    return ask.answer(None, "--profile", question, PROFILES[links], partial(_known_profile, options.file.parent))
+
+
+def _known_profile(folder: Path, text: str) -> str:
+    """Return a profile's name, or an own plant, that holds; raises ValueError."""
+    from estimation.profile.profile import ProfileError
+    from estimation.profile.shelf import ProfileShelf
+
+    if not _plant(text):
+        try:
+            ProfileShelf(folder).load(text)
+        except ProfileError as error:
+            raise ValueError("; ".join(error.faults)) from error
+    return text
+
+
+def _plant(profile: str) -> str:
+    """Return the text of the profile of an own plant, empty for the name of a profile; raises ValueError."""
+    if "," not in profile:
+        return ""
+    numbers = profile.split(",")
+    if len(numbers) != 3:
+        raise ValueError(f"an own plant is A0,A1,DELAY, such as 0.8,0.9,0.1 (given: {profile!r})")
+    positive = number(0.01, 100.0)
+    return plant_profile(positive(numbers[0]), positive(numbers[1]), number(0.0, 1.0)(numbers[2]))
+
+
+def _target_speed_m_s(text: str) -> float:
+    """Return how fast a target is; raises ValueError."""
+    return TARGETS[text] if text in TARGETS else number(0.0, TARGET_MAX_M_S)(text)
+
+
+def _ports_beside(path: Path) -> set[int]:
+    """Return the ports that the files beside a new mission name."""
+    texts = (other.read_text(encoding="utf-8", errors="replace") for other in path.parent.glob("*.toml"))
+    return {int(port) for text in texts for port in _PORT.findall(text)}

@@ -1,0 +1,17 @@
+"""`cordon schema`: the JSON Schema of mission files."""
+
+from gcs.errors import Exit
+
+
+def schema() -> Exit:
+    """Print the JSON Schema of mission files, with which editors complete and check them.
+
+    Example: cordon schema
+    """
+    from json import dumps
+
+    from gcs.cli.output import print_result
+    from gcs.mission.writing.schema import mission_schema
+
+    print_result(dumps(mission_schema(), indent=2))
+    return Exit.HOLDS

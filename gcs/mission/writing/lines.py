@@ -1,0 +1,72 @@
+"""Where in a file a fault is: its line, and what stands there. For people: a place that is not found is left out."""
+
+import re
+from collections.abc import Collection, Sequence
+from itertools import accumulate
+from pathlib import Path
+
+_SYNTAX_LINE = re.compile(r"at line (\d+)")
+_HEADER = re.compile(r"\s*(\[\[?)\s*([\w.-]+)\s*\]")
+_KEY = re.compile(r"\s*([\w.-]+)\s*=")
+_PARTS = re.compile(r"[^.\[]+|\[\d+\]")
+_SHOWN_MAX = 80
+_ADVICE = {
+    "Expected newline or end of document after a statement": "write a number as 10.5, without a unit",
+    "Expected '='": "write KEY = VALUE",
+    "Invalid value": "write text in quotation marks, numbers as 10.5, and true or false in small letters",
+    "Illegal character": "close the quotation marks on the same line",
+    "Expected ']'": "close the bracket",
+    "Unclosed array": "close the bracket",
+    "Cannot overwrite a value": "the key is there already: leave one of both out",
+    "Cannot declare": "the section is there already: put its keys together; each vehicle begins with [[vehicles]]",
+}
+"""What to do about the faults of TOML's syntax, by the beginning of the parser's message."""
+
+
+def located(faults: Sequence[str], path: Path, text: str, changes: Collection[str]) -> list[str]:
+    """Return the faults of a mission with file, line and the line's text behind each, as far as they are known.
+
+    A fault at a place of `changes` was given on the command line.
+    """
+    lines = text.split("\n")
+    known = _numbers(lines)
+    return [f"{fault}{_source(fault, path, lines, known, changes)}" for fault in faults]
+
+
+def _source(fault: str, path: Path, lines: list[str], known: dict[str, int], changes: Collection[str]) -> str:
+    """Return what to say behind a fault about where it comes from."""
+    place, _, message = fault.partition(": ")
+    if place == "not TOML":
+        advice = next((f"; {each}" for start, each in _ADVICE.items() if message.startswith(start)), "")
+        match = _SYNTAX_LINE.search(message)
+        number = int(match[1]) if match else len("\n".join(lines).rstrip().split("\n"))  # at the end of the document
+    else:
+        around = [*accumulate(_PARTS.findall(place), _below)][::-1]
+        if any(each in changes for each in around):
+            return " [--set]"
+        advice, number = "", next((known[each] for each in around if each in known), 0)
+    if not 0 < number <= len(lines):
+        return f"{advice} [{path.name}]"
+    shown = "".join(letter if letter.isprintable() else " " for letter in lines[number - 1].strip())
+    return f"{advice} [{path.name}, line {number}: {shown[:_SHOWN_MAX]}]"
+
+
+def _numbers(lines: Sequence[str]) -> dict[str, int]:
+    """Return the numbers of the lines with keys and tables, by their places such as `vehicles[0].url`."""
+    found: dict[str, int] = {}
+    table, counts = "", dict[str, int]()
+    for number, line in enumerate(lines, start=1):
+        if header := _HEADER.match(line):
+            brackets, table = header.groups()
+            if brackets == "[[":
+                counts[table] = counts.get(table, -1) + 1
+                found.setdefault(table, number)
+                table = f"{table}[{counts[table]}]"
+            found.setdefault(table, number)
+        elif key := _KEY.match(line):
+            found.setdefault(_below(table, key[1]), number)
+    return found
+
+
+def _below(place: str, part: str) -> str:
+    return f"{place}{'' if not place or part.startswith('[') else '.'}{part}"

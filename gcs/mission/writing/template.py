@@ -1,0 +1,207 @@
+"""A new mission's text: every key with a comment, places and limits computed from what a person chooses."""
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from json import dumps
+from math import ceil, floor
+from typing import Literal
+from zlib import crc32
+
+from agents.ring.place import chord_m
+from agents.settings.shapes import offset_m
+
+Links = Literal["stub", "px4", "ardupilot", "udp", "serial"]
+NewShape = Literal["line", "column", "wedge"]
+SPACING_M, SEPARATION_M = 5.0, 3.0
+PROFILES: dict[Links, str] = {"stub": "stub", "px4": "px4", "ardupilot": "ardupilot", "udp": "px4", "serial": "px4"}
+"""The profile that vehicles behind such links most likely have."""
+
+_URLS: dict[Links, str] = {
+    "stub": "udpin://127.0.0.1:{own}",
+    "px4": "udpin://127.0.0.1:{px4}",
+    "ardupilot": "udpin://127.0.0.1:{ardupilot}",
+    "udp": "udpin://0.0.0.0:{own}",
+    "serial": "serial:///dev/ttyUSB{index}:57600",
+}
+_FIRST_PORT, _BLOCK, _BLOCKS = 15000, 10, 1700
+"""Above the ports of bundled missions and simulators, and below those that systems give to programs."""
+_CATCHING_UP_M_S = 0.5
+_APPROACH_M = 20.0
+"""How far the formation flies, relative to the target, before its first vehicle engages: some 40 s."""
+_ENGAGED_S = 300.0
+
+
+def least_radius_m(vehicles: int) -> float:
+    """Return the radius of the smallest ring on which vehicles are separated, in whole centimetres."""
+    return 0.1 if vehicles == 1 else ceil(100.0 * SEPARATION_M / chord_m(1.0, vehicles)) / 100.0
+
+
+def own_ports(name: str, vehicles: int, taken: Collection[int]) -> range:
+    """Return a port for each vehicle, by the mission's name; the next ones that hold none of `taken` where some do."""
+    block = crc32(name.encode()) % _BLOCKS
+    for step in range(_BLOCKS):
+        first = _FIRST_PORT + (block + step) % _BLOCKS * _BLOCK
+        ports = range(first, first + vehicles)
+        if not any(port in ports for port in taken):
+            return ports
+    raise ValueError("no ports are left")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewMission:
+    """What a person chooses of a new mission. The target moves along x; without `fence_m` of room there is no fence."""
+
+    name: str
+    vehicles: int
+    links: Links
+    profile: str
+    shape: NewShape
+    radius_m: float
+    angular_rate_rad_s: float
+    target_speed_m_s: float
+    fence_m: float
+    ports: range
+
+    @property
+    def text(self) -> str:
+        """The mission's text, which may not hold."""
+        speed_m_s = self.target_speed_m_s + _CATCHING_UP_M_S
+        return _MISSION.format(
+            name=dumps(self.name, ensure_ascii=False),
+            description=dumps(self._description),
+            duration_s=self._duration_s,
+            shape=self.shape,
+            spacing_m=SPACING_M,
+            speed_m_s=speed_m_s,
+            speed_max_m_s=max(2.0, 2.0 * speed_m_s),
+            leader=self._leader + 1,
+            radius_m=self.radius_m,
+            rate_rad_s=self.angular_rate_rad_s,
+            reach_m=self._reach_m,
+            separation_m=SEPARATION_M,
+            fence=self._fence,
+            target_x_m=self._reach_m + _APPROACH_M,
+            target_speed_m_s=self.target_speed_m_s,
+            range_m=self._reach_m + self.radius_m,
+            team=f"{re.sub(r'[^A-Za-z0-9_-]', '-', self.name)[:26]}-{self.ports[0]}",
+        ) + "".join(map(self._vehicle, range(self.vehicles)))
+
+    @property
+    def _description(self) -> str:
+        target = f"moves at {self.target_speed_m_s:g} m/s" if self.target_speed_m_s else "is at rest"
+        return f"{self.vehicles} vehicles, from a {self.shape} onto a ring of {self.radius_m:g} m; the target {target}."
+
+    @property
+    def _leader(self) -> int:
+        return (self.vehicles - 1) // 2
+
+    @property
+    def _starts_m(self) -> list[tuple[float, float]]:
+        places = (offset_m(self.shape, i, self._leader, SPACING_M) for i in range(self.vehicles))
+        return [(round(x, 2) + 0.0, round(y, 2) + 0.0) for x, y in places]
+
+    @property
+    def _half_width_m(self) -> float:
+        return max(abs(y) for _, y in self._starts_m)
+
+    @property
+    def _reach_m(self) -> float:
+        """How near the target engages: beyond the ring, also for the outermost vehicle."""
+        return float(ceil(self.radius_m + self._half_width_m + SPACING_M))
+
+    @property
+    def _duration_s(self) -> float:
+        depth_m = -min(x for x, _ in self._starts_m)
+        return 60.0 * ceil(((_APPROACH_M + depth_m) / _CATCHING_UP_M_S + _ENGAGED_S) / 60.0)
+
+    @property
+    def _fence(self) -> str:
+        """The fence around starts, ring and the target's path, its corners whole metres."""
+        if not self.fence_m:
+            return (
+                "# fence_m = [[-20.0, -40.0], [90.0, -40.0], [90.0, 40.0], [-20.0, 40.0]]  # corners [x, y]; none now"
+            )
+        target_end_m = self._reach_m + _APPROACH_M + self.target_speed_m_s * self._duration_s
+        back_m = floor(min(x for x, _ in self._starts_m) - self.fence_m)
+        ahead_m = ceil(target_end_m + self.radius_m + self.fence_m)
+        side_m = ceil(max(self._half_width_m, self.radius_m) + self.fence_m)
+        corners = [[back_m, -side_m], [ahead_m, -side_m], [ahead_m, side_m], [back_m, side_m]]
+        return f"fence_m = {[[float(x), float(y)] for x, y in corners]}  # corners [x, y] that vehicles stay inside of"
+
+    def _vehicle(self, index: int) -> str:
+        own = self.ports[index]
+        url = _URLS[self.links].format(own=own, px4=14540 + index, ardupilot=14640 + index, index=index)
+        x_m, y_m = self._starts_m[index]
+        return _VEHICLE.format(id=index + 1, url=url, own=own, x_m=x_m, y_m=y_m, profile=dumps(self.profile))
+
+
+def plant_profile(a0_per_s2: float, a1_per_s: float, delay_s: float) -> str:
+    """Return the text of a profile of a plant alone, the same on both axes."""
+    axis = f"a0_per_s2 = {a0_per_s2}\na1_per_s = {a1_per_s}\n"
+    return (
+        "# A vehicle's plant, x'' = a0 (X_d - x) - a1 x': how it answers a position setpoint X_d.\n"
+        f"delay_s = {delay_s}  # between a setpoint and its effect\n\n[x]\n{axis}\n[y]\n{axis}"
+    )
+
+
+_MISSION = """\
+# A mission of cordon. docs/missions.md has every key with its default and range.
+# Lengths are metres, times seconds, angles radians. x points along x_bearing_deg, y to its left, z up.
+
+[mission]
+name = {name}
+description = {description}
+duration_s = {duration_s}  # from the start of the formation to the landing
+rate_hz = 10.0  # steps of the control loop a second
+
+[frame]  # where on Earth the mission lies: for real vehicles, where they stand
+latitude_deg = 47.397742
+longitude_deg = 8.545594
+altitude_m = 488.0  # of the ground, above sea level
+x_bearing_deg = 90.0  # of the x axis, clockwise from north: the way that the formation flies
+
+[formation]
+shape = "{shape}"  # line, column or wedge; free with a slot_m for each vehicle
+spacing_m = {spacing_m}  # between neighbours
+speed_m_s = {speed_m_s}  # along x
+speed_max_m_s = {speed_max_m_s}  # of a vehicle that closes a gap
+leader = {leader}  # the id of the vehicle that the others keep station on
+
+[encirclement]  # the ring around the target
+radius_m = {radius_m}
+angular_rate_rad_s = {rate_rad_s}  # positive: counter-clockwise seen from above
+
+[decision]  # when a vehicle leaves the formation for the ring
+importance_min = 0.6  # of the target, 0 to 1
+threat_max = 0.5  # of the target, 0 to 1
+distance_max_m = {reach_m}  # how near the target has to be
+
+[safety]
+separation_m = {separation_m}  # the guard keeps vehicles at least so far apart
+{fence}
+
+[target]
+start_m = [{target_x_m}, 0.0]  # where it is at first
+velocity_m_s = [{target_speed_m_s}, 0.0]  # or legs = [...], a way of several pieces
+importance = 0.8  # at least decision.importance_min: vehicles engage
+threat = 0.2  # at most decision.threat_max
+
+[target.sensor]  # how vehicles see the simulated target
+range_m = {range_m}  # how far they see
+rate_hz = 5.0  # sightings a second
+noise_m = 0.0  # standard deviation of a sighting
+
+[network]
+team = "{team}"  # the team's name on the bus: no other team near has it
+"""
+
+_VEHICLE = """
+[[vehicles]]
+id = {id}
+url = "{url}"  # where cordon meets its MAVLink
+endpoint = "tcp/127.0.0.1:{own}"  # its agent's place on the bus
+start_m = [{x_m}, {y_m}]  # where it stands on the ground
+altitude_m = 8.0  # above the mission's origin
+profile = {profile}  # what the vehicle is: a bundled profile, or a file beside this one (`cordon identify -o`)
+"""

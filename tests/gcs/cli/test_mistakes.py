@@ -1,0 +1,104 @@
+"""Typical mistakes: each message names the thing and the next step, and the line of the file that it is about."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from gcs.cli import main
+from tests.support.mission_text import CASE2
+
+SIM = "sim my.toml"
+ONE_VEHICLE = CASE2[: CASE2.index("\n[[vehicles]]\nid = 2")].replace("leader = 2", "leader = 1")
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What a user does: a change of case 2, and a command; what the message says, and which line it shows."""
+
+    name: str
+    change: tuple[str, str]
+    command: str
+    says: tuple[str, ...]
+    line: str = ""
+    text: str = CASE2
+
+
+RADIUS = "radius_m = 10.0"
+START = "start_m = [0.0, 4.0]"
+NOTHING = ("", "")
+MISTAKES = (
+    Mistake("typo in a key", ("spacing_m", "spacin_m"), SIM, ("formation.spacin_m", "'spacing_m'"), "spacin_m = 5.0"),
+    Mistake("typo in a section", ("[decision]", "[decison]"), SIM, ("decison", "'decision'"), "[decison]"),
+    Mistake(
+        "text for a number", (RADIUS, 'radius_m = "10 m"'), SIM, ("radius_m", "'10 m'", "number"), 'radius_m = "10'
+    ),
+    Mistake("a unit behind a number", (RADIUS, f"{RADIUS} m"), SIM, ("line 19", "without a unit"), "radius_m = 10.0 m"),
+    Mistake("degrees", ("rad_s = 0.05", "rad_s = 15"), SIM, ("rate_rad_s", "0.262 radians"), "angular_rate_rad_s = 15"),
+    Mistake("a key without its unit", (RADIUS, "radius = 10.0"), SIM, ("radius:", "'radius_m'"), "radius = 10.0"),
+    Mistake("another unit", (RADIUS, "radius_km = 0.01"), SIM, ("radius_km", "'radius_m'"), "radius_km = 0.01"),
+    Mistake(
+        "[vehicles] for one",
+        ("[[vehicles]]", "[vehicles]"),
+        SIM,
+        ("vehicles", "[[vehicles]]"),
+        "[vehicles]",
+        ONE_VEHICLE,
+    ),
+    Mistake("[vehicles] for all", ("[[vehicles]]", "[vehicles]"), SIM, ("line 47", "[[vehicles]]"), "[vehicles]"),
+    Mistake("decimal comma", (RADIUS, "radius_m = 10,0"), SIM, ("line 19", "10.5"), "radius_m = 10,0"),
+    Mistake("no quotation marks", ('"case2"', "case2"), SIM, ("line 2", "quotation marks"), "name = case2"),
+    Mistake("one quotation mark", ('"case2"', '"case2'), SIM, ("line 2", "quotation marks"), 'name = "case2'),
+    Mistake("colon", (RADIUS, "radius_m: 10.0"), SIM, ("line 19", "KEY = VALUE"), "radius_m: 10.0"),
+    Mistake("open bracket", ("[target]", "[target"), SIM, ("line 30", "close the bracket"), "[target"),
+    Mistake("True", ("[target]\n", "[frame.x]\nlocal = True\n[target]\n"), SIM, ("true or false",), "local = True"),
+    Mistake("a key twice", (RADIUS, f"{RADIUS}\nradius_m = 12.0"), SIM, ("line 20", "leave one"), "radius_m = 12.0"),
+    Mistake("no key", (f"{START}\n", ""), SIM, ("vehicles[0].start_m", "missing"), "[[vehicles]]"),
+    Mistake("no section", ("[frame]", "[link]"), SIM, ("frame: this section is missing", "`cordon new`")),
+    Mistake(
+        "one port for two", ("14541", "14540"), SIM, ("[1].url: 14540", "vehicles[0]", "own"), "udpin://127.0.0.1:14540"
+    ),
+    Mistake("a small ring", (RADIUS, "radius_m = 1.5"), SIM, ("3 vehicles", "3.0 m", "1.74 m"), "radius_m = 1.5"),
+    Mistake("no such profile", (START, f'{START}\nprofile = "px5"'), SIM, ("'px5'", "px4"), 'profile = "px5"'),
+    Mistake(
+        "a fence with a gap", ("3.0\n", "3.0\nfence_m = [[0.0, 0.0]]\n"), SIM, ("fence_m", "3 corners"), "fence_m ="
+    ),
+    Mistake("no such mission", NOTHING, "sim csae2", ("csae2", "'case2'", "`cordon new`")),
+    Mistake("no mission", NOTHING, "sim", ("--mission", "next: cordon sim --help")),
+    Mistake("no such command", NOTHING, "simulate case2", ('"simulate"', "next: cordon --help")),
+    Mistake("typo in an option", NOTHING, "sim case2 --sede 3", ("--sede", "--seed", "next: cordon sim --help")),
+    Mistake("an option without value", NOTHING, "sim case2 --seed", ("--seed", "next: cordon sim --help")),
+    Mistake("a word for a number", NOTHING, "sim case2 --seed one", ("--seed", '"one"', "next: cordon sim --help")),
+    Mistake("typo in a fault", NOTHING, "drill case2 --fault linkcut", ("'linkcut'", "link-cut")),
+    Mistake("--set without value", NOTHING, "sim case2 --set mission.seed", ("--set mission.seed", "KEY=VALUE")),
+    Mistake("typo in --set", NOTHING, "sim case2 --set encirclement.radius=9", ("radius", "'radius_m'", "[--set]")),
+    Mistake("a key of a key", NOTHING, "keys isue", ("isue", "next: cordon keys --help")),
+)
+
+
+def test_a_mistake_is_named_with_its_line_and_the_next_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], subtests: pytest.Subtests
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    for mistake in MISTAKES:
+        with subtests.test(mistake.name):
+            old, new = mistake.change
+            assert old in mistake.text
+            Path("my.toml").write_text(mistake.text.replace(old, new) if old else mistake.text, encoding="utf-8")
+            monkeypatch.setattr(sys, "argv", ["cordon", *mistake.command.split()])
+            with pytest.raises(SystemExit) as ended:
+                main()
+            out, err = capsys.readouterr()
+            assert (ended.value.code, out) == (2, "")
+            assert [words for words in mistake.says if words not in err] == [], err
+            if mistake.line:
+                sources = [f"[my.toml, line {number}: {line.strip()}]" for number, line in _lines_with(mistake.line)]
+                assert any(source in err for source in sources), err
+
+
+def _lines_with(text: str) -> list[tuple[int, str]]:
+    """Return the lines of the file that hold a text, with their numbers."""
+    lines = Path("my.toml").read_text(encoding="utf-8").split("\n")
+    return [(number, line) for number, line in enumerate(lines, start=1) if text in line]
