@@ -24,7 +24,7 @@ def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType
     >>> load("case2", {"encirclement.radius": 12.0})
     Traceback (most recent call last):
     ...
-    gcs.mission.file.MissionError: encirclement.radius: unknown key; did you mean 'radius_m'?
+    gcs.mission.file.MissionError: encirclement.radius: unknown key; did you mean 'radius_m'? [set, not in the file]
     """
     loaded = load_mission(str(mission), overrides)
     for words in loaded.warnings:

@@ -53,8 +53,7 @@ def simulate(
 ) -> Flight:
     """Fly a mission in simulated time; the same arguments give the same flight.
 
-    - `mission`: what `cordon.load` returns, or takes.
-    - `seed`, `duration_s` [s]: in place of the mission's.
+    - `mission`: what `cordon.load` returns, or takes; `seed`, `duration_s` [s]: in place of the mission's.
     - `log`: record the flight in this file (MCAP), which must not exist yet. Not with a `planner`: no replay of the log
       could compute its decisions again.
     - `planner`: makes the planner of each vehicle from its configuration, see `cordon.TaskPlanner`.
@@ -79,8 +78,8 @@ def simulate(
         decisions[vehicle].note(tick, output)
 
     record = fly_simulated(mission, drawn, flown_s, lambda _: None, recording, planner, steps=steps, on_tick=on_tick)
-    for each, tick_us in zip(decisions, record.loop.tick_us.reshape(samples, -1).T, strict=True):
-        each.tick_us[:] = tick_us
+    for each, times_us in zip(decisions, record.loop.tick_us.reshape(samples, -1).T, strict=True):
+        each.tick_us[:] = times_us
     return Flight(mission, record, channels_of(record, dict(zip(mission.ids, decisions, strict=True))))
 
 

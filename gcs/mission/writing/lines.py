@@ -43,7 +43,7 @@ def _source(fault: str, path: Path, lines: list[str], known: dict[str, int], cha
     else:
         around = [*accumulate(_PARTS.findall(place), _below)][::-1]
         if any(each in changes for each in around):
-            return " [--set]"
+            return " [set, not in the file]"
         advice, number = "", next((known[each] for each in around if each in known), 0)
     if not 0 < number <= len(lines):
         return f"{advice} [{path.name}]"

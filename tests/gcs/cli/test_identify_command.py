@@ -81,7 +81,7 @@ class Runner:
         def held(path: Path) -> tuple[VehicleLog, ...]:
             return tuple(log for log in logs if log.path == str(path)) if str(path) in names else read(path)
 
-        self._patch.setattr("gcs.vehicle_logs.foreign.read_vehicle_logs", held)
+        self._patch.setattr("gcs.identify.reading.read_vehicle_logs", held)
 
     def __call__(self, *arguments: str) -> tuple[int, str, str]:
         self._patch.setattr(sys, "argv", ["cordon", "identify", *arguments])

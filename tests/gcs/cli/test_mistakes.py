@@ -72,7 +72,12 @@ MISTAKES = (
     Mistake("a word for a number", NOTHING, "sim case2 --seed one", ("--seed", '"one"', "next: cordon sim --help")),
     Mistake("typo in a fault", NOTHING, "drill case2 --fault linkcut", ("'linkcut'", "link-cut")),
     Mistake("--set without value", NOTHING, "sim case2 --set mission.seed", ("--set mission.seed", "KEY=VALUE")),
-    Mistake("typo in --set", NOTHING, "sim case2 --set encirclement.radius=9", ("radius", "'radius_m'", "[--set]")),
+    Mistake(
+        "typo in --set",
+        NOTHING,
+        "sim case2 --set encirclement.radius=9",
+        ("radius", "'radius_m'", "[set, not in the file]"),
+    ),
     Mistake("a key of a key", NOTHING, "keys isue", ("isue", "next: cordon keys --help")),
 )
 

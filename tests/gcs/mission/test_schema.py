@@ -38,7 +38,7 @@ def test_what_no_mission_may_have_is_refused(subtests: pytest.Subtests) -> None:
     ]
     required: tuple[Place, ...] = (("target",), ("vehicles",), ("mission", "name"), ("vehicles", 0, "start_m"))
     for number, mission in enumerate([*wrong, *(drop(content(), place) for place in required)]):
-        with subtests.test(number):
+        with subtests.test(number=number):
             assert not VALIDATOR.is_valid(mission)
 
 
