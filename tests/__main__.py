@@ -47,8 +47,8 @@ def main() -> int:
         tests_fail = _run("pytest", *arguments) != 0
     else:
         with _pytest(*COMPUTING, prefix=GIVES_WAY) as computing:
+            checks = _failing_checks()  # meanwhile, two processes compile what the many after them only load
             with _pytest(*SOCKETS, *AGAIN) as sockets:
-                checks = _failing_checks()
                 passed = [sockets()]
             with _pytest(*BROWSER, *AGAIN) as browser:
                 passed += [browser(), computing()]

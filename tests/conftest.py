@@ -38,17 +38,25 @@ CONFIG = AgentConfig(
 )
 
 
-WHOLLY_WIRE = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.wire\b", re.MULTILINE)
+WHOLLY = r"^pytestmark = \[?\s*pytest\.mark\.{}\b"
+MARKS = re.compile(r"(not )?\w+( and (not )?\w+)*")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Import no file that `-m wire` or `-m "not wire"` selects nothing of: every worker imports what it collects."""
-    expression = config.getoption("markexpr")
-    if expression not in {"wire", "not wire"} or not re.fullmatch(r"test_.*\.py", collection_path.name):
+    """Import no file that `-m wire`, `-m "not wire and not browser"` ... select nothing of: each worker imports all."""
+    chosen = config.getoption("markexpr")
+    if not (MARKS.fullmatch(chosen) and re.fullmatch(r"test_.*\.py", collection_path.name)):
         return None
     text = collection_path.read_text(encoding="utf-8")
-    selects_nothing = "mark.wire" not in text if expression == "wire" else WHOLLY_WIRE.search(text) is not None
-    return selects_nothing or None
+    return any(_excludes_all(term, text) for term in chosen.split(" and ")) or None
+
+
+def _excludes_all(term: str, text: str) -> bool:
+    """Return whether a mark, or `not` and a mark, selects no test of a file."""
+    mark = term.removeprefix("not ")
+    return (
+        f"mark.{mark}" not in text if mark == term else re.search(WHOLLY.format(mark), text, re.MULTILINE) is not None
+    )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
