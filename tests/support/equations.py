@@ -58,6 +58,8 @@ def implementations() -> dict[int, list[str]]:
     """Return the public functions and classes that implement each equation, by its number."""
     found = defaultdict(list)
     for name, text in docstrings():
+        if "._" in name:
+            continue
         cited = _IMPLEMENTS.search(" ".join(text.split("\n\n")[0].split()))
         for span in _SPAN.finditer(cited[1]) if cited else ():
             for number in range(int(span[1]), int(span[2] or span[1]) + 1):
@@ -66,16 +68,15 @@ def implementations() -> dict[int, list[str]]:
 
 
 def docstrings() -> Iterator[tuple[str, str]]:
-    """Return the docstrings of all public functions, methods and classes, by their full names."""
+    """Return all docstrings, by the full names of what they describe."""
     for package in ("agents", "estimation", "gcs"):
         for path in sorted((ROOT / package).rglob("*.py")):
             module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
             yield from _documented(ast.parse(path.read_text(encoding="utf-8")), module)
 
 
-def _documented(node: ast.Module | ast.ClassDef, prefix: str) -> Iterator[tuple[str, str]]:
+def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef, name: str) -> Iterator[tuple[str, str]]:
+    yield name, ast.get_docstring(node) or ""
     for each in node.body:
-        if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and not each.name.startswith("_"):
-            yield f"{prefix}.{each.name}", ast.get_docstring(each) or ""
-            if isinstance(each, ast.ClassDef):
-                yield from _documented(each, f"{prefix}.{each.name}")
+        if isinstance(each, ast.ClassDef | ast.FunctionDef):
+            yield from _documented(each, f"{name}.{each.name}")
