@@ -20,7 +20,7 @@ from estimation.state import Sighting, Telemetry
 
 
 class TimeScale(msgspec.Struct, frozen=True):
-    """`set_time_scale`."""
+    """`set_time_scale`: how many seconds of the mission pass in one of the wall's clock."""
 
     factor: float
 
@@ -38,25 +38,25 @@ class TacticEvent(msgspec.Struct, frozen=True):
 
 
 class Autopilot(msgspec.Struct, frozen=True):
-    """`on_vehicle`: what the autopilot says of itself; on tape when it has changed."""
+    """`on_vehicle`: what the autopilot says of itself; recorded when it has changed."""
 
     status: VehicleStatus
 
 
 class LateTicks(msgspec.Struct, frozen=True):
-    """`on_loop`: how many ticks were skipped; on tape when it has changed."""
+    """`on_loop`: how many ticks were skipped; recorded when it has changed."""
 
     count: int
 
 
 class Bus(msgspec.Struct, frozen=True):
-    """`on_bus`: whether the bus works; on tape when it has changed."""
+    """`on_bus`: whether the bus works; recorded when it has changed."""
 
     alive: bool
 
 
 class Computer(msgspec.Struct, frozen=True):
-    """`on_computer`: what the computer runs short of; on tape when it has changed."""
+    """`on_computer`: what the computer runs short of; recorded when it has changed."""
 
     short_of: str
 
@@ -90,7 +90,7 @@ class Presence(msgspec.Struct, frozen=True):
 
 
 class Tick(msgspec.Struct, frozen=True):
-    """`tick`: when."""
+    """`tick`: when a step of the control loop began."""
 
     now_s: float
 

@@ -1,4 +1,4 @@
-"""The polar state of a vehicle about a target - (3), (4), (5): radius, bearing and their rates."""
+"""The polar state of a vehicle about a target: radius, bearing and their rates. Equations (3) to (7) of the paper."""
 
 from math import atan2, cos, hypot, sin
 
@@ -18,7 +18,9 @@ class Polar(msgspec.Struct, frozen=True):
 
 
 def polar_from_motion(motion: Vector, target: Vector) -> Polar:
-    """Return (4) inverted, and the upper half of (5): both motions are (4,) = [x y x' y'].
+    """Return the polar state of a motion (4,) = [x y x' y'] about another: the state of the polar plant - (3), (5).
+
+    Of (5) it is the upper half; the lower one is in the feedback linearisation.
 
     At the centre itself the bearing is taken as zero and the angular rate as none.
     """
@@ -26,7 +28,7 @@ def polar_from_motion(motion: Vector, target: Vector) -> Polar:
 
 
 def polar_of(x: float, y: float, x_rate: float, y_rate: float) -> Polar:
-    """Return the same of a motion relative to the target."""
+    """Return the polar state of a motion relative to the target - (6), (7)."""
     radius = hypot(x, y)
     if radius**2 == 0.0:
         return Polar(0.0, 0.0, hypot(x_rate, y_rate), 0.0)
@@ -39,7 +41,7 @@ def polar_of(x: float, y: float, x_rate: float, y_rate: float) -> Polar:
 
 
 def motion_from_polar(polar: Polar, target: Vector) -> Vector:
-    """Return (4a)-(4d): the motion (4,) of a vehicle at polar coordinates about a moving target (4,)."""
+    """Return the motion (4,) of a vehicle at polar coordinates about a moving target (4,) - (4a) to (4d)."""
     cosine, sine = cos(polar.bearing_rad), sin(polar.bearing_rad)
     tangential = polar.radius_m * polar.angular_rate_rad_s
     relative = (

@@ -48,3 +48,8 @@ def vehicle_style(row: int, vehicles: int) -> dict[str, Any]:
         "linestyle": DASHES[row // len(COLOURS) % len(DASHES)],
         "linewidth": 1.0 if vehicles > len(COLOURS) else 1.4,
     }
+
+
+def flight_style(index: int) -> dict[str, Any]:
+    """Return the line style of one of several flights: colour and dash, so that lines on top of each other are seen."""
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)], "linewidth": 1.4}

@@ -8,6 +8,8 @@ import pytest
 import cordon
 from gcs.errors import Exit
 from tests.support.docs import GENERATED, renewed
+from tests.support.equations import NUMBER, docstrings, implementations
+from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS
 
 ROOT = DOCS.parent
@@ -19,6 +21,28 @@ def test_generated_parts_are_up_to_date(subtests: pytest.Subtests) -> None:
     for name in GENERATED:
         with subtests.test(name=name):
             assert (DOCS / name).read_text(encoding="utf-8") == renewed(name), "run python -m tests.support.docs"
+
+
+def test_every_equation_of_the_paper_is_implemented() -> None:
+    assert sorted(implementations()) == list(range(1, 27))
+
+
+def test_docstrings_cite_equations_that_the_paper_has() -> None:
+    wrong = {
+        name: number for name, text in docstrings() for number in re.findall(NUMBER, text) if not 1 <= int(number) <= 26
+    }
+    assert not wrong
+
+
+def test_units_of_log_fields_follow_from_their_names() -> None:
+    rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in field_tables().splitlines()]
+    units = {(row[0], row[1]): row[3] for row in rows if len(row) == 4}
+    assert units["/vehicle/N/telemetry", "velocity_m_s"] == "m/s"
+    assert units["/vehicle/N/sighting", "covariance_m2"] == "m²"
+    assert units["/vehicle/N/decision", "polar.angular_rate_rad_s"] == "rad/s"
+    assert units["/vehicle/N/cost", "tick_us"] == "µs"
+    assert units["/vehicle/N/autopilot", "status.endurance_s"] == "s"
+    assert units["/vehicle/N/decision", "mixing"] == "", "a share"
 
 
 def test_readme_holds_exactly_two_commands() -> None:

@@ -1,4 +1,4 @@
-"""Encirclement: LMPC on the linearised polar model - (23) to (26) - and its aim through feedback linearisation."""
+"""Encirclement: LMPC on the linearised polar model, and its aim through feedback linearisation."""
 
 from collections.abc import Sequence
 from enum import Enum
@@ -88,7 +88,7 @@ class EncirclementPlanner:
         self._acceleration = np.zeros(2)
 
     def plan(self, task: RingTask) -> EncirclementPlan:
-        """Solve (23) to (26) for the polar acceleration, and the plant for the aim that gives it - (11), (12)."""
+        """Return the aim (2,) of the polar acceleration of least cost, found by feedback linearisation - (11), (23)."""
         if task.orbit is not self._orbit:
             self._take(task.orbit)
         wanted = task.reference.bearing.rate
@@ -188,7 +188,7 @@ def damped_motion(task: RingTask) -> Vector:
 
 
 def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
-    """Build the LMPC of two double integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12).
+    """Build the LMPC of two double integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
 
     Angles are in metres along the ring of radius R: so one slack fits all bounds.
 

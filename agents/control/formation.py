@@ -1,4 +1,4 @@
-"""Formation flight: LMPC on the error dynamics between a vehicle and its predecessor - (1), (2), (13), (14).
+"""Formation flight: LMPC on the error dynamics between a vehicle and its predecessor.
 
 With E = p_i - p_{i-1} and both on the same plant, E answers the difference of the two aims as the plant answers an
 aim. The leader's predecessor is the mission's line itself: a vehicle without error on it, at the mission's speed.
@@ -76,7 +76,10 @@ class FormationPlanner:
 
 
 def formation_lmpc(config: AgentConfig) -> Lmpc:
-    """Build the LMPC of the error dynamics: the plant's own, in [e_x e_y e_x' e_y'] with inputs relative aims."""
+    """Build the LMPC of the error dynamics between a vehicle and its predecessor - (1), (2), (13), (14).
+
+    They are the plant's own, in [e_x e_y e_x' e_y'] with inputs relative aims.
+    """
     settings = config.formation
     step = exact_step(config.plant, settings.prediction_step_s)
     return Lmpc(

@@ -1,6 +1,6 @@
 """Polar coordinates about the target, and the feedback linearisation that makes them double integrators.
 
-Equations (3)-(5) and (11), (12) with the target's own velocity included (mathematics.md sections 3 and 4).
+Polar coordinates are those of the motion relative to the target, whose own velocity is in it (docs/paper.md).
 """
 
 from math import cos, sin
@@ -14,7 +14,7 @@ from estimation.vectors import Pair
 
 
 def aim_for(motion: Vector, polar: Polar, acceleration: Pair, disturbance_m_s2: Vector, plant: Plant) -> Vector:
-    """Return the aim (2,) that gives the plant the polar acceleration (r'', phi'') - (11), (12)."""
+    """Return the aim (2,) that gives the plant the polar acceleration (r'', phi'') - (3), (5), (11)."""
     radial, angular = acceleration
     cosine, sine = cos(polar.bearing_rad), sin(polar.bearing_rad)
     outward = radial - polar.radius_m * polar.angular_rate_rad_s**2
@@ -24,7 +24,7 @@ def aim_for(motion: Vector, polar: Polar, acceleration: Pair, disturbance_m_s2: 
 
 
 def aim_for_acceleration(motion: Vector, acceleration_m_s2: Pair, disturbance_m_s2: Vector, plant: Plant) -> Vector:
-    """Solve the plant for its input: the aim (2,) under which it has the acceleration given - X_d of section 4."""
+    """Solve the plant for its input: the aim (2,) under which it has the acceleration given."""
     x, y, x_rate, y_rate = motion.tolist()
     w_x, w_y = disturbance_m_s2.tolist()
     x_wanted, y_wanted = acceleration_m_s2

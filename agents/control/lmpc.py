@@ -63,7 +63,7 @@ class Bounds(msgspec.Struct, frozen=True):
 
 
 class Lmpc:
-    """A condensed LMPC whose matrices never change: a solve updates vectors only and starts warm."""
+    """A condensed LMPC whose matrices never change: a solve updates vectors only and starts warm - (13), (23)."""
 
     def __init__(
         self,

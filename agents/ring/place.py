@@ -1,4 +1,4 @@
-"""The ring: the neighbours ahead and behind, the spacing errors, and the gain that lets them decay - (15) to (22)."""
+"""The ring: the neighbours ahead and behind, the spacing errors, and the gain that lets them decay."""
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -24,7 +24,7 @@ class RingPlace(msgspec.Struct, frozen=True):
 
     @property
     def desired_rad(self) -> float:
-        """The even spacing (15)."""
+        """The even spacing of the members - (15)."""
         return tau / self.members
 
 
@@ -59,7 +59,7 @@ def spacing_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
 
 
 def spacing_decay_per_s(members: int, gain_per_s: float) -> float:
-    """Return how fast (22) lets the slowest error of the spacings decay on a ring of at least two [1/s].
+    """Return how fast the slowest error of the spacings decays on a ring of at least two [1/s] - (20).
 
     It is the gain itself, but on a ring so large that the bound on the fastest mode holds it back.
     """

@@ -32,12 +32,13 @@ def transition_of(settings: EncirclementSettings) -> Transition:
 
 
 def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, transition: Transition) -> float:
-    """Return the angular rate of the first of the vehicles on a ring whose spacing errors are `errors_rad` (n,).
+    """Return the rate of the first vehicle on a ring of spacing errors `errors_rad` (n,) - (19), (21), (22).
 
-    It is (22), `w_i = w_D + 2 gamma / 3 e_i`, as long as no bound is active. A bound on one vehicle scales the
-    corrections of all by the same share, so that the errors shrink in proportion and no spacing overshoots. Where the
-    ring is too slow for one to wait, all fly faster by the same amount. Every vehicle computes the share from the same
-    bearings, so they agree on it without a message.
+    It is `w_i = w_D + 2 gamma / 3 e_i` [rad/s] as long as no bound is active. The corrections then sum to zero, so that
+    the mean rate is the ring's, and on a ring of three the rates of neighbours differ as (19) states. A bound on one
+    vehicle scales the corrections of all by the same share, so that the errors shrink in proportion and no spacing
+    overshoots. Where the ring is too slow for one to wait, all fly faster by the same amount. Every vehicle computes
+    the share from the same bearings, so they agree on it without a message.
     """
     ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, correction_gain_per_s(len(errors_rad), transition.gain_per_s)
     furthest_rad = max(map(abs, errors_rad))

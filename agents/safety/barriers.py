@@ -1,6 +1,6 @@
 """The guard's demands on the vehicle's acceleration: one half-plane `normal . a >= least` for each thing to keep.
 
-Each comes from a barrier h that is to stay positive (mathematics.md, section 8): `h'' + 2 k h' + k^2 h >= 0` keeps it
+Each comes from a barrier h that is to stay positive: `h'' + 2 k h' + k^2 h >= 0` keeps it
 so when the plant answers with second order. Everything is at the moment when the setpoint acts.
 """
 

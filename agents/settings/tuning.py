@@ -9,7 +9,7 @@ from estimation.settings import Settings, tuned
 
 SETPOINTS_FASTER = 2.0
 """How many times faster than the vehicles setpoints may move by default."""
-_SCALE = "It sets the scale: only ratios of weights count. The paper's prototype used 1 as well."
+_SCALE = "It sets the scale: only ratios of weights count. A first prototype used 1 as well."
 
 
 class FormationTuning(Settings):
@@ -28,14 +28,14 @@ class FormationTuning(Settings):
         le=1e6,
     )
     prediction_step_s: float = tuned(
-        0.5, "The paper's prototype used 0.5 s as well. 8 steps cover the 4 s of a step response.", gt=0.0, le=5.0
+        0.5, "A first prototype used 0.5 s as well. 8 steps cover the 4 s of a step response.", gt=0.0, le=5.0
     )
     horizon: int = tuned(
-        8, "The paper's prototype used 8 as well. 5 and 12 give the same margin.", "M of (13)", ge=2, le=50
+        8, "A first prototype used 8 as well. 5 and 12 give the same margin.", "M of (13)", ge=2, le=50
     )
     control_horizon: int = tuned(
         2,
-        "The paper's prototype used 2 as well. With 1 the margin is 0.052 instead of 0.083, with 3 it is 0.089.",
+        "A first prototype used 2 as well. With 1 the margin is 0.052 instead of 0.083, with 3 it is 0.089.",
         ge=1,
         le=10,
     )
@@ -46,7 +46,7 @@ class EncirclementTuning(Settings):
 
     smoothing_time_s: float = tuned(
         3.5,
-        "The paper's prototype used 5 s. With 3.5 s the ring of `case2-field` settles 3.5 s after the last vehicle has "
+        "A first prototype used 5 s. With 3.5 s the ring of `case2-field` settles 3.5 s after the last vehicle has "
         "engaged, with 5 s after 4.7 s.",
         "t_sm",
         ge=0.0,
@@ -54,7 +54,7 @@ class EncirclementTuning(Settings):
     )
     spacing_gain_per_s: float = tuned(
         0.3,
-        "The paper's prototype used 0.3 as well. It is scaled with the number of vehicles, so that the errors of the "
+        "A first prototype used 0.3 as well. It is scaled with the number of vehicles, so that the errors of the "
         "spacing decay as fast on any ring. Vehicles have to follow it: they do up to 1.4 1/s.",
         "γ of (22)",
         ge=0.0,
@@ -70,7 +70,7 @@ class EncirclementTuning(Settings):
     radius_weight: float = tuned(1.0, _SCALE, "α of (24)", gt=0.0, le=1e6)
     rate_weight: float = tuned(
         10.0,
-        "The paper's prototype used 20, with which the margin of keeping the bearing is 0.097 instead of 0.137; with 5 "
+        "A first prototype used 20, with which the margin of keeping the bearing is 0.097 instead of 0.137; with 5 "
         "it is 0.130.",
         "β of (24)",
         gt=0.0,
@@ -78,7 +78,7 @@ class EncirclementTuning(Settings):
     )
     lag_weight: float = tuned(
         12.0,
-        "The paper's prototype used 6, with which the margin of keeping the bearing is 0.115 instead of 0.137. With 24 "
+        "A first prototype used 6, with which the margin of keeping the bearing is 0.115 instead of 0.137. With 24 "
         "it is 0.148, and noise of the bearing counts more.",
         "ρ of (24)",
         ge=0.0,
@@ -87,7 +87,7 @@ class EncirclementTuning(Settings):
     lead_weight: float = tuned(12.0, "As `lag_weight`: neither neighbour comes first.", "ζ of (24)", ge=0.0, le=1e6)
     radial_increment_weight: float = tuned(
         0.2,
-        "The paper's prototype used 0.05, with an exact state. With 0.2 an error of the radius, and with it the noise"
+        "A first prototype used 0.05, with an exact state. With 0.2 an error of the radius, and with it the noise"
         " of the estimate, is answered with half the acceleration: 1.1 instead of 2.4 1/s².",
         "R of (24), radial",
         gt=0.0,
@@ -95,7 +95,7 @@ class EncirclementTuning(Settings):
     )
     angular_increment_weight: float = tuned(
         2.0,
-        "The paper's prototype used 2 as well. With 0.5 the noise of the estimate counts 1.4 times as much; with 8 the "
+        "A first prototype used 2 as well. With 0.5 the noise of the estimate counts 1.4 times as much; with 8 the "
         "margin of keeping the bearing is 0.093 instead of 0.137.",
         "R of (24), angular",
         gt=0.0,
@@ -112,14 +112,14 @@ class EncirclementTuning(Settings):
     )
     prediction_step_s: float = tuned(
         0.3,
-        "The paper's prototype used 0.5 s. With 0.3 s the margin of keeping the bearing is 0.137 instead of 0.104; "
+        "A first prototype used 0.5 s. With 0.3 s the margin of keeping the bearing is 0.137 instead of 0.104; "
         "that of the radius is 0.085 instead of 0.092.",
         gt=0.0,
         le=5.0,
     )
     horizon: int = tuned(
         8,
-        "The paper's prototype used 8 as well. With 5 the margin of keeping the bearing is 0.116 instead of 0.137, "
+        "A first prototype used 8 as well. With 5 the margin of keeping the bearing is 0.116 instead of 0.137, "
         "with 12 it is 0.095.",
         "M of (23)",
         ge=2,
@@ -127,7 +127,7 @@ class EncirclementTuning(Settings):
     )
     control_horizon: int = tuned(
         2,
-        "The paper's prototype used 2 as well. With 1 the margin of keeping the bearing is 0.042 instead of 0.137, "
+        "A first prototype used 2 as well. With 1 the margin of keeping the bearing is 0.042 instead of 0.137, "
         "with 3 it is 0.124.",
         ge=1,
         le=10,

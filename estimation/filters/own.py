@@ -1,8 +1,8 @@
 """A vehicle's Kalman filter for its own motion: the identified plant is the process model, the setpoint its input.
 
-State [p v c s q] along each axis (axial.py). Wind and model error act as an acceleration w = c + s (mathematics.md
-sections 1 and 8): c is a random walk, s an oscillator at the ring's rate with q as its second state. These two are the
-whole error of a wrong plant that circles a target in steady motion. Off the ring s is zero and its value is added to c.
+State [p v c s q] along each axis (axial.py). Wind and model error act as an acceleration w = c + s: c is a
+random walk, s an oscillator at the ring's rate with q as its second state. These two are the whole error of a wrong
+plant that circles a target in steady motion. Off the ring s is zero and its value is added to c.
 """
 
 from bisect import bisect_right

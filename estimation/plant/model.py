@@ -1,6 +1,6 @@
 """The identified plant: how one horizontal axis of a vehicle answers a position setpoint.
 
-`x'' = a0 (X_d - x) - a1 x' + w` per axis (mathematics.md section 1; paper section 2). One discretisation serves the
+`x'' = a0 (X_d - x) - a1 x' + w` per axis (section 2 of the paper). One discretisation serves the
 filters, the controllers, the simulation and the stub.
 
 With feed-forward g it takes a velocity V_d beside the setpoint: `x'' = a0 (X_d - x) + a1 (g V_d - x') + w`. That is the

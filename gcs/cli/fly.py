@@ -12,6 +12,7 @@ from gcs.cli.options import (
     RESULT,
     Changes,
     Duration,
+    FigureNumber,
     Json,
     Log,
     MissionName,
@@ -98,6 +99,7 @@ class FlyOptions:
     station_tiles: StationTiles = None
     json: Json = False
     plot: Plot = None
+    figure: FigureNumber = None
 
 
 def fly(options: FlyOptions) -> int:
@@ -176,7 +178,7 @@ def _fly(options: FlyOptions) -> Exit:
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.run import run_flight
 
-    check_plot(options.plot)
+    check_plot(options.plot, options.figure)
     mission = bus_mission(options.mission, options.changes)
     stubs = () if options.sitl is None else stub_ids(options.sitl, mission)
     if stubs and options.only is not None:
@@ -200,6 +202,6 @@ def _fly(options: FlyOptions) -> Exit:
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)
 
     def judge(record: "FlightRecord") -> Exit:
-        return present(mission, record, json=options.json, plot=options.plot)
+        return present(mission, record, json=options.json, plot=options.plot, figure=options.figure)
 
     return run_flight(plan, recording, judge)

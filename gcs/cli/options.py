@@ -49,6 +49,10 @@ Plot = Annotated[
     Path | None,
     Parameter(group=RESULT, help="Draw the flight, the paper's figures 1 to 6, into a .png, .svg or .pdf."),
 ]
+FigureNumber = Annotated[
+    int | None,
+    Parameter(name="--figure", group=RESULT, help="Let --plot draw this figure of the paper alone, by its number."),
+]
 Log = Annotated[
     Path | None,
     Parameter(group=RESULT, help="Record the flight in this file (MCAP), which must not exist yet."),

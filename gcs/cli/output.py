@@ -88,11 +88,15 @@ class IdentifyProgress(_ProgressBar):
         super().__init__(vehicle, "{task.percentage:.0f} % identified", 1.0, _PROGRESS_STEP_SHARE)
 
 
-def check_plot(path: Path | None) -> None:
-    """Refuse, before anything flies, a figure that could not be written; raises InputError."""
-    if path is not None:
-        from gcs.report.figure import METADATA
+def check_plot(path: Path | None, number: int | None = None) -> None:
+    """Refuse, before anything flies, a figure that could not be drawn or written; raises InputError."""
+    from gcs.report.figure import METADATA, PANELS
 
+    if number is not None and number not in PANELS:
+        raise InputError([f"--figure: {number} is no figure of the paper; it has {', '.join(map(str, PANELS))}"])
+    if number is not None and path is None:
+        raise InputError([f"--figure: {number} needs a file to be drawn into: add --plot figure{number}.png"])
+    if path is not None:
         check_file("--plot", path, tuple(METADATA))
 
 
@@ -159,14 +163,22 @@ def print_result(text: str) -> None:
         discard(sys.stdout)
 
 
-def present(mission: Mission, record: FlightRecord, *, json: bool, plot: Path | None, timed: bool = True) -> Exit:
-    """Evaluate a flight, show it, and return its verdict."""
+def present(
+    mission: Mission,
+    record: FlightRecord,
+    *,
+    json: bool,
+    plot: Path | None,
+    figure: int | None = None,
+    timed: bool = True,
+) -> Exit:
+    """Evaluate a flight, show it, and return its verdict; `figure` is the only one of the paper's to plot."""
     result = show_result(mission, record)
     if plot is not None:
         from gcs.report.figure import save_figure
 
         with writing("--plot", plot):
-            save_figure(record, result, ring_reference(mission), plot, formation_reference(mission))
+            save_figure(record, result, ring_reference(mission), plot, formation_reference(mission), figure)
         print_line(f"figure: {plot}")
     if json:
         print_result((result if timed else result.untimed()).to_json())

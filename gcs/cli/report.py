@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json, Plot
+from gcs.cli.options import RESULT, FigureNumber, Json, Plot
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
     from gcs.flightlog.reader import FlightLog
     from gcs.metrics.result import FlightResult
+    from gcs.report.charts.compared import ComparedFlight
     from gcs.report.evidence.reading import LoggedFlight
 
 
@@ -24,10 +25,18 @@ class ReportOptions:
 
     html: Annotated[Path | None, Parameter(group=RESULT, help="Write the report as an HTML page.")] = None
     compare: Annotated[
-        Path | None, Parameter(group=RESULT, help="Show the flight of this log beside the other, and the differences.")
+        tuple[Path, ...] | None,
+        Parameter(
+            group=RESULT,
+            consume_multiple=True,
+            negative="",
+            show_default=False,
+            help="Show the flights of these logs beside the first, and what differs.",
+        ),
     ] = None
     json: Json = False
     plot: Plot = None
+    figure: FigureNumber = None
 
 
 _DEFAULTS = ReportOptions()
@@ -69,37 +78,66 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
         html, shown = options.html, replay_flight(*read)
         evidence = replace(flight.evidence, facts={**flight.evidence.facts, **plants})
         _write(html, lambda: write_report(evidence, _result(flight), criteria_of(flight.mission), shown, html))
-    verdict = present(flight.mission, flight.evidence.record, json=options.json, plot=options.plot)
+    verdict = present(
+        flight.mission, flight.evidence.record, json=options.json, plot=options.plot, figure=options.figure
+    )
     for name, words in plants.items():
         STDERR.print(f"{name}: {words}", style="dim", markup=False, highlight=False, soft_wrap=True)
     return Exit.VERDICT_FAILED if flight.is_damaged and verdict is Exit.HOLDS else verdict
 
 
-def _compare_flights(first: Sequence[Path], second: Path, options: ReportOptions) -> Exit:
-    """Show two flights side by side; raises LogError and InputError."""
+def _compare_flights(first: Sequence[Path], others: Sequence[Path], options: ReportOptions) -> Exit:
+    """Show flights side by side; raises LogError and InputError."""
     from gcs.cli.output import print_result
-    from gcs.console.terminal import STDERR
-    from gcs.metrics.references import ring_reference
-    from gcs.report.compare import ComparedFlight, comparison_table, write_comparison
+    from gcs.console.terminal import STDERR, print_line
+    from gcs.report import compare
     from gcs.report.evidence.reading import read_flight
 
-    _check_outputs(replace(options, plot=None), [*first, second])
-    flights = [read_flight(_logs(first)), read_flight(_logs([second]))]
-    results = [_result(flight) for flight in flights]
-    one, other = (
-        ComparedFlight(name, result, flight.evidence.record, ring_reference(flight.mission))
-        for name, flight, result in zip(_names(first[0], second), flights, results, strict=True)
-    )
-    STDERR.print(comparison_table(one, other))
+    if not others:
+        raise InputError(["--compare: name the log of at least one other flight behind it"])
+    _check_compared([*first, *others], options)
+    logged = [read_flight(_logs(logs)) for logs in (first, *([path] for path in others))]
+    names = _names([first[0], *others])
+    flights = [_compared(name, flight) for name, flight in zip(names, logged, strict=True)]
+    if compare.differences(flights):
+        STDERR.print(compare.difference_table(flights))
+    STDERR.print(compare.comparison_table(flights))
+    for remark in compare.remarks(flights):
+        print_line(remark, "yellow")
     html = options.html
     if html is not None:
-        _write(html, lambda: write_comparison(one, other, html))
+        _write(html, lambda: compare.write_comparison(flights, html))
     if options.json:
-        print_result(dumps({"flights": [result.to_dict() for result in results]}, allow_nan=False))
-    whole = not any(flight.is_damaged for flight in flights)
-    if any(result.ended_early for result in results):
+        print_result(dumps(compare.comparison_dict(flights), allow_nan=False))
+    whole = not any(flight.is_damaged for flight in logged)
+    if any(flight.result.ended_early for flight in flights):
         return Exit.ENDED_IN_FLIGHT
-    return Exit.HOLDS if whole and all(result.all_hold for result in results) else Exit.VERDICT_FAILED
+    return Exit.HOLDS if whole and all(flight.result.all_hold for flight in flights) else Exit.VERDICT_FAILED
+
+
+def _check_compared(paths: Sequence[Path], options: ReportOptions) -> None:
+    """Refuse, before anything is read, logs that cannot be compared; raises InputError."""
+    from gcs.vehicle_logs.foreign import is_foreign
+
+    _check_outputs(options, paths)
+    if options.plot is not None:
+        raise InputError(["--plot: with --compare the figures are in the page: use --html"])
+    faults = [f"--compare: {path} is given twice" for path in dict.fromkeys(paths) if paths.count(path) > 1]
+    foreign = (path for path in paths if is_foreign(path))
+    faults += [f"--compare: {path} was not recorded by cordon: it holds no mission to compare" for path in foreign]
+    if faults:
+        raise InputError(faults)
+
+
+def _compared(name: str, flight: "LoggedFlight") -> "ComparedFlight":
+    from gcs.metrics.references import ring_reference
+    from gcs.metrics.ring_motion import ring_motion
+    from gcs.report.charts.compared import POINTS_MAX, ComparedFlight
+    from gcs.report.charts.panels import Sheet
+
+    record, ring = flight.evidence.record, ring_reference(flight.mission)
+    sheet = Sheet(record, _result(flight), ring, None, ring_motion(record), POINTS_MAX)
+    return ComparedFlight(name, flight.mission, sheet)
 
 
 def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
@@ -129,7 +167,7 @@ def _check_outputs(options: ReportOptions, logs: Sequence[Path]) -> None:
     """Refuse, before anything is read, output that could not be written, or would replace a log."""
     from gcs.cli.output import check_page, check_plot
 
-    check_plot(options.plot)
+    check_plot(options.plot, options.figure)
     check_page(options.html)
     if options.html in logs:
         raise InputError([f"--html: {str(options.html)!r} is a log"])
@@ -151,9 +189,10 @@ def _result(flight: "LoggedFlight") -> "FlightResult":
     return evaluated(flight.mission, flight.evidence.record)
 
 
-def _names(first: Path, second: Path) -> tuple[str, str]:
-    """Return a name for each flight: its file's, or the whole path where the files' names are the same."""
-    return (first.stem, second.stem) if first.stem != second.stem else (str(first), f"{second} (second)")
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Return a name for each flight: its file's, or the whole path where the names of files are the same."""
+    stems = [path.stem for path in paths]
+    return [stem if stems.count(stem) == 1 else str(path) for stem, path in zip(stems, paths, strict=True)]
 
 
 def _write(html: Path, write: Callable[[], None]) -> None:

@@ -14,6 +14,7 @@ from gcs.cli.options import (
     STATION_ADDRESS,
     Changes,
     Duration,
+    FigureNumber,
     Json,
     Log,
     MissionName,
@@ -46,6 +47,7 @@ class SimOptions:
     station_tiles: StationTiles = None
     json: Json = False
     plot: Plot = None
+    figure: FigureNumber = None
     timing: Annotated[
         bool | None,
         Parameter(
@@ -84,7 +86,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     from gcs.cli.output import SimulationProgress, check_plot, present
     from gcs.flight.simulated import fly_simulated
 
-    check_plot(options.plot)
+    check_plot(options.plot, options.figure)
     mission = loaded_mission(options.mission, options.changes)
     if options.station_tiles is not None:
         from gcs.station.mission_picture import origin_deg
@@ -111,7 +113,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     with SimulationProgress(mission.mission.name, flown_s) as progress:
         record = fly_simulated(mission, seed, flown_s, update, recording)
     timed = options.seed is None if options.timing is None else options.timing
-    verdict = present(mission, record, json=options.json, plot=options.plot, timed=timed)
+    verdict = present(mission, record, json=options.json, plot=options.plot, figure=options.figure, timed=timed)
     if recording is not None:
         report_log(recording.writer)
     return verdict, log

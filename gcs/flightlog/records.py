@@ -93,14 +93,14 @@ class Carried(msgspec.Struct, frozen=True):
 
 
 class Taken(msgspec.Struct, frozen=True):
-    """`on_message`, one or more times in a row: the places of the messages among all `Carried`, and when each came."""
+    """Messages that the core took, one or more in a row: their places among all `Carried`, and when each came."""
 
     places: tuple[int, ...]
     times_s: tuple[float, ...]
 
 
 class FormerMessage(msgspec.Struct, frozen=True):
-    """`on_message` in logs before format 3: what came over the bus, when, and on which key; the oldest have no key."""
+    """A message that the core took, in logs before format 3: when it came, and on which key; the oldest have no key."""
 
     now_s: float
     payload: bytes
@@ -122,7 +122,7 @@ class Sent(msgspec.Struct, frozen=True):
 
 
 class OwnState(msgspec.Struct, frozen=True):
-    """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] and covariance (6, 6), row by row."""
+    """A vehicle's estimate of its own motion: mean (6,) = [x y x' y' w_x w_y] and covariance (6, 6), row by row."""
 
     time_s: float
     mean: tuple[float, ...]
@@ -130,7 +130,7 @@ class OwnState(msgspec.Struct, frozen=True):
 
 
 class TargetState(msgspec.Struct, frozen=True):
-    """A vehicle's belief about the target: mean (4,) = [x y x' y'] and covariance (4, 4), row by row."""
+    """A vehicle's estimate of the target's motion: mean (4,) = [x y x' y'] and covariance (4, 4), row by row."""
 
     time_s: float
     mean: tuple[float, ...]
@@ -158,7 +158,7 @@ class Place(msgspec.Struct, frozen=True):
 
 
 class GuardResult(msgspec.Struct, frozen=True):
-    """What the guard did with the setpoint wished for, why, and up to which cause its demands had to yield.
+    """What the guard did with the planned setpoint, why, and up to which cause its demands had to yield.
 
     Where velocities are sent beside setpoints, `setpoint_m` is the aim of both.
     """
@@ -170,13 +170,14 @@ class GuardResult(msgspec.Struct, frozen=True):
 
 
 class Decision(msgspec.Struct, frozen=True):
-    """All that came out of one tick: what it believed, what it decided and why, what it sent.
+    """All that came out of one tick: estimates, decisions and their reasons, and what was sent.
 
-    `peers` are the members that it counted on, `answers` what peers answered to operators, as it came over the bus.
+    `peers` are the members that counted, `answers` what peers answered to operators, as it came over the bus.
     `ring_rate_rad_s` is the angular rate of the ring as it is flown, 0 off it; None in logs older than rings that slow.
-    `target_altitude_m` is what it believed of the target's altitude, None where it followed none. `turning_rad_s` is
-    the rate at which it took itself to go around, 0 off the ring; older logs have none. `drops` are the messages that
-    were dropped so far by reason, `messages_dropped` in all; older logs have the number alone.
+    `target_altitude_m` is the estimate of the target's altitude, None where the vehicle followed none.
+    `turning_rad_s` is the estimated rate at which the vehicle goes around, 0 off the ring; older logs have none.
+    `drops` are the messages that were dropped so far by reason, `messages_dropped` in all; older logs have the number
+    alone.
     """
 
     time_s: float

@@ -312,7 +312,7 @@ def judge(
     reference: RingReference,
     tolerances: VerdictTolerances,
 ) -> Verdicts:
-    """Compare the metrics with the tolerances."""
+    """Return whether the metrics keep the tolerances: C1, C2 and C3 in a finite flight - (8), (9), (10)."""
     vehicles = tuple(vehicles)
     rate_errors = [
         None if v.angular_rate_mean_rad_s is None else v.angular_rate_mean_rad_s - reference.angular_rate_rad_s

@@ -1,62 +1,38 @@
-"""Comparison of two flights: every metric with its difference, the verdicts, and charts of the errors."""
+"""Comparison of flights: what differed in their missions, every metric with its spread, the verdicts, and charts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
-from estimation.state import Vector
 from gcs.console.summary import VERDICT_SIGNS
 from gcs.console.table_view import number
-from gcs.metrics.record import FlightRecord
-from gcs.metrics.result import FlightResult, ReynoldsResult, RingReference, VehicleResult
+from gcs.metrics.result import FlightResult, ReynoldsResult, VehicleResult
 from gcs.metrics.reynolds_view import FLOCKING_FORMS, FLOCKING_LABELS
-from gcs.metrics.ring_motion import RingMotion, ring_motion
-from gcs.report.charts.chart import Chart, chart, logarithmic, over_time
-from gcs.report.charts.panels import mark_empty, title
-from gcs.report.charts.thinning import thinned
-from gcs.report.evidence.lyapunov import lyapunov_rad2
-from gcs.report.page import KeyLine, render
+from gcs.report.charts.chart import WIDTH_IN, Chart, chart
+from gcs.report.charts.compared import ERRORS, ComparedFlight, draw_compared_error, draw_compared_paths
+from gcs.report.charts.panels import landmarks_m, map_height_in
+from gcs.report.mission_differences import Difference, mission_differences
+from gcs.report.page import key_line, render
 from gcs.report.page_parts import Section, Table, VerdictEntry
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-_POINTS = 1200
-_STYLES: tuple[dict[str, Any], ...] = (
-    {"color": "#0077BB", "linewidth": 1.4, "linestyle": "-"},
-    {"color": "#CC3311", "linewidth": 1.4, "linestyle": (0, (4, 1.5))},
-)
-_DASHES = ("", "8 3")
-_FLOORS = {"m": 1e-4, "°": 1e-3, "rad²": 1e-7}
+from gcs.style import flight_style
 
 Better = Literal["less", "more", "neither"]
 
 
 @dataclass(frozen=True, slots=True)
-class ComparedFlight:
-    """One of two flights: its name (unique), its result, and its record and ring for the charts."""
-
-    name: str
-    result: FlightResult
-    record: FlightRecord
-    ring: RingReference
-
-
-@dataclass(frozen=True, slots=True)
 class Comparison:
-    """A metric of both flights as text, the difference, and the name of the better flight, empty if neither."""
+    """A metric of every flight as text, the largest less the smallest, and the names of the best, empty without one."""
 
     metric: str
-    first: str
-    second: str
-    difference: str
-    better: str
+    values: tuple[str, ...]
+    spread: str
+    best: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,49 +80,93 @@ _VEHICLE: tuple[tuple[str, str, Better, Callable[[VehicleResult], float | None]]
 )
 
 
-def comparisons(first: ComparedFlight, second: ComparedFlight) -> tuple[Comparison, ...]:
-    """Return every metric that at least one flight has; the better flight is named where the rounded values differ."""
-    vehicles = (vehicle.id for flight in (first, second) for vehicle in flight.result.vehicles)
+def comparisons(flights: Sequence[ComparedFlight]) -> tuple[Comparison, ...]:
+    """Return every metric that at least one flight has; the best are named where the rounded values differ."""
+    vehicles = (vehicle.id for flight in flights for vehicle in flight.result.vehicles)
     of_vehicles = (
         _Metric(f"vehicle {vehicle_id}: {label}", form, better, _of_vehicle(vehicle_id, of))
         for vehicle_id in dict.fromkeys(vehicles)
         for label, form, better, of in _VEHICLE
     )
-    compared = (_compared(metric, first, second) for metric in (*_TEAM, *_REYNOLDS, *of_vehicles))
+    compared = (_compared(metric, flights) for metric in (*_TEAM, *_REYNOLDS, *of_vehicles))
     return tuple(each for each in compared if each is not None)
 
 
-def _compared(metric: _Metric, first: ComparedFlight, second: ComparedFlight) -> Comparison | None:
-    here, there = metric.of(first.result), metric.of(second.result)
-    shown = number(here, metric.form), number(there, metric.form)
-    if here is None and there is None:
-        return None
-    if here is None or there is None:
-        return Comparison(metric.label, *shown, "–", "")
+def _compared(metric: _Metric, flights: Sequence[ComparedFlight]) -> Comparison | None:
+    shown = tuple(number(metric.of(flight.result), metric.form) for flight in flights)
     # Computed from the rounded values, so that the table is consistent.
-    more = float(shown[1]) - float(shown[0])
-    if not more:
-        return Comparison(metric.label, *shown, "0", "")
-    better = ""
-    if metric.better != "neither":
-        better = first.name if (more > 0.0) == (metric.better == "less") else second.name
-    return Comparison(metric.label, *shown, f"{more:+{metric.form.removeprefix('+')}}", better)
+    known = {
+        flight.name: float(text)
+        for flight, text in zip(flights, shown, strict=True)
+        if metric.of(flight.result) is not None
+    }
+    if not known:
+        return None
+    least, most = min(known.values()), max(known.values())
+    if len(known) == 1:
+        return Comparison(metric.label, shown, "–", "")
+    if least == most:
+        return Comparison(metric.label, shown, "0", "")
+    spread = f"{most - least:{metric.form.removeprefix('+')}}"
+    if metric.better == "neither":
+        return Comparison(metric.label, shown, spread, "")
+    wanted = least if metric.better == "less" else most
+    return Comparison(metric.label, shown, spread, ", ".join(name for name, value in known.items() if value == wanted))
 
 
-def comparison_table(first: ComparedFlight, second: ComparedFlight) -> TerminalTable:
-    """Return both flights' verdicts and metrics as a table for a terminal."""
-    table = TerminalTable(box=None, pad_edge=False, header_style="bold")
-    names = ("", first.name, second.name, f"{second.name} − {first.name}", "better")
-    for index, name in enumerate(names):
-        table.add_column(Text(name), justify="right" if 0 < index < 4 else "left")
-    if first.result.ended or second.result.ended:
-        table.add_row(Text("ended", style="bold"), *(_ending(each.result) for each in (first, second)))
-    for name, holds in first.result.verdicts.named().items():
-        marks = (VERDICT_SIGNS[each] for each in (holds, second.result.verdicts.named()[name]))
+def differences(flights: Sequence[ComparedFlight]) -> tuple[Difference, ...]:
+    """Return what differed: how the flights were flown, and the values in their missions."""
+    results = [flight.result for flight in flights]
+    flown = (
+        Difference("source", tuple(each.source for each in results)),
+        Difference("seed", tuple(each.seed for each in results)),
+        Difference("faults", tuple(list(each.faults) for each in results)),
+    )
+    differing = (each for each in flown if any(value != each.values[0] for value in each.values))
+    return (*differing, *mission_differences([flight.mission for flight in flights]))
+
+
+def remarks(flights: Sequence[ComparedFlight]) -> tuple[str, ...]:
+    """Return what keeps the flights from being compared in everything, a sentence each."""
+    found = [
+        f"{flight.name}: no vehicle engaged: the flight is not in the charts over the time since the engagement."
+        for flight in flights
+        if flight.engaged_at_s is None
+    ]
+    teams = [[vehicle.id for vehicle in flight.result.vehicles] for flight in flights]
+    if any(team != teams[0] for team in teams):
+        known = [", ".join(map(str, team)) or "none" for team in teams]
+        named = (f"{flight.name}: {team}" for flight, team in zip(flights, known, strict=True))
+        found.append(f"The flights have different vehicles: {'; '.join(named)}.")
+    return tuple(found)
+
+
+def comparison_table(flights: Sequence[ComparedFlight]) -> TerminalTable:
+    """Return the flights' verdicts and metrics as a table for a terminal."""
+    table = _terminal_table(["", *(flight.name for flight in flights), "spread", "best"], len(flights) + 1)
+    if any(flight.result.ended for flight in flights):
+        table.add_row(Text("ended", style="bold"), *(_ending(flight.result) for flight in flights))
+    for name in flights[0].result.verdicts.named():
+        marks = (VERDICT_SIGNS[flight.result.verdicts.named()[name]] for flight in flights)
         table.add_row(Text(name, style="bold"), *(Text(sign, style=style) for sign, style in marks))
-    for each in comparisons(first, second):
-        better = Text(each.better, style="green")
-        table.add_row(*map(Text, (each.metric, each.first, each.second, each.difference)), better)
+    for each in comparisons(flights):
+        table.add_row(*map(Text, (each.metric, *each.values, each.spread)), Text(each.best, style="green"))
+    return table
+
+
+def difference_table(flights: Sequence[ComparedFlight]) -> TerminalTable:
+    """Return what differed in the missions as a table for a terminal."""
+    table = _terminal_table(["differs", *(flight.name for flight in flights)], len(flights))
+    for each in differences(flights):
+        table.add_row(*map(Text, (each.place, *each.shown)))
+    return table
+
+
+def _terminal_table(names: Sequence[str], right: int) -> TerminalTable:
+    """Return an empty table with these columns; as many as `right` behind the first are numbers."""
+    table = TerminalTable(box=None, pad_edge=False, header_style="bold")
+    for index, name in enumerate(names):
+        table.add_column(Text(name), justify="right" if 0 < index <= right else "left")
     return table
 
 
@@ -156,80 +176,54 @@ def _ending(result: FlightResult) -> Text:
     return Text("–") if result.ended is None else Text(result.ended.how.value, style=style)
 
 
-def write_comparison(first: ComparedFlight, second: ComparedFlight, path: Path) -> None:
-    """Write two flights side by side to a file of HTML; raises OSError when it cannot be written."""
-    path.write_text(comparison_html(first, second), encoding="utf-8")
+def comparison_dict(flights: Sequence[ComparedFlight]) -> dict[str, Any]:
+    """Return the flights for JSON: names, results, first engagements, and the values that differ by their places."""
+    return {
+        "names": [flight.name for flight in flights],
+        "flights": [flight.result.to_dict() for flight in flights],
+        "engaged_at_s": [flight.engaged_at_s for flight in flights],
+        "differences": {each.place: list(each.values) for each in differences(flights)},
+    }
 
 
-def comparison_html(first: ComparedFlight, second: ComparedFlight) -> str:
-    """Return two flights side by side as a page of HTML."""
-    flights = (first, second)
-    rows = tuple((c.metric, c.first, c.second, c.difference, c.better) for c in comparisons(first, second))
-    columns = ("metric", first.name, second.name, "second − first", "better")
+def write_comparison(flights: Sequence[ComparedFlight], path: Path) -> None:
+    """Write flights side by side to a file of HTML; raises OSError when it cannot be written."""
+    path.write_text(comparison_html(flights), encoding="utf-8")
+
+
+def comparison_html(flights: Sequence[ComparedFlight]) -> str:
+    """Return flights side by side as a page of HTML."""
+    names = tuple(flight.name for flight in flights)
+    metrics = tuple((each.metric, *each.values, each.spread, each.best) for each in comparisons(flights))
+    differing = tuple((each.place, *each.shown) for each in differences(flights))
+    charts = (_paths(flights), *(_error(flights, name) for name in ERRORS))
     return render(
         "compare.html.j2",
         flights=flights,
-        key=tuple(
-            KeyLine(flight.name, str(style["color"]), dashes)
-            for flight, style, dashes in zip(flights, _STYLES, _DASHES, strict=True)
-        ),
+        key=tuple(key_line(name, flight_style(index)) for index, name in enumerate(names)),
+        differences=Table("Values that differ", ("place", *names), differing, words=1 + len(names)),
         verdicts=tuple(
             tuple(VerdictEntry(name, "", flight.result.verdicts.named()[name], ()) for flight in flights)
-            for name in first.result.verdicts.named()
+            for name in flights[0].result.verdicts.named()
         ),
-        section=Section("errors", "Over time", _LEAD, _charts(flights), missing=()),
-        metrics=Table("All metrics", columns, rows),
+        section=Section("charts", "Charts", _LEAD, charts, missing=remarks(flights)),
+        metrics=Table("All metrics", ("metric", *names, "spread", "best"), metrics),
     )
 
 
 _LEAD = (
-    "The largest error of any vehicle on the ring and the Lyapunov function of the spacings, on logarithmic scales "
-    "over the time since the start of each mission."
+    "The paths of all flights, each in its mission's frame; circles mark engagements. Below, the largest error of any "
+    "vehicle on the ring and the Lyapunov function of the spacings, on logarithmic scales: time is 0 when the first "
+    "vehicle of each flight engaged."
 )
 
 
-def _charts(flights: tuple[ComparedFlight, ComparedFlight]) -> tuple[Chart, ...]:
-    motions = tuple(ring_motion(flight.record) for flight in flights)
-    radius_m = tuple(
-        _largest(motion.radius_m - flight.ring.radius_m) for flight, motion in zip(flights, motions, strict=True)
-    )
-    spacing_deg = tuple(_largest(_spacing_deg(motion)) for motion in motions)
-    value_rad2 = tuple(lyapunov_rad2(motion) for motion in motions)
-    drawn = (
-        ("radius", "Largest radius error", "m", radius_m),
-        ("spacing", "Largest spacing error", "°", spacing_deg),
-        ("lyapunov", "Lyapunov function", "rad²", value_rad2),
-    )
-    return tuple(
-        chart(
-            f"compared-{name}",
-            partial(_draw, flights=flights, values=values, heading=heading, unit=unit),
-            f"{heading} of both flights over time.",
-        )
-        for name, heading, unit, values in drawn
-    )
+def _paths(flights: Sequence[ComparedFlight]) -> Chart:
+    points_m = np.concatenate([landmarks_m(flight.sheet) for flight in flights])
+    draw = partial(draw_compared_paths, flights=flights)
+    return chart("compared-paths", draw, "Map of the paths of all flights.", map_height_in(points_m, WIDTH_IN))
 
 
-def _draw(
-    axes: "Axes", flights: tuple[ComparedFlight, ComparedFlight], values: tuple[Vector, ...], heading: str, unit: str
-) -> None:
-    title(axes, heading, "")
-    known = [np.isfinite(each) for each in values]
-    if not any(mask.any() for mask in known):
-        mark_empty(axes, "not measured in either flight")
-        return
-    time_s = np.sort(np.concatenate([f.record.time_s[mask] for f, mask in zip(flights, known, strict=True)]))
-    over_time(axes, f"{'V' if unit == 'rad²' else 'error'} [{unit}]", time_s)
-    logarithmic(axes, np.concatenate(values), _FLOORS[unit])
-    for flight, each, style in zip(flights, values, _STYLES, strict=True):
-        axes.plot(*thinned(flight.record.time_s, np.maximum(each, 0.1 * _FLOORS[unit]), _POINTS), **style)
-
-
-def _spacing_deg(motion: RingMotion) -> Vector:
-    return np.degrees(motion.lead_rad - motion.desired_spacing_rad)
-
-
-def _largest(error: Vector) -> Vector:
-    """Return the largest of the errors (V, T) at each time, NaN where there is none."""
-    largest = np.fmax.reduce(np.abs(error), axis=0, initial=-np.inf)
-    return np.where(largest >= 0.0, largest, np.nan)
+def _error(flights: Sequence[ComparedFlight], name: str) -> Chart:
+    alt = f"{ERRORS[name][0]} of all flights over the time since the first engagement."
+    return chart(f"compared-{name}", partial(draw_compared_error, flights=flights, name=name), alt)

@@ -1,4 +1,4 @@
-"""One page of figures of a flight: the paper's figures 1 to 6 (section 5).
+"""The paper's figures 1 to 6 (section 5) of a flight: all on one page, or one alone.
 
 Paths with the vehicles and the target, speeds in formation, radii, angular velocities and
 spacings on the ring. matplotlib is imported only when a figure is drawn, and draws without a
@@ -8,12 +8,19 @@ display.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.result import FlightResult, FormationReference, RingReference
 from gcs.metrics.ring_motion import ring_motion
-from gcs.report.charts.panels import Sheet, draw_paths, draw_radii, draw_rates, draw_spacings, draw_speeds, landmarks_m
+from gcs.report.charts.panels import (
+    Sheet,
+    draw_paths,
+    draw_radii,
+    draw_rates,
+    draw_spacings,
+    draw_speeds,
+    landmarks_m,
+    map_height_in,
+)
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, STYLE
 
 if TYPE_CHECKING:
@@ -22,7 +29,19 @@ if TYPE_CHECKING:
 __all__ = ["COLOURS", "METADATA", "STYLE", "drawn_figure", "save_figure"]
 
 METADATA: dict[str, dict[str, None]] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-WIDTH_IN = 10.0
+_DRAWS = {
+    "paths": draw_paths,
+    "speed": draw_speeds,
+    "radius": draw_radii,
+    "rate": draw_rates,
+    "spacing": draw_spacings,
+}
+_PAGE = (("paths", "paths"), ("speed", "radius"), ("rate", "spacing"))
+PANELS = {1: ("paths",), 2: ("speed",), 3: ("radius", "rate"), 4: ("paths",), 5: ("radius", "rate"), 6: ("spacing",)}
+"""By the number of a figure in the paper, its panels from the top. 1 to 3 are of case 1 there, 4 to 6 of case 2."""
+_PAGE_WIDTH_IN, _FIGURE_WIDTH_IN = 10.0, 7.0
+_PANEL_HEIGHT_IN = 2.1
+_LEGEND_HEIGHT_IN, _TITLE_HEIGHT_IN = 0.5, 0.75
 
 
 def save_figure(
@@ -31,11 +50,12 @@ def save_figure(
     ring: RingReference,
     path: Path,
     formation: FormationReference | None = None,
+    number: int | None = None,
 ) -> "Figure":
     """Draw a flight, write it to `path`, whose suffix chooses PNG, SVG or PDF, and return it.
 
-    `formation` adds its desired speed. Raises ValueError for any other suffix, OSError when the file cannot
-    be written.
+    `formation` adds its desired speed. `number` draws this figure of the paper alone. Raises ValueError for any other
+    suffix, OSError when the file cannot be written.
     """
     suffix = path.suffix.lower()
     if suffix not in METADATA:
@@ -43,41 +63,43 @@ def save_figure(
     from matplotlib import rc_context  # noqa: PLC0415
 
     with rc_context(STYLE):
-        figure = drawn_figure(record, result, ring, formation)
+        figure = drawn_figure(record, result, ring, formation, number)
         figure.savefig(path, dpi=160, metadata=METADATA[suffix])
     return figure
 
 
 def drawn_figure(
-    record: FlightRecord, result: FlightResult, ring: RingReference, formation: FormationReference | None = None
+    record: FlightRecord,
+    result: FlightResult,
+    ring: RingReference,
+    formation: FormationReference | None = None,
+    number: int | None = None,
 ) -> "Figure":
-    """Return the page of figures of a flight, drawn but not written."""
+    """Return the page of figures of a flight, or one figure of the paper alone, drawn but not written."""
     from matplotlib import rc_context  # noqa: PLC0415
 
     with rc_context(STYLE):
-        return _draw(Sheet(record, result, ring, formation, ring_motion(record)))
+        return _draw(Sheet(record, result, ring, formation, ring_motion(record)), number)
 
 
-def _draw(sheet: Sheet) -> "Figure":
+def _draw(sheet: Sheet, number: int | None) -> "Figure":
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    span_m = np.ptp(landmarks_m(sheet), axis=0)
-    map_height_in = float(np.clip(0.95 * WIDTH_IN * span_m[1] / max(span_m[0], 1e-9), 2.6, 5.2))
-    figure = Figure(figsize=(WIDTH_IN, map_height_in + 6.2), layout="constrained")
+    width_in = _PAGE_WIDTH_IN if number is None else _FIGURE_WIDTH_IN
+    rows = _PAGE if number is None else tuple((name,) for name in PANELS[number])
+    heights_in = [map_height_in(landmarks_m(sheet), width_in) if "paths" in row else _PANEL_HEIGHT_IN for row in rows]
+    height_in = sum(heights_in) + _TITLE_HEIGHT_IN * len(rows) + _LEGEND_HEIGHT_IN
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
-    layout = [["paths", "paths"], ["speed", "radius"], ["rate", "spacing"]]
-    panels = figure.subplot_mosaic(layout, height_ratios=(map_height_in, 2.1, 2.1))  # type: ignore[arg-type]
-    draw_paths(panels["paths"], sheet)
-    draw_speeds(panels["speed"], sheet)
-    draw_radii(panels["radius"], sheet)
-    draw_rates(panels["rate"], sheet)
-    draw_spacings(panels["spacing"], sheet)
-    _draw_legend(figure, sheet)
+    panels = figure.subplot_mosaic([list(row) for row in rows], height_ratios=heights_in)
+    for name, axes in panels.items():
+        _DRAWS[name](axes, sheet)
+    _draw_legend(figure, sheet, columns=7 if number is None else 4)
     return figure
 
 
-def _draw_legend(figure: "Figure", sheet: Sheet) -> None:
+def _draw_legend(figure: "Figure", sheet: Sheet, columns: int) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
 
@@ -89,4 +111,4 @@ def _draw_legend(figure: "Figure", sheet: Sheet) -> None:
         Line2D([], [], label="engages", linestyle="", color=FAINT, **ENGAGED),
         Patch(label="ring metrics window", color="#DDDDDD"),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 7), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), columns), frameon=False)

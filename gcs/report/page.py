@@ -1,6 +1,8 @@
 """Pages as one HTML file without network access, for screen and print: templates and the legend of lines."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -10,7 +12,7 @@ from gcs.style import vehicle_style
 
 @dataclass(frozen=True, slots=True)
 class KeyLine:
-    """The line style of one vehicle in the legend of a page."""
+    """The style of one line in the legend of a page."""
 
     label: str
     colour: str
@@ -31,9 +33,14 @@ def render(template: str, **context: object) -> str:
 
 def key_of(record: FlightRecord) -> tuple[KeyLine, ...]:
     """Return the legend: the line style of every vehicle."""
-    lines = []
-    for row, track in enumerate(record.vehicles):
-        style = vehicle_style(row, len(record.vehicles))
-        dashes = "" if style["linestyle"] == "-" else " ".join(f"{2.0 * part:g}" for part in style["linestyle"][1])
-        lines.append(KeyLine(f"vehicle {track.vehicle_id}", style["color"], dashes))
-    return tuple(lines)
+    vehicles = len(record.vehicles)
+    return tuple(
+        key_line(f"vehicle {track.vehicle_id}", vehicle_style(row, vehicles))
+        for row, track in enumerate(record.vehicles)
+    )
+
+
+def key_line(label: str, style: Mapping[str, Any]) -> KeyLine:
+    """Return a line of a legend in a style of matplotlib's."""
+    dashes = "" if style["linestyle"] == "-" else " ".join(f"{2.0 * part:g}" for part in style["linestyle"][1])
+    return KeyLine(label, style["color"], dashes)

@@ -75,14 +75,12 @@ def sections(flight: Flight) -> tuple[Section, ...]:
 
 def _paper(flight: Flight) -> Section:
     sheet = flight.sheet
-    span_m = np.ptp(panels.landmarks_m(sheet), axis=0)
-    map_height_in = float(np.clip(0.85 * WIDTH_IN * span_m[1] / max(span_m[0], 1e-9) + 0.6, 2.4, 5.0))
     drawn = (
         chart(
             "paths",
             partial(panels.draw_paths, sheet=sheet),
             "Map of the paths of all vehicles and of the target, with the final ring.",
-            map_height_in,
+            panels.map_height_in(panels.landmarks_m(sheet), WIDTH_IN),
         ),
         chart(
             "speeds", partial(panels.draw_speeds, sheet=sheet), "Speed in x of every vehicle in formation over time."

@@ -20,6 +20,8 @@ from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
 from tests.structure import PACKAGES
+from tests.support.equations import equation_table
+from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
 
 _TABLES: dict[str, type[Settings]] = {
@@ -97,6 +99,8 @@ GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "python.md": {"channels": channel_list},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "safety.md": {"failsafes": failsafe_table},
+    "paper.md": {"equations": equation_table},
+    "logs.md": {"fields": field_tables},
 }
 """By document, its generated parts: what makes each, by the mark that it stands between."""
 

@@ -54,6 +54,12 @@ def landmarks_m(sheet: Sheet) -> Vector:
     return known_m if known_m.size else np.zeros((1, 2))
 
 
+def map_height_in(points_m: Vector, width_in: float) -> float:
+    """Return how high a map of these points (K, 2) is, as wide as given and with room for its labels."""
+    span_m = np.ptp(points_m, axis=0)
+    return float(np.clip(0.85 * width_in * span_m[1] / max(span_m[0], 1e-9) + 0.6, 2.4, 5.0))
+
+
 def draw_paths(axes: "Axes", sheet: Sheet) -> None:
     """Draw the paths of all vehicles and of the target, and the ring about it - figures 1 and 4."""
     record = sheet.record
@@ -67,7 +73,7 @@ def draw_paths(axes: "Axes", sheet: Sheet) -> None:
         axes.plot(*sheet.path(track.position_m).T, alpha=0.85, **sheet.style(row))
     for row, track in enumerate(record.vehicles):
         _mark_engagement(axes, sheet, row, track.position_m[:, 0], track.position_m[:, 1])
-        _mark_vehicle(axes, row, track)
+        mark_vehicle(axes, track, COLOURS[row % len(COLOURS)])
 
 
 def _draw_target(axes: "Axes", sheet: Sheet) -> None:
@@ -84,11 +90,11 @@ def _draw_target(axes: "Axes", sheet: Sheet) -> None:
         axes.add_patch(Circle(tuple(known_m[-1]), sheet.ring.radius_m, fill=False, **DESIRED))
 
 
-def _mark_vehicle(axes: "Axes", row: int, track: VehicleTrack) -> None:
+def mark_vehicle(axes: "Axes", track: VehicleTrack, colour: str) -> None:
+    """Mark where a vehicle began and where it ended, there with its id."""
     known_m = track.position_m[np.isfinite(track.position_m).all(axis=1)]
     if not known_m.size:
         return
-    colour = COLOURS[row % len(COLOURS)]
     axes.plot(*known_m[0], marker="o", markersize=4, color=colour, zorder=5)
     axes.plot(*known_m[-1], marker="D", markersize=12, color=colour, markeredgecolor="white", zorder=7)
     axes.annotate(

@@ -1,4 +1,4 @@
-"""The Lyapunov function of the ring's spacings - (17) to (20) - as flown, and the decay expected from the spacing law.
+"""The Lyapunov function of the ring's spacings as flown, and the decay expected from the spacing law.
 
 `V = 1/2 sum e_i^2` over the errors `e_i` of the angles from each vehicle on the ring to the next. Where each error
 decays at the gain gamma, V decays at twice that: `V(t) = V(t0) exp(-2 gamma (t - t0))`.
@@ -48,7 +48,10 @@ class Decay:
 
 
 def lyapunov_rad2(motion: RingMotion) -> Vector:
-    """Return V (T,) of the ring - (18); NaN with fewer than two members, or where one of them was not received."""
+    """Return V (T,) of the ring, from the errors of all its spacings - (17), (18).
+
+    NaN with fewer than two members, or where one of them was not received.
+    """
     error_rad = motion.lead_rad - motion.desired_spacing_rad
     known = np.isfinite(error_rad)
     whole = (known == motion.member).all(axis=0) & (motion.member.sum(axis=0) > 1)
@@ -57,7 +60,10 @@ def lyapunov_rad2(motion: RingMotion) -> Vector:
 
 
 def decays(time_s: Vector, motion: RingMotion, gain_per_s: float | None) -> tuple[Decay, ...]:
-    """Return one decay for each period with the same members on the ring; V restarts with every change."""
+    """Return the decay of V for each period with the same members on the ring - (20).
+
+    V restarts with every change.
+    """
     value_rad2 = lyapunov_rad2(motion)
     if not time_s.size:
         return ()

@@ -80,7 +80,7 @@ def _require_one_flight(logs: Sequence[FlightLog]) -> None:
                 faults.append(f"{log.path}: vehicle {vehicle_id} is also in {log_of[vehicle_id].path}")
             log_of[vehicle_id] = log
     if faults:
-        raise LogError(faults)
+        raise LogError([*faults, "the logs are not of one flight: give those of other flights behind --compare"])
 
 
 def _flown_s(logs: Sequence[FlightLog], vehicles: Sequence["_VehicleReader"], start_s: float) -> float:

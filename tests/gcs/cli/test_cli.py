@@ -23,7 +23,7 @@ from gcs.flight.faults.catalogue import FAULTS
 from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE
 from gcs.mission.file import bundled_missions
 from gcs.mission.writing.schema import mission_schema
-from tests.support.paths import MISSIONS, ROOT
+from tests.support.paths import DATA, MISSIONS, ROOT
 from tests.support.result_keys import RESULT_KEYS
 
 # It warns that these tests run main() itself, as the console script does.
@@ -377,6 +377,31 @@ def test_a_figure_that_cannot_be_written_is_refused_before_flying(
     command: str, plot: str, complaint: str, refused: Refused
 ) -> None:
     assert refused(command, "case1", "--plot", plot) == [complaint]
+
+
+@pytest.mark.parametrize(
+    ("others", "complaint"),
+    [
+        ((), "--compare: name the log of at least one other flight"),
+        (("b.mcap", "b.mcap"), "--compare: b.mcap is given twice"),
+        ((str(DATA / "px4-quad.ulg"),), f"--compare: {DATA / 'px4-quad.ulg'} was not recorded by cordon"),
+        (("b.mcap", "--plot", "a.png"), "--plot: with --compare"),
+        (("b.mcap",), "a.mcap: No such file"),
+    ],
+)
+def test_logs_that_cannot_be_compared_are_refused(others: tuple[str, ...], complaint: str, refused: Refused) -> None:
+    (fault,) = refused("report", "a.mcap", "--compare", *others)
+    assert fault.startswith(complaint)
+
+
+def test_three_flights_are_compared(run_here: Cordon) -> None:
+    for seed in "123":
+        assert run_here("sim", "case1", "--duration", "2", "--seed", seed, "--log", f"{seed}.mcap").code == 0
+    ran = run_here("report", "1.mcap", "--compare", "2.mcap", "3.mcap", "--html", "all.html", "--json")
+    assert ran.code == 0
+    told = json.loads(ran.out)
+    assert (told["names"], told["differences"]) == (["1", "2", "3"], {"seed": [1, 2, 3]})
+    assert "2: no vehicle engaged" in ran.err
 
 
 def test_only_asks_for_a_vehicle_of_the_mission(refused: Refused) -> None:

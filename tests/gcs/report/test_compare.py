@@ -1,4 +1,4 @@
-"""Two flights side by side: what differs, who is better, and that nothing is said of what one of them lacks."""
+"""Flights side by side: what differs, who is best, and that nothing is said of what one of them lacks."""
 
 from dataclasses import replace
 from io import StringIO
@@ -6,80 +6,152 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from gcs.report.compare import ComparedFlight, Comparison, comparison_html, comparison_table, comparisons
+from gcs.metrics.result import FlightResult
+from gcs.metrics.ring_motion import ring_motion
+from gcs.mission.file import load_mission
+from gcs.report.charts.compared import ComparedFlight, draw_compared_error
+from gcs.report.charts.panels import Sheet
+from gcs.report.compare import Comparison, comparison_dict, comparison_html, comparison_table, comparisons, remarks
+from gcs.report.mission_differences import mission_differences
 from tests.gcs.report.test_page import Page
 from tests.support.report_evidence import flown
 
 
+def compared(name: str, count: int = 3, *, mission: str = "case2", engaging: bool = True) -> ComparedFlight:
+    evidence, result, asked = flown(count, duration_s=120.0, rate_hz=5.0, engaging=engaging)
+    record = evidence.record
+    return ComparedFlight(name, load_mission(mission), Sheet(record, result, asked.ring, None, ring_motion(record)))
+
+
+def changed(flight: ComparedFlight, name: str, **changes: object) -> ComparedFlight:
+    result: FlightResult = replace(flight.result, **changes)  # type: ignore[arg-type]
+    return ComparedFlight(name, flight.mission, replace(flight.sheet, result=result))
+
+
 @pytest.fixture(scope="module")
-def flights() -> tuple[ComparedFlight, ComparedFlight]:
-    evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
+def flights() -> tuple[ComparedFlight, ...]:
+    first = compared("<i>calm</i>")
+    result, closest_m = first.result, first.result.closest_approach_m or 0.0
     worse, *others = result.vehicles
-    changed = replace(
-        result,
-        closest_approach_m=(result.closest_approach_m or 0.0) + 1.5,
-        vehicles=(replace(worse, radius_error_rms_m=0.5, engaged_at_s=None), *others),
-        verdicts=replace(result.verdicts, c1=False),
+    off = replace(worse, radius_error_rms_m=0.5, engaged_at_s=None)
+    failed = replace(result.verdicts, c1=False)
+    windy = changed(
+        first, "windy", closest_approach_m=closest_m + 1.5, vehicles=(off, *others), verdicts=failed, seed=8
     )
-    first = ComparedFlight("<i>calm</i>", result, evidence.record, asked.ring)
-    return first, ComparedFlight("windy", changed, evidence.record, asked.ring)
+    return first, windy, changed(first, "dense", closest_approach_m=closest_m - 1.0)
 
 
-def by_metric(first: ComparedFlight, second: ComparedFlight) -> dict[str, Comparison]:
-    return {each.metric: each for each in comparisons(first, second)}
+def by_metric(flights: tuple[ComparedFlight, ...]) -> dict[str, Comparison]:
+    return {each.metric: each for each in comparisons(flights)}
 
 
-def test_differences_and_which_is_better(flights: tuple[ComparedFlight, ComparedFlight]) -> None:
-    first, _ = flights
-    found = by_metric(*flights)
-    assert (found["closest approach [m]"].difference, found["closest approach [m]"].better) == ("+1.500", "windy")
+def test_spreads_and_which_is_best(flights: tuple[ComparedFlight, ...]) -> None:
+    found, first = by_metric(flights), flights[0].result
+    assert (found["closest approach [m]"].spread, found["closest approach [m]"].best) == ("2.500", "windy")
     radius = found["vehicle 1: radius error rms [m]"]
-    assert (radius.second, radius.better) == ("0.500", "<i>calm</i>")
-    assert float(radius.difference) == pytest.approx(0.5 - float(radius.first))
+    assert radius.values[1] == "0.500"
+    assert float(radius.spread) == pytest.approx(0.5 - float(radius.values[0]))
+    assert radius.best == "<i>calm</i>, dense", "both are equally good"
     same = found["vehicle 2: radius error rms [m]"]
-    assert (same.difference, same.better) == ("0", "")
-    assert found["duration [s]"].better == ""
-    apart = found["ring: nearest other, mean [m]"]
-    assert apart.first == f"{first.result.reynolds.ring.separation_mean_m:.2f}"
-    assert (apart.difference, apart.better) == ("0", "")
+    assert (same.spread, same.best) == ("0", "")
+    assert found["duration [s]"].best == ""
+    assert found["ring: nearest other, mean [m]"].values[0] == f"{first.reynolds.ring.separation_mean_m:.2f}"
 
 
-def test_swapping_the_flights_turns_the_signs_around(flights: tuple[ComparedFlight, ComparedFlight]) -> None:
-    there, back = by_metric(*flights), by_metric(*reversed(flights))
-    assert back["closest approach [m]"].difference == "-1.500"
-    assert {name: each.better for name, each in there.items()} == {name: each.better for name, each in back.items()}
+def test_the_order_of_flights_changes_nothing_but_the_columns(flights: tuple[ComparedFlight, ...]) -> None:
+    there, back = by_metric(flights), by_metric(flights[::-1])
+    assert {name: each.spread for name, each in there.items()} == {name: each.spread for name, each in back.items()}
+    assert all(back[name].values == each.values[::-1] for name, each in there.items())
 
 
-def test_a_metric_that_one_lacks_has_no_difference(flights: tuple[ComparedFlight, ComparedFlight]) -> None:
-    engaged = by_metric(*flights)["vehicle 1: engaged [s]"]
-    assert (engaged.first, engaged.second, engaged.difference, engaged.better) == ("45.0", "–", "–", "")
+def test_a_metric_that_one_alone_has_is_not_compared(flights: tuple[ComparedFlight, ...]) -> None:
+    engaged = by_metric(flights[:2])["vehicle 1: engaged [s]"]
+    assert (engaged.values, engaged.spread, engaged.best) == (("45.0", "–"), "–", "")
 
 
-def test_the_page_is_whole_and_safe(flights: tuple[ComparedFlight, ComparedFlight]) -> None:
-    page = Page(comparison_html(*flights))
+def test_teams_of_other_sizes_have_their_own_rows_and_a_remark() -> None:
+    flights = compared("three"), compared("two", 2)
+    assert by_metric(flights)["vehicle 3: engaged [s]"].values[1] == "–"
+    (remark,) = remarks(flights)
+    assert "three: 1, 2, 3" in remark
+    assert "two: 1, 2" in remark
+
+
+def test_times_begin_at_the_first_engagement() -> None:
+    from matplotlib.figure import Figure
+
+    early, late = compared("early"), compared("late")
+    shifted = replace(late.sheet.record, time_s=late.sheet.record.time_s + 7.0)
+    vehicles = tuple(replace(each, engaged_at_s=(each.engaged_at_s or 0.0) + 7.0) for each in late.result.vehicles)
+    result = replace(late.result, vehicles=vehicles)
+    late = ComparedFlight("late", late.mission, replace(late.sheet, record=shifted, result=result))
+    assert (early.engaged_at_s, late.engaged_at_s) == (45.0, 52.0)
+    axes = Figure().subplots()
+    draw_compared_error(axes, (early, late), "radius")
+    one, other = (line.get_xydata() for line in axes.lines)
+    assert one == pytest.approx(other, nan_ok=True), "the same flight, seven seconds later"
+
+
+def test_missions_differ_where_their_values_do() -> None:
+    plain = load_mission("case2")
+    other = load_mission(
+        "case2",
+        {
+            "encirclement.radius_m": 12.0,
+            "tuning.encirclement.rate_weight": 21.0,
+            "vehicles[1].start_m": [0.5, 0.0],
+            "mission.seed": 0,
+        },
+    )
+    places = {each.place: each.values for each in mission_differences([plain, other, plain])}
+    assert places == {
+        "encirclement.radius_m": (10.0, 12.0, 10.0),
+        "tuning.encirclement.rate_weight": (plain.encirclement.rate_weight, 21.0, plain.encirclement.rate_weight),
+        "vehicles[1].start_m": ([0.0, 0.0], [0.5, 0.0], [0.0, 0.0]),
+    }, "a key set to its default is the same as one left out"
+
+
+def test_vehicles_that_one_mission_lacks_differ_by_their_ids_alone() -> None:
+    missions = load_mission("case1"), load_mission("crossing")
+    places = {each.place: each.values for each in mission_differences(missions)}
+    assert places["vehicles"] == ([1, 2, 3], [1, 2, 3, 4])
+    assert not [place for place in places if place.startswith("vehicles[3]")]
+
+
+def test_json_holds_names_results_and_what_differs(flights: tuple[ComparedFlight, ...]) -> None:
+    told = comparison_dict(flights)
+    assert told["names"] == ["<i>calm</i>", "windy", "dense"]
+    assert [each["seed"] for each in told["flights"]] == [7, 8, 7]
+    assert told["differences"] == {"seed": [7, 8, 7]}
+    assert told["engaged_at_s"] == [45.0, 50.0, 45.0], "of windy, vehicle 2 was the first"
+
+
+def test_the_page_is_whole_and_safe(flights: tuple[ComparedFlight, ...]) -> None:
+    page = Page(comparison_html(flights))
     assert "http" not in page.html
     assert not page.all("i")
     assert "<i>calm</i>" in page.text
     assert page.text.count("✗ does not hold") == 1
-    assert len(page.all("figure")) == 3
     assert [each["aria-label"] for each in page.all("svg") if each.get("role") == "img"] == [
-        "Largest radius error of both flights over time.",
-        "Largest spacing error of both flights over time.",
-        "Lyapunov function of both flights over time.",
+        "Map of the paths of all flights.",
+        "Largest radius error of all flights over the time since the first engagement.",
+        "Largest spacing error of all flights over the time since the first engagement.",
+        "Lyapunov function of all flights over the time since the first engagement.",
     ]
 
 
 def test_flights_without_a_ring_say_so() -> None:
-    evidence, result, asked = flown(3, duration_s=60.0, rate_hz=5.0, engaging=False)
-    both = (ComparedFlight(name, result, evidence.record, asked.ring) for name in ("a", "b"))
-    page = Page(comparison_html(*both))
-    assert not page.all("figure")
-    assert "Largest radius error, Largest spacing error, Lyapunov function: " in page.text
+    both = compared("a", engaging=False), compared("b", engaging=False)
+    page = Page(comparison_html(both))
+    assert len(page.all("figure")) == 1, "the paths"
+    assert "Largest radius error, Largest spacing error, Lyapunov function: no vehicle engaged" in page.text
+    assert all(f"{name}: no vehicle engaged" in page.text for name in "ab")
+    assert "The missions are the same." in page.text
 
 
-def test_the_terminal_gets_verdicts_and_metrics(flights: tuple[ComparedFlight, ComparedFlight]) -> None:
+def test_the_terminal_gets_verdicts_and_metrics(flights: tuple[ComparedFlight, ...]) -> None:
     out = StringIO()
-    Console(file=out, width=140).print(comparison_table(*flights))
+    Console(file=out, width=140).print(comparison_table(flights))
     lines = {line.split("  ")[0]: line.split() for line in out.getvalue().splitlines()}
-    assert lines["C1"] == ["C1", "✓", "✗"]
-    assert lines["closest approach [m]"][-2:] == ["+1.500", "windy"]
+    assert lines["C1"] == ["C1", "✓", "✗", "✓"]
+    assert lines["closest approach [m]"][-2:] == ["2.500", "windy"]

@@ -109,6 +109,22 @@ def test_the_panels_draw_what_was_flown(tmp_path: Path, drawn: list[Figure]) -> 
         assert all(np.nanmax(np.abs(values - wanted)) < 1e-9 for values in lines)
 
 
+def test_a_figure_of_the_paper_alone_has_the_panels_of_the_page(
+    tmp_path: Path, drawn: list[Figure], subtests: pytest.Subtests
+) -> None:
+    flown, result, formation = flight(3, 3)
+    save_figure(flown, result, RING, tmp_path / "page.svg", formation)
+    wanted = {1: ["y"], 2: ["speed in x"], 3: ["radius", "angular velocity"], 4: ["y"], 6: ["spacing"]}
+    for number, quantities in {**wanted, 5: wanted[3]}.items():
+        with subtests.test(number=number):
+            save_figure(flown, result, RING, tmp_path / "one.svg", formation, number)
+            assert [axes.get_ylabel().split(" [")[0] for axes in drawn[-1].axes] == quantities
+            for axes in drawn[-1].axes:
+                page = panel(drawn[0], axes.get_title(loc="left"))
+                lines = zip(axes.lines, page.lines, strict=True)
+                assert all(np.array_equal(one.get_xydata(), other.get_xydata(), equal_nan=True) for one, other in lines)
+
+
 def test_every_axis_states_its_unit(tmp_path: Path, drawn: list[Figure]) -> None:
     flown, result, formation = flight(3, 3)
     save_figure(flown, result, RING, tmp_path / "flight.png", formation)

@@ -1,0 +1,72 @@
+"""The channels of a flight log and the fields of their records, with units, from the schemas that a log holds."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import is_dataclass
+from typing import Any, get_args, get_type_hints
+
+import msgspec
+
+from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
+from gcs.flightlog.schema import codec_of
+
+_TYPES = {1: "number", 3: "integer", 8: "true or false", 9: "text", 12: "bytes"}
+"""By Protobuf's number of a type."""
+_UNITS = {"m": "m", "m_s": "m/s", "m2": "m²", "rad": "rad", "rad_s": "rad/s", "deg": "°", "s": "s", "us": "µs"}
+"""By the end of a field's name; the longest that fits counts."""
+CHANNELS: dict[str, type[Any]] = {
+    **{f"/{name}": kind for kind, name in RUN_TOPICS.items()},
+    **{f"/vehicle/N/{name}": kind for kind, name in VEHICLE_TOPICS.items()},
+}
+"""By its topic, what each channel holds."""
+_TOPIC_OF = {codec_of(kind).descriptor.name: topic for topic, kind in CHANNELS.items()}
+
+
+def field_tables() -> str:
+    """Return the channels with what they hold, and the fields of their records, as Markdown."""
+    channels = [f"| `{topic}` | {_purpose(kind)} |" for topic, kind in CHANNELS.items()]
+    fields = [row for topic, kind in CHANNELS.items() for row in _rows(topic, kind, codec_of(kind).descriptor)]
+    heads = ["| channel | holds |", "|---|---|"], ["| channel | field | holds | unit |", "|---|---|---|---|"]
+    return "\n".join([*heads[0], *channels, "", *heads[1], *fields])
+
+
+def unit(field: str) -> str:
+    """Return the unit that a field's name ends with, empty where it has none."""
+    ends = [end for end in _UNITS if field.endswith(f"_{end}")]
+    return _UNITS[max(ends, key=len)] if ends else ""
+
+
+def _rows(topic: str, kind: type[Any], message: Any, prefix: str = "") -> Iterator[str]:
+    structs = dict(_structs(kind))
+    for field in message.fields:
+        name = f"{prefix}{field.name}"
+        if name == "number":  # of every record
+            continue
+        if field.message_type is None:
+            yield f"| `{topic}` | `{name}` | {_type(field)} | {unit(name)} |"
+        elif field.message_type.name in _TOPIC_OF:
+            yield f"| `{topic}` | `{name}` | the fields of `{_TOPIC_OF[field.message_type.name]}` | |"
+        else:
+            place, struct = f"{name}{'[]' if field.is_repeated else ''}", structs[field.name]
+            yield f"| `{topic}` | `{place}` | {_purpose(struct)} | |"
+            yield from _rows(topic, struct, field.message_type, f"{place}.")
+
+
+def _structs(kind: type[Any]) -> Iterator[tuple[str, type[Any]]]:
+    """Return the fields that hold structs, alone, in a tuple or perhaps none, each with the type of the struct."""
+    for name, hint in get_type_hints(kind).items():
+        for each in (hint, *get_args(hint)):
+            if isinstance(each, type) and (issubclass(each, msgspec.Struct) or is_dataclass(each)):
+                yield name, each
+
+
+def _type(field: Any) -> str:
+    text = f"list: {_TYPES[field.type]}" if field.is_repeated else _TYPES[field.type]
+    return f"{text}, or missing" if field.has_presence else text
+
+
+def _purpose(kind: type[Any]) -> str:
+    """Return the docstring of a record without the call that takes it, and without errors."""
+    text = re.sub(r"^`\w+`: ", "", " ".join((kind.__doc__ or "").split()))
+    text = re.sub(r"Raises [^.]*\.", "", text).strip().replace("|", "\\|")
+    return f"{text[:1].upper()}{text[1:]}"
