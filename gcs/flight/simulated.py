@@ -35,12 +35,13 @@ def fly_simulated(
     progress: Callable[[float], None],
     recording: "SimulationRecording | None" = None,
     planner: PlannerFactory | None = None,
+    imperfections: Mapping[int, Imperfections] | None = None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s]. `planner` makes each vehicle's planner, see `TaskPlanner`;
-    its exceptions end the flight. Raises ValueError where such a flight is to be recorded: no replay of the log could
-    compute its decisions again.
+    its exceptions end the flight. Raises ValueError where such a flight is to be recorded: no replay could compute its
+    decisions again. For `imperfections` see `simulated_vehicles`.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a planner of its own cannot be recorded: fly it without a log")
@@ -56,7 +57,7 @@ def fly_simulated(
     new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
     began_s = perf_counter()
     flight = simulate(
-        simulated_vehicles(mission, seed, new_core),
+        simulated_vehicles(mission, seed, new_core, imperfections=imperfections),
         network,
         rate_hz=rate_hz,
         duration_s=duration_s,
