@@ -22,15 +22,16 @@ from tests.support.page.walk_through import lines_of
 from tests.support.paths import ROOT
 from tests.support.wording import facts_missing
 
+EXPERIMENTS = ROOT / "tests" / "experiments"
 PROGRAMS = sorted(
-    path.stem
-    for path in (ROOT / "tests" / "experiments").glob("*.py")
+    path.parent.name if path.stem == "__main__" else path.stem
+    for path in (*EXPERIMENTS.glob("*.py"), *EXPERIMENTS.glob("*/__main__.py"))
     if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
 )
 
 
 def test_experiments_describe_themselves(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "benchmark" in PROGRAMS
+    assert {"benchmark", "controllers"} <= set(PROGRAMS)
     faults = []
     for name in PROGRAMS:
         module = f"tests.experiments.{name}"

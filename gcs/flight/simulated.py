@@ -40,14 +40,15 @@ def fly_simulated(
     planner: PlannerFactory | None = None,
     *,
     steps: Mapping[int, StepFunction] = MappingProxyType({}),
+    imperfections: Mapping[int, Imperfections] | None = None,
     on_tick: OnTick = lambda *_: None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s]. `planner` makes each vehicle's planner, see `TaskPlanner`;
     its exceptions end the flight. Raises ValueError where such a flight is to be recorded: no replay of the log could
-    compute its decisions again. `steps` move vehicles, by their ids, in place of their true plants' equations.
-    `on_tick` is called with the number of each tick, the vehicle's place in line, and its output.
+    compute its decisions again. For `steps` and `imperfections` see `simulated_vehicles`. `on_tick` is called with the
+    number of each tick, the vehicle's place in line, and its output.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a planner of its own cannot be recorded: fly it without a log")
@@ -62,7 +63,7 @@ def fly_simulated(
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
-    vehicles = simulated_vehicles(mission, seed, new_core, steps=steps)
+    vehicles = simulated_vehicles(mission, seed, new_core, imperfections=imperfections, steps=steps)
     began_s = perf_counter()
     flight = simulate(
         vehicles, network, rate_hz=rate_hz, duration_s=duration_s, seed=seed, observe=observe, progress=progress
