@@ -16,7 +16,7 @@ from gcs.errors import Exit, InputError
 OF_A_TEAM = ("command", "station", "target", "watch")
 """The verbs for a team that flies already."""
 OF_A_FLIGHT = ("check", "drill", "excite", "fly", "relay", "sim", "sitl")
-VERBS = tuple(sorted((*OF_A_FLIGHT, *OF_A_TEAM, "identify", "keys", "log", "replay", "report")))
+VERBS = tuple(sorted((*OF_A_FLIGHT, *OF_A_TEAM, "identify", "keys", "log", "replay", "report", "sweep")))
 
 app = App(
     name="cordon",

@@ -3,17 +3,15 @@
 from gcs.console.summary import summary
 from gcs.console.terminal import STDERR
 from gcs.errors import Exit
-from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import engagement_reference, formation_reference, ring_reference, verdict_tolerances
+from gcs.metrics.references import evaluated
 from gcs.metrics.result import FlightResult
 from gcs.mission.mission import Mission
 
 
 def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
     """Evaluate a flight against its mission and print the summary."""
-    references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
-    result = evaluate(record, *references, engagement_reference(mission))
+    result = evaluated(mission, record)
     STDERR.print(summary(result))
     return result
 

@@ -1,8 +1,16 @@
-"""The references of a mission, and the tolerances of its verdicts."""
+"""The references of a mission, and the tolerances of its verdicts; a flight of the mission judged by them."""
 
 from gcs.metrics.engagement import EngagementReference
-from gcs.metrics.result import FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.metrics import evaluate
+from gcs.metrics.record import FlightRecord
+from gcs.metrics.result import FlightResult, FormationReference, RingReference, VerdictTolerances
 from gcs.mission.mission import Mission
+
+
+def evaluated(mission: Mission, record: FlightRecord) -> FlightResult:
+    """Return the metrics and verdicts of a flight of the mission."""
+    references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
+    return evaluate(record, *references, engagement_reference(mission))
 
 
 def ring_reference(mission: Mission) -> RingReference:

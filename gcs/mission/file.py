@@ -46,20 +46,23 @@ def mission_path(name: str) -> Path:
     return _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
 
 
-def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
-    """Load a bundled mission by its bare name, or a file by its path, with other values at some places.
-
-    Raises InputError with every fault.
-    """
-    path = mission_path(name)
+def mission_text(name: str) -> str:
+    """Return the text of a bundled mission by its bare name, or of a file by its path; raises MissionError."""
     try:
-        text = read_plain(path, 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
+        return read_plain(mission_path(name), 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
     except OSError as error:
         known = ", ".join(bundled_missions())
         raise MissionError([f"{name}: {error.strerror or error}; bundled missions: {known}"]) from error
     except UnicodeDecodeError as error:
         raise MissionError([f"{name}: not a text file: {error}"]) from error
-    return parse_mission(overridden(text, overrides), path.parent)
+
+
+def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
+    """Load a bundled mission by its bare name, or a file by its path, with other values at some places.
+
+    Raises InputError with every fault.
+    """
+    return parse_mission(overridden(mission_text(name), overrides), mission_path(name).parent)
 
 
 def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, str] | None = None) -> Mission:
