@@ -35,10 +35,10 @@ RUN = (
 )
 FLIGHT = (
     Column("ended.how", str, "how the flight ended: `simulated` at the end of its time"),
-    Column("ended.reason", str, "the same in a sentence"),
+    Column("ended.reason", str, "how the flight ended, of each vehicle, in a sentence"),
     Column("duration_s", float, "simulated time flown"),
     Column("window_begin_s", float, "begin of the window of the ring metrics"),
-    Column("window_end_s", float, "end of that window"),
+    Column("window_end_s", float, "end of the window of the ring metrics"),
     Column(
         "ring.settling_time_s",
         float,
@@ -46,14 +46,14 @@ FLIGHT = (
         "max",
     ),
     Column("ring.spacing_error_rms_deg", float, "error of the spacings on the ring, rms", "max"),
-    Column("ring.spacing_error_max_deg", float, "the same, largest", "max"),
+    Column("ring.spacing_error_max_deg", float, "error of the spacings on the ring, largest", "max"),
     Column("ring.first_settled_at_s", float, "when a ring that left its limits again had settled first"),
     Column("ring.unsettled_at_s", float, "when a ring that had settled left its limits for the last time"),
     Column("closest_approach_m", float, "smallest distance between two vehicles", "min"),
     Column("guard_interventions", int, "setpoints that the guard moved", "max"),
-    Column("guard_causes", str, "how many by cause, as JSON"),
+    Column("guard_causes", str, "setpoints that the guard moved, by cause, as JSON"),
     Column("engagement.to_engage", int, "vehicles that were to engage the target"),
-    Column("engagement.engaged", int, "vehicles that did", "min"),
+    Column("engagement.engaged", int, "vehicles that engaged it", "min"),
     Column("loop.rate_hz", float, "rate of the control loop"),
     Column("loop.ticks", int, "ticks of all vehicles"),
     Column("loop.missed", int, "ticks that were missed"),
@@ -62,7 +62,7 @@ FLIGHT = (
     Column("verdicts.C3", bool, "spacing within its tolerance"),
     Column("verdicts.formation", bool, "formation within its tolerances"),
     Column("verdicts.separation", bool, "vehicles kept their separation"),
-    Column("verdicts.engaged", bool, "all that were to engage did"),
+    Column("verdicts.engaged", bool, "all vehicles that were to engage the target did"),
 )
 FLOCKING = (
     Column("separation_min_m", float, "distance to the nearest other vehicle, smallest", "min"),
@@ -74,14 +74,14 @@ FLOCKING = (
 )
 """In formation, in the window of the ring metrics, and over the flight: `reynolds.PHASE.NAME`."""
 VEHICLE = (
-    Column("engaged_at_s", float, "when the vehicle engaged the target", "max"),
-    Column("tactic", str, "its tactic at the end"),
-    Column("radius_error_rms_m", float, "error of its radius on the ring, rms", "max"),
-    Column("radius_error_max_m", float, "the same, largest", "max"),
-    Column("angular_rate_mean_rad_s", float, "its angular rate on the ring, mean"),
-    Column("angular_rate_error_rms_rad_s", float, "error of its angular rate, rms", "max"),
-    Column("formation_speed_error_rms_m_s", float, "error of its speed in formation, rms", "max"),
-    Column("formation_spacing_error_rms_m", float, "error of its distance to its predecessor in formation, rms", "max"),
+    Column("engaged_at_s", float, "time at which a vehicle engaged the target", "max"),
+    Column("tactic", str, "tactic at the end"),
+    Column("radius_error_rms_m", float, "error of the radius on the ring, rms", "max"),
+    Column("radius_error_max_m", float, "error of the radius on the ring, largest", "max"),
+    Column("angular_rate_mean_rad_s", float, "angular rate on the ring, mean over time"),
+    Column("angular_rate_error_rms_rad_s", float, "error of the angular rate on the ring, rms", "max"),
+    Column("formation_speed_error_rms_m_s", float, "error of the speed in formation, rms", "max"),
+    Column("formation_spacing_error_rms_m", float, "error of the distance to the predecessor in formation, rms", "max"),
 )
 """Of each vehicle: `vehicle_ID.NAME`; over the team: `vehicles.NAME.mean` and `vehicles.NAME.worst`."""
 TRANSITION = (
@@ -98,16 +98,20 @@ TRANSITION = (
 def _over(prefix: str, columns: Iterable[Column], *, mean: bool) -> Iterable[Column]:
     for each in columns:
         if mean and each.kind is float:
-            yield Column(f"{prefix}.{each.name}.mean", float, f"{each.meaning}: mean of the vehicles", each.worst)
+            yield Column(f"{prefix}.{each.name}.mean", float, f"mean of the vehicles: {each.meaning}", each.worst)
         if each.worst is not None:
-            yield Column(f"{prefix}.{each.name}.worst", each.kind, f"{each.meaning}: worst of all", each.worst)
+            yield Column(f"{prefix}.{each.name}.worst", each.kind, f"worst of all: {each.meaning}", each.worst)
 
 
 TEAM = (
     *FLIGHT,
     *(
-        replace(each, name=f"reynolds.{phase}.{each.name}")
-        for phase in ("formation", "ring", "flight")
+        replace(each, name=f"reynolds.{phase}.{each.name}", meaning=f"{where}: {each.meaning}")
+        for phase, where in (
+            ("formation", "in formation"),
+            ("ring", "in the ring's window"),
+            ("flight", "whole flight"),
+        )
         for each in FLOCKING
     ),
     *_over("vehicles", VEHICLE, mean=True),

@@ -32,14 +32,17 @@ class SweepFolder:
         return self.path / TABLE
 
     def opened(self, mission: str, plan: SweepPlan) -> Journal:
-        """Return the journal of a sweep, which is new or goes on; raises InputError when it is another sweep's."""
+        """Return the journal of a sweep, which is new or goes on; raises InputError when it is another sweep's.
+
+        A folder in which no run is finished takes any sweep.
+        """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            if (self.path / PLAN).exists():
-                self._require_same(plan)
-                return Journal(self.path / JOURNAL)
             journal = Journal(self.path / JOURNAL)
-            self._keep(mission, plan)
+            if journal.rows:
+                self._require_same(plan)
+            else:
+                self._keep(mission, plan)
         except OSError as error:
             raise InputError([f"--out: {self.path}: {error.strerror or error}"]) from error
         return journal

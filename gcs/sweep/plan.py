@@ -68,8 +68,8 @@ class SweepPlan(msgspec.Struct, frozen=True):
     def line(self) -> str:
         """The plan in a line: how many of what, and the first values."""
         varied = [f"{len(each.values)} of {each.place} ({_some(each.values)})" for each in self.variations]
-        seeds = f"{len(self.seeds)} seeds ({_some(self.seeds)})"
-        return f"{len(self.runs)} runs: {' × '.join([*varied, seeds])}"
+        seeds = f"{counted(len(self.seeds), 'seed')} ({_some(self.seeds)})"
+        return f"{counted(len(self.runs), 'run')}: {' × '.join([*varied, seeds])}"
 
     def task(self, run: Run) -> Task:
         """Return what flies a run."""
@@ -132,6 +132,11 @@ def _require_variable(
         faults.append(f"{DURATION_PLACE}: --duration decides it: leave one out")
     if faults:
         raise InputError(faults)
+
+
+def counted(count: int, name: str) -> str:
+    """Return how many of something: `1 run`, `2 runs`."""
+    return f"{count} {name}{'' if count == 1 else 's'}"
 
 
 def _some(values: Sequence[Any]) -> str:

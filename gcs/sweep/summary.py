@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 from gcs.sweep.columns import Row
+from gcs.sweep.plan import counted
 
 VERDICT = "verdicts."
 
@@ -54,8 +55,8 @@ class SweepSummary:
             parts.append(f"{self.do_not_hold} do not{f' ({named})' if named else ''}")
         if self.failed:
             parts.append(f"{self.failed} failed")
-        finished = f"{self.runs} runs" if self.finished == self.runs else f"{self.finished} of {self.runs} runs"
-        return f"{finished}: {', '.join(parts)}"
+        finished = "" if self.finished == self.runs else f"{self.finished} of "
+        return f"{finished}{counted(self.runs, 'run')}: {', '.join(parts)}"
 
     def to_dict(self) -> dict[str, object]:
         """Return the summary as plain dicts, in their documented order."""

@@ -3,6 +3,7 @@
 import ast
 import tomllib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
@@ -16,6 +17,7 @@ from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
+from gcs.sweep.columns import RUN, TEAM, VEHICLE, Column
 from tests.structure import PACKAGES
 from tests.support.paths import DOCS, ROOT
 
@@ -78,10 +80,18 @@ def failsafe_table() -> str:
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
+def sweep_columns() -> str:
+    """Return the columns of a sweep's table as Markdown."""
+    single = [replace(each, name=f"vehicle_ID.{each.name}") for each in VEHICLE]
+    head = ["| column | type | holds |", "|---|---|---|"]
+    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *TEAM, *single)])
+
+
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "missions.md": {"keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "safety.md": {"failsafes": failsafe_table},
+    "sweeps.md": {"columns": sweep_columns},
 }
 """By document, its generated parts: what makes each, by the mark that it stands between."""
 
@@ -122,6 +132,10 @@ def _failsafe(row: Row) -> str:
         row.left,
     )
     return f"| {' | '.join(cells)} |"
+
+
+def _sweep_column(column: Column) -> str:
+    return f"| `{column.name}` | {column.kind.__name__} | {column.meaning} |"
 
 
 def _grace(row: Row) -> str:

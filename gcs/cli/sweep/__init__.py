@@ -5,6 +5,7 @@ import os
 import shlex
 import sys
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from gcs.sweep.plan import SweepPlan
     from gcs.sweep.workers import Workers
 
+_REASONS_SHOWN = 5
 sweep = App(
     name="sweep",
     help="Fly a mission in simulated time with many values and seeds: a table with a row for each run.\n\n"
@@ -75,6 +77,7 @@ def fly_sweep(options: SweepOptions) -> Exit:
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem
     from gcs.sweep.folder import SweepFolder, write_whole
+    from gcs.sweep.plan import counted
     from gcs.sweep.summary import SweepSummary
     from gcs.sweep.table import require_pyarrow, table_bytes
 
@@ -89,11 +92,11 @@ def fly_sweep(options: SweepOptions) -> Exit:
         else:
             write_whole(folder.table, table_bytes(plan, journal.rows))
     summary = SweepSummary.of(len(plan.runs), journal.rows.values())
-    for reason, count in summary.errors.items():
-        print_line(f"failed ({count} of {summary.runs} runs): {reason}", "red")
+    for reason, count in islice(summary.errors.items(), _REASONS_SHOWN):
+        print_line(f"failed: {reason} ({counted(count, 'run')})", "red")
     print_line(f"{options.out}: {summary.line}")
     if problem:
-        print_problem(problem, f"{shlex.join(['cordon', *sys.argv[1:]])} goes on")
+        print_problem(problem, f"go on with it by: {shlex.join(['cordon', *sys.argv[1:]])}")
     else:
         print_line(f"table: {folder.table}\nnext: cordon sweep plot {shlex.quote(str(options.out))}")
     if options.json:
@@ -135,7 +138,7 @@ def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "Journal", options:
     missing = runs - len(journal.rows)
     print_line(f"{options.mission}: {plan.line}")
     if missing < runs:
-        print_line(f"{runs - missing} runs are finished, or cannot fly; {missing} to fly")
+        print_line(f"{options.out}: {runs - missing} of them are finished, or have no valid mission")
     if not missing:
         return
     workers = _workers(options, missing)
