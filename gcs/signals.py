@@ -6,8 +6,8 @@ control loop. Blocked before the first thread starts, a signal stays pending unt
 
 import signal
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 ENDING = frozenset({signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
 
@@ -20,6 +20,16 @@ def hold_back() -> None:
 def pending() -> bool:
     """Return whether one is pending."""
     return bool(ENDING & signal.sigpending())
+
+
+@contextmanager
+def as_they_are() -> Iterator[None]:
+    """Keep inside this context what is blocked: the first process that multiprocessing starts unblocks signals."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def relay(ask: Callable[[], object]) -> None:

@@ -14,7 +14,7 @@ from gcs.cli.options import with_stubs
 from gcs.errors import Exit, InputError
 
 GROUPS = {
-    "Plan": ("missions", "new", "schema", "sim", "check"),
+    "Plan": ("missions", "new", "schema", "sim", "sweep", "check"),
     "Fly": ("fly", "sitl", "drill", "excite", "relay"),
     "Operate": ("watch", "station", "command", "target", "keys"),
     "Analyse": ("report", "replay", "identify", "log"),

@@ -46,18 +46,22 @@ def mission_path(name: str) -> Path:
     return _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
 
 
+def mission_text(name: str) -> str:
+    """Return the text of a bundled mission by its bare name, or of a file by its path; raises MissionError."""
+    try:
+        return read_plain(mission_path(name), 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
+    except OSError as error:
+        raise MissionError([f"{name}: {error.strerror or error}; {_other_missions(name)}"]) from error
+    except UnicodeDecodeError as error:
+        raise MissionError([f"{name}: not a text file: {error}"]) from error
+
+
 def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
     """Load a bundled mission by its bare name, or a file by its path, with other values at some places.
 
     Raises InputError with every fault, and where in the file it is.
     """
-    path = mission_path(name)
-    try:
-        text = read_plain(path, 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
-    except OSError as error:
-        raise MissionError([f"{name}: {error.strerror or error}; {_other_missions(name)}"]) from error
-    except UnicodeDecodeError as error:
-        raise MissionError([f"{name}: not a text file: {error}"]) from error
+    text, path = mission_text(name), mission_path(name)
     try:
         return parse_mission(overridden(text, overrides), path.parent)
     except InputError as error:

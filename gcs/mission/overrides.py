@@ -3,6 +3,7 @@
 The result is a mission's text again: a log holds it, and the same flight can be flown from it.
 """
 
+import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -51,6 +52,21 @@ def _flat(place: str, value: object) -> dict[str, object]:
     if not isinstance(value, Mapping):
         return {place: value.tolist() if isinstance(value, np.generic | np.ndarray) else value}
     return {at: each for key, inner in value.items() for at, each in _flat(f"{place}.{key}", inner).items()}
+
+
+def override_text(place: str, value: object) -> str:
+    """Return `KEY=VALUE` from which `override` reads this place and value."""
+    is_plain = isinstance(value, str) and override(f"{place}={value}") == (place, value)
+    return f"{place}={value if is_plain else _toml(value)}"
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML in one line; what JSON writes is TOML but for tables."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
 
 
 def overridden(text: str, overrides: Mapping[str, object]) -> str:

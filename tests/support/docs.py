@@ -3,6 +3,7 @@
 import ast
 import tomllib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from inspect import getdoc
 
 from pydantic.fields import FieldInfo
@@ -19,6 +20,7 @@ from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
+from gcs.sweep.columns import RUN, TEAM, VEHICLE, Column
 from tests.structure import PACKAGES
 from tests.support.equations import equation_table
 from tests.support.log_fields import field_tables
@@ -94,6 +96,13 @@ def channel_list() -> str:
     return (getdoc(VehicleChannels) or "").partition("\n\n")[2]
 
 
+def sweep_columns() -> str:
+    """Return the columns of a sweep's table as Markdown."""
+    single = [replace(each, name=f"vehicle_ID.{each.name}") for each in VEHICLE]
+    head = ["| column | type | holds |", "|---|---|---|"]
+    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *TEAM, *single)])
+
+
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "missions.md": {"missions": mission_table, "keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
     "python.md": {"channels": channel_list},
@@ -101,6 +110,7 @@ GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "safety.md": {"failsafes": failsafe_table},
     "paper.md": {"equations": equation_table},
     "logs.md": {"fields": field_tables},
+    "sweeps.md": {"columns": sweep_columns},
 }
 """By document, its generated parts: what makes each, by the mark that it stands between."""
 
@@ -141,6 +151,10 @@ def _failsafe(row: Row) -> str:
         row.left,
     )
     return f"| {' | '.join(cells)} |"
+
+
+def _sweep_column(column: Column) -> str:
+    return f"| `{column.name}` | {column.kind.__name__} | {column.meaning} |"
 
 
 def _grace(row: Row) -> str:

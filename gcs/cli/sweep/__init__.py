@@ -1,0 +1,178 @@
+"""`cordon sweep`: simulated flights over the product of values and seeds."""
+
+import json
+import os
+import shlex
+import sys
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+
+from gcs.cli.options import RESULT, Duration, Json, MissionName
+from gcs.cli.sweep.plot import plot
+from gcs.errors import Exit, InputError
+from gcs.signals import hold_back, pending
+
+if TYPE_CHECKING:
+    from gcs.sweep.columns import Row
+    from gcs.sweep.journal import Journal
+    from gcs.sweep.plan import SweepPlan
+    from gcs.sweep.workers import Workers
+
+_REASONS_SHOWN = 5
+sweep = App(
+    name="sweep",
+    help="Fly a mission in simulated time with many values and seeds: a table with a row for each run.\n\n"
+    "The same command goes on with a sweep that was interrupted.\n\n"
+    "Example: cordon sweep case2-field --vary encirclement.radius_m=8:16:2 --seeds 0:50 --out results",
+)
+sweep.command(plot)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepOptions:
+    """What `cordon sweep` is given."""
+
+    mission: MissionName = field(kw_only=False)
+    vary: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="",
+            help="A key of the mission and its values, KEY=START:STOP:STEP (STOP is excluded) or KEY=VALUE,VALUE. "
+            "May be repeated: each value of one key is flown with each of the others.",
+        ),
+    ] = ()
+    seeds: Annotated[
+        str | None,
+        Parameter(help="Seeds to fly each combination of values with: START:STOP (STOP is excluded) or SEED,SEED."),
+    ] = None
+    out: Annotated[Path, Parameter(group=RESULT, help="Folder of the sweep: its journal and its table, runs.parquet.")]
+    duration: Duration = None
+    overrides: Annotated[
+        tuple[str, ...],
+        Parameter(name="--set", negative="", help="Another value of a mission's key in all runs, KEY=VALUE."),
+    ] = ()
+    workers: Annotated[
+        int | None,
+        Parameter(
+            help="Processes of this computer that fly, by default one for each core.", validator=Number(gte=1, lte=1024)
+        ),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        Parameter(help="Fly on the workers of a Dask cluster instead: address of its scheduler, tcp://HOST:8786."),
+    ] = None
+    json: Json = False
+
+
+@sweep.default
+def fly_sweep(options: SweepOptions) -> Exit:
+    """Fly a sweep, or go on with one that was interrupted."""
+    hold_back()
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.sweep.folder import SweepFolder, write_whole
+    from gcs.sweep.plan import counted
+    from gcs.sweep.summary import SweepSummary
+    from gcs.sweep.table import require_pyarrow, table_bytes
+
+    require_pyarrow()
+    plan, faults = _planned(options)
+    folder, problem = SweepFolder(options.out), ""
+    with folder.opened(options.mission, plan) as journal:
+        try:
+            _fly(plan, faults, journal, options)
+        except _EndedError as error:
+            problem = str(error)
+        else:
+            write_whole(folder.table, table_bytes(plan, journal.rows))
+    summary = SweepSummary.of(len(plan.runs), journal.rows.values())
+    for reason, count in islice(summary.errors.items(), _REASONS_SHOWN):
+        print_line(f"failed: {reason} ({counted(count, 'run')})", "red")
+    print_line(f"{options.out}: {summary.line}")
+    if problem:
+        print_problem(problem, f"go on with it by: {shlex.join(['cordon', *sys.argv[1:]])}")
+    else:
+        print_line(f"table: {folder.table}\nnext: cordon sweep plot {shlex.quote(str(options.out))}")
+    if options.json:
+        table = None if problem else str(folder.table)
+        print_result(json.dumps({"mission": options.mission, "table": table, **summary.to_dict()}))
+    if problem:
+        return Exit.ENDED_IN_FLIGHT
+    return Exit.HOLDS if summary.all_hold else Exit.VERDICT_FAILED
+
+
+class _EndedError(Exception):
+    """The sweep ended before all of its runs were flown; what is finished is kept."""
+
+
+def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
+    """Return the plan, and the faults of the runs that cannot fly, by their indexes; raises InputError."""
+    from gcs.mission.overrides import override
+    from gcs.sweep.plan import planned
+    from gcs.sweep.variation import seed_range, variation
+
+    variations = [variation(given) for given in options.vary]
+    seeds = seed_range(options.seeds) if options.seeds is not None else ()
+    if options.workers is not None and options.scheduler is not None:
+        raise InputError(["--workers: they are of this computer; the cluster of --scheduler has its own"])
+    return planned(options.mission, variations, seeds, dict(map(override, options.overrides)), options.duration)
+
+
+def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "Journal", options: SweepOptions) -> None:
+    """Fly the runs that the journal does not hold; raises _EndedError, and InputError where there are no workers."""
+    from gcs.cli.sweep.progress import SweepProgress
+    from gcs.console.terminal import print_line
+    from gcs.sweep.run import failure
+    from gcs.sweep.sweep import WorkersError, fly_missing
+
+    for index, reason in faults.items():
+        if index not in journal.rows:
+            journal.append(index, failure(reason))
+    runs = len(plan.runs)
+    missing = runs - len(journal.rows)
+    print_line(f"{options.mission}: {plan.line}")
+    if missing < runs:
+        print_line(f"{options.out}: {runs - missing} of them are finished, or have no valid mission")
+    if not missing:
+        return
+    workers = _workers(options, missing)
+    try:
+        with SweepProgress(missing) as progress:
+
+            def finished(row: "Row") -> None:
+                progress.add(failed="error" in row)
+
+            fly_missing(plan, journal, workers, finished, pending)
+    except KeyboardInterrupt as error:
+        raise _EndedError("interrupted") from error
+    except WorkersError as error:
+        raise _EndedError(str(error)) from error
+    except OSError as error:
+        raise _EndedError(f"{options.out}: {error.strerror or error}") from error
+    finally:
+        workers.close()
+
+
+def _workers(options: SweepOptions, runs: int) -> "Workers":
+    """Return what flies the runs; raises InputError where there is no cluster."""
+    from gcs.console.terminal import print_line
+
+    if options.scheduler is None:
+        from gcs.sweep.workers import LocalWorkers
+
+        return LocalWorkers(min(options.workers or os.cpu_count() or 1, runs))
+    from gcs.sweep.cluster import ClusterWorkers
+
+    cluster = ClusterWorkers(options.scheduler)
+    print_line(
+        f"{options.scheduler}: {cluster.count} workers"
+        if cluster.count
+        else f"{options.scheduler}: no workers yet; start them by: dask worker {options.scheduler} --nthreads 1"
+    )
+    return cluster

@@ -1,0 +1,158 @@
+"""The figure of a sweep: its metrics over one varied key with their spread, or over two as maps."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gcs.report.figure import METADATA
+from gcs.style import COLOURS, FAINT, INK, STYLE
+from gcs.sweep.columns import Column, Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+USUAL = (
+    "holds",
+    "ring.settling_time_s",
+    "vehicles.radius_error_rms_m.worst",
+    "vehicles.angular_rate_error_rms_rad_s.worst",
+    "ring.spacing_error_rms_deg",
+    "closest_approach_m",
+    "vehicles.formation_speed_error_rms_m_s.worst",
+    "vehicles.formation_spacing_error_rms_m.worst",
+    "guard_interventions",
+)
+"""The metrics that are drawn where none are chosen."""
+_ACROSS = 3
+_PANEL_IN = (4.2, 2.9)
+_CELLS_WITH_TEXT = 120
+_MAP_COLOURS = "cividis"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What is drawn: a title, the metrics, and the finished runs over one key or two."""
+
+    title: str
+    metrics: tuple[Column, ...]
+    over: tuple[str, ...]
+    rows: Sequence[Row]
+
+    def places(self, key: str) -> list[Any]:
+        """Return the values of a key, in order: numbers by size, others as they are first met."""
+        values = list(dict.fromkeys(row[key] for row in self.rows))
+        return sorted(values) if all(map(_is_number, values)) else values
+
+    def groups(self, metric: Column) -> Mapping[tuple[Any, ...], Any]:
+        """Return the values of a metric by the values of the keys; runs without it are left out.
+
+        A run that failed does not hold.
+        """
+        groups: dict[tuple[Any, ...], list[float]] = {}
+        for row in self.rows:
+            value = row.get(metric.name, False if metric.name == "holds" else None)
+            if value is not None:
+                groups.setdefault(tuple(row[key] for key in self.over), []).append(float(value))
+        return {place: np.array(values) for place, values in groups.items()}
+
+
+def save_sweep_figure(picture: Picture, path: Path) -> None:
+    """Draw a sweep and write it to `path`, whose suffix chooses PNG, SVG or PDF; raises OSError."""
+    from matplotlib import rc_context  # noqa: PLC0415
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    count = len(picture.metrics)
+    across, down = min(_ACROSS, count), ceil(count / _ACROSS)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(_PANEL_IN[0] * across, _PANEL_IN[1] * down + 0.7), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = figure.subplots(down, across, squeeze=False).ravel()
+        for axes, metric in zip(panels, picture.metrics, strict=False):
+            axes.set_title(metric.name, loc="left", fontsize=9.0)
+            (_draw_map if len(picture.over) == 2 else _draw_spread)(axes, picture, metric)
+        for axes in panels[count:]:
+            axes.set_axis_off()
+        _draw_words(figure, picture)
+        figure.savefig(path, dpi=130, metadata=METADATA[path.suffix.lower()])
+
+
+def _draw_spread(axes: "Axes", picture: Picture, metric: Column) -> None:
+    """Draw every run, the median, and the middle half of the runs, over one key."""
+    (key,) = picture.over
+    places = picture.places(key)
+    is_scale = all(map(_is_number, places))
+    groups = picture.groups(metric)
+    known = [(place if is_scale else index, groups[place,]) for index, place in enumerate(places) if (place,) in groups]
+    axes.set_xlabel(key)
+    if not is_scale:
+        axes.set_xticks(range(len(places)), [str(place) for place in places])
+        axes.set_xlim(-0.5, len(places) - 0.5)
+    x = [at for at, _ in known]
+    line: dict[str, Any] = {"color": COLOURS[0], "marker": "o", "markersize": 3.5, "linewidth": 1.4}
+    if metric.kind is bool:
+        axes.plot(x, [100.0 * values.mean() for _, values in known], **line)
+        axes.set_ylim(-4.0, 104.0)
+        axes.set_ylabel("share of the runs [%]")
+        return
+    quartiles = np.array([np.percentile(values, (25, 50, 75)) for _, values in known]).T
+    axes.fill_between(x, quartiles[0], quartiles[2], color=COLOURS[0], alpha=0.18, linewidth=0.0)
+    for at, values in known:
+        axes.plot(np.full(values.size, at), values, ".", color=FAINT, markersize=3.0, alpha=0.6, zorder=1)
+    axes.plot(x, quartiles[1], **line)
+
+
+def _draw_map(axes: "Axes", picture: Picture, metric: Column) -> None:
+    """Draw the median of a metric over two keys, of a verdict the share of the runs in which it holds."""
+    columns, lines = (picture.places(key) for key in picture.over)
+    is_share = metric.kind is bool
+    cells = np.full((len(lines), len(columns)), np.nan)
+    for (column, line), values in picture.groups(metric).items():
+        value = 100.0 * values.mean() if is_share else np.median(values)
+        cells[lines.index(line), columns.index(column)] = value
+    limits: dict[str, Any] = {"vmin": 0.0, "vmax": 100.0} if is_share else {}
+    axes.set_facecolor("#E4E4E4")
+    axes.grid(visible=False)
+    drawn = axes.imshow(cells, origin="lower", aspect="auto", cmap=_MAP_COLOURS, **limits)
+    axes.figure.colorbar(drawn, ax=axes, label="share of the runs [%]" if is_share else "median")
+    for set_ticks, places in ((axes.set_xticks, columns), (axes.set_yticks, lines)):
+        step = ceil(len(places) / 12)
+        set_ticks(range(0, len(places), step), [str(place) for place in places[::step]])
+    axes.set_xlabel(picture.over[0])
+    axes.set_ylabel(picture.over[1])
+    if cells.size <= _CELLS_WITH_TEXT:
+        _write_cells(axes, cells)
+
+
+def _write_cells(axes: "Axes", cells: Any) -> None:
+    """Write the values into their cells, light on dark and dark on light."""
+    known = cells[np.isfinite(cells)]
+    middle = (known.min() + known.max()) / 2.0 if known.size else 0.0
+    for (line, column), value in np.ndenumerate(cells):
+        if np.isfinite(value):
+            colour = "black" if value > middle else "white"
+            axes.text(column, line, f"{value:.3g}", color=colour, ha="center", va="center", fontsize=7.5)
+
+
+def _draw_words(figure: "Figure", picture: Picture) -> None:
+    figure.suptitle(picture.title, x=0.01, ha="left", fontsize=10.5, color=INK)
+    if len(picture.over) == 2:
+        return
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+    from matplotlib.patches import Patch  # noqa: PLC0415
+
+    handles = [
+        Line2D([], [], label="median", color=COLOURS[0], marker="o", markersize=3.5),
+        Patch(label="middle half of the runs", color=COLOURS[0], alpha=0.18),
+        Line2D([], [], label="a run", linestyle="", marker=".", color=FAINT),
+    ]
+    figure.legend(handles=handles, loc="outside lower left", ncols=3, frameon=False)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,103 @@
+"""The folder of a sweep: its plan, its journal, its mission and profiles to fly again, and its table."""
+
+import os
+from pathlib import Path
+
+import msgspec
+
+from estimation.profile.shelf import bundled_profiles
+from gcs.errors import InputError
+from gcs.mission.file import bundled_missions
+from gcs.sweep.columns import Row
+from gcs.sweep.journal import Journal, read_rows
+from gcs.sweep.plan import SweepPlan
+
+PLAN, JOURNAL, TABLE, MISSION = "sweep.json", "runs.jsonl", "runs.parquet", "mission"
+
+
+class _Stored(msgspec.Struct):
+    mission: str
+    plan: SweepPlan
+
+
+class SweepFolder:
+    """A folder that holds one sweep."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def table(self) -> Path:
+        """Where the table goes."""
+        return self.path / TABLE
+
+    def opened(self, mission: str, plan: SweepPlan) -> Journal:
+        """Return the journal of a sweep, which is new or goes on; raises InputError when it is another sweep's.
+
+        A folder in which no run is finished takes any sweep.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            journal = Journal(self.path / JOURNAL)
+            if journal.rows:
+                self._require_same(plan)
+            else:
+                self._keep(mission, plan)
+        except OSError as error:
+            raise InputError([f"--out: {self.path}: {error.strerror or error}"]) from error
+        return journal
+
+    def read(self) -> tuple[SweepPlan, dict[int, Row]]:
+        """Return the plan, and the rows of the finished runs by their indexes; raises InputError."""
+        plan = self._stored().plan
+        try:
+            rows = read_rows(self.path / JOURNAL)
+        except OSError as error:
+            raise InputError([f"{self.path / JOURNAL}: {error.strerror or error}"]) from error
+        return plan, {index: row for index, row in rows.items() if index < len(plan.runs)}
+
+    def mission(self) -> str:
+        """Return the mission to fly again: a bundled one's name, or the sweep's copy; raises InputError."""
+        given = self._stored().mission
+        return given if given in bundled_missions() else str(self.path / MISSION / Path(given).name)
+
+    def _stored(self) -> _Stored:
+        path = self.path / PLAN
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=_Stored)
+        except OSError as error:
+            raise InputError(
+                [f"{path}: {error.strerror or error}; `cordon sweep --out` makes such a folder"]
+            ) from error
+        except msgspec.MsgspecError as error:
+            raise InputError([f"{path}: damaged: {error}; fly the sweep into another folder"]) from error
+
+    def _require_same(self, plan: SweepPlan) -> None:
+        """Raise InputError for another sweep's folder."""
+        if different := self._stored().plan.differences(plan):
+            raise InputError(
+                [
+                    f"--out: {self.path} holds another sweep, which differs in: {', '.join(different)}; name another "
+                    f"folder, or go on with that sweep's own mission, {self.mission()}"
+                ]
+            )
+
+    def _keep(self, mission: str, plan: SweepPlan) -> None:
+        """Write the mission and its profiles, to be flown again, and last the plan: what it says is there."""
+        if mission not in bundled_missions():
+            own = {name: text for name, text in plan.profile_texts.items() if name not in bundled_profiles()}
+            for name, text in (own | {Path(mission).name: plan.mission_text}).items():
+                path = self.path / MISSION / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text, encoding="utf-8")
+        write_whole(self.path / PLAN, msgspec.json.format(msgspec.json.encode(_Stored(mission, plan))))
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that at any time it is there as a whole, or not at all; raises OSError."""
+    partial = path.with_name(f".{path.name}.part")
+    with partial.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)

@@ -1,0 +1,68 @@
+"""The journal of a sweep: one line for each finished run, on the disk before the next one is written.
+
+A process that is killed leaves at most its last line torn, and the run of a line that cannot be read is flown again.
+"""
+
+import fcntl
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from gcs.errors import InputError
+from gcs.sweep.columns import Row
+
+
+class _Line(msgspec.Struct):
+    run: int
+    row: Row
+
+
+_DECODER = msgspec.json.Decoder(_Line)
+
+
+def read_rows(path: Path) -> dict[int, Row]:
+    """Return the rows of a journal by the indexes of their runs; raises OSError."""
+    rows: dict[int, Row] = {}
+    for line in path.read_bytes().splitlines():
+        try:
+            read = _DECODER.decode(line)
+        except msgspec.MsgspecError:
+            continue
+        rows[read.run] = read.row
+    return rows
+
+
+class Journal:
+    """A journal to append to, as a context manager: one process at a time has it. `rows` are all that it holds.
+
+    Raises InputError when another process has it, OSError when it cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("ab")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            self._file.close()
+            raise InputError([f"{path}: another sweep writes into it; end that one, or wait for it"]) from error
+        whole = path.read_bytes().rfind(b"\n") + 1
+        self._file.truncate(whole)  # the next line must not go on with a torn one
+        self.rows = read_rows(path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def append(self, run: int, row: Row) -> None:
+        """Add a finished run; raises OSError when the disk does not take it."""
+        self.rows[run] = row
+        self._file.write(msgspec.json.encode(_Line(run, row)) + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())

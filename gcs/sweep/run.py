@@ -1,0 +1,54 @@
+"""One run of a sweep, as a worker flies it: a task in, a row out."""
+
+from functools import cache
+
+from gcs.console.result import verdict_of
+from gcs.errors import Exit, InputError
+from gcs.flight.simulated import fly_simulated
+from gcs.flightlog.run import versions
+from gcs.metrics.references import evaluated
+from gcs.mission.file import parse_mission
+from gcs.sweep.columns import Row, result_row
+from gcs.sweep.plan import Task
+
+
+class UnlikeWorkerError(Exception):
+    """A worker has other versions of what a computed number depends on."""
+
+
+def flown(task: Task) -> Row:
+    """Fly a run and return its metrics; a run that fails is a row with `error` alone.
+
+    Raises UnlikeWorkerError where this computer would compute other numbers.
+    """
+    here = _versions()
+    unlike = [
+        f"{name} {here.get(name)} instead of {wanted}"
+        for name, wanted in task.versions.items()
+        if here.get(name) != wanted
+    ]
+    if unlike:
+        raise UnlikeWorkerError(f"a worker has {', '.join(unlike)}")
+    try:
+        mission = parse_mission(task.mission_text, None, task.profile_texts)
+        record = fly_simulated(mission, task.seed, task.duration_s or mission.mission.duration_s, _ignore)
+        result = evaluated(mission, record)
+        return result_row(result, holds=verdict_of(result) is Exit.HOLDS)
+    except InputError as error:
+        return failure("; ".join(error.faults))
+    except Exception as error:  # the sweep goes on, whatever one of its runs ends in
+        return failure(f"{type(error).__name__}: {error}")
+
+
+def failure(reason: str) -> Row:
+    """Return the row of a run that failed."""
+    return {"error": reason}
+
+
+def _ignore(_time_s: float) -> None:
+    """Progress of one run is not shown."""
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {each.name: each.version for each in versions()}

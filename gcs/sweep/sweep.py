@@ -1,0 +1,69 @@
+"""Flying a sweep: its runs go to workers, and the row of each into the journal."""
+
+from collections import Counter, deque
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+
+from gcs.sweep.columns import Row
+from gcs.sweep.journal import Journal
+from gcs.sweep.plan import Run, SweepPlan
+from gcs.sweep.run import UnlikeWorkerError, failure
+from gcs.sweep.workers import Workers
+
+TRIES = 3
+"""A run under which as many workers died is taken for the reason."""
+_POLL_S = 0.2
+
+
+class WorkersError(Exception):
+    """The workers cannot go on."""
+
+
+def fly_missing(
+    plan: SweepPlan,
+    journal: Journal,
+    workers: Workers,
+    finished: Callable[[Row], None],
+    interrupted: Callable[[], bool],
+) -> None:
+    """Fly the runs that the journal does not hold yet, and call `finished` with the row of each.
+
+    Raises KeyboardInterrupt when `interrupted`, WorkersError where the workers cannot go on, and OSError when the
+    journal cannot be written. The journal then holds all finished runs; called again, this goes on from there.
+    """
+    waiting = deque(run for run in plan.runs if run.index not in journal.rows)
+    flying: dict[Future[Row], Run] = {}
+    deaths: Counter[int] = Counter()
+    rows: list[tuple[int, Row]] = []
+    while waiting or flying or rows:
+        while waiting and len(flying) < workers.at_once:
+            run = waiting.popleft()
+            flying[workers.submit(plan.task(run))] = run
+        for index, row in rows:  # kept while the workers fly the next ones
+            journal.append(index, row)
+            finished(row)
+        if interrupted():
+            raise KeyboardInterrupt
+        rows = []
+        for future in wait(flying, _POLL_S, FIRST_COMPLETED).done:
+            run = flying.pop(future)
+            flown = _row(future, workers)
+            deaths[run.index] += flown is None
+            if flown is None and deaths[run.index] < TRIES:
+                waiting.appendleft(run)
+            else:
+                rows.append((run.index, flown or failure(f"its worker process died, {TRIES} times")))
+
+
+def _row(future: "Future[Row]", workers: Workers) -> Row | None:
+    """Return the row of a run, None where its worker died; raises WorkersError for any other error of the workers."""
+    try:
+        return future.result()
+    except workers.losses:
+        return None
+    except CancelledError as error:
+        raise WorkersError("the scheduler gave the runs up: it ended, or the connection to it is lost") from error
+    except UnlikeWorkerError as error:
+        raise WorkersError(str(error)) from error
+    except Exception as error:
+        raise WorkersError(f"a worker cannot fly: {type(error).__name__}: {error}") from error

@@ -1,0 +1,109 @@
+"""What is varied: a key of the mission and its values, `encirclement.radius_m=8:16:2`, and the seeds."""
+
+import tomllib
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from math import ceil, isfinite
+from typing import Any
+
+import msgspec
+
+from gcs.errors import InputError
+from gcs.mission.overrides import override
+
+VALUES_MAX = 100_000
+_VARY = "write KEY=START:STOP:STEP or KEY=VALUE,VALUE, as in encirclement.radius_m=8:16:2 or formation.shape=line,wedge"
+_RANGE = "a range is START:STOP or START:STOP:STEP, such as 8:16:2"
+
+
+class Variation(msgspec.Struct, frozen=True):
+    """A key by its place in the mission, and the values that it takes in turn."""
+
+    place: str
+    values: tuple[Any, ...]
+
+
+def variation(given: str) -> Variation:
+    """Return what `KEY=VALUES` varies; raises InputError.
+
+    A range holds START and not STOP, as Python's does; STEP is 1 where it is left out. The values of a list are TOML,
+    and what is no TOML value is a string.
+    """
+    place, equals, text = (part.strip() for part in given.partition("="))
+    try:
+        if not (place and equals and text):
+            raise ValueError(_VARY)
+        values = _range(text) or _listed(place, text)
+        _require_different(values)
+        for value in values:
+            if isinstance(value, float) and not isfinite(value):
+                raise ValueError(f"{value} is not finite")
+    except ValueError as error:
+        raise InputError([f"--vary {given}: {error}"]) from error
+    return Variation(place, values)
+
+
+def seed_range(given: str) -> tuple[int, ...]:
+    """Return the seeds of START:STOP, of which STOP is not one, START:STOP:STEP, or a list; raises InputError."""
+    try:
+        seeds = _range(given) or tuple(map(_number, given.split(",")))
+        _require_different(seeds)
+        for seed in seeds:
+            if not isinstance(seed, int) or seed < 0:
+                raise ValueError(f"{seed} is no seed; seeds are whole numbers from 0, such as 0:50")
+    except ValueError as error:
+        raise InputError([f"--seeds {given}: {error}"]) from error
+    return tuple(map(int, seeds))
+
+
+def _range(text: str) -> tuple[int | float, ...]:
+    """Return the numbers of START:STOP:STEP, none where the text is no range; raises ValueError for a wrong one."""
+    parts = text.split(":")
+    if len(parts) not in (2, 3) or not _is_number(parts[0]):
+        return ()
+    start, stop, step = (Decimal(str(_number(part))) for part in (*parts, "1")[:3])
+    if not step:
+        raise ValueError("the step is 0")
+    count = ceil((stop - start) / step)
+    if count <= 0:
+        raise ValueError(f"the range is empty: steps of {step} from {start} do not lead to {stop}, which is excluded")
+    if count > VALUES_MAX:
+        raise ValueError(f"{count} values, at most {VALUES_MAX}")
+    return tuple(_plain(start + index * step) for index in range(count))
+
+
+def _listed(place: str, text: str) -> tuple[Any, ...]:
+    """Return the values of a list: TOML values, or words with commas between them."""
+    try:
+        return tuple(tomllib.loads(f"value = [{text}]")["value"])
+    except tomllib.TOMLDecodeError:
+        return tuple(override(f"{place}={part}")[1] for part in text.split(","))
+
+
+def _require_different(values: Sequence[Any]) -> None:
+    """Raise ValueError for a value that is given twice: 8 and 8.0 are the same number."""
+    seen = set()
+    for value in values:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        key = float(value) if is_number else repr(value)
+        if key in seen:
+            raise ValueError(f"{value} is given twice")
+        seen.add(key)
+
+
+def _number(text: str) -> int | float:
+    if not _is_number(text):
+        raise ValueError(f"{text.strip()!r} is not a number; {_RANGE}")
+    return _plain(Decimal(text.strip()))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(Decimal(text.strip())))
+    except InvalidOperation:
+        return False
+
+
+def _plain(number: Decimal) -> int | float:
+    """Return a number as whole where it is written as such."""
+    return int(number) if number.as_tuple().exponent == 0 else float(number)

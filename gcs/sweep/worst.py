@@ -1,0 +1,59 @@
+"""The worst cases of a sweep, each with the command that flies it again."""
+
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from gcs.mission.overrides import override_text
+from gcs.sweep.columns import Column, Row
+from gcs.sweep.plan import Run, SweepPlan
+from gcs.sweep.summary import VERDICT
+
+
+@dataclass(frozen=True, slots=True)
+class WorstCase:
+    """A run: of which metrics it has the worst value, or why it failed or does not hold, and what flies it again."""
+
+    reasons: tuple[str, ...]
+    command: str
+
+
+def worst_cases(
+    plan: SweepPlan, rows: Mapping[int, Row], metrics: Iterable[Column], mission: str, most: int
+) -> list[WorstCase]:
+    """Return the worst run by each metric, then the first `most` that do not hold, and one for each reason of failure.
+
+    A run stands once, with all its reasons. `mission` is what the commands fly.
+    """
+    runs = plan.runs
+    worst_in: dict[int, list[str]] = {}
+    for metric in metrics:
+        known = {index: row[metric.name] for index, row in sorted(rows.items()) if metric.name in row}
+        if metric.worst is not None and len({*known.values()}) > 1:
+            index = (max if metric.worst == "max" else min)(known, key=known.__getitem__)
+            worst_in.setdefault(index, []).append(f"{metric.name} ({known[index]:.4g})")
+    not_holding = [index for index, row in sorted(rows.items()) if row.get("holds") is False]
+    failed = {row["error"]: index for index, row in sorted(rows.items(), reverse=True) if "error" in row}
+    chosen = dict.fromkeys([*worst_in, *not_holding[:most], *sorted(failed.values())])
+    return [
+        WorstCase((*_worst(worst_in.get(index, ())), *_faults(rows[index])), command(plan, runs[index], mission))
+        for index in chosen
+    ]
+
+
+def command(plan: SweepPlan, run: Run, mission: str) -> str:
+    """Return the command that flies a run again."""
+    values = {**plan.fixed, **run.values}
+    words = [word for place, value in values.items() for word in ("--set", override_text(place, value))]
+    duration = [] if plan.duration_s is None else ["--duration", str(plan.duration_s).removesuffix(".0")]
+    return shlex.join(["cordon", "sim", mission, *words, "--seed", str(run.seed), *duration])
+
+
+def _worst(metrics: Sequence[str]) -> list[str]:
+    return [f"worst in {', '.join(metrics)}"] if metrics else []
+
+
+def _faults(row: Row) -> list[str]:
+    failing = [name.removeprefix(VERDICT) for name, value in row.items() if name.startswith(VERDICT) and value is False]
+    named = [f"does not hold: {', '.join(failing)}"] if failing else []
+    return [*named, *([f"failed: {row['error']}"] if "error" in row else [])]

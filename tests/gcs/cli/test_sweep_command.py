@@ -1,0 +1,161 @@
+"""`cordon sweep` as processes that are killed, interrupted and started again, here and on a Dask cluster."""
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from gcs.errors import Exit
+from tests.support.paths import MISSIONS, ROOT
+from tests.support.wire import free_ports
+
+RUNS = 12
+FLIGHT = ("case2", "--vary", "encirclement.radius_m=8:12:2", "--seeds", "0:6", "--duration", "40")
+MIDDLE = 4
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"}
+
+
+def start(*arguments: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "gcs", "sweep", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+
+
+def ended(process: "subprocess.Popen[str]") -> tuple[Exit, str, str]:
+    """Return exit code, standard output and standard error of a process."""
+    out, err = process.communicate(timeout=200)
+    assert "Traceback" not in err, err
+    return Exit(process.returncode), out, err
+
+
+def finished(folder: Path) -> int:
+    journal = folder / "runs.jsonl"
+    return journal.read_bytes().count(b"\n") if journal.exists() else 0
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 120.0
+    while not condition():
+        assert time.monotonic() < end_s, "it did not come to pass"
+        time.sleep(0.02)
+
+
+@contextmanager
+def in_the_middle(folder: Path, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    """Start the sweep, and yield when it has flown some of its runs; it is not left running."""
+    process = start(*FLIGHT, *arguments, "--out", str(folder))
+    try:
+        wait_until(lambda: finished(folder) >= MIDDLE)
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+    assert finished(folder) >= MIDDLE
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return the table of the sweep flown in one go, by one worker."""
+    folder = tmp_path_factory.mktemp("one-go")
+    code, out, _ = ended(start(*FLIGHT, "--workers", "1", "--json", "--out", str(folder)))
+    summary = json.loads(out)
+    assert (code, summary["runs"], summary["finished"], summary["hold"]) == (Exit.HOLDS, RUNS, RUNS, RUNS)
+    return (folder / "runs.parquet").read_bytes()
+
+
+def assert_goes_on(folder: Path, table: bytes) -> None:
+    """Assert that the same command flies what is missing, and only that, to the same table."""
+    before = finished(folder)
+    assert ended(start(*FLIGHT, "--out", str(folder)))[0] is Exit.HOLDS
+    assert (folder / "runs.parquet").read_bytes() == table
+    assert before < RUNS == finished(folder)
+
+
+def test_a_sweep_that_is_killed_goes_on_to_the_same_table(tmp_path: Path, table: bytes) -> None:
+    with in_the_middle(tmp_path, "--workers", "2") as process:
+        family = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+        _, alive = psutil.wait_procs(family, timeout=20)
+        assert len(family) >= 3, "two workers, and what starts them"
+        assert alive == [], "workers outlive their sweep"
+    with (tmp_path / "runs.jsonl").open("a") as journal:
+        journal.write('{"run":11,"row":{"ho')
+    assert_goes_on(tmp_path, table)
+
+
+def test_a_killed_worker_loses_no_run_and_flies_none_twice(tmp_path: Path, table: bytes) -> None:
+    with in_the_middle(tmp_path, "--workers", "2") as process:
+        workers = [each for each in psutil.Process(process.pid).children(recursive=True) if each.ppid() != process.pid]
+        workers[0].kill()
+        assert ended(process)[0] is Exit.HOLDS
+    assert (tmp_path / "runs.parquet").read_bytes() == table
+    assert finished(tmp_path) == RUNS
+
+
+def test_ctrl_c_ends_it_with_what_goes_on(tmp_path: Path, table: bytes) -> None:
+    with in_the_middle(tmp_path, "--json") as process:
+        process.send_signal(signal.SIGINT)
+        code, out, err = ended(process)
+    assert code is Exit.ENDED_IN_FLIGHT
+    assert json.loads(out)["finished"] == finished(tmp_path)
+    assert shlex.join(["cordon", "sweep", *FLIGHT, "--json", "--out", str(tmp_path)]) in err
+    assert not (tmp_path / "runs.parquet").exists()
+    assert_goes_on(tmp_path, table)
+
+
+@contextmanager
+def dask(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:], "--no-dashboard"]
+    process = subprocess.Popen(command, text=True, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.wire
+@pytest.mark.long
+def test_on_a_cluster_a_killed_worker_changes_nothing(tmp_path: Path, table: bytes) -> None:
+    pytest.importorskip("distributed")
+    scheduler = f"tcp://127.0.0.1:{free_ports(1)[0]}"
+    worker = ("worker", scheduler, "--nthreads", "1", "--no-nanny")
+    with (
+        dask("scheduler", "--host", "127.0.0.1", "--port", scheduler.rpartition(":")[2]),
+        dask(*worker) as first,
+        dask(*worker),
+        in_the_middle(tmp_path, "--scheduler", scheduler) as process,
+    ):
+        first.kill()
+        assert ended(process)[0] is Exit.HOLDS
+    assert (tmp_path / "runs.parquet").read_bytes() == table
+    assert finished(tmp_path) == RUNS
+
+
+def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path) -> None:
+    mission = tmp_path / "mine.toml"
+    mission.write_text((MISSIONS / "case2.toml").read_text())
+    folder, figure = tmp_path / "results", tmp_path / "sweep.svg"
+    arguments = ("--vary", "encirclement.radius_m=-1,9", "--seeds", "3,4", "--duration", "5")
+    code, out, err = ended(start(str(mission), *arguments, "--json", "--out", str(folder)))
+    summary: dict[str, Any] = json.loads(out)
+    assert code is Exit.VERDICT_FAILED
+    assert (summary["runs"], summary["hold"], summary["failed"]) == (4, 2, 2)
+    assert list(summary["errors"].values()) == [2]
+    assert "encirclement.radius_m: it must be greater than 0 (given: -1)" in err
+    mission.write_text("edited")
+    code, out, _ = ended(start("plot", str(folder), "--out", str(figure), "--json"))
+    (failed,) = (each for each in json.loads(out)["worst"] if "-1" in each["command"])
+    copy = folder / "mission" / "mine.toml"
+    assert failed["command"] == f"cordon sim {copy} --set encirclement.radius_m=-1 --seed 3 --duration 5"
+    assert copy.read_text() == (MISSIONS / "case2.toml").read_text()
+    assert (code, b"</svg>" in figure.read_bytes()) == (Exit.HOLDS, True)

@@ -1,0 +1,58 @@
+from pathlib import Path
+
+import pytest
+
+from gcs.errors import InputError
+from gcs.sweep.columns import Row
+from gcs.sweep.folder import SweepFolder
+from gcs.sweep.journal import Journal, read_rows
+from gcs.sweep.plan import planned
+
+ROWS: dict[int, Row] = {0: {"holds": True, "closest_approach_m": 0.1 + 0.2}, 2: {"error": 'it "failed"\nbadly'}}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    with Journal(tmp_path / "runs.jsonl") as journal:
+        for index, row in ROWS.items():
+            journal.append(index, row)
+    return tmp_path / "runs.jsonl"
+
+
+def test_rows_are_read_back_as_they_were(path: Path) -> None:
+    assert read_rows(path) == ROWS
+
+
+def test_a_journal_that_is_cut_anywhere_goes_on(path: Path) -> None:
+    whole = path.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        with Journal(path) as journal:
+            assert journal.rows == {index: ROWS[index] for index in (0,) if size >= len(lines[0])}
+            journal.append(1, {"holds": False})
+            kept = journal.rows
+        assert read_rows(path) == kept
+
+
+def test_a_line_that_cannot_be_read_is_as_if_its_run_were_not_flown(path: Path) -> None:
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b'{"run": "x"}\n' + b"\0\0\0\n" + lines[1])
+    assert read_rows(path) == {2: ROWS[2]}
+
+
+def test_one_sweep_at_a_time_writes(path: Path) -> None:
+    with Journal(path), pytest.raises(InputError, match="another sweep"):
+        Journal(path)
+    Journal(path)
+
+
+def test_a_folder_takes_another_sweep_only_while_no_run_is_finished(tmp_path: Path) -> None:
+    folder = SweepFolder(tmp_path / "results")
+    plans = [planned("case2", (), seeds, {}, None)[0] for seeds in ((0,), (0, 1))]
+    folder.opened("case2", plans[0])
+    with folder.opened("case2", plans[1]) as journal:
+        journal.append(1, {"holds": True})
+    assert folder.read() == (plans[1], {1: {"holds": True}})
+    with pytest.raises(InputError, match="differs in: seeds"):
+        folder.opened("case2", plans[0])
