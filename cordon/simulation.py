@@ -53,9 +53,9 @@ def simulate(
 ) -> Flight:
     """Fly a mission in simulated time; the same arguments give the same flight.
 
-    - `mission`: what `cordon.load` returns, or takes; `seed`, `duration_s` [s]: in place of the mission's.
-    - `log`: record the flight in this file (MCAP), which must not exist yet. Not with a `planner`: no replay of the log
-      could compute its decisions again.
+    - `mission`: what `cordon.load` returns, or takes.
+    - `seed`, `duration_s` [s]: in place of the mission's.
+    - `log`: record the flight in this file (MCAP), which must not exist yet; not with a `planner`.
     - `planner`: makes the planner of each vehicle from its configuration, see `cordon.TaskPlanner`.
     - `plants`: what vehicles fly, by their ids, in place of the plants of their profiles, which their controllers go on
       to assume: a `Plant`, or a function of a step, see `cordon.StepFunction`.
@@ -72,15 +72,15 @@ def simulate(
     mission, steps = with_plants(mission, plants)
     recording = None if log is None else _recording(mission, Path(log), drawn, flown_s)
     samples = round(flown_s * mission.mission.rate_hz) + 1
-    decisions = [Decisions.unknown(samples) for _ in mission.vehicles]
+    decisions = {vehicle_id: Decisions.unknown(samples) for vehicle_id in mission.ids}
 
-    def on_tick(tick: int, vehicle: int, output: TickOutput) -> None:
-        decisions[vehicle].note(tick, output)
+    def on_tick(tick: int, at: int, output: TickOutput) -> None:
+        decisions[mission.ids[at]].note(tick, output)
 
     record = fly_simulated(mission, drawn, flown_s, lambda _: None, recording, planner, steps=steps, on_tick=on_tick)
-    for each, times_us in zip(decisions, record.loop.tick_us.reshape(samples, -1).T, strict=True):
-        each.tick_us[:] = times_us
-    return Flight(mission, record, channels_of(record, dict(zip(mission.ids, decisions, strict=True))))
+    for each, tick_us in zip(decisions.values(), record.loop.tick_us.reshape(samples, -1).T, strict=True):
+        each.tick_us[:] = tick_us
+    return Flight(mission, record, channels_of(record, decisions))
 
 
 def _require_flyable(duration_s: float, seed: int, log: str | Path | None, planner: PlannerFactory | None) -> None:

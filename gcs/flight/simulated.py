@@ -46,8 +46,8 @@ def fly_simulated(
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
-    in line and its output. `planner` makes each vehicle's planner, see `TaskPlanner`: its exceptions end the flight.
-    Such a flight is not recorded, no replay could decide again: ValueError. Others: see `simulated_vehicles`.
+    in line and its output. `planner` makes each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
+    ValueError refuses to record it: no replay could decide again. `steps`, `imperfections`: see `simulated_vehicles`.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a planner of its own cannot be recorded: fly it without a log")

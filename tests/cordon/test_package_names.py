@@ -11,8 +11,6 @@ import pytest
 from cordon.package_names import PACKAGES
 from tests.support.paths import ROOT
 
-QUIET = ""
-
 
 def install(site: Path, distribution: str, files: dict[str, str]) -> None:
     """Put files where pip would put them, with the metadata that it writes."""
@@ -47,7 +45,8 @@ def said(*command: str, path: list[Path]) -> tuple[int, str]:
 
 def test_nothing_is_said_of_an_installation_alone(site: Path) -> None:
     subprocess.run([sys.executable, "-m", "compileall", "-q", site], check=True)
-    assert said("-c", "import cordon", path=[site]) == (0, "")
+    program = "import sys, cordon; assert 'importlib.metadata' not in sys.modules, 'it read the metadata of all'"
+    assert said("-c", program, path=[site]) == (0, "")
 
 
 @pytest.mark.parametrize(
