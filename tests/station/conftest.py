@@ -35,6 +35,9 @@ window.cancelAnimationFrame = (id) => { waiting.get(id)?.(); waiting.delete(id);
 """
 """A script for all tests: ten pictures a second, as each takes much of a core without a graphics card."""
 
+DRAWN_BY_CPU = ("--disable-gpu-compositing", "--disable-gpu-rasterization")
+"""Only the map is drawn by the emulated graphics card: the rest of the page would take twice the processor there."""
+
 OpenPage = Callable[..., Page]
 
 
@@ -45,7 +48,7 @@ def browser() -> Iterator[Browser]:
     if path is None:
         pytest.fail(f"{MISSING} ({REQUIRED} is set)") if os.environ.get(REQUIRED) else pytest.skip(MISSING)
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        launched = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS, *DRAWN_BY_CPU])
         yield launched
         launched.close()
 
