@@ -14,18 +14,19 @@ _TYPES = {1: "number", 3: "integer", 8: "true or false", 9: "text", 12: "bytes"}
 """By Protobuf's number of a type."""
 _UNITS = {"m": "m", "m_s": "m/s", "m2": "m²", "rad": "rad", "rad_s": "rad/s", "deg": "°", "s": "s", "us": "µs"}
 """By the end of a field's name; the longest that fits counts."""
-CHANNELS: dict[str, type[object]] = {
+CHANNELS: dict[str, type[Any]] = {
     **{f"/{name}": kind for kind, name in RUN_TOPICS.items()},
     **{f"/vehicle/N/{name}": kind for kind, name in VEHICLE_TOPICS.items()},
 }
 """By its topic, what each channel holds."""
-_TOPIC_OF = {codec_of(kind).descriptor.name: topic for topic, kind in CHANNELS.items()}
+_TOPIC_OF = {codec_of(kind).descriptor.name: topic for topic, kind in CHANNELS.items()}  # type: ignore[arg-type]
 
 
 def field_tables() -> str:
     """Return the channels with what they hold, and the fields of their records, as Markdown."""
     channels = [f"| `{topic}` | {_purpose(kind)} |" for topic, kind in CHANNELS.items()]
-    fields = [row for topic, kind in CHANNELS.items() for row in _rows(topic, kind, codec_of(kind).descriptor)]
+    codecs = {topic: codec_of(kind) for topic, kind in CHANNELS.items()}  # type: ignore[arg-type]  # as in the schema
+    fields = [row for topic, kind in CHANNELS.items() for row in _rows(topic, kind, codecs[topic].descriptor)]
     heads = ["| channel | holds |", "|---|---|"], ["| channel | field | holds | unit |", "|---|---|---|---|"]
     return "\n".join([*heads[0], *channels, "", *heads[1], *fields])
 
@@ -36,7 +37,7 @@ def unit(field: str) -> str:
     return _UNITS[max(ends, key=len)] if ends else ""
 
 
-def _rows(topic: str, kind: type[object], message: Any, prefix: str = "") -> Iterator[str]:
+def _rows(topic: str, kind: type[Any], message: Any, prefix: str = "") -> Iterator[str]:
     structs = dict(_structs(kind))
     for field in message.fields:
         name = f"{prefix}{field.name}"
@@ -52,7 +53,7 @@ def _rows(topic: str, kind: type[object], message: Any, prefix: str = "") -> Ite
             yield from _rows(topic, struct, field.message_type, f"{place}.")
 
 
-def _structs(kind: type[object]) -> Iterator[tuple[str, type[Any]]]:
+def _structs(kind: type[Any]) -> Iterator[tuple[str, type[Any]]]:
     """Return the fields that hold structs, alone, in a tuple or perhaps none, each with the type of the struct."""
     for name, hint in get_type_hints(kind).items():
         for each in (hint, *get_args(hint)):
@@ -65,7 +66,7 @@ def _type(field: Any) -> str:
     return f"{text}, or missing" if field.has_presence else text
 
 
-def _purpose(kind: type[object]) -> str:
+def _purpose(kind: type[Any]) -> str:
     """Return the docstring of a record without the call that takes it, and without errors."""
     text = re.sub(r"^`\w+`: ", "", " ".join((kind.__doc__ or "").split()))
     text = re.sub(r"Raises [^.]*\.", "", text).strip().replace("|", "\\|")
