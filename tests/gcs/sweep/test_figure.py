@@ -80,6 +80,6 @@ def test_the_worst_cases_come_with_what_flies_them(plan: SweepPlan, rows: dict[i
 
 def test_a_summary_counts_each_run_once(rows: dict[int, Row]) -> None:
     summary = SweepSummary.of(8, rows.values())
-    assert summary.line == "7 of 8 runs: 5 hold, 1 do not (C3 1), 1 failed"
+    assert summary.line == "7 of 8 runs: 5 hold, 1 does not (C3 1), 1 failed"
     assert not summary.all_hold
     assert summary.to_dict()["errors"] == {"it failed": 1}
