@@ -52,7 +52,9 @@ class SweepSummary:
         named = ", ".join(f"{name} {count}" for name, count in self.verdicts.items())
         parts = [f"{self.hold} hold"]
         if self.do_not_hold:
-            parts.append(f"{self.do_not_hold} do not{f' ({named})' if named else ''}")
+            parts.append(
+                f"{self.do_not_hold} {'does' if self.do_not_hold == 1 else 'do'} not{f' ({named})' if named else ''}"
+            )
         if self.failed:
             parts.append(f"{self.failed} failed")
         finished = "" if self.finished == self.runs else f"{self.finished} of "

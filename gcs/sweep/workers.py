@@ -12,11 +12,9 @@ from typing import Protocol
 
 from gcs.signals import ENDING, as_they_are
 from gcs.sweep.columns import Row
+from gcs.sweep.forkserver import start_forkserver
 from gcs.sweep.plan import Task
 from gcs.sweep.run import flown
-
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""The matrices of a flight are small: more threads only take time from the other workers."""
 
 
 class Workers(Protocol):
@@ -43,10 +41,9 @@ class LocalWorkers:
     losses = (BrokenProcessPool,)
 
     def __init__(self, count: int) -> None:
-        os.environ.update(ONE_THREAD)  # the processes are started with it
+        start_forkserver()
         self.at_once = count
-        self._context = get_context("forkserver")  # a copy of a process that has imported what a run needs
-        self._context.set_forkserver_preload([flown.__module__])
+        self._context = get_context("forkserver")
         self._workers_end, self._own_end = self._context.Pipe(duplex=False)
         self._pools = [self._pool() for _ in range(count)]
         self._futures: list[Future[Row] | None] = [None] * count

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from gcs.sweep.columns import Row
     from gcs.sweep.journal import Journal
     from gcs.sweep.plan import SweepPlan
+    from gcs.sweep.summary import SweepSummary
     from gcs.sweep.workers import Workers
 
 _REASONS_SHOWN = 5
@@ -74,10 +75,11 @@ class SweepOptions:
 def fly_sweep(options: SweepOptions) -> Exit:
     """Fly a sweep, or go on with one that was interrupted."""
     hold_back()
-    from gcs.cli.output import print_result
-    from gcs.console.terminal import print_line, print_problem
+    if options.scheduler is None:
+        from gcs.sweep.forkserver import start_forkserver
+
+        start_forkserver()
     from gcs.sweep.folder import SweepFolder, write_whole
-    from gcs.sweep.plan import counted
     from gcs.sweep.summary import SweepSummary
     from gcs.sweep.table import require_pyarrow, table_bytes
 
@@ -92,19 +94,28 @@ def fly_sweep(options: SweepOptions) -> Exit:
         else:
             write_whole(folder.table, table_bytes(plan, journal.rows))
     summary = SweepSummary.of(len(plan.runs), journal.rows.values())
+    _report(options, summary, folder.table, problem)
+    if problem:
+        return Exit.ENDED_IN_FLIGHT
+    return Exit.HOLDS if summary.all_hold else Exit.VERDICT_FAILED
+
+
+def _report(options: SweepOptions, summary: "SweepSummary", table: Path, problem: str) -> None:
+    """Print what came of the sweep, and what to do next; with a problem there is no table yet."""
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.sweep.plan import counted
+
     for reason, count in islice(summary.errors.items(), _REASONS_SHOWN):
         print_line(f"failed: {reason} ({counted(count, 'run')})", "red")
     print_line(f"{options.out}: {summary.line}")
     if problem:
         print_problem(problem, f"go on with it by: {shlex.join(['cordon', *sys.argv[1:]])}")
     else:
-        print_line(f"table: {folder.table}\nnext: cordon sweep plot {shlex.quote(str(options.out))}")
+        print_line(f"table: {table}\nnext: cordon sweep plot {shlex.quote(str(options.out))}")
     if options.json:
-        table = None if problem else str(folder.table)
-        print_result(json.dumps({"mission": options.mission, "table": table, **summary.to_dict()}))
-    if problem:
-        return Exit.ENDED_IN_FLIGHT
-    return Exit.HOLDS if summary.all_hold else Exit.VERDICT_FAILED
+        written = None if problem else str(table)
+        print_result(json.dumps({"mission": options.mission, "table": written, **summary.to_dict()}))
 
 
 class _EndedError(Exception):
