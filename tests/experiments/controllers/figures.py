@@ -48,18 +48,14 @@ def _flight(outcomes: Sequence[Outcome]) -> Figure:
     for column, planner in zip(panels.T, PLANNERS, strict=True):
         outcome = next(each for each in outcomes if each.job.planner == planner)
         motion, shown = outcome.motion, outcome.time_s >= SHOWN_FROM_S
-        rows = (
-            ("radius, m", motion.radius_m),
-            ("angular rate, mrad/s", motion.rate_rad_s * 1e3),
-            ("angle to the next, °", np.degrees(motion.lead_rad)),
-        )
         column[0].set_title(planner)
         column[-1].set_xlabel("time, s")
-        for axes, (title, values) in zip(column, rows, strict=True):
+        lines = (motion.radius_m, motion.rate_rad_s * 1e3, np.degrees(motion.lead_rad))
+        for axes, values in zip(column, lines, strict=True):
             for vehicle, line in enumerate(np.where(motion.member, values, np.nan)):
                 axes.plot(outcome.time_s[shown], line[shown], **vehicle_style(vehicle, len(values)))
-            if axes is panels[list(column).index(axes), 0]:
-                axes.set_ylabel(title)
+    for axes, title in zip(panels[:, 0], ("radius, m", "angular rate, mrad/s", "angle to the next, °"), strict=True):
+        axes.set_ylabel(title)
     return figure
 
 
