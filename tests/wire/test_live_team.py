@@ -1,4 +1,7 @@
-"""The pictures of a team that flies in another process: against its stubs, its log, and links that are cut."""
+"""The pictures of a team that flies in another process: against its stubs, its log, and links that are cut.
+
+Its log is replayed: every decision is the same again.
+"""
 
 import asyncio
 import json
@@ -25,6 +28,8 @@ from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from gcs.replay.cores import replay
+from gcs.replay.timeline import timeline_of
 from gcs.station.live_team import LiveTeam
 from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
 from gcs.station.recorded_flight import recorded_flight
@@ -254,6 +259,7 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
     assert not scene.faults, (len(scene.faults), scene.compared, scene.faults[:20])
     compare_with_log(scene, read_log(log_path))
     compare_with_replay(scene, recorded_flight(read_log(log_path)))
+    replay_bit_for_bit(read_log(log_path))
     texts = {(each.vehicle_id, each.text) for each in scene.events}
     for vehicle_id in (1, 2, 3):
         for text in ("connected, tactic standby", way_back(log_path, vehicle_id), "flight ended: completed"):
@@ -299,6 +305,20 @@ def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
             assert abs((live.battery or 0.0) - (later.battery or 0.0)) <= 0.011
             assert dist(live.position_m or (), later.position_m or ()) < 1.0
     assert compared > 60
+
+
+def replay_bit_for_bit(log: FlightLog) -> None:
+    """Replay the flight: every decision is the same again."""
+    replayed = replay(log)
+    assert (replayed.same, replayed.other_versions) == (True, ())
+    assert [vehicle.vehicle_id for vehicle in replayed.vehicles] == [1, 2, 3]
+    for vehicle in replayed.vehicles:
+        assert vehicle.ticks == vehicle.compared == vehicle.identical
+        assert vehicle.ticks > 0.7 * 10.0 * DURATION_S, "it has flown, and skipped few ticks"
+    lines = [entry.text for entry in timeline_of(log, 2).entries]
+    for passage in ("standby -> formation: start", "formation -> encircle: engage", "mode offboard"):
+        assert passage in lines
+    assert any(line.startswith("return and land -> land") for line in lines)
 
 
 def compare_with_decisions(shown: VehiclePicture, recent: Sequence[Any]) -> None:
