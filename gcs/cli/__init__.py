@@ -13,8 +13,8 @@ from cyclopts import App, CycloptsError
 from gcs.cli.options import with_stubs
 from gcs.errors import Exit, InputError
 
-OF_A_TEAM = ("command", "station", "target", "watch")
-"""The verbs for a team that flies already."""
+OF_A_TEAM = ("command", "router", "start", "station", "target", "watch")
+"""The verbs for a team whose agents run already, and for their bus."""
 OF_A_FLIGHT = ("check", "drill", "excite", "fly", "relay", "sim", "sitl")
 VERBS = tuple(sorted((*OF_A_FLIGHT, *OF_A_TEAM, "identify", "keys", "log", "replay", "report")))
 

@@ -17,7 +17,7 @@ from gcs.mission.control_loops import kept_up
 from gcs.mission.excitation import limits_rise
 from gcs.mission.geometry import IndexedVehicles, altitudes_fit, fence_fits, follows_fit, limits_agree, slots_fit
 from gcs.mission.links import LinkSection
-from gcs.mission.mission import FrameSection, MissionSection, TargetSection, VehicleSection
+from gcs.mission.mission import FrameSection, MissionSection, NetworkSection, TargetSection, VehicleSection
 from gcs.mission.profiles import LoadedVehicle, beyond_limits, of_another_kind
 
 LAYER_LEAST_M = 1.0
@@ -35,6 +35,9 @@ def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVeh
     if isinstance(safety, SafetySettings):
         yield from _separated(known, safety, ring, len(vehicles))
         yield from _inside_limits(sections, known, safety)
+    network = sections.get("network")
+    if isinstance(network, NetworkSection) and network.router is None:
+        yield from (f"vehicles[{i}].endpoint: it is missing" for i, vehicle in known if not vehicle.endpoint)
     frame = sections.get("frame")
     if isinstance(frame, FrameSection):
         yield from _located(frame, known)
@@ -52,7 +55,7 @@ def _all_distinct(vehicles: IndexedVehicles) -> Iterator[str]:
     yield from _distinct(vehicles, "id", lambda v: v.id)
     yield from _distinct(vehicles, "system_id", lambda v: v.system_id or v.id)
     yield from _distinct(vehicles, "url", lambda v: _exclusive_part(v.url), shared=lambda v: v.link)
-    yield from _distinct(vehicles, "endpoint", lambda v: v.endpoint)
+    yield from _distinct([each for each in vehicles if each[1].endpoint], "endpoint", lambda v: v.endpoint)
 
 
 def _inside_limits(

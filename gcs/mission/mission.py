@@ -170,9 +170,12 @@ class SecuritySection(Settings):
 
 
 class NetworkSection(Settings):
-    """`[network]`: the team's name on the bus, and how far messages reach; delay and loss are the simulation's."""
+    """`[network]`: the team's name on the bus, and how far messages reach; delay and loss are the simulation's. With
+    `router`, the endpoint of `cordon router`, all connect to that, and no vehicle's endpoint is used (docs/onboard.md).
+    """
 
     team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$")
+    router: Annotated[str, AfterValidator(_endpoint)] | None = None
     range_m: float = Field(200.0, gt=0.0, le=100000.0)
     delay_s: float = Field(0.0, ge=0.0, le=5.0)
     loss: float = Field(0.0, ge=0.0, lt=1.0)
@@ -222,14 +225,15 @@ class VehicleSection(Settings):
     `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
     `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
     `fence_m`, `altitude_min_m` and `altitude_max_m` hold for this vehicle instead of those of `[safety]`. With `link`,
-    the name of one of `[links]`, it has that one's url.
+    the name of one of `[links]`, it has that one's url. `endpoint` is where its agent listens for the others; with
+    `network.router` none is needed.
     """
 
     id: int = Field(ge=1, le=254)
     system_id: int | None = Field(None, ge=1, le=254)
     link: str | None = None
     url: Annotated[str, AfterValidator(connection_url)]
-    endpoint: Annotated[str, AfterValidator(_endpoint)]
+    endpoint: Annotated[str, AfterValidator(_endpoint)] = ""
     start_m: Metres2
     origin_m: Metres3 | None = None
     slot_m: Metres2 | None = None

@@ -250,7 +250,7 @@ def test_what_is_remembered_is_bounded() -> None:
 def test_a_core_answers_in_its_next_tick_even_before_it_knows_where_it_is(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
     core.on_message(OperatorCommand(1.0, "kill", 2, "pat@here", 7), 1.0)
-    assert core.kills
+    assert core.orders.kills
     output = core.tick(1.1)
     assert [decode(each.payload) for each in output.messages] == [CommandAnswer(2, 1.1, 7, CUTTING, "kill", "pat@here")]
     assert ("command", f"kill by pat@here: {CUTTING}") in [(note.kind, note.text) for note in output.status.notes]

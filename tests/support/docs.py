@@ -117,11 +117,16 @@ def _failsafe(row: Row) -> str:
         f"**{row.condition.value}**",
         row.detected,
         _grace(row),
-        "; then ".join(reaction.value for reaction in row.reactions),
+        _reactions(row),
         _descending(row),
         row.left,
     )
     return f"| {' | '.join(cells)} |"
+
+
+def _reactions(row: Row) -> str:
+    values = [reaction.value for reaction in row.reactions]
+    return f"{' or '.join(values)} (`{row.choice}`)" if row.choice else "; then ".join(values)
 
 
 def _grace(row: Row) -> str:

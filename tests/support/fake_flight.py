@@ -179,6 +179,7 @@ class FakeBus:
     """A bus that keeps what is published; the test speaks for the peers."""
 
     alive = True
+    operated = False
     drops = NO_DROPS
 
     def __init__(self) -> None:
