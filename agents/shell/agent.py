@@ -39,7 +39,7 @@ class Agent:
             parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
         )
         self._loop = ControlLoop(parts)
-        self._reporter = Reporter(parts, lambda: self._loop.newest)
+        self._reporter = Reporter(parts, lambda: self._loop.newest, lambda: self.clock_lags_s)
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
@@ -93,7 +93,7 @@ class Agent:
         """Wait for an operator's start, and report so; `lacks` is what forbids it, empty if nothing here does."""
         lacks = printable(lacks or self._start_agreement.refusal)[:LACKS_LIMIT]
         self._core.on_ground(lacks)
-        self._reporter.wait(lacks, max(map(abs, self.clock_lags_s.values()), default=None))
+        self._reporter.wait(lacks)
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from the ground to the ground: whatever happens, the vehicle lands or is handed over.

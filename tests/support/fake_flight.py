@@ -201,6 +201,10 @@ class FakeBus:
     async def close(self) -> None:
         pass
 
+    def payloads(self, topic: str) -> list[bytes]:
+        """Return what was published on a topic so far."""
+        return [payload for each, payload in self.published if each == topic]
+
 
 class FakeHeartbeat:
     """Keeps what a supervisor would see; ticks once for each uninterrupted sequence."""

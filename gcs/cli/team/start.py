@@ -60,7 +60,7 @@ def _show(mission: "Mission", result: "StartResult") -> None:
     from gcs.console.terminal import print_line, print_problem
 
     for each in result.standings:
-        clock = "" if each.clock_off_s is None else f", its clock within {each.clock_off_s:.3f} s of the others'"
+        clock = "" if each.clock_off_s is None else f", its clock at most {each.clock_off_s:.3f} s off the others'"
         answer = result.answers.get(each.vehicle)
         did = "no answer" if answer is None else answer.did
         said = f": {did}" if result.answers else f": {each.reason}" if each.reason else ""

@@ -466,11 +466,11 @@ def test_the_mission_chooses_what_is_done_without_an_operator(policy: str, tacti
     flight.operated = True
     flight.fly(flight.now_s + 1.0)
     flight.operated = False
-    flight.fly(flight.now_s + SETTINGS.no_operator_s + 40.0)
+    flight.fly(flight.now_s + SETTINGS.no_operator_s + 1.0)
     assert flight.status.tactic is tactic
     assert len(flight.notes()) == (0 if policy == "go_on" else 1)
     flight.operated = True
-    flight.fly(flight.now_s + 5.0)
+    flight.fly(flight.now_s + 1.0)
     assert flight.status.tactic is tactic, "an operator who is back changes nothing"
     cleared = [note for note in flight.notes() if note.endswith("cleared; resume continues the mission")]
     assert len(cleared) == (0 if policy == "go_on" else 1)

@@ -367,6 +367,10 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         changed((("vehicles", 0, "url"), "udp://:14540"), (("vehicles", 1, "url"), "udpin://127.0.0.1:70000")),
         [("vehicles[0].url", "udpin://127.0.0.1:14540"), ("vehicles[1].url", "70000")],
     ),
+    "no endpoint, and no router": (
+        changed((("vehicles", 1, "endpoint"), "")),
+        [("vehicles[1].endpoint", "missing")],
+    ),
     "an endpoint that Zenoh does not know": (
         changed((("vehicles", 0, "endpoint"), "127.0.0.1:7461"), (("vehicles", 1, "endpoint"), "tcp/127.0.0.1:70000")),
         [("vehicles[0].endpoint", "tcp/127.0.0.1:7461"), ("vehicles[1].endpoint", "70000")],
