@@ -59,7 +59,7 @@ class VehicleCore:
         self._team = Team(Credibility(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
-        self._orders = Orders(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
+        self.orders = Orders(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
         self._estimator = Estimator(config)
         self._own_sensor = OwnSensor(config)
         self._broadcast = Broadcast(config, self._team, self._own_sensor)
@@ -102,7 +102,7 @@ class VehicleCore:
     def _carry_out(self, now_s: float) -> None:
         """Carry out the operator's order that has become due: an abort that has hovered for long enough."""
         self._now_s = now_s
-        if (event := self._orders.due(self._tactic, now_s)) is not None:
+        if (event := self.orders.due(self._tactic, now_s)) is not None:
             self._change(event, descent=Descent(verb="abort"))
 
     def _estimate(self, now_s: float) -> Situation | None:
@@ -198,7 +198,7 @@ class VehicleCore:
             target_altitude_m=self._altitude.target_m,
             turning_rad_s=self._estimator.ring_frequency_rad_s,
         )
-        return TickOutput(setpoint, (*map(command_answer, self._orders.answers(now_s)), *messages), status)
+        return TickOutput(setpoint, (*map(command_answer, self.orders.answers(now_s)), *messages), status)
 
     # What the stages are made of
 
@@ -281,11 +281,6 @@ class VehicleCore:
         own = self._inbox.dropped.drops
         return own if self._bus_drops is NO_DROPS else own.plus(self._bus_drops)
 
-    @property
-    def kills(self) -> bool:
-        """Whether the motors are to be cut: at once, without waiting for a tick."""
-        return self._orders.kills
-
     def set_time_scale(self, factor: float) -> None:
         """Wait `factor` times as long for what comes over a link: links take wall time, the core's may pass faster."""
         self._time_scale = factor
@@ -311,9 +306,9 @@ class VehicleCore:
         """Take how many ticks were skipped before the next, because it comes that late."""
         self._fault_detector.late_ticks = late_ticks
 
-    def on_bus(self, alive: bool) -> None:
-        """Take whether the bus to the peers works, as far as this end of it knows."""
-        self._fault_detector.bus_alive = alive
+    def on_bus(self, alive: bool, operated: bool = False) -> None:
+        """Take whether the bus to the peers works, as far as this end knows, and whether an operator is on it."""
+        self._fault_detector.bus_alive, self._fault_detector.operated = alive, operated
 
     def on_computer(self, short_of: str) -> None:
         """Take what this computer runs short of, empty if nothing."""
@@ -329,6 +324,10 @@ class VehicleCore:
             sighting = self._estimator.shared(sighting)
         if self._own_sensor.accepts(sighting):
             self._sightings.append(sighting)
+
+    def on_ground(self, lacks: str) -> None:
+        """Take that the vehicle waits for its start, and what forbids that, empty if nothing does."""
+        self.orders.lacks = lacks
 
     def on_drops(self, drops: Drops) -> None:
         """Take how many messages the bus has dropped so far, before they came here."""
@@ -364,7 +363,7 @@ class VehicleCore:
 
     def on_killed(self, refusal: str, now_s: float) -> None:
         """Take the outcome of cutting the motors: why it failed, empty when it did not."""
-        self._orders.on_killed(refusal, now_s)
+        self.orders.on_killed(refusal, now_s)
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
         """Take that a peer has come or gone."""
@@ -373,10 +372,10 @@ class VehicleCore:
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
-        if (event := self._orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume())) is not None:
+        if (event := self.orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume())) is not None:
             self._change(event, descent=Descent(verb=command.verb, origin=command.origin))
-        if self._orders.reshaping is not None:
-            self._reshape(self._orders.reshaping)
+        if self.orders.reshaping is not None:
+            self._reshape(self.orders.reshaping)
 
     def _receive_target(self, package: TargetPackage) -> None:
         if self._config.vehicle_id not in package.recipients:

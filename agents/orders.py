@@ -16,6 +16,7 @@ from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand, Verb
 from agents.team.text import printable
 
 CUTTING, CUT = "cuts the motors", "motors cut"
+STARTS = "takes off"
 REFUSED = "refused: "
 NUMBERS_KEPT = 64
 """How many commands a vehicle remembers, to recognise repeats: those are sent for two seconds at most."""
@@ -69,6 +70,10 @@ class Orders:
         self._shapes = shapes
         self.reshaping: Reshaping | None = None
         """The newest change of the formation that this vehicle has received."""
+        self.lacks: str | None = None
+        """While the vehicle waits on the ground for its start: what forbids that, empty if nothing does."""
+        self.starts = False
+        """Whether an operator has started the vehicle."""
         self._done: OrderedDict[int, tuple[OperatorCommand, str]] = OrderedDict()
         self._unanswered: dict[int, None] = {}
         self._abort: tuple[float, str] | None = None
@@ -135,12 +140,24 @@ class Orders:
                 self._kills.append(command)
                 self._abort = None
                 return CUTTING, Event.LAND
+            case "start":
+                return self._start(), None
+            case _ if self.lacks is not None:
+                return f"{REFUSED}it waits on the ground for its start", None
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s)
             case "formation":
                 return self._reshape(command, tactic), None
             case verb:
                 return self._steer(verb, tactic)
+
+    def _start(self) -> str:
+        if self.lacks is None:
+            return "did not wait for its start" if not self.starts else "had taken off already"
+        if self.lacks:
+            return f"{REFUSED}{self.lacks}"[:DID_LIMIT]
+        self.starts, self.lacks = True, None
+        return STARTS
 
     def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
         """Hover at once and land later; a second abort while it hovers lands at once."""

@@ -176,6 +176,11 @@ class PeerBus(Protocol):
         """The messages that this process has dropped so far on receipt, and own ones that could not be sent."""
         ...
 
+    @property
+    def operated(self) -> bool:
+        """Whether an operator is on the bus, as far as this end knows."""
+        ...
+
     async def open(
         self,
         on_message: Callable[[BusMessage], None],

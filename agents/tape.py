@@ -50,15 +50,22 @@ class LateTicks(msgspec.Struct, frozen=True):
 
 
 class Bus(msgspec.Struct, frozen=True):
-    """`on_bus`: whether the bus works; recorded when it has changed."""
+    """`on_bus`: whether the bus works, and whether an operator is on it; on tape when it has changed."""
 
     alive: bool
+    operated: bool = False
 
 
 class Computer(msgspec.Struct, frozen=True):
     """`on_computer`: what the computer runs short of; recorded when it has changed."""
 
     short_of: str
+
+
+class Ground(msgspec.Struct, frozen=True):
+    """`on_ground`: the vehicle waits for its start, and what forbids that."""
+
+    lacks: str
 
 
 class Message(msgspec.Struct, frozen=True):
@@ -104,6 +111,7 @@ CoreInput = (
     | Bus
     | Drops
     | Computer
+    | Ground
     | Telemetry
     | Sighting
     | Message
@@ -130,7 +138,7 @@ class TapedCore(VehicleCore):
         self._write = tape.write
         self._autopilot: VehicleStatus | None = None
         self._late_ticks = 0
-        self._bus_alive = True
+        self._bus = Bus(alive=True)
         self._bus_drops_taped = NO_DROPS
         self._short_of = ""
 
@@ -163,12 +171,12 @@ class TapedCore(VehicleCore):
             self._write(LateTicks(late_ticks))
         super().on_loop(late_ticks)
 
-    def on_bus(self, alive: bool) -> None:
+    def on_bus(self, alive: bool, operated: bool = False) -> None:
         """See VehicleCore."""
-        if alive != self._bus_alive:
-            self._bus_alive = alive
-            self._write(Bus(alive))
-        super().on_bus(alive)
+        if (bus := Bus(alive, operated)) != self._bus:
+            self._bus = bus
+            self._write(bus)
+        super().on_bus(alive, operated)
 
     def on_drops(self, drops: Drops) -> None:
         """See VehicleCore."""
@@ -183,6 +191,11 @@ class TapedCore(VehicleCore):
             self._short_of = short_of
             self._write(Computer(short_of))
         super().on_computer(short_of)
+
+    def on_ground(self, lacks: str) -> None:
+        """See VehicleCore."""
+        self._write(Ground(lacks))
+        super().on_ground(lacks)
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """See VehicleCore."""
@@ -236,9 +249,10 @@ _CALLS: dict[type, Callable[[VehicleCore, Any], object]] = {
     TacticEvent: lambda core, item: core.on_event(item.event),
     Autopilot: lambda core, item: core.on_vehicle(item.status),
     LateTicks: lambda core, item: core.on_loop(item.count),
-    Bus: lambda core, item: core.on_bus(item.alive),
+    Bus: lambda core, item: core.on_bus(item.alive, item.operated),
     Drops: lambda core, item: core.on_drops(item),
     Computer: lambda core, item: core.on_computer(item.short_of),
+    Ground: lambda core, item: core.on_ground(item.lacks),
     Telemetry: lambda core, item: core.on_telemetry(item),
     Sighting: lambda core, item: core.on_sighting(item),
     Message: lambda core, item: core.on_message(item.message, item.now_s),

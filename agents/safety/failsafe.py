@@ -4,8 +4,9 @@
 carries the table out, and the tactic machine (`agents/tactics.py`) defines what a reaction does.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Any
 
 from agents.settings.config import AgentConfig
 
@@ -45,6 +46,7 @@ class Condition(Enum):
     PEER_DOUBTFUL = "peer doubtful"
     SIGHTINGS_CONTRADICT = "sightings contradict"
     TARGET_FROM_OUTSIDE = "target from outside only"
+    NO_OPERATOR = "no operator on the bus"
     OPERATOR_LOST = "operator lost"
 
 
@@ -72,8 +74,8 @@ class Row:
 
     `grace` names the setting of the grace time (empty: none); with `by_wall` it counts on the wall's clock, for links
     take wall time also where the mission's passes faster. Each further reaction follows `failsafe.escalation_s` later
-    if the condition persists. `descending` is what a vehicle does that is coming down already, if not go on; a row of
-    the `shell` is carried out outside the core.
+    if the condition persists; where `choice` names a setting, that chooses one of them instead. `descending` is what a
+    vehicle does that is coming down already, if not go on; a row of the `shell` is carried out outside the core.
     """
 
     condition: Condition
@@ -84,6 +86,7 @@ class Row:
     by_wall: bool = False
     descending: Reaction | None = None
     shell: bool = False
+    choice: str = ""
 
 
 TABLE = (
@@ -342,6 +345,16 @@ TABLE = (
         BY_ITSELF,
     ),
     Row(
+        Condition.NO_OPERATOR,
+        "an operator was on the team's bus, and none is any more; not looked for where `failsafe.no_operator` is "
+        '"go_on"',
+        "failsafe.no_operator_s",
+        (Reaction.HOLD, Reaction.RETURN),
+        "by `resume`",
+        by_wall=True,
+        choice="failsafe.no_operator",
+    ),
+    Row(
         Condition.OPERATOR_LOST,
         "the terminal of `cordon fly` is gone (SIGHUP), or it was signalled to end (SIGTERM, SIGINT)",
         "",
@@ -353,6 +366,7 @@ TABLE = (
 """Among equally grave conditions the one that stands first is the one that is reported."""
 
 ROWS = {row.condition: row for row in TABLE}
+_CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}
 POSITION_ALERTS = frozenset(
     each.value for each in (Condition.TELEMETRY_STALE, Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING)
 )
@@ -361,7 +375,15 @@ POSITION_ALERTS = frozenset(
 
 def grace_s(row: Row, config: AgentConfig) -> float:
     """Return the grace time of a condition under a configuration."""
-    if not row.grace:
-        return 0.0
-    section, key = row.grace.split(".")
-    return float(getattr(getattr(config, section), key))
+    return _setting(row.grace, config) if row.grace else 0.0
+
+
+def chosen(row: Row, config: AgentConfig) -> Row:
+    """Return a row with the reactions that a configuration chooses."""
+    reaction = _CHOICES.get(_setting(row.choice, config)) if row.choice else None
+    return row if reaction is None else replace(row, reactions=(reaction,))
+
+
+def _setting(name: str, config: AgentConfig) -> Any:
+    section, key = name.split(".")
+    return getattr(getattr(config, section), key)

@@ -4,7 +4,7 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from agents.safety.failsafe import ROWS, TABLE, Condition, Reaction, Row, grace_s
+from agents.safety.failsafe import TABLE, Condition, Reaction, Row, chosen, grace_s
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
 
@@ -51,6 +51,11 @@ class _Alert:
         return self.reaction is not Reaction.DEGRADE
 
     @property
+    def binds(self) -> bool:
+        """Whether it keeps the vehicle from resuming: the operator who resumes it is there."""
+        return self.present and self.row.condition is not Condition.NO_OPERATOR
+
+    @property
     def gravity(self) -> tuple[int, int]:
         return _GRAVITY[self.reaction], -_ORDER[self.row.condition]
 
@@ -65,6 +70,7 @@ class FailsafeMonitor:
     """Takes the faults of each tick, returns the event that is due, and remembers the conditions reacted to."""
 
     def __init__(self, config: AgentConfig) -> None:
+        self._rows = {row.condition: chosen(row, config) for row in TABLE}
         self._grace_s = {row.condition: grace_s(row, config) for row in TABLE}
         self._escalation_s = config.failsafe.escalation_s
         self._time_scale = 1.0
@@ -101,7 +107,7 @@ class FailsafeMonitor:
 
     def latch(self, condition: Condition, detail: str) -> None:
         """Remember a condition that the shell has reacted to already."""
-        self._alerts[condition] = _Alert(ROWS[condition], 0, detail, present=False)
+        self._alerts[condition] = _Alert(self._rows[condition], 0, detail, present=False)
         self._tell(condition)
 
     def refuse_resume(self) -> str | None:
@@ -109,13 +115,13 @@ class FailsafeMonitor:
         reasons = [
             f"{condition.value}: {alert.detail}"
             for condition, alert in self._alerts.items()
-            if alert.present and alert.sticky
+            if alert.binds and alert.sticky
         ]
         return "; ".join(reasons) or None
 
     def resume(self) -> None:
         """Forget what stopped the vehicle and is over."""
-        for condition in [c for c, alert in self._alerts.items() if not alert.present]:
+        for condition in [c for c, alert in self._alerts.items() if not alert.binds]:
             del self._alerts[condition]
 
     def news(self) -> list[str]:
@@ -127,7 +133,7 @@ class FailsafeMonitor:
 
     def _take(self, now_s: float, condition: Condition, symptom: Symptom) -> bool:
         """Take in a fault, and return whether it has lasted longer than its grace time."""
-        row = ROWS[condition]
+        row = self._rows[condition]
         time_scale = self._time_scale if row.by_wall else 1.0
         borne_s = now_s - symptom.since_s - self._grace_s[condition] * time_scale + _ROUNDING_S
         if borne_s < 0.0:

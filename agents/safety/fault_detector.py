@@ -55,6 +55,8 @@ class FaultDetector:
         self.vehicle = VehicleWatch(config, self._own)
         self.late_ticks = 0
         self.bus_alive = True
+        self.operated = False
+        self._operators_needed, self._was_operated = config.failsafe.no_operator != "go_on", False
         self.bus_drops = NO_DROPS
         self._flood = _Flood(config.failsafe.flood_per_s)
         self.unsolved = False
@@ -118,6 +120,10 @@ class FaultDetector:
             self._add(faults, now_s, Condition.COMPUTER_SHORT, self.computer_short_of)
         if not self.bus_alive:
             self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
+        if self.operated:
+            self._was_operated = True
+        elif self._was_operated and self._operators_needed:
+            self._add(faults, now_s, Condition.NO_OPERATOR, "all operators have left it")
 
     def _check_flood(self, faults: Faults, now_s: float, time_scale: float) -> None:
         if self._flood.see(self.bus_drops.refused, now_s, time_scale):

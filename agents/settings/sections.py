@@ -134,7 +134,8 @@ class FailsafeSection(Settings):
     """`[failsafe]`: when a condition of the failsafe table (safety.md) counts, and how long until a graver reaction. A
     condition that lasts `escalation_s` longer leads to the next reaction; the batteries' are shares of a full one; the
     others are how long the bus, all peers or one of them may be silent. A vehicle returns while it can still land at
-    its start with a `reserve_s` of flight time left.
+    its start with a `reserve_s` of flight time left. `no_operator` is what vehicles do when operators were on the bus
+    and none is any more, as when the laptop is lost: "go_on", "hold" or "return" (docs/onboard.md).
     """
 
     escalation_s: float = Field(30.0, ge=1.0, le=3600.0)
@@ -144,6 +145,8 @@ class FailsafeSection(Settings):
     bus_lost_s: float = Field(2.0, ge=0.0, le=600.0)
     peers_silent_s: float = Field(3.0, ge=1.0, le=600.0)
     peer_silent_s: float = Field(2.0, ge=1.0, le=600.0)
+    no_operator: Literal["go_on", "hold", "return"] = "go_on"
+    no_operator_s: float = Field(10.0, ge=1.0, le=3600.0)
 
 
 class FailsafeSettings(FailsafeSection, FailsafeTuning):

@@ -4,7 +4,6 @@ The phases, and what is done on each event, stand in `agents/shell/life.py`. Thi
 """
 
 import asyncio
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,13 +12,14 @@ from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
 from agents.shell.outcome import FAILED, KILLED, Ending, LoopReport, Outcome, Stop, outcome_of
+from agents.shell.outside_sensors import OutsideSensors
 from agents.shell.parts import AgentParts
 from agents.shell.pilot_override import override_outcome, override_reason
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
-from agents.team import external_positions
-from agents.team.messages import BusMessage, OperatorCommand
+from agents.team.messages import LACKS_LIMIT, BusMessage, OperatorCommand
+from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
 
 ARMED_HEARD_AFTER_S = 2.5
@@ -39,10 +39,11 @@ class Agent:
             parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
         )
         self._loop = ControlLoop(parts)
-        self._reporter = Reporter(parts, lambda: self._loop.newest)
+        self._reporter = Reporter(parts, lambda: self._loop.newest, lambda: self.clock_lags_s)
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
+        self.started = asyncio.Event()  # by an operator, where it waits on the ground; or its motors were cut
         self._refusal: VehicleRefusedError | None = None
         self._override_reason = ""
         self._outcome = Outcome(Ending.COMPLETED)
@@ -80,13 +81,19 @@ class Agent:
 
     async def connect(self) -> None:
         """Reach the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
-        await self._parts.bus.open(self._hear, self._perceive, self._note_presence)
+        await self._parts.bus.open(self._hear, OutsideSensors(self._parts).take, self._note_presence)
         await self._link.connect(self._sense)
 
     def announce(self) -> None:
         """Send time and reports from now on, and compare clocks: once connected, with the clock at its speed."""
         self._start_agreement.announce()
         self._reporter.begin()
+
+    def wait_on_ground(self, lacks: str) -> None:
+        """Wait for an operator's start, and report so; `lacks` is what forbids it, empty if nothing here does."""
+        lacks = printable(lacks or self._start_agreement.refusal)[:LACKS_LIMIT]
+        self._core.on_ground(lacks)
+        self._reporter.wait(lacks)
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from the ground to the ground: whatever happens, the vehicle lands or is handed over.
@@ -95,6 +102,7 @@ class Agent:
         """
         self._core.set_time_scale(max(self._clock.speed, 1.0))
         self._duration_s, self._stop = duration_s, stop
+        self._reporter.wait(None)
         self._start_agreement.bound(duration_s)
         try:
             self._happen(LifeEvent.FLY)
@@ -112,7 +120,7 @@ class Agent:
     def obey(self, command: OperatorCommand) -> None:
         """Take a command of an operator at this computer."""
         self._core.on_command(command, self._clock.now_s())
-        self._kill_if_commanded()
+        self._act_on_orders()
 
     def see(self, sighting: Sighting) -> None:
         """Take a sighting from outside the team."""
@@ -157,25 +165,19 @@ class Agent:
 
     def _hear(self, message: BusMessage) -> None:
         self._core.on_message(message, self._clock.now_s())
-        self._kill_if_commanded()
+        if isinstance(message, OperatorCommand):
+            self._act_on_orders()
         self._start_agreement.receive(message)
 
-    def _perceive(self, topic: str, payload: bytes) -> None:
-        if topic == external_positions.TOPIC:
-            self._locate(payload)
-            return
-        seen = self._parts.perception.take(payload, self._clock.now_s(), max(self._clock.speed, 1.0))
-        if seen is not None:
-            self.see(seen)
-
-    def _locate(self, payload: bytes) -> None:
-        positions = self._parts.positions
-        if positions is not None and (position := positions.take(payload, time.time())) is not None:
-            self._link.locate(position)
-
-    def _kill_if_commanded(self) -> None:
-        if self._core.kills:
+    def _act_on_orders(self) -> None:
+        """Do what waits for no tick; where the vehicle waits on the ground nothing ticks, and it answers here."""
+        orders = self._core.orders
+        if self._phase is Phase.GROUND and (orders.starts or orders.lacks is not None):
+            self._loop.tick_only()
+        if orders.kills:
             self._happen(LifeEvent.KILL)
+        if orders.starts or orders.kills:
+            self.started.set()
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
         self._start_agreement.note_presence(vehicle_id, present)
@@ -344,7 +346,6 @@ class Agent:
         self._outcome = outcome
 
     def _report_land_decision(self) -> None:
-        """Report why the vehicle came down."""
         self._report(outcome_of(self._core.descent))
 
     def _report_refusal(self) -> None:
@@ -385,7 +386,6 @@ class Agent:
     # What several of them need.
 
     def _answer_kill(self, refusal: str) -> None:
-        """Let the core answer what came of a kill, also where nothing ticks."""
         self._core.on_killed(refusal, self._clock.now_s())
         self._loop.tick_only()
 

@@ -1,6 +1,9 @@
-"""Whether this computer runs short of memory, or of disk for the flight log."""
+"""This computer: whether it runs short of memory, or of disk for the flight log, and how well its clock is set."""
 
+import ctypes
 import shutil
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
@@ -9,6 +12,43 @@ MEMORY_SHARE_MIN = 0.05
 """Of all memory. Below, Linux begins to swap, and then to kill processes."""
 DISK_MIN_BYTES = 200e6
 """A team of three writes that much in half an hour."""
+
+_UNSYNCHRONISED = 0x0040
+"""STA_UNSYNC of Linux's timex.h, in the status of its clock."""
+
+
+class _Timex(ctypes.Structure):
+    """The beginning of Linux's `struct timex`, and room for the rest of it."""
+
+    _fields_ = (
+        ("modes", ctypes.c_uint),
+        ("offset", ctypes.c_long),
+        ("freq", ctypes.c_long),
+        ("maxerror", ctypes.c_long),
+        ("esterror", ctypes.c_long),
+        ("status", ctypes.c_int),
+        ("rest", ctypes.c_byte * 256),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ComputerClock:
+    """The clock of a computer: its largest error by the kernel [s], None where no program keeps it set."""
+
+    error_s: float | None
+
+
+def computer_clock() -> ComputerClock | None:
+    """Return how well this computer's clock is set, None where its system does not tell.
+
+    chrony, systemd-timesyncd, ntpd and linuxptp tell Linux.
+    """
+    if sys.platform != "linux":
+        return None
+    clock = _Timex()  # modes 0: it is only read
+    if ctypes.CDLL(None).adjtimex(ctypes.byref(clock)) < 0 or clock.status & _UNSYNCHRONISED:
+        return ComputerClock(None)
+    return ComputerClock(float(clock.maxerror) * 1e-6)
 
 
 def short_of(log: Path | None) -> str:

@@ -50,7 +50,7 @@ class ControlLoop:
         core, link = self._parts.core, self._parts.link
         core.on_vehicle(link.status)
         core.on_loop(late_ticks)
-        core.on_bus(self._parts.bus.alive)
+        core.on_bus(self._parts.bus.alive, self._parts.bus.operated)
         core.on_drops(self._parts.bus.drops)
         now_s = self._parts.clock.now_s()
         sighting = self.sensor.sight(now_s, self.position_m) if self.sensor else None

@@ -1,7 +1,7 @@
 """What a vehicle reports to those who look on: beside its state, which peers fly by."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
@@ -20,17 +20,24 @@ _WORDS_LIMIT = 32
 
 
 class Reporter:
-    """Sends the reports of one vehicle: once a second, and at once when mode, link, alert or the end change.
+    """Sends the reports of one vehicle: once a second, and at once when mode, link, alert, readiness or the end change.
 
     It runs in a task of its own, so that a vehicle on the ground, and one whose flight has ended, are reported as well.
     """
 
-    def __init__(self, parts: AgentParts, newest: Callable[[], TickOutput | None]) -> None:
-        """Take the agent's parts; `newest` returns the output of the newest tick."""
+    def __init__(
+        self,
+        parts: AgentParts,
+        newest: Callable[[], TickOutput | None],
+        clock_lags_s: Callable[[], Mapping[int, float]],
+    ) -> None:
+        """Take the parts; the newest output and the lags of the peers' clocks come from these calls."""
         self._parts = parts
         self._newest = newest
+        self._clock_lags_s = clock_lags_s
         self._mission: tuple[float | None, float] = (None, 0.0)
         self._ended = ""
+        self._lacks: str | None = None
         self._motion_s: float | None = None
         self._said: tuple[object, ...] = ()
         self._sent_s = 0.0
@@ -47,6 +54,10 @@ class Reporter:
     def start_mission(self, start_s: float, duration_s: float) -> None:
         """Take when the mission begins on the team's clock, and how long it takes."""
         self._mission = (start_s, duration_s)
+
+    def wait(self, lacks: str | None) -> None:
+        """Take what forbids the start that the vehicle waits for, None where it waits for none."""
+        self._lacks = lacks
 
     def end(self, outcome: Outcome) -> None:
         """Send how the flight ended, unless it had ended before."""
@@ -70,7 +81,16 @@ class Reporter:
         output, status, now_s = self._newest(), self._parts.link.status, _wall_s()
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
-        said = (status.mode, status.armed, status.in_air, status.connected, is_silent, alert, self._ended)
+        said = (
+            status.mode,
+            status.armed,
+            status.in_air,
+            status.connected,
+            is_silent,
+            alert,
+            self._ended,
+            self._lacks,
+        )
         if said != self._said or now_s - self._sent_s >= PERIOD_S:
             self._said = said
             self._send(now_s)
@@ -100,6 +120,8 @@ class Reporter:
             duration_s,
             self._ended,
             None if output is None else target_report(output.status),
+            self._lacks,
+            None if self._lacks is None else max(map(abs, self._clock_lags_s().values()), default=None),
         )
 
 

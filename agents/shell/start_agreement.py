@@ -53,6 +53,16 @@ class StartAgreement:
         """How far the clocks of the peers' computers are behind this one's, as far as is known [wall s]."""
         return self._clocks.lags_s()
 
+    @property
+    def refusal(self) -> str:
+        """Why the vehicle would not take off with the peers heard so far, empty if nothing is known against it."""
+        try:
+            self._require_one_mission()
+            self._clocks.require_one_time()
+        except VehicleRefusedError as refusal:
+            return refusal.reason
+        return ""
+
     def bound(self, duration_s: float) -> None:
         """Take the mission's duration: one that began earlier is over, and is not joined."""
         self._duration_s = duration_s

@@ -14,6 +14,7 @@ from agents.settings.shapes import Shape
 from agents.tactics import Tactic
 from agents.team.messages import (
     ENDED_LIMIT,
+    LACKS_LIMIT,
     BusMessage,
     CommandAnswer,
     MemberState,
@@ -116,7 +117,7 @@ class _Estimate(msgspec.Struct, frozen=True, array_like=True):
 
 
 class _Report(msgspec.Struct, frozen=True, array_like=True, tag="r"):
-    """A `VehicleReport`: age and duration in ms, the yaw in mrad, the battery in 1e-4, the endurance in s."""
+    """A `VehicleReport`: ages, duration and clocks in ms, the yaw in mrad, the battery in 1e-4, the endurance in s."""
 
     sender: VehicleId
     time_s: TimeS
@@ -134,6 +135,8 @@ class _Report(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     duration_ms: _Positive
     ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)]
     target: _Estimate | None
+    lacks: Annotated[str, msgspec.Meta(max_length=LACKS_LIMIT, pattern=PRINTABLE)] | None = None
+    clock_off_ms: _Positive | None = None
 
 
 _Former = MemberState | NeighbourAngle | TargetPackage
@@ -308,6 +311,8 @@ def _packed_report(report: VehicleReport) -> _Report:
         round(report.duration_s * _MM),
         report.ended,
         None if report.target is None else _packed_estimate(report.target),
+        report.lacks,
+        _scaled(report.clock_off_s, _MM),
     )
 
 
@@ -347,6 +352,8 @@ def _unpacked_report(report: _Report) -> VehicleReport:
         report.duration_ms / _MM,
         report.ended,
         None if report.target is None else _unpacked_estimate(report.target),
+        report.lacks,
+        None if report.clock_off_ms is None else report.clock_off_ms / _MM,
     )
 
 

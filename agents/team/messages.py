@@ -26,10 +26,10 @@ _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 _Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 _Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
-DID_LIMIT = ENDED_LIMIT = 120
+DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
 LINK_SILENT_S = 0.8
 """A link without a sample of the vehicle's motion for so long [wall s] counts as cut, for those who look on."""
-Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
+Verb = Literal["start", "hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 
 
@@ -167,7 +167,9 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint;
     `battery` is a fraction, `endurance_s` the flight time left by the autopilot, `gps_dimensions` that of the fix (0
     without one), `estimator` the state of the autopilot's estimator in words. The mission began at `start_s` and takes
-    `duration_s`. `ended` is how the vehicle's flight ended, empty while it is on. What is not known is None, or empty.
+    `duration_s`. `ended` is how the vehicle's flight ended, empty while it is on. While it waits on the ground for an
+    operator's start, `lacks` is what forbids that, empty if nothing does, and `clock_off_s` how far the clock of any
+    peer's computer is off its own's at most [wall s]. What is not known is None, or empty.
     """
 
     sender: VehicleId
@@ -186,6 +188,8 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     duration_s: _Seconds = 0.0
     ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)] = ""
     target: TargetReport | None = None
+    lacks: Annotated[str, msgspec.Meta(max_length=LACKS_LIMIT, pattern=PRINTABLE)] | None = None
+    clock_off_s: _Seconds | None = None
 
     @property
     def is_link_cut(self) -> bool:
@@ -218,6 +222,8 @@ TOPICS: dict[type[BusMessage], Topic] = {
 }
 
 OPERATOR_TOPIC = TOPICS[OperatorCommand].name
+PRESENCE_TOPIC, OPERATORS_TOPIC = "alive", "operator"
+"""Where Zenoh's liveliness shows which vehicles, and which operators, are on the bus; nothing is sent there."""
 REPORT_TOPIC = TOPICS[VehicleReport].name
 PEER_TOPICS = frozenset(TOPICS[kind].name for kind in (MemberState, StartProposal, CommandAnswer, VehicleReport))
 """Topics on which vehicles send, with a key for each; that of commands has one for each verb and operator."""

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-Role = Literal["vehicle", "operator", "sensor", "observer"]
+Role = Literal["vehicle", "operator", "sensor", "observer", "router"]
 NAME_LENGTH = 32
 _NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{NAME_LENGTH}}}")
 _FOREIGN_TO_NAMES = re.compile(r"[^A-Za-z0-9_.-]")
@@ -22,7 +22,8 @@ def name_from(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """A vehicle (its name is its number), an operator, a sensor of the target, or an observer, which sends nothing.
+    """A vehicle (its name is its number), an operator, a sensor of the target, an observer, which sends nothing, or a
+    router, which passes on what the others send.
 
     Raises ValueError for a name that is none.
     """

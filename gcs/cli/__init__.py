@@ -15,14 +15,14 @@ from gcs.errors import Exit, InputError
 
 GROUPS = {
     "Plan": ("missions", "new", "schema", "sim", "sweep", "check"),
-    "Fly": ("fly", "sitl", "drill", "excite", "relay"),
+    "Fly": ("fly", "start", "sitl", "drill", "excite", "relay", "router"),
     "Operate": ("watch", "station", "command", "target", "keys"),
     "Analyse": ("report", "replay", "identify", "log"),
 }
 """The verbs in the order of the help."""
 FOLDERS = {
     **dict.fromkeys(("missions", "new", "schema"), "plan."),
-    **dict.fromkeys(("command", "station", "target", "watch"), "team."),
+    **dict.fromkeys(("command", "router", "start", "station", "target", "watch"), "team."),
 }
 """The folders of the verbs' files, beside this one unless given."""
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)

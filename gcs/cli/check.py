@@ -32,14 +32,18 @@ def check(options: CheckOptions) -> Exit:
 
     Example: cordon check px4-trio --all
     """
+    from agents.shell.computer import computer_clock
     from gcs.cli.output import print_result
     from gcs.console.terminal import STDERR
+    from gcs.keys.team_keys import leaves_this_computer
     from gcs.preflight.findings_view import exit_code, findings_json, findings_view
     from gcs.preflight.link_facts import gather_facts
     from gcs.preflight.preflight import preflight
 
     mission = bus_mission(options.mission, options.changes)
-    findings = preflight(mission, asyncio.run(gather_facts(mission)), date.today(), bench=options.bench)
+    clock = computer_clock() if leaves_this_computer(mission) else None
+    facts = asyncio.run(gather_facts(mission))
+    findings = preflight(mission, facts, date.today(), bench=options.bench, clock=clock)
     STDERR.print(findings_view(mission.mission.name, findings, passes=options.all))
     if options.json:
         print_result(findings_json(mission.mission.name, findings))

@@ -72,6 +72,13 @@ class FlyOptions:
             help="Seconds to wait on the ground for vehicles that are about to be ready; 0 refuses them at once.",
         ),
     ] = 60.0
+    wait_for_start: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            help="Stay on the ground, ready, until an operator says `cordon start`: for agents on board.",
+        ),
+    ] = False
     log: Log = None
     recorded: Recorded = True
     live: Annotated[
@@ -195,6 +202,7 @@ def _fly(options: FlyOptions) -> Exit:
         stubs,
         wait_s=options.wait,
         bench=options.bench,
+        awaits_start=options.wait_for_start,
         faults=scheduled_faults(options.fault, mission, duration_s, stubs),
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None

@@ -43,6 +43,7 @@ _ADVICE = {
     Condition.PEER_DOUBTFUL: "count the vehicles in the air; return if one is not yours",
     Condition.SIGHTINGS_CONTRADICT: "check the sensors: one of them is wrong about the target",
     Condition.TARGET_FROM_OUTSIDE: "look for the target: no vehicle sees it",
+    Condition.NO_OPERATOR: "join its network with an operator's keys; resume once all is well",
     Condition.OPERATOR_LOST: "the team returns and lands: clear the landing places",
 }
 _OF_ALERT = {condition.value: sentence for condition, sentence in _ADVICE.items()}

@@ -15,7 +15,7 @@ import msgspec
 from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, Verb
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal, Verb
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from gcs.console.team_bus import guest_bus, send_command
 from gcs.console.team_missions import TeamMissions
@@ -81,8 +81,15 @@ class CommandClient:
     the bus for one command, or one sighting, and leaves it. It is opened once.
     """
 
-    def __init__(self, mission: Mission, identity: Identity | None = None) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        identity: Identity | None = None,
+        on_message: Callable[[BusMessage], None] = lambda _message: None,
+    ) -> None:
         """Take the sensor whose sightings these are, or the operator: by default the one whose keys are here.
+
+        `on_message` takes all that comes over the bus.
 
         Raises InputError when there are none, VehicleRefusedError where no flight runs.
         """
@@ -91,7 +98,9 @@ class CommandClient:
         self._vehicles = mission.ids
         self._clocks = TeamClock()
         self._missions = TeamMissions(mission)
-        self._present: set[int] = set()
+        self._on_message = on_message
+        self.present: set[int] = set()
+        """The vehicles that are on the bus."""
         self._numbers = count(randrange(2**32))
         self._sent: dict[int, _Sent] = {}
         self._is_open = False
@@ -142,7 +151,7 @@ class CommandClient:
                     self._bus.publish(TOPIC, payload)
                     await asyncio.sleep(_REPEAT_S)
                 if monotonic() >= end_s:
-                    return self._clocks.members | self._present
+                    return self._clocks.members | self.present
                 await asyncio.sleep(_SIGHTING_PERIOD_S - 2.0 * _REPEAT_S)
 
     @asynccontextmanager
@@ -205,20 +214,22 @@ class CommandClient:
 
     @property
     def _team_s(self) -> float:
-        # Vehicles send no time before take-off.
+        # Vehicles send no time before they know how fast it runs.
         time_s = self._clocks.now_s(monotonic())
         return time.time() if time_s is None else time_s
 
     def _on_presence(self, vehicle_id: int, present: bool) -> None:
-        (self._present.add if present else self._present.discard)(vehicle_id)
+        (self.present.add if present else self.present.discard)(vehicle_id)
         if present:
             self._meet_first()
 
     def _receive(self, message: BusMessage) -> None:
         self._missions.receive(message)
+        self._on_message(message)
+        if isinstance(message, MemberState | StartProposal):
+            self._clocks.receive(message.sender, message.time_s, monotonic())
         if isinstance(message, MemberState):
             self.tactics[message.sender] = message.tactic
-            self._clocks.receive(message.sender, message.time_s, monotonic())
             self._meet_first()
         if isinstance(message, CommandAnswer) and message.number in self._sent:
             self._sent[message.number].receive(message)

@@ -1,4 +1,6 @@
-"""The bus of a running team, as operators, sensors and observers join it: they connect to the vehicles' endpoints."""
+"""The bus of a running team, as operators, sensors and observers join it: they connect to the vehicles' endpoints, or
+to its router.
+"""
 
 from contextlib import suppress
 
@@ -16,9 +18,8 @@ from gcs.mission.mission import Mission
 def guest_bus(mission: Mission, identity: Identity) -> ParticipantBus:
     """Return the bus of an operator, a sensor or an observer, not yet open."""
     endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
-    return single_bus(
-        identity.participant, BusTeam(mission.network.team, mission.ids), None, endpoints, identity.security
-    )
+    team = BusTeam(mission.network.team, mission.ids, mission.network.router)
+    return single_bus(identity.participant, team, None, endpoints, identity.security)
 
 
 def observer(keys: TeamKeys) -> Identity:

@@ -37,7 +37,7 @@ class Equipment:
         ]
         elsewhere = [other.section.endpoint for other in mission.vehicles if other.id not in here]
         rate_hz = RATE_SHARE * mission.mission.rate_hz * max(speed, 1.0)
-        bus = ZenohBus(BusTeam(mission.network.team, mission.ids), stations, elsewhere, rate_hz)
+        bus = ZenohBus(BusTeam(mission.network.team, mission.ids, mission.network.router), stations, elsewhere, rate_hz)
         return {each: bus.of(participant.vehicle(each)) for each in here}
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:

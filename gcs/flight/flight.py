@@ -16,6 +16,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.practice import Practice
 from gcs.flight.preparation.held_speed import held_speed
 from gcs.flight.preparation.readiness import Readiness
+from gcs.flight.preparation.start_wait import StartWait
 from gcs.flight.stubs import FlightStubs
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
@@ -138,7 +139,7 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
         await readiness.measure_speed()
     for agent in team.agents:
         agent.announce()
-    findings = await readiness.findings()
+    findings = await (StartWait(team).findings() if team.plan.awaits_start else readiness.findings())
     report(findings)
     refused = sum(finding.grade is Grade.REFUSE for finding in findings)
     if refused:

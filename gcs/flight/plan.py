@@ -5,11 +5,13 @@ from dataclasses import dataclass
 from datetime import date
 from time import time
 
+from agents.shell.computer import computer_clock
 from gcs.flight.equipment import Equipment
 from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.log_process.handle import LogProcess
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
+from gcs.keys.team_keys import leaves_this_computer
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.preflight import preflight
@@ -22,7 +24,8 @@ class FlightPlan:
     The vehicles with the ids `stubs` are stubs, which start with the flight; the others are at their urls. `log` is the
     open log, None for a flight that is not recorded. `wait_s` [wall s] is how long vehicles that are about to be ready
     are waited for on the ground. `faults` are those that stubs are to have, by their times. On the `bench` boards with
-    simulated bodies fly, their propellers off.
+    simulated bodies fly, their propellers off. With `awaits_start` the vehicles wait on the ground until an operator
+    starts them (`cordon start`).
     """
 
     mission: Mission
@@ -35,6 +38,7 @@ class FlightPlan:
     wait_s: float = 60.0
     faults: tuple[ScheduledFault, ...] = ()
     bench: bool = False
+    awaits_start: bool = False
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
@@ -51,7 +55,9 @@ class FlightPlan:
 
     def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
         """Return what preflight finds in the mission and in the facts about its vehicles."""
-        return preflight(self.mission, facts, date.today(), stubs=self.only_stubs, bench=self.bench)
+        alone = len(self.vehicles) < len(self.mission.vehicles) and leaves_this_computer(self.mission)
+        clock = computer_clock() if alone else None
+        return preflight(self.mission, facts, date.today(), stubs=self.only_stubs, bench=self.bench, clock=clock)
 
     def run(self, speed: float) -> Run:
         """Return the log's record of the run that begins now."""

@@ -5,13 +5,17 @@ from typing import get_args
 import msgspec
 
 from agents.shell.bus.bus_security import Grant
-from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, Verb
+from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC, Verb
 from agents.team.participant import Participant, Role
 from agents.team.sensors import SENSOR_TOPICS
 
 VERBS: tuple[Verb, ...] = get_args(Verb)
 UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")
 """What an operator may whose verbs are not named: a kill drops vehicles, and is granted by name only."""
+
+
+_ALL_TOPICS = (*(f"{topic}/*" for topic in sorted(PEER_TOPICS | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
+"""What a router passes on: it holds each sender to the keys of that one's certificate."""
 
 
 class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -57,10 +61,13 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
             case "vehicle":
                 names = (self.name, *map(str, self.speaks_for))
                 topics = tuple(f"{topic}/{name}" for topic in sorted(PEER_TOPICS) for name in names)
-                return Grant(self.common_name, topics, tuple(f"alive/{name}" for name in names))
+                return Grant(self.common_name, topics, tuple(f"{PRESENCE_TOPIC}/{name}" for name in names))
             case "operator":
-                return Grant(self.common_name, tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may))
+                verbs = tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may)
+                return Grant(self.common_name, verbs, (f"{OPERATORS_TOPIC}/{self.name}",))
             case "sensor":
                 return Grant(self.common_name, tuple(f"{topic}/{self.name}" for topic in sorted(SENSOR_TOPICS)))
             case "observer":
                 return Grant(self.common_name)
+            case "router":
+                return Grant(self.common_name, _ALL_TOPICS, (f"{PRESENCE_TOPIC}/*", f"{OPERATORS_TOPIC}/*"))

@@ -10,6 +10,7 @@ _SENDS = {
     "vehicle": "sends as this vehicle",
     "sensor": "sends sightings of the target",
     "observer": "sends nothing",
+    "router": "passes on what the others send",
 }
 
 

@@ -17,6 +17,8 @@ INSECURE = (
     " the vehicles"
 )
 
+_MAKE_KEYS = "make keys by `cordon keys init`, and name their folder by `keys`, or write `insecure = true`"
+
 
 class TeamKeys(Protocol):
     """Where the identities on a team's bus come from."""
@@ -68,13 +70,21 @@ def flight_keys(mission: Mission) -> Iterator[TeamKeys]:
         yield keys
 
 
+def leaves_this_computer(mission: Mission) -> bool:
+    """Return whether a mission's bus reaches beyond this computer."""
+    endpoints = (vehicle.section.endpoint for vehicle in mission.vehicles)
+    return mission.network.router is not None or not all(map(_is_loopback, endpoints))
+
+
 def security_faults(mission: Mission) -> list[str]:
     """Return what forbids to open the bus of a mission: addresses beyond this computer without keys."""
     if mission.network.security is not None:
         return []
+    if mission.network.router is not None:
+        return [f"network.router: [network.security] is missing; next: {_MAKE_KEYS}"]
     return [
         f"vehicles[{index}].endpoint: {vehicle.section.endpoint} is beyond this computer, and [network.security] is"
-        " missing; next: make keys by `cordon keys init`, and name their folder by `keys`, or write `insecure = true`"
+        f" missing; next: {_MAKE_KEYS}"
         for index, vehicle in enumerate(mission.vehicles)
         if not _is_loopback(vehicle.section.endpoint)
     ]

@@ -174,9 +174,11 @@ class SecuritySection(Settings):
 
 
 class NetworkSection(Settings):
-    """`[network]`: the team's name on the bus, and how far messages reach; delay and loss are the simulation's."""
+    """`[network]`: the team's name on the bus, how far messages reach, and where `cordon router` is that all connect to
+    instead of to each other (docs/onboard.md); delay and loss are the simulation's."""
 
     team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$")
+    router: Annotated[str, AfterValidator(_endpoint)] | None = None
     range_m: float = Field(200.0, gt=0.0, le=100000.0)
     delay_s: float = Field(0.0, ge=0.0, le=5.0)
     loss: float = Field(0.0, ge=0.0, lt=1.0)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import date
 
+from agents.shell.computer import ComputerClock
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.estimator import estimator
 from gcs.preflight.fence import fence_areas
@@ -13,7 +14,19 @@ from gcs.preflight.mission import autopilot_limits, feasibility
 from gcs.preflight.parameters import JUDGES, failsafes, fence, station
 from gcs.preflight.profile import profile
 from gcs.preflight.senders import senders
-from gcs.preflight.vehicle import at_rest, battery, clock, gps, health, identity, latency, place, telemetry, together
+from gcs.preflight.vehicle import (
+    at_rest,
+    battery,
+    clock_rate,
+    clock_setting,
+    gps,
+    health,
+    identity,
+    latency,
+    place,
+    telemetry,
+    together,
+)
 
 Check = Callable[[VehicleFacts, Mission, MissionVehicle], Iterable[Finding]]
 
@@ -27,7 +40,7 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, _vehicle: battery(facts),
     lambda facts, _mission, _vehicle: telemetry(facts),
     lambda facts, _mission, vehicle: latency(facts, vehicle),
-    lambda facts, _mission, _vehicle: clock(facts),
+    lambda facts, _mission, _vehicle: clock_rate(facts),
 )
 """The checks of every vehicle whose messages arrive."""
 AUTOPILOT_CHECKS: tuple[Check, ...] = (
@@ -49,17 +62,20 @@ def preflight(
     *,
     stubs: bool = False,
     bench: bool = False,
+    clock: ComputerClock | None = None,
 ) -> tuple[Finding, ...]:
     """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not.
 
     Without `today` no profile is too old. `stubs` are all vehicles that a flight brings along; with `bench` boards with
-    simulated bodies stand on a bench, their propellers off.
+    simulated bodies stand on a bench, their propellers off. `clock` is that of this computer, where the team is on
+    several.
     """
     findings = [
         *feasibility(mission, stubs=stubs),
         *link_budget(mission, team),
         *kinds(team, bench=bench),
         *together(mission, team),
+        *(() if clock is None else (clock_setting(clock),)),
     ]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)

@@ -6,6 +6,7 @@ from itertools import combinations
 from math import hypot
 
 from agents.ports import FlightMode
+from agents.shell.computer import ComputerClock
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
 from gcs.link.status_texts import quoted
@@ -22,6 +23,8 @@ BATTERY_LOW, BATTERY_EMPTY = 0.5, 0.25
 SATELLITES_LEAST = 8
 RATE_LOW_SHARE, RATE_LEAST_SHARE = 0.8, 0.4
 WHOLE_SPEED_TOLERANCE, CLOCK_TOLERANCE = 1e-6, 0.1
+COMPUTER_CLOCK_ERROR_MAX_S = 0.5
+"""What the kernel states is a bound: it grows by a millisecond every two seconds between two settings."""
 CLOCK_LAG_TOLERANCE_S = 0.05
 ARMING_CHECKS = "arming checks"
 POSITION_ITEMS = ("local position", "global position", "home position")
@@ -275,7 +278,7 @@ def latency(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
     yield Finding.graded(Grade.PASS if known else Grade.WARNING, facts.subject, "latency", found, why, step)
 
 
-def clock(facts: VehicleFacts) -> Iterator[Finding]:
+def clock_rate(facts: VehicleFacts) -> Iterator[Finding]:
     """Check that the autopilot's clock is the wall's, or a simulator's that keeps a steady speed."""
     ratio = facts.clock_ratio
     whole = ratio is not None and abs(ratio - round(ratio)) < WHOLE_SPEED_TOLERANCE
@@ -304,6 +307,23 @@ def clock_lag(vehicle_id: int, peer: int, lag_s: float) -> Finding:
         f"its computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
         "what a peer says is carried on from when its clock says it was: it is taken for where it was, or will be",
         "let both computers' clocks be set by one time server (chrony, NTP)",
+    )
+
+
+def clock_setting(clock: ComputerClock) -> Finding:
+    """Judge how well this computer's clock is set."""
+    error_s = clock.error_s
+    found = (
+        "no program keeps this computer's clock set" if error_s is None else f"its clock is right to {error_s:.3f} s"
+    )
+    well = error_s is not None and error_s <= COMPUTER_CLOCK_ERROR_MAX_S
+    return Finding.graded(
+        Grade.PASS if well else Grade.WARNING,
+        "this computer",
+        "clock",
+        found,
+        "agents on several computers take each other's messages for as old as their clocks say",
+        "install chrony on every computer of the team, with one of them or a time server as its source",
     )
 
 

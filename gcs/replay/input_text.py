@@ -10,6 +10,7 @@ from agents.tape import (
     Command,
     Computer,
     CoreInput,
+    Ground,
     Killed,
     LateTicks,
     Message,
@@ -72,6 +73,10 @@ def _message(item: Message, time: Time) -> str:
     return f"received at {time(item.now_s)}: {_bus_message(item.message, time)}"
 
 
+def _bus(item: Bus, _time: Time) -> str:
+    return f"bus {'connected' if item.alive else 'lost'}, {'an' if item.operated else 'no'} operator on it"
+
+
 def _bus_message(message: BusMessage, time: Time) -> str:
     if isinstance(message, OperatorCommand):
         return _command(message)
@@ -125,8 +130,9 @@ _FORMATTERS: dict[type, Callable[[Any, Time], str]] = {
     Autopilot: _autopilot,
     LateTicks: lambda item, _: f"{item.count} ticks skipped",
     Drops: lambda item, _: f"bus: messages dropped so far: {item.text() or 'none'}",
-    Bus: lambda item, _: "bus connected" if item.alive else "bus lost",
+    Bus: _bus,
     Computer: lambda item, _: f"computer short of {item.short_of}" if item.short_of else "computer short of nothing",
+    Ground: lambda item, _: f"on the ground: {item.lacks or 'ready to start'}",
     Telemetry: _telemetry,
     Sighting: _sighting,
     Message: _message,

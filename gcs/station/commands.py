@@ -20,8 +20,8 @@ from gcs.mission.mission import Mission
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights
 
 KILL_WORD = "kill"
-NOT_FROM_PAGES = "formation"
-"""A verb that needs a shape, which pages do not send."""
+NOT_FROM_PAGES = frozenset({"start", "formation"})
+"""Verbs that need more than a page sends: who is ready, or a shape."""
 NO_ANSWER = "no answer"
 UNDER_WAY_MAX = 16
 _REFUSED = "refused: "
@@ -73,7 +73,7 @@ class Commands:
         """Who commands, and what."""
         if self._client is None or self._identity is None:
             return OperatorRights()
-        may = tuple(verb for verb in self._identity.may if verb != NOT_FROM_PAGES)
+        may = tuple(verb for verb in self._identity.may if verb not in NOT_FROM_PAGES)
         return OperatorRights(self._identity.participant.name, may)
 
     async def run(self, on_rights: Callable[[OperatorRights], None]) -> None:

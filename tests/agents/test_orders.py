@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from agents.core import VehicleCore
 from agents.notes import Notes
-from agents.orders import CUT, CUTTING, NUMBERS_KEPT, Orders, Reshaping, final, obeyed
+from agents.orders import CUT, CUTTING, NUMBERS_KEPT, STARTS, Orders, Reshaping, final, obeyed
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
 from agents.settings.shapes import Shape
@@ -18,7 +18,7 @@ from agents.team.messages import DID_LIMIT, CommandAnswer, MemberState, Operator
 from estimation.state import Telemetry
 
 HOVER_S = 5.0
-VERBS: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "kill", "formation")
+VERBS: tuple[Verb, ...] = ("start", "hold", "resume", "land", "rtl", "abort", "kill", "formation")
 Maker = Callable[..., AgentConfig]
 
 
@@ -51,6 +51,22 @@ class Vehicle:
     def _apply(self, event: Event | None) -> None:
         if event is not None:
             self.tactic = next_tactic(self.tactic, event)
+
+
+def test_on_the_ground_a_vehicle_that_lacks_nothing_is_started_once() -> None:
+    vehicle = Vehicle(Tactic.STANDBY)
+    assert vehicle.told("start") == "did not wait for its start"
+    assert not vehicle.orders.starts
+    vehicle.orders.lacks = "GPS: no fix"
+    assert vehicle.told("start") == "refused: GPS: no fix"
+    vehicle.orders.lacks = ""
+    for verb in ("hold", "resume", "land", "rtl", "abort"):
+        assert vehicle.told(verb) == "refused: it waits on the ground for its start"
+    assert (vehicle.tactic, vehicle.orders.starts) == (Tactic.STANDBY, False)
+    assert (vehicle.told("start", number=90), vehicle.told("start", number=90)) == (STARTS, STARTS)
+    assert vehicle.orders.starts
+    assert vehicle.told("start") == "had taken off already"
+    assert vehicle.told("hold") == "holds"
 
 
 @pytest.mark.parametrize(
@@ -250,7 +266,7 @@ def test_what_is_remembered_is_bounded() -> None:
 def test_a_core_answers_in_its_next_tick_even_before_it_knows_where_it_is(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
     core.on_message(OperatorCommand(1.0, "kill", 2, "pat@here", 7), 1.0)
-    assert core.kills
+    assert core.orders.kills
     output = core.tick(1.1)
     assert [decode(each.payload) for each in output.messages] == [CommandAnswer(2, 1.1, 7, CUTTING, "kill", "pat@here")]
     assert ("command", f"kill by pat@here: {CUTTING}") in [(note.kind, note.text) for note in output.status.notes]

@@ -60,6 +60,7 @@ def flown(core: VehicleCore) -> list[TickOutput]:
             core.on_event(Event.END)
         outputs.append(core.tick(now_s))
     core.on_killed("refused", 20.0)
+    core.on_ground("no fix")
     outputs.append(core.tick(20.0))
     return outputs
 

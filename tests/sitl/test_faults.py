@@ -61,6 +61,7 @@ class Bus:
 
     alive = True
     drops = NO_DROPS
+    operated = False
 
     def __init__(self) -> None:
         self.deliver: Callable[[BusMessage], None] = lambda _message: None

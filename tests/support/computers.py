@@ -26,29 +26,29 @@ def computers(count: int) -> Iterator[list[Computer]]:
     """Set up computers that reach each other; skip the test where this is not permitted."""
     prefix = f"cd{os.getpid() % 100_000}"
     with ExitStack() as stack:
-        switch = _namespace(f"{prefix}s", stack)
-        _ip("-n", switch, "link", "add", "bridge", "type", "bridge")
-        _ip("-n", switch, "link", "set", "bridge", "up")
+        switch = namespace(f"{prefix}s", stack)
+        ip("-n", switch, "link", "add", "bridge", "type", "bridge")
+        ip("-n", switch, "link", "set", "bridge", "up")
         made = []
         for k in range(1, count + 1):
-            name, address = _namespace(f"{prefix}c{k}", stack), f"10.77.0.{k}"
-            _ip("-n", name, "link", "add", "net", "type", "veth", "peer", "name", f"port{k}", "netns", switch)
-            _ip("-n", switch, "link", "set", f"port{k}", "master", "bridge", "up")
-            _ip("-n", name, "address", "add", f"{address}/24", "dev", "net")
-            _ip("-n", name, "link", "set", "net", "up")
+            name, address = namespace(f"{prefix}c{k}", stack), f"10.77.0.{k}"
+            ip("-n", name, "link", "add", "net", "type", "veth", "peer", "name", f"port{k}", "netns", switch)
+            ip("-n", switch, "link", "set", f"port{k}", "master", "bridge", "up")
+            ip("-n", name, "address", "add", f"{address}/24", "dev", "net")
+            ip("-n", name, "link", "set", "net", "up")
             made.append(Computer(name, address))
         yield made
 
 
-def _namespace(name: str, stack: ExitStack) -> str:
+def namespace(name: str, stack: ExitStack) -> str:
     try:
-        _ip("netns", "add", name)
-        stack.callback(_ip, "netns", "delete", name)
-        _ip("-n", name, "link", "set", "lo", "up")
+        ip("netns", "add", name)
+        stack.callback(ip, "netns", "delete", name)
+        ip("-n", name, "link", "set", "lo", "up")
     except (OSError, subprocess.CalledProcessError) as error:
         pytest.skip(f"network namespaces are not permitted here: {getattr(error, 'stderr', '') or error}")
     return name
 
 
-def _ip(*arguments: str) -> None:
+def ip(*arguments: str) -> None:
     subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True)

@@ -146,7 +146,7 @@ def _failsafe(row: Row) -> str:
         f"**{row.condition.value}**",
         row.detected,
         _grace(row),
-        "; then ".join(reaction.value for reaction in row.reactions),
+        _reactions(row),
         _descending(row),
         row.left,
     )
@@ -155,6 +155,11 @@ def _failsafe(row: Row) -> str:
 
 def _sweep_column(column: Column) -> str:
     return f"| `{column.name}` | {column.kind.__name__} | {column.meaning} |"
+
+
+def _reactions(row: Row) -> str:
+    values = [reaction.value for reaction in row.reactions]
+    return f"{' or '.join(values)} (`{row.choice}`)" if row.choice else "; then ".join(values)
 
 
 def _grace(row: Row) -> str:

@@ -179,6 +179,7 @@ class FakeBus:
     """A bus that keeps what is published; the test speaks for the peers."""
 
     alive = True
+    operated = False
     drops = NO_DROPS
 
     def __init__(self) -> None:
@@ -199,6 +200,10 @@ class FakeBus:
 
     async def close(self) -> None:
         pass
+
+    def payloads(self, topic: str) -> list[bytes]:
+        """Return what was published on a topic so far."""
+        return [payload for each, payload in self.published if each == topic]
 
 
 class FakeHeartbeat:

@@ -101,6 +101,7 @@ class Mailbox:
         self._sensors = _Guests(_SENSOR_KEPT, _SENSOR_RATE_HZ)
         self._filled: dict[int, _Box] = {}
         self._presence: dict[int, bool] = {}
+        self._present_operators: set[str] = set()
         self._awaited = False
         self._dropped = DropCounter()
 
@@ -146,6 +147,19 @@ class Mailbox:
                 return False
             self._presence[vehicle_id] = present
             return self._calls()
+
+    def put_operator(self, name: str, present: bool) -> None:
+        """Take that an operator is present or has gone; of those beyond what is told apart nothing is kept."""
+        with self._lock:
+            if not present:
+                self._present_operators.discard(name)
+            elif is_name(name) and len(self._present_operators) < _GUESTS:
+                self._present_operators.add(name)
+
+    @property
+    def operated(self) -> bool:
+        """Whether an operator is present."""
+        return bool(self._present_operators)
 
     def take(self) -> tuple[dict[int, bool], list[tuple[str, bytes]]]:
         """Return all that waits: whether vehicles are present, and messages with their keys, oldest sender first."""

@@ -15,11 +15,13 @@ from agents.shell.bus.mailbox import Mailbox
 from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
 from agents.shell.handover import Handover
 from agents.team.admission import Admission
-from agents.team.messages import REPORT_TOPIC, BusMessage, OperatorCommand
-from agents.team.participant import Participant, is_name
+from agents.team.messages import OPERATORS_TOPIC, PRESENCE_TOPIC, REPORT_TOPIC, BusMessage, OperatorCommand
+from agents.team.participant import Participant, Role, is_name
 from agents.team.sensors import SENSOR_TOPICS
 
 RATE_HZ = 100.0
+_SHOWN: dict[Role, str] = {"vehicle": PRESENCE_TOPIC, "operator": OPERATORS_TOPIC}
+"""Whose presence is shown, and on which topic."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,11 @@ class ZenohBus:
         """Whether the session that receives is open."""
         return self._sessions[0].alive
 
+    @property
+    def operated(self) -> bool:
+        """Whether an operator is on the bus."""
+        return self._mailbox.operated
+
     async def join(self, bus: "ParticipantBus") -> None:
         """Open the sessions if they are not, and hand over messages to a participant from now on."""
         self._joined.append(bus)
@@ -129,6 +136,10 @@ class ZenohBus:
                 self._wake()
         except Exception:
             self._mailbox.count(Reason.MALFORMED)
+
+    def take_operator(self, name: str, present: bool) -> None:
+        """Take one change of an operator's presence, on a thread of Zenoh's."""
+        self._mailbox.put_operator(name, present)
 
     def _open_blocking(self) -> None:
         several = sum(len(station.vehicle_ids) for station in self._stations) > 1
@@ -190,7 +201,7 @@ class ZenohBus:
 class ParticipantBus:
     """The bus of a process as one of its participants uses it; implements `agents.ports.PeerBus`.
 
-    An observer publishes nothing, and only a vehicle shows its presence. It is opened and closed once.
+    An observer publishes nothing; vehicles and operators show their presence. It is opened and closed once.
     """
 
     def __init__(self, bus: ZenohBus, session: ZenohSession, participant: Participant) -> None:
@@ -214,6 +225,11 @@ class ParticipantBus:
         """The messages that the process has dropped so far, and own ones that could not be sent."""
         return self._bus.drops
 
+    @property
+    def operated(self) -> bool:
+        """Whether an operator is on the bus, be it this participant."""
+        return self._bus.operated
+
     async def open(
         self,
         on_message: Callable[[BusMessage], None],
@@ -231,9 +247,10 @@ class ParticipantBus:
             raise
 
     def _appear(self) -> None:
-        """Show a vehicle's presence, as the last step: a peer that sees it may send to it at once."""
-        if self.vehicle_id is not None:
-            self._session.appear(self.participant.name)
+        """Show the presence of a vehicle or an operator, as the last step: a peer that sees it may send at once."""
+        topic = _SHOWN.get(self.participant.role)
+        if topic is not None:
+            self._session.appear(self.participant.name, topic)
             if self._closed:
                 self._session.disappear(self.participant.name)
 

@@ -1,7 +1,8 @@
 """One Zenoh session of a team's bus: the only importer of zenoh.
 
 Keys are `cordon/{team}/{topic}/{name}`, of commands `cordon/{team}/command/{verb}/{name}`; the name is that of the
-sender (`agents/team/participant.py`). A vehicle's presence is a liveliness token `cordon/{team}/alive/{vehicle_id}`.
+sender (`agents/team/participant.py`). A vehicle's presence is a liveliness token `cordon/{team}/alive/{vehicle_id}`, an
+operator's `cordon/{team}/operator/{name}`.
 """
 
 import json
@@ -9,18 +10,30 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Literal, Protocol
 
 import zenoh
 
 from agents.ports import VehicleRefusedError
 from agents.shell.bus.bus_security import BusSecurity, secured
 from agents.shell.bus.mailbox import PAYLOAD_LIMIT_BYTES
-from agents.team.messages import REPORT_TOPIC, TOPICS, MemberState, StartProposal, VehicleReport
+from agents.team.messages import (
+    OPERATORS_TOPIC,
+    PRESENCE_TOPIC,
+    REPORT_TOPIC,
+    TOPICS,
+    MemberState,
+    StartProposal,
+    VehicleReport,
+)
 from agents.team.participant import is_name
 
-_LEASE_MS = 1000
-"""A peer that dies is noticed at once, one that freezes after this."""
+_Mode = Literal["peer", "client", "router"]
+_LEASE_MS: dict[_Mode, int] = {"peer": 1000, "client": 3000, "router": 3000}
+"""Who dies is noticed at once, who freezes or is cut off after this. Routers are reached over radio: with 5 % of the
+packets lost, a link falls silent for longer than a second twice a minute."""
+_ROUTER_TIMEOUT_MS = 10_000
+"""How long a router is tried: without one nothing can be sent."""
 _MESSAGE_LIMIT_BYTES = 16 * PAYLOAD_LIMIT_BYTES
 """Zenoh drops larger messages before it has put them together."""
 _GUEST_SESSIONS = 32
@@ -31,24 +44,36 @@ is far above what any vehicle sends, and on topics of which the newest message a
 _NEWEST_COUNTS = (MemberState, StartProposal, VehicleReport)
 
 
-class Receiver(Protocol):
+class PresenceReceiver(Protocol):
+    """Takes who comes and goes, on any thread; it must not raise."""
+
+    def take_presence(self, name: str, present: bool) -> None:
+        """Take that a vehicle, this session's own as well, is present or has gone."""
+        ...
+
+    def take_operator(self, name: str, present: bool) -> None:
+        """Take that an operator is present or has gone."""
+        ...
+
+
+class Receiver(PresenceReceiver, Protocol):
     """Takes what a session receives, on any thread; it must not raise."""
 
     def take_message(self, key: str, length: int, read: Callable[[], bytes], *, own: bool) -> None:
         """Take a message of `length` bytes on a key below the team's, `own` when the session has sent it itself."""
         ...
 
-    def take_presence(self, name: str, present: bool) -> None:
-        """Take that a vehicle, this session's own as well, is present or has gone."""
-        ...
-
 
 @dataclass(frozen=True, slots=True)
 class BusTeam:
-    """A team's name, and the ids of its vehicles; raises ValueError for a name that would be a pattern in a key."""
+    """A team's name, the ids of its vehicles, and the endpoint of the router that all connect to (None: to each other).
+
+    Raises ValueError for a name that would be a pattern in a key.
+    """
 
     name: str
     members: Collection[int]
+    router: str | None = None
 
     def __post_init__(self) -> None:
         if not is_name(self.name):
@@ -63,19 +88,24 @@ class BusTeam:
 class ZenohSession:
     """A peer at explicit endpoints such as `tcp/127.0.0.1:7447`; `listen` None opens no port.
 
-    Endpoints at which nothing listens yet are tried again. With `security` the endpoints are of TLS, whatever scheme
-    they are written with, and only the holders of its certificates are heard, each on its own keys. All methods but
-    `publish` block.
+    Endpoints at which nothing listens yet are tried again. In a team with a router the session that listens at its
+    endpoint is the router, and all others connect to that alone. With `security` the endpoints are of TLS, whatever
+    scheme they are written with, and only the holders of its certificates are heard, each on its own keys. All methods
+    but `publish` block.
     """
 
     def __init__(self, team: BusTeam, listen: str | None, connect: Sequence[str], security: BusSecurity | None) -> None:
         """Take the settings; nothing is opened before `open`."""
         self._prefix = team.prefix
+        self._router = team.router if listen != team.router else None
+        if self._router is not None:
+            listen, connect = None, [self._router]
         self._listen = listen
         if security is not None:
             listen, connect = None if listen is None else secured(listen), [secured(each) for each in connect]
+        mode: _Mode = "peer" if team.router is None else "router" if self._router is None else "client"
         self._settings = (
-            _settings(listen, connect)
+            _settings(mode, listen, connect)
             | _limits(self._prefix, team.members)
             | ({} if security is None else security.settings(team.name))
         )
@@ -92,7 +122,7 @@ class ZenohSession:
         """Join, and let a receiver take what others send, and with `own` also what this session sends itself.
 
         The reports of the vehicles, which are for those who look on, come only with `reports`.
-        Raises VehicleRefusedError when the endpoints cannot be used: a taken port.
+        Raises VehicleRefusedError when the endpoints cannot be used: a taken port, or a router that does not answer.
         """
         try:
             config = zenoh.Config()
@@ -100,13 +130,13 @@ class ZenohSession:
                 config.insert_json5(path, json.dumps(value))
             session = zenoh.open(config)
         except zenoh.ZError as error:
-            raise _refusal(self._listen, error) from error
+            raise self._refusal(error) from error
         try:
             if receiver is not None:
                 self._subscribe(session, receiver, own=own, reports=reports)
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
-            raise _refusal(self._listen, error) from error
+            raise self._refusal(error) from error
         self._session = session
 
     def _subscribe(self, session: zenoh.Session, receiver: Receiver, *, own: bool, reports: bool) -> None:
@@ -116,17 +146,23 @@ class ZenohSession:
             payload = sample.payload
             receiver.take_message(str(sample.key_expr)[skipped:], len(payload), payload.to_bytes, own=own)
 
-        def take_presence(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr).rsplit("/", 1)[-1]
-            receiver.take_presence(name, sample.kind == zenoh.SampleKind.PUT)
-
         session.declare_subscriber(keys, callback(take), allowed_origin=zenoh.Locality.REMOTE)
         if reports:
             session.declare_subscriber(f"{self._prefix}/{REPORT_TOPIC}/*", callback(take))
         if own:  # not by a thread of its own: what is published here is taken before `publish` returns
             take_own = callback(partial(take, own=True), indirect=False)
             session.declare_subscriber(keys, take_own, allowed_origin=zenoh.Locality.SESSION_LOCAL)
-        session.liveliness().declare_subscriber(f"{self._prefix}/alive/*", callback(take_presence), history=True)
+        self._watch(session, receiver)
+
+    def watch(self, receiver: PresenceReceiver) -> None:
+        """Let a receiver take who is there, comes and goes from now on."""
+        if self._session is not None:
+            self._watch(self._session, receiver)
+
+    def _watch(self, session: zenoh.Session, receiver: PresenceReceiver) -> None:
+        for topic, take in ((PRESENCE_TOPIC, receiver.take_presence), (OPERATORS_TOPIC, receiver.take_operator)):
+            callback = zenoh.handlers.Callback(partial(_show, take))
+            session.liveliness().declare_subscriber(f"{self._prefix}/{topic}/*", callback, history=True)
 
     def publish(self, key: str, payload: bytes) -> bool:
         """Send on a key below the team's, best effort; return whether it could be sent.
@@ -147,13 +183,13 @@ class ZenohSession:
             return False
         return True
 
-    def appear(self, name: str) -> None:
-        """Show a vehicle's presence from now on."""
+    def appear(self, name: str, topic: str = PRESENCE_TOPIC) -> None:
+        """Show the presence of a vehicle from now on, or on the topic of operators that of one."""
         if self._session is not None:
-            self._tokens[name] = self._session.liveliness().declare_token(f"{self._prefix}/alive/{name}")
+            self._tokens[name] = self._session.liveliness().declare_token(f"{self._prefix}/{topic}/{name}")
 
     def disappear(self, name: str) -> None:
-        """End a vehicle's presence; the session and the presence of others stay."""
+        """End the presence of a vehicle or an operator; the session and the presence of others stay."""
         token = self._tokens.pop(name, None)
         if token is not None:
             with suppress(zenoh.ZError):  # already gone with its session
@@ -169,20 +205,41 @@ class ZenohSession:
                 # It waits for callbacks that are running, and these wait for nothing: no deadlock.
                 session.close()  # type: ignore[no-untyped-call]
 
+    def _refusal(self, error: Exception) -> VehicleRefusedError:
+        """Put Zenoh's long words in short ones."""
+        text = str(error)
+        if self._router is not None:
+            return VehicleRefusedError(
+                f"router {self._router} does not answer, or does not know these keys",
+                "start `cordon router` there; check network.router in the mission, and the rosters of both computers",
+            )
+        if "in use" in text:
+            return VehicleRefusedError(
+                f"peer endpoint {self._listen} is taken", "end the other process or choose another port in [network]"
+            )
+        return VehicleRefusedError(
+            f"peer endpoint {self._listen} cannot be opened: {text}", "check [network] in the mission"
+        )
 
-def _settings(listen: str | None, connect: Sequence[str]) -> dict[str, object]:
-    """Return Zenoh's settings by path for a peer at explicit endpoints."""
+
+def _show(take: Callable[[str, bool], None], sample: zenoh.Sample) -> None:
+    """Pass on whose presence a liveliness token shows, and whether it begins or ends."""
+    take(str(sample.key_expr).rsplit("/", 1)[-1], sample.kind == zenoh.SampleKind.PUT)
+
+
+def _settings(mode: _Mode, listen: str | None, connect: Sequence[str]) -> dict[str, object]:
+    """Return Zenoh's settings by path for a session at explicit endpoints."""
     return {
-        "mode": "peer",
+        "mode": mode,
         "listen/endpoints": [] if listen is None else [listen],
         "listen/exit_on_failure": True,
         "connect/endpoints": list(connect),
-        "connect/timeout_ms": -1,
+        "connect/timeout_ms": {"peer": -1, "router": -1, "client": _ROUTER_TIMEOUT_MS},
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
         "scouting/multicast/enabled": False,
         "adminspace/enabled": False,
-        "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/tx/lease": _LEASE_MS[mode],
         # Room for the messages of one tick. In Zenoh's own two places the third of a burst waits for a
         # millisecond, inside the control loop, or is lost.
         "transport/link/tx/queue/size/data": 16,
@@ -211,13 +268,3 @@ def _limits(prefix: str, members: Collection[int]) -> dict[str, object]:
             for key in keys
         ],
     }
-
-
-def _refusal(listen: str | None, error: Exception) -> VehicleRefusedError:
-    """Put Zenoh's long words in short ones."""
-    text = str(error)
-    if "in use" in text:
-        return VehicleRefusedError(
-            f"peer endpoint {listen} is taken", "end the other process or choose another port in [network]"
-        )
-    return VehicleRefusedError(f"peer endpoint {listen} cannot be opened: {text}", "check [network] in the mission")

@@ -1,4 +1,4 @@
-"""`cordon keys issue`: keys for vehicles, operators, sensors and observers."""
+"""`cordon keys issue`: keys for vehicles, operators, sensors, observers and routers."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -78,6 +78,15 @@ def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
     Example: cordon keys issue observer tower
     """
     return _issue("observer", name, options)
+
+
+@issue.command
+def router(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
+    """Issue the keys of a router (`cordon router`), which the whole team trusts to tell senders apart.
+
+    Example: cordon keys issue router mast
+    """
+    return _issue("router", name, options)
 
 
 def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...] | None" = None) -> Exit:

@@ -11,6 +11,7 @@ from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chose
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
+    from agents.team.messages import Verb as Granted
     from gcs.console.command_client import CommandResult
     from gcs.keys.identity import Identity
     from gcs.mission.mission import Mission
@@ -61,7 +62,7 @@ def command(
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
     try:
-        operator = CommandClient(mission, _operator(mission, verb, options.key))
+        operator = CommandClient(mission, granted_operator(mission, verb, options.key))
         answers = asyncio.run(operator.command(verb, vehicles, vehicle, shape))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
@@ -72,7 +73,7 @@ def command(
     return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
 
 
-def _operator(mission: "Mission", verb: Verb, name: str | None) -> "Identity":
+def granted_operator(mission: "Mission", verb: "Granted", name: str | None) -> "Identity":
     """Return the operator whose keys are here; raises VehicleRefusedError when they do not grant the verb."""
     from agents.ports import VehicleRefusedError
     from gcs.keys.team_keys import team_keys

@@ -47,6 +47,11 @@ class FailingBus:
         """What the real one has dropped."""
         return self._bus.drops
 
+    @property
+    def operated(self) -> bool:
+        """Whether an operator is on the real one."""
+        return self._bus.operated
+
     async def open(
         self,
         on_message: Callable[[BusMessage], None],

@@ -1,1 +1,1 @@
-"""Before take-off: the speed that the computer holds, and the wait for vehicles that are about to be ready."""
+"""Before take-off: the speed that the computer holds, and the waits for vehicles to be ready and for a start."""

@@ -84,7 +84,9 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
         faults = list(claims.take_team(mission))
         # Before they start; of the others the links and the bus say so, beside what else they find.
         vehicles = [mission.vehicle(each) for each in stubs]
-        faults += (fault for vehicle in vehicles for fault in _faults_of(vehicle))
+        faults += (fault for vehicle in vehicles for fault in _url_faults(vehicle))
+        if mission.network.router is None:
+            faults += (fault for vehicle in vehicles for fault in _endpoint_faults(vehicle))
         faults += claims.take_fed(fed_ports(vehicles))
         _require_none(faults, "end the other run, or give this mission other ports and another network.team")
         yield claims
@@ -109,13 +111,17 @@ def _require_none(faults: Sequence[str], next_step: str) -> None:
         raise VehicleRefusedError("; ".join(faults), next_step)
 
 
-def _faults_of(vehicle: MissionVehicle) -> Iterator[str]:
-    """Return what is in use of a vehicle's port and its endpoint on the bus."""
+def _url_faults(vehicle: MissionVehicle) -> Iterator[str]:
+    """Return whether a vehicle's port is in use."""
     if urlsplit(vehicle.section.url).scheme in _LISTENING:
         try:
             require_usable(vehicle.section.url)
         except VehicleRefusedError as refusal:
             yield refusal.reason
+
+
+def _endpoint_faults(vehicle: MissionVehicle) -> Iterator[str]:
+    """Return whether a vehicle's endpoint on the bus is in use."""
     protocol, _, place = vehicle.section.endpoint.partition("/")
     host, _, port = place.rpartition(":")
     kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM

@@ -58,6 +58,8 @@ SETTINGS = FailsafeSettings(
     tilt_s=0.9,
     wind_s=1.5,
     clock_s=1.5,
+    no_operator="hold",
+    no_operator_s=3.2,
 )
 
 
@@ -85,6 +87,7 @@ class Flight:
         self.peer_height_m = HEIGHT_M
         self.late_ticks = 0
         self.bus = True
+        self.operated = True
         self.clock_ahead_s = 0.0
         self.second_source = False
         self.outside_m: tuple[float, float] | None = None
@@ -142,7 +145,7 @@ class Flight:
         self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
         core.on_drops(Drops(too_many=self.refused))
         core.on_loop(self.late_ticks)
-        core.on_bus(self.bus)
+        core.on_bus(self.bus, self.operated)
         core.on_computer(self.short_of)
         output = core.tick(now_s)
         self.outputs.append(output)
@@ -283,6 +286,9 @@ CASES = {
     ),
     Condition.TARGET_FROM_OUTSIDE: Case(
         set_to(outside_m=(40.0, -5.0)), set_to(target_m=(40.0, -5.0)), 0.0, AS_BEFORE * 3
+    ),
+    Condition.NO_OPERATOR: Case(
+        set_to(operated=False), set_to(operated=True), 3.2, (Tactic.HOLD, Tactic.HOLD), wall=True
     ),
 }
 BY_THE_SHELL = {Condition.OPERATOR_LOST}
@@ -427,8 +433,9 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     reaction = case.tactics[0]
     case.begin(flight)
     flight.fly(ONSET_S + case.after_s + 0.15)
-    # Nothing is planned any more once it has stepped aside: then the plan is what does not last.
-    lasts = condition is not Condition.PLAN_FAILING
+    # Nothing is planned any more once it has stepped aside: then the plan is what does not last. Who resumes a vehicle
+    # is an operator, see the test below.
+    lasts = condition not in (Condition.PLAN_FAILING, Condition.NO_OPERATOR)
     if lasts:
         said_s = flight.now_s
         flight.core.on_message(OperatorCommand(flight.now_s, "resume", None, "pat", 1), flight.now_s)
@@ -445,6 +452,39 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     flight.fly(flight.now_s + 0.3)
     assert flight.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
     assert flight.told.alert == ""
+
+
+@pytest.mark.parametrize(
+    ("policy", "tactic"),
+    [("go_on", Tactic.FORMATION), ("hold", Tactic.HOLD), ("return", Tactic.RETURN_AND_LAND)],
+)
+def test_the_mission_chooses_what_is_done_without_an_operator(policy: str, tactic: Tactic, make_config: Maker) -> None:
+    flight = Flight(make_config(vehicle_id=3, failsafe=SETTINGS.model_copy(update={"no_operator": policy})))
+    flight.operated = False
+    flight.fly(2.0 * SETTINGS.no_operator_s)
+    assert flight.notes() == [], "before the first operator none is missed"
+    flight.operated = True
+    flight.fly(flight.now_s + 1.0)
+    flight.operated = False
+    flight.fly(flight.now_s + SETTINGS.no_operator_s + 1.0)
+    assert flight.status.tactic is tactic
+    assert len(flight.notes()) == (0 if policy == "go_on" else 1)
+    flight.operated = True
+    flight.fly(flight.now_s + 1.0)
+    assert flight.status.tactic is tactic, "an operator who is back changes nothing"
+    cleared = [note for note in flight.notes() if note.endswith("cleared; resume continues the mission")]
+    assert len(cleared) == (0 if policy == "go_on" else 1)
+
+
+def test_an_operator_may_resume_before_the_bus_shows_one(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.NO_OPERATOR)
+    flight.operated = False
+    flight.fly(flight.now_s + SETTINGS.no_operator_s + 1.0)
+    assert flight.status.tactic is Tactic.HOLD
+    flight.core.on_message(OperatorCommand(flight.now_s, "resume", None, "pat", 1), flight.now_s)
+    flight.operated = True
+    flight.fly(flight.now_s + 5.0)
+    assert (flight.status.tactic, flight.told.alert) == (Tactic.FORMATION, "")
 
 
 @pytest.mark.parametrize("condition", PASSING, ids=by_name)

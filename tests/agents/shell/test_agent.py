@@ -13,7 +13,14 @@ from agents.shell.outcome import Ending, Outcome
 from agents.tactics import Event, Tactic
 from agents.tape import Start, TacticEvent, Tick, TimeScale
 from agents.team.codec import decode
-from agents.team.messages import CommandAnswer, StartProposal
+from agents.team.messages import (
+    REPORT_TOPIC,
+    CommandAnswer,
+    OperatorCommand,
+    StartProposal,
+    VehicleReport,
+    Verb,
+)
 from tests.support.fake_flight import ALONE, PAIR, FakeFlight
 from tests.support.simulated_loop import run_simulated
 
@@ -678,3 +685,68 @@ def test_ticks_keep_their_rate_through_take_off_control_and_landing() -> None:
     gaps_s = [after - before for before, after in pairwise(times_s)]
     assert max(gaps_s) < 0.101
     assert times_s[0] < 1_000.1
+
+
+async def _waiting(lacks: str) -> FakeFlight:
+    flight = FakeFlight(PAIR)
+    await flight.agent.connect()
+    flight.agent.announce()
+    flight.agent.wait_on_ground(lacks)
+    return flight
+
+
+def _order(flight: FakeFlight, verb: Verb) -> list[str]:
+    """Give an operator's command over the bus; return what is answered before anything else happens."""
+    before = len(flight.bus.published)
+    flight.bus.deliver(OperatorCommand(flight.clock.now_s(), verb, None, "anna", before))
+    sent = (decode(payload) for _, payload in flight.bus.published[before:])
+    return [each.did for each in sent if isinstance(each, CommandAnswer)]
+
+
+def test_on_the_ground_an_operator_is_answered_at_once_and_starts_what_lacks_nothing() -> None:
+    async def story() -> None:
+        flight = await _waiting("battery: 12 %")
+        assert _order(flight, "start") == ["refused: battery: 12 %"]
+        flight.hear_peer_clock(3.0)
+        flight.agent.wait_on_ground("")
+        (refused,) = _order(flight, "start")
+        assert "clock" in refused
+        await asyncio.sleep(2.0)
+        report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
+        assert isinstance(report, VehicleReport)
+        assert "clock" in (report.lacks or "")
+        assert report.clock_off_s == pytest.approx(3.0, abs=0.1)
+        assert not flight.agent.started.is_set()
+        assert flight.link.calls == []
+        await flight.agent.close()
+
+    run_simulated(story())
+
+
+def test_what_was_started_flies_and_no_longer_reports_that_it_waits() -> None:
+    async def story() -> None:
+        flight = await _waiting("")
+        assert _order(flight, "start") == ["takes off"]
+        assert flight.agent.started.is_set()
+        await flight.begin()
+        await flight.until(P.TAKE_OFF)
+        await asyncio.sleep(1.5)
+        report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
+        assert isinstance(report, VehicleReport)
+        assert report.lacks is None
+        flight.stop.ask()
+        await flight.outcome()
+
+    run_simulated(story())
+
+
+def test_motors_that_are_cut_on_the_ground_end_the_wait() -> None:
+    async def story() -> None:
+        flight = await _waiting("")
+        assert _order(flight, "kill") == ["cuts the motors"]
+        assert flight.agent.started.is_set()
+        await flight.begin()
+        assert (await flight.outcome()).ending is X.KILLED
+        assert flight.link.calls == ["kill"]
+
+    run_simulated(story())

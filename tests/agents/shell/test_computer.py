@@ -1,12 +1,15 @@
-"""A computer that runs short, by another account of it than the library's."""
+"""A computer that runs short, and its clock, by another account of them than the library's."""
 
+import ctypes
 import os
+import struct
+import sys
 from pathlib import Path
 
 import pytest
 
 from agents.shell import computer
-from agents.shell.computer import short_of
+from agents.shell.computer import ComputerClock, computer_clock, short_of
 
 
 def test_nothing_is_short_of_where_limits_are_met_and_both_are_told_where_not(
@@ -30,3 +33,17 @@ def test_nothing_is_short_of_where_limits_are_met_and_both_are_told_where_not(
 def test_a_folder_that_is_gone_is_no_exception(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(computer, "MEMORY_SHARE_MIN", 0.0)
     assert short_of(tmp_path / "gone" / "flight.mcap") == ""
+
+
+@pytest.mark.skipif(sys.platform != "linux" or struct.calcsize("l") != 8, reason="the layout is that of 64-bit Linux")
+def test_the_clock_is_as_the_kernel_says() -> None:
+    raw = ctypes.create_string_buffer(512)
+    ctypes.CDLL(None).adjtimex(raw)
+    (error_us,) = struct.unpack_from("q", raw, 24)  # after modes, offset and frequency
+    (status,) = struct.unpack_from("i", raw, 40)
+    clock = computer_clock()
+    assert clock is not None
+    if status & 0x40:
+        assert clock == ComputerClock(None)
+    else:
+        assert clock.error_s == pytest.approx(error_us * 1e-6, abs=0.01)

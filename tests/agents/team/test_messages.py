@@ -82,7 +82,9 @@ MUSTER = StartProposal(2, 10.0, 12.0)
 COMMAND = OperatorCommand(12.5, "resume", 2, "pat", 7)
 ANSWER = CommandAnswer(2, 12.6, 7, "resumed")
 SEEN = TargetReport((35.0, -5.0), (0.1, 0.0), (0.1, 0.0, 0.1), 0.5)
-REPORT = VehicleReport(2, 12.7, "offboard", True, True, 0.1, 1.5, 0.8, 600.0, 3, 12, "good", 10.0, 200.0, "", SEEN)
+REPORT = VehicleReport(
+    2, 12.7, "offboard", True, True, 0.1, 1.5, 0.8, 600.0, 3, 12, "good", 10.0, 200.0, "", SEEN, "no fix", 0.1
+)
 EXAMPLES: list[BusMessage] = [MEMBER, ON_RING, ANGLE, TARGET, MUSTER, COMMAND, ANSWER, REPORT]
 
 
@@ -257,6 +259,8 @@ def test_bounds_by_hand(subtests: pytest.Subtests) -> None:
         (REPORT, 7, 7001),
         (REPORT, 8, 10**4 + 1),
         (REPORT, 15, "x" * 121),
+        (REPORT, 17, "x" * 121),
+        (REPORT, 18, -1),
     )
     for message, index, wrong in rows:
         with subtests.test(message=message, index=index, wrong=wrong):

@@ -45,11 +45,28 @@ def granted(keys: AuthorityFolder, common_name: str) -> set[str]:
 def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
     own = {"member/3", "start/3", "answer/3", "@report/3", "alive/3"}
     assert granted(keys, "vehicle-3") == own
-    steering = {"hold", "resume", "land", "rtl", "abort", "formation"}
-    assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering}
-    assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob"}
+    steering = {"start", "hold", "resume", "land", "rtl", "abort", "formation"}
+    assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering} | {"operator/anna"}
+    assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob", "operator/bob"}
     assert granted(keys, "sensor-mast") == {"perception/mast", "position/mast"}
     assert granted(keys, "observer-tower") == set()
+
+
+def test_a_router_passes_on_all_that_anybody_may_send(keys: AuthorityFolder) -> None:
+    keys.issue("router", "hill", 1.0)
+    passes_on = [key.split("/") for key in granted(keys, "router-hill")]
+
+    def passed(key: str) -> bool:
+        parts = key.split("/")
+        return any(len(parts) == len(each) and all(map(_alike, each, parts)) for each in passes_on)
+
+    for holder in ("vehicle-3", "operator-anna", "operator-bob", "sensor-mast"):
+        assert all(map(passed, granted(keys, holder))), holder
+    assert not passed("target/3")
+
+
+def _alike(pattern: str, part: str) -> bool:
+    return pattern in ("*", part)
 
 
 def test_what_is_not_allowed_is_denied_and_nobody_may_write_patterns(keys: AuthorityFolder) -> None:
@@ -96,7 +113,7 @@ def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(key
     after = security_of(keys, "operator", "bob")
     assert after.certificate_pem != before
     assert granted(keys, "operator-bob") == set(), "the certificate that was revoked still counts"
-    assert granted(keys, "operator-bob~2") == {"command/hold/bob"}
+    assert granted(keys, "operator-bob~2") == {"command/hold/bob", "operator/bob"}
 
 
 def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:

@@ -99,7 +99,9 @@ def test_all_processes_of_a_run_fly_its_vehicles_with_one_certificate(runtime: P
             f"{topic}/{i}" for topic in ("@report", "answer", "member", "start") for i in (1, 2)
         )
         others = [topic for grant in grants.values() for topic in (*grant.topics, *grant.presence)]
-        assert not [topic for topic in others if not topic.startswith(("command/", "perception/", "position/"))]
+        assert not [
+            topic for topic in others if not topic.startswith(("command/", "operator/", "perception/", "position/"))
+        ]
 
 
 def test_other_vehicles_under_the_same_name_are_refused() -> None:

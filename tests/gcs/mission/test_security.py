@@ -37,6 +37,17 @@ def test_an_endpoint_beyond_this_computer_needs_it(subtests: pytest.Subtests) ->
             assert security_faults(parsed(put(content(), ("vehicles", 1, "endpoint"), endpoint))) == []
 
 
+def test_a_router_needs_it_and_no_endpoints() -> None:
+    mission = put(content(), ("network", "router"), "tcp/10.0.0.2:7447")
+    for vehicle in mission["vehicles"]:
+        del vehicle["endpoint"]
+    (fault,) = security_faults(parsed(mission))
+    assert fault.startswith("network.router: [network.security] is missing")
+    secured = parsed(put(mission, ("network", "security"), {"keys": "keys"}))
+    assert security_faults(secured) == []
+    assert secured.network.router == "tcp/10.0.0.2:7447"
+
+
 def test_the_folder_of_keys_is_beside_the_mission(tmp_path: Path) -> None:
     assert team_keys(parsed(with_security(keys="own"), tmp_path)) == KeyFolder(tmp_path / "own")
     assert team_keys(parsed(with_security(keys="/etc/cordon"), tmp_path)) == KeyFolder(Path("/etc/cordon"))

@@ -1,0 +1,92 @@
+"""`cordon start`: the start of a team whose agents wait on the ground."""
+
+import asyncio
+import json
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from gcs.cli.options import Json, KeyName, MissionName, bus_mission
+from gcs.errors import Exit
+
+if TYPE_CHECKING:
+    from gcs.console.team_start import StartResult
+    from gcs.mission.mission import Mission
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartOptions:
+    """What `cordon start` is given."""
+
+    mission: MissionName = field(kw_only=False)
+    key: KeyName = None
+    wait: Annotated[
+        float,
+        Parameter(validator=Number(gte=1, lte=3600), help="Seconds to wait for vehicles that are not ready yet."),
+    ] = 10.0
+    json: Json = False
+
+
+def start(options: StartOptions) -> Exit:
+    """Start a team whose agents wait on the ground (`cordon fly --only ID --wait-for-start`), once all are ready.
+
+    Each vehicle is shown: ready, flying already, or missing with the reason. While one is missing none is started.
+
+    Example: cordon start my-mission.toml
+    """
+    from agents.ports import VehicleRefusedError
+    from gcs.cli.output import print_result
+    from gcs.cli.team.command import granted_operator
+    from gcs.console.team_start import start_team
+    from gcs.console.terminal import print_problem
+
+    mission = bus_mission(options.mission)
+    try:
+        operator = granted_operator(mission, "start", options.key)
+        result = asyncio.run(start_team(mission, operator, options.wait))
+    except VehicleRefusedError as refusal:
+        print_problem(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
+    _show(mission, result)
+    if options.json:
+        print_result(_json(mission, result))
+    return Exit.HOLDS if result.started else Exit.REFUSED
+
+
+def _show(mission: "Mission", result: "StartResult") -> None:
+    from gcs.console.terminal import print_line, print_problem
+
+    for each in result.standings:
+        clock = "" if each.clock_off_s is None else f", its clock at most {each.clock_off_s:.3f} s off the others'"
+        answer = result.answers.get(each.vehicle)
+        did = "no answer" if answer is None else answer.did
+        said = f": {did}" if result.answers else f": {each.reason}" if each.reason else ""
+        style = "red" if each.state == "missing" else ""
+        print_line(f"vehicle {each.vehicle}: {each.state}{clock}{said}", style)
+    missing = [str(each.vehicle) for each in result.standings if each.state == "missing"]
+    policy, after_s = mission.failsafe.no_operator, mission.failsafe.no_operator_s
+    if missing:
+        print_problem(f"no vehicle was started: vehicle {', '.join(missing)} is missing", "see above, then start again")
+    elif not result.started:
+        print_problem(
+            "not every vehicle has started: the others wait for it in the air, for two minutes",
+            "start again, or bring them down: cordon command land",
+        )
+    elif policy != "go_on":
+        does = {"hold": "hold", "return": "return and land"}[policy]
+        print_line(
+            f"the vehicles {does} {after_s:g} s after the last operator has left the bus: keep `cordon station` open"
+        )
+
+
+def _json(mission: "Mission", result: "StartResult") -> str:
+    vehicles = [
+        {**asdict(each), "answer": None if (answer := result.answers.get(each.vehicle)) is None else answer.did}
+        for each in result.standings
+    ]
+    return json.dumps(
+        {"mission": mission.mission.name, "started": result.started, "vehicles": vehicles}, ensure_ascii=False
+    )

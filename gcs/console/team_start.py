@@ -1,0 +1,100 @@
+"""The start of a team whose agents wait on the ground: who is ready, who is missing and why, and the command."""
+
+import asyncio
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from agents.team.messages import BusMessage, StartProposal, VehicleReport
+from gcs.console.command_client import CommandClient, CommandResult
+from gcs.keys.identity import Identity
+from gcs.mission.mission import Mission
+
+_POLL_S = 0.1
+_NO_AGENT = "no agent is on the bus: its computer is off, out of reach, or does not run its agent"
+_NO_REPORT = "its agent is on the bus, and has not found its autopilot yet"
+_OTHER_MISSION = "it has another mission, or another version of this one: copy one mission file to all computers"
+_NOT_WAITING = "it does not wait for its start: it is in its first checks, or runs without --wait-for-start"
+
+State = Literal["ready", "flying", "missing"]
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How one vehicle stands before the start: why it is missing, and how far its clock is off its peers' [s]."""
+
+    vehicle: int
+    state: State
+    reason: str = ""
+    clock_off_s: float | None = None
+
+
+@dataclass(slots=True)
+class TeamRoll:
+    """What the vehicles of a mission have sent of themselves so far."""
+
+    mission: Mission
+    _reports: dict[int, VehicleReport] = field(default_factory=dict)
+    _of_another: dict[int, bool] = field(default_factory=dict)
+
+    def receive(self, message: BusMessage) -> None:
+        """Take a message from the bus."""
+        match message:
+            case VehicleReport():
+                self._reports[message.sender] = message
+            case StartProposal(mission=flown) if flown is not None:
+                self._of_another[message.sender] = flown != self.mission.identity
+            case _:
+                pass
+
+    def standings(self, present: Collection[int]) -> Sequence[Standing]:
+        """Return how each vehicle stands; `present` are those on the bus."""
+        return [self._standing(each, present=each in present) for each in self.mission.ids]
+
+    def _standing(self, vehicle: int, *, present: bool) -> Standing:
+        report = self._reports.get(vehicle)
+        if not present:
+            return Standing(vehicle, "missing", _NO_AGENT)
+        if report is None:
+            return Standing(vehicle, "missing", _NO_REPORT)
+        if self._of_another.get(vehicle):
+            return Standing(vehicle, "missing", _OTHER_MISSION)
+        if report.ended:
+            return Standing(vehicle, "missing", f"its flight has ended: {report.ended}")
+        if report.lacks is not None:
+            return Standing(vehicle, "missing" if report.lacks else "ready", report.lacks, report.clock_off_s)
+        return Standing(vehicle, "flying") if report.armed else Standing(vehicle, "missing", _NOT_WAITING)
+
+
+@dataclass(frozen=True, slots=True)
+class StartResult:
+    """How the vehicles stood, and what each answered to the start; no answers where it was not sent."""
+
+    standings: Sequence[Standing]
+    answers: Mapping[int, CommandResult | None] = field(default_factory=dict)
+
+    @property
+    def started(self) -> bool:
+        """Whether every vehicle takes off or flies already."""
+        return bool(self.answers) and all(answer and answer.obeyed for answer in self.answers.values())
+
+
+async def start_team(mission: Mission, operator: Identity, wait_s: float) -> StartResult:
+    """Start the team if nobody is missing, at the latest after `wait_s` of waiting for those who are.
+
+    Raises VehicleRefusedError when the bus cannot be joined, or the team flies another mission.
+    """
+    roll = TeamRoll(mission)
+    client = CommandClient(mission, operator, roll.receive)
+    try:
+        await client.open()
+        end_s = asyncio.get_running_loop().time() + wait_s
+        while True:
+            standings = roll.standings(client.present)
+            complete = all(each.state != "missing" for each in standings)
+            if complete or asyncio.get_running_loop().time() >= end_s:
+                break
+            await asyncio.sleep(_POLL_S)
+        return StartResult(standings, await client.command("start", mission.ids, None) if complete else {})
+    finally:
+        await client.close()
