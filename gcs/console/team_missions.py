@@ -50,5 +50,6 @@ class TeamMissions:
         """Raise VehicleRefusedError where a command or sighting depends on the mission's content, and that differs."""
         if self.difference and verb not in ENDS_FLIGHT:
             raise VehicleRefusedError(
-                f"{verb}: {self.difference}", "name by --mission the file that it flies, as it was at its start"
+                f"{verb}: {self.difference}",
+                "name by --mission the file that it flies, as it was at its start, with the same --set",
             )
