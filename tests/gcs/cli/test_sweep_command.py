@@ -101,9 +101,10 @@ def test_a_killed_worker_loses_no_run_and_flies_none_twice(tmp_path: Path, table
     assert finished(tmp_path) == RUNS
 
 
-def test_ctrl_c_ends_it_with_what_goes_on(tmp_path: Path, table: bytes) -> None:
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_it_with_what_goes_on(sent: signal.Signals, tmp_path: Path, table: bytes) -> None:
     with in_the_middle(tmp_path, "--json") as process:
-        process.send_signal(signal.SIGINT)
+        process.send_signal(sent)
         code, out, err = ended(process)
     assert code is Exit.ENDED_IN_FLIGHT
     assert json.loads(out)["finished"] == finished(tmp_path)
