@@ -231,10 +231,10 @@ class VehicleSection(Settings):
     """`[[vehicles]]`: one vehicle; `system_id` is its id unless given. `url`, where cordon meets its MAVLink, and
     `endpoint`, its agent's place on the bus, are on this computer unless given, at ports that follow the id: `url` is
     that of PX4's simulator. `profile` is the name of a bundled profile or a file beside the mission. `autopilot` is
-    what a stub in its place flies as, the profile's unless given. `origin_m` is where its local NED begins in a local `[frame]`: at `start_m` on the ground unless told otherwise.
-    `slot_m` is its place in a free formation, about any point that all have in common: all have one, or none.
-    `fence_m`, `altitude_min_m` and `altitude_max_m` hold for this vehicle instead of those of `[safety]`. With `link`,
-    the name of one of `[links]`, it has that one's url.
+    what a stub in its place flies as, the profile's unless given. `origin_m` is where its local NED begins in a local
+    `[frame]`: at `start_m` on the ground unless told otherwise. `slot_m` is its place in a free formation, about any
+    point that all have in common: all have one, or none. `fence_m`, `altitude_min_m` and `altitude_max_m` hold for this
+    vehicle instead of those of `[safety]`. With `link`, the name of one of `[links]`, it has that one's url.
     """
 
     id: int = Field(ge=1, le=254)
