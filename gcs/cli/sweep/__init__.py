@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import RESULT, Duration, Json, MissionName
+from gcs.cli.options import RESULT, Changes, Duration, Json, MissionName
 from gcs.cli.sweep.plot import plot
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back, pending
@@ -54,10 +54,7 @@ class SweepOptions:
     ] = None
     out: Annotated[Path, Parameter(group=RESULT, help="Folder of the sweep: its journal and its table, runs.parquet.")]
     duration: Duration = None
-    overrides: Annotated[
-        tuple[str, ...],
-        Parameter(name="--set", negative="", help="Another value of a mission's key in all runs, KEY=VALUE."),
-    ] = ()
+    changes: Changes = ()
     workers: Annotated[
         int | None,
         Parameter(
@@ -132,7 +129,7 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     seeds = seed_range(options.seeds) if options.seeds is not None else ()
     if options.workers is not None and options.scheduler is not None:
         raise InputError(["--workers: they are of this computer; the cluster of --scheduler has its own"])
-    return planned(options.mission, variations, seeds, dict(map(override, options.overrides)), options.duration)
+    return planned(options.mission, variations, seeds, dict(map(override, options.changes)), options.duration)
 
 
 def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "Journal", options: SweepOptions) -> None:
