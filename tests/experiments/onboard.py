@@ -258,7 +258,7 @@ def faults(policy: str, flown: Flown) -> list[str]:
     else:
         if not all(NO_OPERATOR_S <= each <= REACTS_WITHIN_S for each in flown.reacted_s):
             found.append(f"reacted after {flown.reacted_s}")
-        if max(flown.noted_s) == inf:
+        if policy == "hold" and max(flown.noted_s) == inf:
             found.append("a vehicle did not note that the laptop was back")
     if flown.error_before_m > RADIUS_ERROR_MAX_M:
         found.append(f"radius error {flown.error_before_m:.2f} m before the cut")

@@ -459,7 +459,14 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     [("go_on", Tactic.FORMATION), ("hold", Tactic.HOLD), ("return", Tactic.RETURN_AND_LAND)],
 )
 def test_the_mission_chooses_what_is_done_without_an_operator(policy: str, tactic: Tactic, make_config: Maker) -> None:
-    flight = Flight(make_config(vehicle_id=3, failsafe=SETTINGS.model_copy(update={"no_operator": policy})))
+    config = make_config(
+        vehicle_id=3,
+        failsafe=SETTINGS.model_copy(update={"no_operator": policy}),
+        choreography=ChoreographySettings(layer_m=3.0, landing="return"),
+        home_m=(-60.0, -5.0),
+        layers_from_m=HEIGHT_M,
+    )
+    flight = Flight(config)
     flight.operated = False
     flight.fly(2.0 * SETTINGS.no_operator_s)
     assert flight.notes() == [], "before the first operator none is missed"

@@ -1,0 +1,119 @@
+"""A router with issued keys: all is heard through it, each sender on its own keys only, and operators are seen."""
+
+import asyncio
+import time
+from contextlib import AsyncExitStack
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from agents.ports import VehicleRefusedError
+from agents.shell.bus import zenoh_session
+from agents.shell.bus.bus_security import BusSecurity
+from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
+from agents.team.codec import encode
+from agents.team.messages import OPERATORS_TOPIC, BusMessage, MemberState, OperatorCommand, VehicleReport, key_of
+from agents.team.participant import Participant, Role, vehicle
+from gcs.keys.authority_folder import AuthorityFolder
+from gcs.keys.key_folder import KeyFolder
+from tests.support.wire import free_port, until
+
+pytestmark = pytest.mark.wire
+
+FORGED, FORGED_NUMBER = "pilot override", 99
+
+
+def state(vehicle_id: int, tactic: str = "hold") -> bytes:
+    return encode(MemberState(vehicle_id, time.time(), tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+
+
+class RoutedTeam:
+    """A team of three vehicles with its keys; `heard` are the keys that each participant has received on.
+
+    `forged` are the messages that somebody else has sent in a sender's name.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._keys = AuthorityFolder(folder / "keys")
+        self._keys.init(10.0)
+        for name in "123":
+            self._keys.issue("vehicle", name, 1.0)
+        self._keys.issue("operator", "anna", 1.0)
+        self._keys.issue("router", "hill", 1.0)
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.team = BusTeam("routed", (1, 2, 3), self.endpoint)
+        self.heard: dict[str, set[str]] = {}
+        self.forged: list[BusMessage] = []
+
+    def security(self, role: Role, name: str) -> BusSecurity:
+        security = KeyFolder(self._keys.path).identity(role, name).security
+        assert security is not None
+        return security
+
+    async def router(self, stack: AsyncExitStack) -> None:
+        session = ZenohSession(self.team, self.endpoint, (), self.security("router", "hill"))
+        await asyncio.to_thread(partial(session.open, None, own=False, reports=False))
+        stack.push_async_callback(asyncio.to_thread, session.close)
+
+    async def bus(self, participant: Participant, stack: AsyncExitStack) -> ParticipantBus:
+        heard = self.heard[participant.name] = set()
+        security = self.security(participant.role, participant.name)
+        bus = single_bus(participant, self.team, None, (), security)
+        stack.push_async_callback(bus.close)
+
+        def hear(message: BusMessage) -> None:
+            heard.add(key_of(message))
+            if getattr(message, "tactic", "") == FORGED or getattr(message, "number", 0) == FORGED_NUMBER:
+                self.forged.append(message)
+
+        await bus.open(hear, lambda *_: None, lambda *_: None)
+        return bus
+
+
+async def test_all_is_heard_through_it_and_nobody_speaks_for_another(tmp_path: Path) -> None:
+    team = RoutedTeam(tmp_path)
+    async with AsyncExitStack() as stack:
+        await team.router(stack)
+        one, two = [await team.bus(vehicle(each), stack) for each in (1, 2)]
+        assert not one.operated
+        anna = await team.bus(Participant("operator", "anna"), stack)
+        await until(lambda: one.operated and two.operated, waiting_for="the operator's presence")
+
+        def said() -> bool:
+            one.publish("member", state(1))
+            one.publish("@report", encode(VehicleReport(1, time.time(), "hold")))
+            anna.publish("command/start", encode(OperatorCommand(time.time(), "start", None, "anna", 1)))
+            return "member/1" in team.heard["2"] and {"@report/1", "member/1"} <= team.heard["anna"]
+
+        await until(said, waiting_for="vehicle 1 everywhere")
+        await until(lambda: "command/start/anna" in team.heard["1"] & team.heard["2"], waiting_for="the start")
+        assert "@report/1" not in team.heard["2"]
+
+        liar = ZenohSession(team.team, None, (), team.security("vehicle", "3"))
+        await asyncio.to_thread(partial(liar.open, None, own=False, reports=False))
+        stack.push_async_callback(asyncio.to_thread, liar.close)
+        await asyncio.to_thread(liar.appear, "bob", OPERATORS_TOPIC)
+
+        def lied() -> bool:
+            liar.publish("member/1", state(1, FORGED))
+            liar.publish("command/land/anna", encode(OperatorCommand(time.time(), "land", None, "anna", FORGED_NUMBER)))
+            liar.publish("member/3", state(3))
+            return "member/3" in team.heard["1"] & team.heard["2"]
+
+        await until(lied, waiting_for="vehicle 3 as itself")
+        assert team.forged == []
+        await anna.close()
+        await until(lambda: not (one.operated or two.operated), waiting_for="the operator's end")
+
+
+async def test_without_it_a_participant_is_refused_with_the_next_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_session, "_ROUTER_TIMEOUT_MS", 300)
+    team = RoutedTeam(tmp_path)
+    async with AsyncExitStack() as stack:
+        with pytest.raises(VehicleRefusedError, match=r"router .* does not answer") as refused:
+            await team.bus(vehicle(1), stack)
+        assert "cordon router" in refused.value.next_step

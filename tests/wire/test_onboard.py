@@ -1,0 +1,118 @@
+"""Agents that wait on the ground for an operator's start, on computers of their own, with a router between them."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from contextlib import ExitStack
+from pathlib import Path
+from shutil import copytree
+
+import pytest
+import tomli_w
+
+from gcs.errors import Exit
+from gcs.keys.authority_folder import AuthorityFolder
+from tests.support.computers import Computer, computers
+from tests.support.mission_text import CASE2, LOW_M
+from tests.support.paths import ROOT
+
+pytestmark = [pytest.mark.wire, pytest.mark.long]
+
+SPEED = "6"
+HOLDERS = ("router-hill", "vehicle-1", "vehicle-2", "operator-anna")
+
+
+def mission_text(router: Computer) -> str:
+    """Return case2 for the vehicles 1 and 2, which hold when the operator has left."""
+    mission = tomllib.loads(CASE2)
+    mission["vehicles"] = mission["vehicles"][:2]
+    for vehicle in mission["vehicles"]:
+        del vehicle["endpoint"]
+        vehicle["altitude_m"] = LOW_M
+    mission["formation"]["leader"] = 1
+    mission["network"] = {"router": f"tcp/{router.address}:7447", "security": {"keys": "keys"}}
+    mission["failsafe"] = {"no_operator": "hold", "no_operator_s": 2.0}
+    return tomli_w.dumps(mission)
+
+
+class Site:
+    """Four computers with the files of one holder each, and the commands that run there."""
+
+    def __init__(self, hosts: list[Computer], folder: Path, stack: ExitStack) -> None:
+        keys = AuthorityFolder(folder / "keys")
+        keys.init(10.0)
+        for role, _, name in (holder.partition("-") for holder in HOLDERS):
+            keys.issue(role, name, 1.0)  # type: ignore[arg-type]
+        self._places = {}
+        for holder, host in zip(HOLDERS, hosts, strict=True):
+            copytree(keys.path / holder, folder / holder / "keys" / holder)
+            (folder / holder / "mission.toml").write_text(mission_text(hosts[0]), encoding="utf-8")
+            self._places[holder] = host, folder / holder
+        self._stack = stack
+
+    def run(self, holder: str, *arguments: str) -> "subprocess.Popen[str]":
+        host, folder = self._places[holder]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"}
+        command, pipe = host.command(sys.executable, "-m", "gcs", *arguments), subprocess.PIPE
+        process = subprocess.Popen(command, cwd=folder, stdout=pipe, stderr=pipe, text=True, env=environment)
+        self._stack.callback(process.wait)
+        self._stack.callback(process.kill)
+        return process
+
+    def ended(self, holder: str, *arguments: str) -> tuple[int, str, str]:
+        process = self.run(holder, *arguments)
+        out, err = process.communicate(timeout=90.0)
+        return process.returncode, out, err
+
+    def agent(self, vehicle: int) -> "subprocess.Popen[str]":
+        holder = f"vehicle-{vehicle}"
+        self.run(holder, "sitl", "mission.toml", "--speed", SPEED)
+        options = ("--only", str(vehicle), "--wait-for-start", "--speed", SPEED, "--no-log")
+        return self.run(holder, "fly", "mission.toml", *options)
+
+
+def said_until(process: "subprocess.Popen[str]", words: str) -> str:
+    """Read what a process prints until it says something."""
+    assert process.stderr is not None
+    said = ""
+    while words not in said:
+        line = process.stderr.readline()
+        assert line, said
+        said += line
+    return said
+
+
+def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_operator_leaves(tmp_path: Path) -> None:
+    with computers(4) as hosts, ExitStack() as stack:
+        site = Site(hosts, tmp_path, stack)
+        code, _, err = site.ended("operator-anna", "start", "mission.toml")
+        assert code == Exit.REFUSED
+        assert "cordon router" in err
+        said_until(site.run("router-hill", "router", "mission.toml"), "Ctrl-C ends it")
+        first = site.agent(1)
+        said_until(first, "waits for its start: ready")
+        code, out, _ = site.ended("operator-anna", "start", "mission.toml", "--wait", "6", "--json")
+        assert code == Exit.REFUSED
+        result = json.loads(out)
+        assert not result["started"]
+        assert [each["state"] for each in result["vehicles"]] == ["ready", "missing"]
+        assert "no agent is on the bus" in result["vehicles"][1]["reason"]
+        second = site.agent(2)
+        watching = site.run("operator-anna", "watch", "--mission", "mission.toml")
+        code, out, err = site.ended("operator-anna", "start", "mission.toml", "--wait", "60", "--json")
+        assert code == Exit.HOLDS, err
+        assert [each["answer"] for each in json.loads(out)["vehicles"]] == ["takes off", "takes off"]
+        for flying in (first, second):
+            said_until(flying, "standby -> formation")
+        watching.terminate()
+        for flying in (first, second):
+            assert "no operator on the bus" in said_until(flying, "formation -> hold")
+        code, _, err = site.ended("operator-anna", "command", "resume", "--mission", "mission.toml")
+        assert code == Exit.HOLDS, err
+        code, _, err = site.ended("operator-anna", "command", "land", "--mission", "mission.toml")
+        assert code == Exit.HOLDS, err
+        for flying in (first, second):
+            flying.communicate(timeout=60.0)
+            assert flying.returncode == Exit.ENDED_IN_FLIGHT
