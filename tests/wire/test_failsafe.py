@@ -43,9 +43,9 @@ async def test_a_low_battery_comes_home_and_a_closed_bus_steps_aside(
     notes: list[str] = []
     appear, note = ZenohSession.appear, Journal.note
 
-    def appeared(session: ZenohSession, name: str) -> None:
+    def appeared(session: ZenohSession, name: str, topic: str) -> None:
         sessions[int(name)] = session
-        appear(session, name)
+        appear(session, name, topic)
 
     def noted(journal: Journal, status: CoreStatus, tick_us: float) -> None:
         latest[status.vehicle_id] = status

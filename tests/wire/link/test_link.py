@@ -384,7 +384,7 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     assert await link.measure_speed(0.6) == 1.0
     first.stop()
     link.send(Setpoint((0.0, 0.0, 5.0)))
-    with pytest.raises(VehicleRefusedError, match="refused to enter hold"):
+    with pytest.raises(VehicleRefusedError, match="did not answer the command to enter hold"):
         await link.stop_offboard()
     await until(lambda: not link.status.connected)
     # It restarts elsewhere: with other rates, and another origin.
