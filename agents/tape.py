@@ -50,7 +50,7 @@ class LateTicks(msgspec.Struct, frozen=True):
 
 
 class Bus(msgspec.Struct, frozen=True):
-    """`on_bus`: whether the bus works, and whether an operator is on it; on tape when it has changed."""
+    """`on_bus`: whether the bus works, and whether an operator is on it; recorded when that has changed."""
 
     alive: bool
     operated: bool = False

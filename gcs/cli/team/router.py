@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from cyclopts import Parameter
 
-from gcs.cli.options import KeyName, MissionName, bus_mission
+from gcs.cli.options import Changes, KeyName, MissionName, bus_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import ENDING, hold_back
 
@@ -16,6 +16,7 @@ class RouterOptions:
     """What `cordon router` is given."""
 
     mission: MissionName = field(kw_only=False)
+    changes: Changes = ()
     key: KeyName = None
 
 
@@ -32,7 +33,7 @@ def router(options: RouterOptions) -> Exit:
     from gcs.console.terminal import print_line, print_problem
     from gcs.keys.team_keys import team_keys
 
-    mission = bus_mission(options.mission)
+    mission = bus_mission(options.mission, options.changes)
     network = mission.network
     if network.router is None:
         raise InputError(['network.router: the mission has none; next: [network] router = "tcp/ADDRESS:7447"'])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import Json, KeyName, MissionName, bus_mission
+from gcs.cli.options import Changes, Json, KeyName, MissionName, bus_mission
 from gcs.errors import Exit
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ class StartOptions:
     """What `cordon start` is given."""
 
     mission: MissionName = field(kw_only=False)
+    changes: Changes = ()
     key: KeyName = None
     wait: Annotated[
         float,
@@ -43,7 +44,7 @@ def start(options: StartOptions) -> Exit:
     from gcs.console.team_start import start_team
     from gcs.console.terminal import print_problem
 
-    mission = bus_mission(options.mission)
+    mission = bus_mission(options.mission, options.changes)
     try:
         operator = granted_operator(mission, "start", options.key)
         result = asyncio.run(start_team(mission, operator, options.wait))
