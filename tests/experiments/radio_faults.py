@@ -119,7 +119,7 @@ def restarting(lines: Lines, mission: Mission) -> None:
     lines.restart()
 
 
-FAULTS = (half, noisy, vanishing, restarting)
+FAULTS = {fault.__name__: fault for fault in (half, noisy, vanishing, restarting)}
 
 
 def mission_text(folder: Path) -> str:
@@ -147,7 +147,10 @@ def flown(path: Path, fault: Callable[[Lines, Mission], None], duration_s: float
         fault(lines, mission)
         out = (flight.stdout.read() if flight.stdout else "") or "{}"
         reader.join()
-    return json.loads(out), said[before:]
+    result = json.loads(out)
+    if "vehicles" not in result:
+        raise SystemExit("\n".join(said))
+    return result, said[before:]
 
 
 def _read(flight: "subprocess.Popen[str]", said: list[str]) -> None:
@@ -174,8 +177,9 @@ def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
     """Fly once with each fault, and print what was reported and what came of it."""
     reader = parser("radio_faults", __doc__ or "")
     reader.add_argument("--duration", type=positive, default=150.0, help="seconds of a flight (default: %(default)s)")
+    reader.add_argument("faults", nargs="*", choices=[[], *FAULTS], help=f"{', '.join(FAULTS)} (default: all)")
     options, holds = reader.parse_args(arguments), True
-    for fault in FAULTS:
+    for fault in [FAULTS[name] for name in options.faults or FAULTS]:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "mission.toml")
             path.write_text(mission_text(Path(folder)), encoding="utf-8")
