@@ -16,7 +16,8 @@ _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 
 def start_forkserver() -> None:
     """Start it, unless it runs; it ends with this process."""
-    os.environ.update(_ONE_THREAD)  # processes are started with it
+    # Processes are started with it. Python would look for modules in the present folder first, where a clone may be.
+    os.environ.update(_ONE_THREAD, PYTHONSAFEPATH="1")
     forkserver.set_forkserver_preload(_PRELOADED)
     with as_they_are():
         forkserver.ensure_running()
