@@ -26,6 +26,7 @@ from gcs.console.keyboard.bindings import (
 from gcs.console.keyboard.commands import KeyCommands
 from gcs.console.keyboard.keyboard import Keyboard
 from tests.support.paths import ROOT
+from tests.support.wire import until
 
 WAIT_S = 20.0
 
@@ -210,12 +211,14 @@ async def test_a_command_is_repeated_until_a_newer_one_to_the_same_vehicle(monke
     keys = KeyCommands(agents, clock, "pat", cast(Any, bus), KeyBindings(TEAM), set)
     for key in "2h3h":
         keys.press(key)
-    await asyncio.sleep(0.2)
+    await until(lambda: len(bus.sent) >= 20, waiting_for="the repetitions")
+    await asyncio.sleep(0.05)
     assert agent.taken == [("hold", 2), ("hold", 3)]
     assert [bus.sent.count(("hold", vehicle)) for vehicle in (2, 3)] == [10, 10]
     for key in "2ah":
         keys.press(key)
-    await asyncio.sleep(0.2)
+    await until(lambda: bus.sent.count(("hold", None)) >= 10, waiting_for="the repetitions")
+    await asyncio.sleep(0.05)
     assert bus.sent.count(("abort", 2)) == 0, "the newer command is for all"
     assert bus.sent.count(("hold", None)) == 10
 
