@@ -29,9 +29,7 @@ AGAIN = ("--reruns", "2", "--reruns-delay", "3")
 BROWSER = ("-m", "browser")
 """Tests that drive a browser wait as well, but draw on the processor: after those on sockets, one after the other."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
-"""Tests that compute give way to those with sockets: those with clocks may lack the processor as well. A file's tests
-share what its fixtures have flown.
-"""
+"""Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
 GIVES_WAY = ("nice", "-n", "19")
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
 """Matrices here are small: more threads only spin, in the way of the other processes. These are hundreds, and would
@@ -48,7 +46,7 @@ def main() -> int:
         checks = _failing_checks()
         tests_fail = _run("pytest", *arguments) != 0
     else:
-        with _pytest(*COMPUTING, *AGAIN, prefix=GIVES_WAY) as computing:
+        with _pytest(*COMPUTING, prefix=GIVES_WAY) as computing:
             checks = _failing_checks()  # meanwhile, two processes compile what the many after them only load
             with _pytest(*SOCKETS, *AGAIN) as sockets:
                 passed = [sockets()]
