@@ -12,6 +12,7 @@ from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 
 from agents.ports import FlightMode, VehicleStatus
+from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth
@@ -44,8 +45,6 @@ CLOCK_BACK_S = 0.5
 
 ROUND_TRIP_STEP_S = 0.01
 """Shorter changes of the round trip are not reported: they change no prediction noticeably."""
-ROUND_TRIP_MAX_S = 0.5
-"""Over a longer one setpoints are late by more than the control loop predicts."""
 
 
 class VehicleFeed:
@@ -270,7 +269,7 @@ class VehicleFeed:
 
         The status has the round trip in whole steps of the mission clock, which runs `speed` times as fast.
         """
-        if round_trip_s is not None and round_trip_s > ROUND_TRIP_MAX_S:
+        if round_trip_s is not None and round_trip_s > LINK_DELAY_MAX_S:
             fault = fault or f"its round trip is {round_trip_s:.1f} s"
         in_steps_s = self.status.round_trip_s
         if round_trip_s is not None:
