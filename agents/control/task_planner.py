@@ -1,4 +1,4 @@
-"""The seam for planners of others: in formation and on the ring they plan in place of cordon's own planner.
+"""The seam for plug-in planners: in formation and on the ring they plan in place of cordon's own planner.
 
 Estimates come before a planner as they do before cordon's own, and slew limit, guard and failsafes after it. What a
 failsafe or an operator demands - hold, step aside, return, land - is always planned by cordon.
@@ -46,7 +46,7 @@ PlannerFactory = Callable[[AgentConfig], TaskPlanner]
 
 
 class PluggedPlanner(Planner):
-    """Cordon's planner with a planner of others in front of it."""
+    """Cordon's planner with a plug-in planner in front of it."""
 
     def __init__(self, config: AgentConfig, team: Team, plugged: TaskPlanner) -> None:
         super().__init__(config, team)

@@ -80,7 +80,7 @@ class StartResult:
 
 
 async def start_team(mission: Mission, operator: Identity, wait_s: float) -> StartResult:
-    """Start the team if nobody is missing, at the latest after `wait_s` of waiting for those who are.
+    """Start the team if no vehicle is missing, at the latest after `wait_s` of waiting for those who are.
 
     Raises VehicleRefusedError when the bus cannot be joined, or the team flies another mission.
     """

@@ -228,7 +228,7 @@ def _tactic(record: FlightRecord, vehicle: int, at_s: float) -> str:
 
 
 def _radius_error_m(record: FlightRecord, from_s: float, to_s: float) -> float:
-    """Return the rms error of all radii on the ring between two times; not a number where nobody was there."""
+    """Return the rms error of all radii on the ring between two times; not a number where no vehicle was on it."""
     during = (record.time_s > from_s) & (record.time_s <= to_s)
     errors = []
     for track in record.vehicles:

@@ -23,7 +23,7 @@ class RouterOptions:
 def router(options: RouterOptions) -> Exit:
     """Pass on the messages of a team's vehicles and operators, which all connect to the mission's network.router.
 
-    It has keys of its own (`cordon keys issue router NAME`), and lets nobody speak for another. Ctrl-C ends it.
+    It has keys of its own (`cordon keys issue router NAME`), and drops messages in another's name. Ctrl-C ends it.
 
     Example: cordon router my-mission.toml
     """

@@ -1,4 +1,4 @@
-"""The seam for planners of others: when they are asked, what becomes of their plans, and who plans else."""
+"""The seam for plug-in planners: when they are asked, what becomes of their plans, and who plans else."""
 
 from collections.abc import Callable
 from functools import partial

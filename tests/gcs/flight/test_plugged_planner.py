@@ -1,4 +1,4 @@
-"""Simulated flights with a planner of others."""
+"""Simulated flights with a plug-in planner."""
 
 from itertools import combinations
 from pathlib import Path
