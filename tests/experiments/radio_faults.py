@@ -177,7 +177,9 @@ def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
     """Fly once with each fault, and print what was reported and what came of it."""
     reader = parser("radio_faults", __doc__ or "")
     reader.add_argument("--duration", type=positive, default=150.0, help="seconds of a flight (default: %(default)s)")
-    reader.add_argument("faults", nargs="*", choices=[[], *FAULTS], help=f"{', '.join(FAULTS)} (default: all)")
+    reader.add_argument(
+        "faults", nargs="*", choices=[[], *FAULTS], metavar="FAULT", help=f"{', '.join(FAULTS)} (default: all)"
+    )
     options, holds = reader.parse_args(arguments), True
     for fault in [FAULTS[name] for name in options.faults or FAULTS]:
         with tempfile.TemporaryDirectory() as folder:
