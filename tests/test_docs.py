@@ -53,7 +53,7 @@ def test_readme_holds_exactly_two_commands() -> None:
 
 
 def test_links_lead_somewhere(subtests: pytest.Subtests) -> None:
-    for document in sorted(ROOT.glob("*.md")) + sorted(DOCS.glob("*.md")) + sorted(DOCS.glob("*/*.ipynb")):
+    for document in sorted(ROOT.glob("*.md")) + sorted(DOCS.rglob("*.md")) + sorted(DOCS.glob("*/*.ipynb")):
         with subtests.test(document=document):
             targets = re.findall(r"\]\((?!https?://)([^)#]+)\)", document.read_text(encoding="utf-8"))
             assert [target for target in targets if not (document.parent / target).exists()] == []

@@ -2,7 +2,8 @@
 
 Vehicles share raw sightings, not estimates, so that no information is counted twice. The estimate is a fold over the
 sightings in order of time: a late one is inserted at its time and the ones after it are processed again. All vehicles
-with the same sightings therefore have the same estimate, whatever the order. docs/target.md compares the alternatives.
+with the same sightings therefore have the same estimate, whatever the order. docs/notes/target.md compares the
+alternatives.
 """
 
 from bisect import bisect_right
