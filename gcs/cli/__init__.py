@@ -29,7 +29,7 @@ VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 app = App(
     name="cordon",
-    help="Fly a team of quadrotors line abreast, and let each decide for itself to encircle a target.\n\n"
+    help="Fly a team of quadrotors line abreast. Each vehicle decides for itself when to encircle a target.\n\n"
     "Start with: cordon fly case2 --sitl --speed 10",
     group_commands=Group("This program", sort_key=len(GROUPS)),
     version=lambda: f"{version('cordon-gcs')} ({_runs()})",
@@ -56,17 +56,17 @@ def main() -> None:
     except InputError as error:
         print(*error.faults, sep="\n", file=sys.stderr)
         sys.exit(Exit.BAD_INPUT)
-    except KeyboardInterrupt:  # a flight handles Ctrl-C itself: here nothing has moved yet
+    except KeyboardInterrupt:  # a flight handles Ctrl-C itself: here no vehicle has moved yet
         sys.exit(Exit.REFUSED)
 
 
 def _runs() -> str:
-    """Return how the tick's arithmetic runs: it is compiled at installation where there is a C compiler."""
+    """Return how the control loop's code runs: the installation compiles it if there is a C compiler."""
     core = find_spec("agents.core")
     return "compiled" if core and core.origin and not core.origin.endswith(".py") else "pure Python"
 
 
 def _load_summaries(tokens: Sequence[str]) -> None:
-    """Import all verbs where their list is about to be shown: it holds the first line of each docstring."""
+    """Import all verbs before their list is shown: it holds the first line of each docstring."""
     if not tokens or tokens[0] not in VERBS:
         app.resolved_commands()

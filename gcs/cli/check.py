@@ -14,21 +14,21 @@ from gcs.errors import Exit
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckOptions:
-    """What `cordon check` is given."""
+    """Options of `cordon check`."""
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
-    all: Annotated[bool, Parameter(negative="", help="List the passed checks too, not only their number.")] = False
+    all: Annotated[bool, Parameter(negative="", help="List passed checks too, not only their number.")] = False
     bench: Annotated[
-        bool, Parameter(negative="", help="Check boards with simulated bodies, as `cordon fly --bench` does.")
+        bool, Parameter(negative="", help="Check boards in hardware-in-the-loop simulation: for `cordon fly --bench`.")
     ] = False
     json: Json = False
 
 
 def check(options: CheckOptions) -> Exit:
-    """Run the preflight checks of a mission and its vehicles, without arming. Parameters are only read.
+    """Run the preflight checks of a mission and its vehicles, without arming. Parameters are read, never written.
 
-    Refusals are listed last, above the count.
+    Refusals are listed last, above the totals.
 
     Example: cordon check px4-trio --all
     """

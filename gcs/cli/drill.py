@@ -16,7 +16,7 @@ from gcs.flight.faults.names import OPTIONS
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrillOptions:
-    """What `cordon drill` is given."""
+    """Options of `cordon drill`."""
 
     mission: MissionName = field(kw_only=False)
     fault: Annotated[
@@ -48,7 +48,7 @@ def drill(options: DrillOptions) -> Exit:
 
     drills, mission = chosen(options.fault), loaded_mission(options.mission)
     if options.log is not None and not options.log.is_dir():
-        raise InputError([f"--log: no folder {str(options.log)!r} for the logs of the drill's flights"])
+        raise InputError([f"--log: the folder {str(options.log)!r} for the flight logs does not exist"])
     fly = partial(StubFlight, logs=options.log, profile_texts=mission.profile_texts)
     try:
         rows = asyncio.run(DrillRun(options.mission, fly, drills, DrillProgress(STDERR, len(drills))).run())

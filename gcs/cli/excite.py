@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExciteOptions:
-    """What `cordon excite` is given."""
+    """Options of `cordon excite`."""
 
     mission: MissionName = field(kw_only=False)
     vehicle: Annotated[int | None, Parameter(help="The vehicle to fly, in place of the mission's first.")] = None
-    sitl: Annotated[bool, Parameter(negative="", help="Start a stub vehicle too: no hardware is needed.")] = False
+    sitl: Annotated[bool, Parameter(negative="", help="Fly a bundled stub vehicle: no hardware needed.")] = False
     speed: Speed = None
     preview: Annotated[
         bool,
-        Parameter(negative="", group=RESULT, help="Show the space, time and speed that it will take; fly nothing."),
+        Parameter(negative="", group=RESULT, help="Show the space, time and speed that the flight takes; do not fly."),
     ] = False
     log: Log = None
     recorded: Recorded = True
@@ -35,9 +35,9 @@ class ExciteOptions:
 
 
 def excite(options: ExciteOptions) -> int:
-    """Fly one vehicle for identification: steps and swept sines inside a box, as `[excitation]` says.
+    """Fly one vehicle for identification: steps and swept sines inside a box, configured by `[excitation]`.
 
-    Guard, failsafes, preflight and Ctrl-C are those of `cordon fly`. `cordon identify` reads the log.
+    Guard, failsafes, preflight and Ctrl-C work as in `cordon fly`. `cordon identify` reads the log.
 
     Example: cordon excite shaped-trio --vehicle 1 --preview
     """
@@ -76,7 +76,7 @@ def _excite(options: ExciteOptions) -> Exit:
 
 
 def _present(mission: "Mission", planned: "Preview", record: "FlightRecord", *, json: bool) -> Exit:
-    """Show the flight beside its preview; the verdict fails when a part is missing."""
+    """Show the flight beside its preview; the verdict fails if a part is missing."""
     from gcs.cli.output import print_result
     from gcs.console.terminal import STDERR, print_line
     from gcs.flight.excitation import flown_excitation, flown_view, preview_dict
@@ -84,7 +84,7 @@ def _present(mission: "Mission", planned: "Preview", record: "FlightRecord", *, 
     flown = flown_excitation(mission, record)
     STDERR.print(flown_view(planned, flown))
     if flown.parts_missing:
-        print_line(f"not flown, or not to the end: {', '.join(flown.parts_missing)}", "yellow")
+        print_line(f"not flown, or not completed: {', '.join(flown.parts_missing)}", "yellow")
     if json:
         print_result(dumps({**preview_dict(mission, planned), "flown": asdict(flown)}))
     return Exit.VERDICT_FAILED if flown.parts_missing else Exit.HOLDS

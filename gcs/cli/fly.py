@@ -41,17 +41,17 @@ _LIVE_ADDRESS = "127.0.0.1:8765"
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlyOptions:
-    """What `cordon fly` is given."""
+    """Options of `cordon fly`."""
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
     sitl: Annotated[
         str | None,
-        Parameter(help="Start stub vehicles too: all, no hardware is needed; or some, such as 2,3, beside the others."),
+        Parameter(help="Fly bundled stub vehicles: all of them (no hardware needed), or those of a list such as 2,3."),
     ] = None
     bench: Annotated[
         bool,
-        Parameter(negative="", help="Fly boards with simulated bodies, on the bench with their propellers off."),
+        Parameter(negative="", help="Fly autopilot boards in hardware-in-the-loop simulation (HITL), propellers off."),
     ] = False
     speed: Speed = None
     fault: Annotated[
@@ -59,37 +59,36 @@ class FlyOptions:
         Parameter(
             negative="",
             show_default=False,
-            help="Practice with --sitl: NAME@SECONDS or NAME@SECONDS:VEHICLE, such as link-cut@120:2; may be repeated. "
+            help="Inject a fault, with --sitl: NAME@SECONDS or NAME@SECONDS:VEHICLE, such as link-cut@120:2; may be "
+            "repeated. "
             f"Names: {', '.join(OPTIONS)}.",
         ),
     ] = ()
-    only: Annotated[int | None, Parameter(help="Run the agent of this vehicle alone; the others run elsewhere.")] = None
+    only: Annotated[int | None, Parameter(help="Run the agent of this vehicle only; the others run elsewhere.")] = None
     duration: Duration = None
     wait: Annotated[
         float,
         Parameter(
             validator=Number(gte=0, lte=3600),
-            help="Seconds to wait on the ground for vehicles that are about to be ready; 0 refuses them at once.",
+            help="Seconds to wait on the ground for vehicles that are not ready yet; 0: refuse at once.",
         ),
     ] = 60.0
     wait_for_start: Annotated[
         bool,
         Parameter(
             negative="",
-            help="Stay on the ground, ready, until an operator says `cordon start`: for agents on board.",
+            help="Wait on the ground until an operator runs `cordon start`: for agents on companion computers.",
         ),
     ] = False
     log: Log = None
     recorded: Recorded = True
     live: Annotated[
         bool,
-        Parameter(negative="", group=RESULT, help="Serve the flight to viewers: Foxglove or Lichtblick."),
+        Parameter(negative="", group=RESULT, help="Serve the flight live to Foxglove or Lichtblick."),
     ] = False
     live_address: Annotated[
         str | None,
-        Parameter(
-            group=RESULT, help=f"Where --live listens, HOST:PORT, in place of {_LIVE_ADDRESS} (this computer only)."
-        ),
+        Parameter(group=RESULT, help=f"Address of --live, HOST:PORT, instead of {_LIVE_ADDRESS} (this computer only)."),
     ] = None
     live_origin: Annotated[
         tuple[str, ...],
@@ -97,8 +96,7 @@ class FlyOptions:
             negative="",
             show_default=False,
             group=RESULT,
-            help="Let a viewer's web page of this origin read the flight too, such as http://localhost:8080; may be "
-            "repeated.",
+            help="Also serve viewers whose web page has this origin, such as http://localhost:8080; may be repeated.",
         ),
     ] = ()
     station: Station = False
@@ -112,13 +110,13 @@ class FlyOptions:
 def fly(options: FlyOptions) -> int:
     """Fly a mission over MAVLink and Zenoh. Ctrl-C: hold, land, disarm; twice: land at once.
 
-    The flight runs in a process of its own. A supervisor kills that process when a control loop hangs: the autopilots'
+    The flight runs in a separate process. If a control loop hangs, a supervisor kills that process; the autopilots'
     failsafes then act.
 
-    Vehicles that have no position yet, or do not pass their arming checks, are waited for; Ctrl-C ends the wait.
+    cordon waits for vehicles that have no position yet or fail their arming checks; Ctrl-C ends the wait.
 
-    With --sitl, --speed is an upper limit: a computer that does not hold it flies more slowly. With --sitl 2,3 these
-    vehicles are stubs and the others are at their urls; all fly at the speed of the wall clock, or at --speed.
+    With --sitl, --speed is an upper limit: a slow computer flies more slowly. With --sitl 2,3 these vehicles are stubs
+    and the others are at their urls; all fly at the wall clock's speed, or at --speed.
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 
@@ -141,7 +139,7 @@ def fly(options: FlyOptions) -> int:
 
 
 def _supervise_beside_station(options: FlyOptions) -> int:
-    """Fly with the operator's page in a process of its own; without the page nothing flies."""
+    """Fly with the operator's page in a separate process; without the page no vehicle flies."""
     from gcs.console.terminal import print_line
     from gcs.flight.supervision.supervisor import supervise
     from gcs.station.beside import station_beside
@@ -158,23 +156,23 @@ def _supervise_beside_station(options: FlyOptions) -> int:
 
 
 def _source(options: FlyOptions) -> str:
-    """Return what the page says that the vehicles are."""
+    """Return the kind of vehicles that the page shows."""
     if options.bench:
         return "bench"
     return {None: "flight", ALL_STUBS: "sitl"}.get(options.sitl, "hybrid")
 
 
 def _ask_for_propellers() -> bool:
-    """Ask on the terminal whether propellers are off; say no where there is none to answer."""
+    """Ask on the terminal whether the propellers are off; return False without a terminal."""
     from gcs.console.terminal import print_line, print_problem
 
     answer = ""
     if sys.stdin.isatty():
-        print_line(f"Boards with simulated bodies may drive their motors. Propellers off? Type {OFF}:", "bold yellow")
+        print_line(f"Boards may drive their motors. Type {OFF} if all propellers are off:", "bold yellow")
         answer = sys.stdin.readline().strip()
     if answer != OFF:
-        found = "without a terminal nobody can answer" if not sys.stdin.isatty() else f"the answer was {answer!r}"
-        print_problem(f"--bench: the propellers were not said to be off: {found}", f"start it again and type {OFF}")
+        found = "there is no terminal to answer on" if not sys.stdin.isatty() else f"the answer was {answer!r}"
+        print_problem(f"--bench: propellers off was not confirmed: {found}", f"start again and type {OFF}")
     return answer == OFF
 
 
@@ -189,9 +187,9 @@ def _fly(options: FlyOptions) -> Exit:
     mission = bus_mission(options.mission, options.changes)
     stubs = () if options.sitl is None else stub_ids(options.sitl, mission)
     if stubs and options.only is not None:
-        raise InputError(["--only: with --sitl all vehicles fly in this process; serve them by `cordon sitl` instead"])
+        raise InputError(["--only: with --sitl all vehicles fly in this process; use `cordon sitl` for the stubs"])
     if options.fault and not stubs:
-        raise InputError(["--fault: it needs --sitl: no fault is injected into other vehicles"])
+        raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
     only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
     duration_s = options.duration or mission.mission.duration_s
     plan = FlightPlan(

@@ -1,4 +1,4 @@
-"""`cordon identify`: from the logs of flights to a profile, and whether to fly by it."""
+"""`cordon identify`: from flight logs to a profile, and a verdict on whether to fly with it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,18 +21,16 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifyOptions:
-    """What `cordon identify` is given beside the logs."""
+    """Options of `cordon identify`, without the logs."""
 
     output: Annotated[
         Path | None,
         Parameter(name=["--output", "-o"], group=RESULT, help="The profile to write, which must not exist yet."),
     ] = None
-    vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, where logs hold several vehicles.")] = None
+    vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, if the logs hold several vehicles.")] = None
     against: Annotated[
         tuple[str, ...],
-        Parameter(
-            negative="", show_default=False, help="Also show the fit of this plant, bundled or a file; may be repeated."
-        ),
+        Parameter(negative="", show_default=False, help="Also show the fit of this profile's plant; may be repeated."),
     ] = ()
     json: Json = False
     html: Annotated[Path | None, Parameter(group=RESULT, help="Write the figures as an HTML page.")] = None
@@ -47,7 +45,7 @@ def identify(
     *,
     options: IdentifyOptions = _DEFAULTS,
 ) -> Exit:
-    """Identify a vehicle from its flights: a plant with confidence intervals, and whether to fly by it.
+    """Identify a vehicle's plant from flight logs, with confidence intervals and a verdict on whether to fly with it.
 
     Example: cordon identify flight.ulg -o my-vehicle.toml --html my-vehicle.html
     """
@@ -119,7 +117,7 @@ def _write(option: str, path: Path, text: str) -> None:
 
 
 def _check_files(options: IdentifyOptions) -> None:
-    """Refuse, before anything is read, output that could not be written."""
+    """Refuse output files that cannot be written, before anything is read."""
     from gcs.cli.output import check_file, check_page
 
     if options.output is not None:

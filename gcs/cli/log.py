@@ -1,4 +1,4 @@
-"""`cordon log`: what can be done with log files."""
+"""`cordon log`: operations on log files."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,22 +18,22 @@ log = App(
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecoverOptions:
-    """What `cordon log recover` is given."""
+    """Options of `cordon log recover`."""
 
-    log: Annotated[Path, Parameter(help="A log that was not closed, or that is damaged. It is not changed.")] = field(
+    log: Annotated[Path, Parameter(help="A log that was not closed, or is damaged. It is not changed.")] = field(
         kw_only=False
     )
     output: Annotated[
         Path | None,
-        Parameter(name=["--output", "-o"], help="Write here, in place of LOG-recovered.mcap; nothing is overwritten."),
+        Parameter(name=["--output", "-o"], help="The file to write instead of LOG-recovered.mcap; must not exist yet."),
     ] = None
 
 
 @log.command
 def recover(options: RecoverOptions) -> Exit:
-    """Make an unclosed or damaged log readable: copy the records that are intact, and report what is missing.
+    """Make an unclosed or damaged log readable: copy the intact records to a new log, and report what is missing.
 
-    The exit code is 1 where records are lost, other than those at the end of a log that was never closed.
+    Exit code 1 if records are lost, other than those at the end of a log that was never closed.
 
     Example: cordon log recover 2026-05-04_10-00-00-case2.mcap
     """
@@ -47,7 +47,7 @@ def recover(options: RecoverOptions) -> Exit:
     with ReadingProgress(path) as progress:
         found = examine(path, progress.update)
     if not found.faults:
-        print_line(f"{path}: it is complete: {found.records} records of {found.seconds:.1f} s; nothing to recover")
+        print_line(f"{path}: complete: {found.records} records of {found.seconds:.1f} s; nothing to recover")
         return Exit.HOLDS
     with ReadingProgress(path) as progress:
         recovered = copy_intact(path, target, progress.update)
@@ -59,9 +59,9 @@ def recover(options: RecoverOptions) -> Exit:
 
 @log.command
 def audit(path: Annotated[Path, Parameter(name="LOG", help="The log of a flight.")], /) -> Exit:
-    """Show which operator commanded what and what each vehicle did, and verify that no entry was changed or removed.
+    """List the operators' commands and the vehicles' responses, and verify that no entry was changed or removed.
 
-    Exit code 1 when the chain of entries is broken. The last digest, noted elsewhere, proves which log it is.
+    Exit code 1 if the hash chain of the entries is broken. Note the last digest elsewhere: it identifies the log.
 
     Example: cordon log audit 2026-05-04_10-00-00-case2.mcap
     """
@@ -86,7 +86,7 @@ def audit(path: Annotated[Path, Parameter(name="LOG", help="The log of a flight.
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayoutOptions:
-    """What `cordon log layout` is given."""
+    """Options of `cordon log layout`."""
 
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="The file to write, which must not exist yet.")] = (
         Path("cordon-layout.json")
@@ -98,7 +98,7 @@ _LAYOUT_DEFAULTS = LayoutOptions()
 
 @log.command
 def layout(*, options: LayoutOptions = _LAYOUT_DEFAULTS) -> Exit:
-    """Write the layout with which Foxglove and Lichtblick show a flight: in 3-D, on a map, and in plots.
+    """Write a layout for Foxglove and Lichtblick, which show a flight in 3-D, on a map and in plots.
 
     Example: cordon log layout -o cordon-layout.json
     """

@@ -1,4 +1,4 @@
-"""Options that several verbs share, and how their values are looked up. Light: `--help` imports this file."""
+"""Options that several verbs share, and functions that resolve their values. Light: `--help` imports this file."""
 
 import re
 from collections.abc import Sequence
@@ -17,28 +17,26 @@ RESULT = Group("Result")
 
 MissionName = Annotated[
     str,
-    Parameter(
-        help="A bundled mission, such as case1 (`cordon missions` lists them), or a file (`cordon new` writes one)."
-    ),
+    Parameter(help="A bundled mission such as case1 (see `cordon missions`), or a mission file (see `cordon new`)."),
 ]
-RunningMission = Annotated[str, Parameter(help="The mission that the team flies: it holds the team's addresses.")]
+RunningMission = Annotated[str, Parameter(help="The mission that the team flies; it holds the team's addresses.")]
 Changes = Annotated[
     tuple[str, ...],
     Parameter(
         name="--set",
         negative="",
         show_default=False,
-        help="KEY=VALUE: another value in place of the mission's, such as encirclement.radius_m=12 or "
-        "vehicles[0].profile=px4; may be repeated. All that fly, watch or command one team give the same.",
+        help="KEY=VALUE: replace a value of the mission, such as encirclement.radius_m=12 or "
+        "vehicles[0].profile=px4; may be repeated. Use the same for all that fly, watch or command one team.",
     ),
 ]
 KeyName = Annotated[
     str | None,
-    Parameter(help="Whose keys to use, such as anna: needed only where the mission's folder of keys has several."),
+    Parameter(help="The holder whose keys are used, such as anna; needed if the mission's key folder has several."),
 ]
 Duration = Annotated[
     float | None,
-    Parameter(help="Seconds of mission time to fly, in place of the mission's.", validator=Number(gt=0, lte=86400)),
+    Parameter(help="Seconds of mission time to fly, instead of the mission's.", validator=Number(gt=0, lte=86400)),
 ]
 Speed = Annotated[
     float | None,
@@ -51,11 +49,11 @@ Plot = Annotated[
 ]
 FigureNumber = Annotated[
     int | None,
-    Parameter(name="--figure", group=RESULT, help="Let --plot draw this figure of the paper alone, by its number."),
+    Parameter(name="--figure", group=RESULT, help="Plot only this figure of the paper, by its number."),
 ]
 Log = Annotated[
     Path | None,
-    Parameter(group=RESULT, help="Record the flight in this file (MCAP), which must not exist yet."),
+    Parameter(group=RESULT, help="Record the flight to this file (MCAP), which must not exist yet."),
 ]
 Recorded = Annotated[
     bool,
@@ -64,7 +62,7 @@ Recorded = Annotated[
         negative="--no-log",
         show_default=False,
         group=RESULT,
-        help="Whether the flight is recorded. By default it is, in ~/.local/share/cordon/logs.",
+        help="Whether to record the flight. By default it is recorded in ~/.local/share/cordon/logs.",
     ),
 ]
 ALL_STUBS = "all"
@@ -85,7 +83,7 @@ def with_stubs(tokens: Sequence[str]) -> list[str]:
 
 
 def stub_ids(given: str, mission: "Mission") -> tuple[int, ...]:
-    """Return the vehicles that are to be stubs, by the value of `--sitl`; raises InputError for ids that cannot be."""
+    """Return the ids of the stub vehicles, by the value of `--sitl`; raises InputError for invalid ids."""
     if given == ALL_STUBS:
         return mission.ids
     if not _IDS.fullmatch(given):
@@ -105,12 +103,12 @@ Station = Annotated[
     Parameter(
         negative="",
         group=RESULT,
-        help="Serve the operator's page, as `cordon station` does: beside a flight, after a simulation.",
+        help="Serve the operator's page as `cordon station` does: during a flight, or after a simulation.",
     ),
 ]
 StationAddress = Annotated[
     str | None,
-    Parameter(group=RESULT, help=f"Where --station listens, HOST:PORT, in place of {STATION_ADDRESS}."),
+    Parameter(group=RESULT, help=f"Address of --station, HOST:PORT, instead of {STATION_ADDRESS}."),
 ]
 TILES_HELP = "map tiles to draw under the scene: a folder Z/X/Y.png (.jpg, .webp), or an .mbtiles file."
 Tiles = Annotated[Path | None, Parameter(help=f"The {TILES_HELP}")]
@@ -118,16 +116,16 @@ StationTiles = Annotated[Path | None, Parameter(group=RESULT, help=f"With --stat
 
 
 def require_station(station: bool, address: str | None, tiles: Path | None) -> None:
-    """Raise InputError for what is said of a page that is not to be served."""
+    """Raise InputError for options of the page if it is not served."""
     for option, given in (("--station-address", address), ("--station-tiles", tiles)):
         if given and not station:
             raise InputError([f"{option}: it needs --station"])
 
 
 def loaded_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
-    """Return the mission that a verb was given, bundled or a file, with the values of `--set`.
+    """Return the mission of a name or file, with the values of `--set`.
 
-    Its warnings go to standard error. Raises InputError with every fault.
+    Warnings go to standard error. Raises InputError with every fault.
     """
     from gcs.mission.file import load_mission
     from gcs.mission.overrides import override
@@ -142,7 +140,7 @@ def loaded_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
 
 
 def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
-    """Return the mission of a verb that joins the team's bus, with the values of `--set`; an insecure one is said so.
+    """Return the mission of a verb that joins the team's bus, with the values of `--set`; warn if it is insecure.
 
     Raises InputError, also for a bus beyond this computer without `[network.security]`.
     """

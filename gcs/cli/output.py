@@ -1,4 +1,4 @@
-"""What a command writes: JSON on standard output; progress, figures and questions for people elsewhere."""
+"""Output of commands: JSON on standard output; progress, figures and questions for people elsewhere."""
 
 import os
 import sys
@@ -27,7 +27,7 @@ _PROGRESS_STEP_TICKS = 100
 
 
 class _ProgressBar:
-    """A progress bar on a terminal, silent elsewhere; it is redrawn in steps of `step`, which keeps updates cheap."""
+    """A progress bar on a terminal, no output elsewhere; redrawn in steps of `step`, which keeps updates cheap."""
 
     def __init__(self, label: str, words: str, total: float, step: float) -> None:
         self._bar = Progress(
@@ -59,14 +59,14 @@ class _ProgressBar:
 
 
 class SimulationProgress(_ProgressBar):
-    """How much of a mission has been flown [s]."""
+    """Progress of a simulated mission [s]."""
 
     def __init__(self, mission: str, duration_s: float) -> None:
         super().__init__(mission, "{task.completed:.0f} of {task.total:.0f} s flown", duration_s, _PROGRESS_STEP_S)
 
 
 class ReplayProgress(_ProgressBar):
-    """How many ticks of a log have been replayed."""
+    """Progress of a replay in ticks."""
 
     def __init__(self, mission: str, ticks: int) -> None:
         super().__init__(
@@ -75,50 +75,50 @@ class ReplayProgress(_ProgressBar):
 
 
 class ReadingProgress(_ProgressBar):
-    """How much of a file has been read, as a share."""
+    """Progress of reading a file, as a fraction."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path.name, "{task.percentage:.0f} % read", 1.0, _PROGRESS_STEP_SHARE)
 
 
 class IdentifyProgress(_ProgressBar):
-    """How much of an identification is done, as a share."""
+    """Progress of an identification, as a fraction."""
 
     def __init__(self, vehicle: str) -> None:
         super().__init__(vehicle, "{task.percentage:.0f} % identified", 1.0, _PROGRESS_STEP_SHARE)
 
 
 def check_plot(path: Path | None, number: int | None = None) -> None:
-    """Refuse, before anything flies, a figure that could not be drawn or written; raises InputError."""
+    """Refuse a figure that cannot be drawn or written, before anything flies; raises InputError."""
     from gcs.report.figure import METADATA, PANELS
 
     if number is not None and number not in PANELS:
-        raise InputError([f"--figure: {number} is no figure of the paper; it has {', '.join(map(str, PANELS))}"])
+        raise InputError([f"--figure: the paper has no figure {number} (figures: {', '.join(map(str, PANELS))})"])
     if number is not None and path is None:
-        raise InputError([f"--figure: {number} needs a file to be drawn into: add --plot figure{number}.png"])
+        raise InputError([f"--figure: {number}: no file to plot to; add --plot figure{number}.png"])
     if path is not None:
         check_file("--plot", path, tuple(METADATA))
 
 
 def check_page(path: Path | None) -> None:
-    """Refuse, before anything is read, a page that could not be written; raises InputError."""
+    """Refuse a page that cannot be written, before anything is read; raises InputError."""
     if path is not None:
         check_file("--html", path, (".html", ".htm"))
 
 
 def check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
-    """Refuse an output file that could not be written, or has another suffix; raises InputError."""
+    """Refuse an output file that cannot be written, or has another suffix; raises InputError."""
     if path.suffix.lower() not in suffixes:
         raise InputError([f"{option}: {path.name!r} must end in {', '.join(suffixes)}"])
     if path.is_dir():
         raise InputError([f"{option}: {str(path)!r} is a folder"])
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError([f"{option}: no folder {str(path.parent)!r} to write into"])
+        raise InputError([f"{option}: the folder {str(path.parent)!r} does not exist"])
 
 
 @contextmanager
 def writing(option: str, path: Path) -> Iterator[None]:
-    """Write an output file inside this context: what fails is bad input, and names the option."""
+    """Write an output file inside this context: an OSError becomes an InputError that names the option."""
     try:
         yield
     except OSError as error:
@@ -128,13 +128,13 @@ def writing(option: str, path: Path) -> Iterator[None]:
 def confirmed(question: str) -> bool:
     """Ask on the terminal, and return whether the answer is yes; raises InputError where there is no terminal."""
     if not (sys.stdin.isatty() and STDERR.is_terminal):
-        raise InputError(["--yes: there is no terminal to ask for confirmation on; give --yes to confirm"])
+        raise InputError(["--yes: there is no terminal to ask for confirmation; give --yes to confirm"])
     STDERR.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def print_log_faults(log: "FlightLog") -> None:
-    """Print what is not as it should be in a log, and how much of a damaged one was read."""
+    """Print the faults of a log, and how much of a damaged one was read."""
     for fault in log.faults:
         print_line(f"{log.path}: {fault}", "yellow")
     if log.is_damaged:
@@ -142,7 +142,7 @@ def print_log_faults(log: "FlightLog") -> None:
 
 
 def print_notes(logs: "Sequence[VehicleLog]") -> None:
-    """Print what is not as it should be in vehicles' logs."""
+    """Print the faults of vehicles' logs."""
     for log in logs:
         for note in log.notes:
             print_line(f"{log.path}: {note}", "yellow")
@@ -152,11 +152,11 @@ def print_notes(logs: "Sequence[VehicleLog]") -> None:
 def print_damage(logs: "Sequence[VehicleLog]") -> None:
     """Print which logs are damaged."""
     for path in dict.fromkeys(log.path for log in logs if log.is_damaged):
-        print_line(f"{path}: damaged: the result is of what could be read; copy the log from the vehicle again", "red")
+        print_line(f"{path}: damaged: the result covers only the readable part; copy it from the vehicle again", "red")
 
 
 def print_result(text: str) -> None:
-    """Print to standard output; a reader that has closed it (`| head`) changes nothing."""
+    """Print to standard output; a closed pipe (`| head`) is no error."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -172,7 +172,7 @@ def present(
     figure: int | None = None,
     timed: bool = True,
 ) -> Exit:
-    """Evaluate a flight, show it, and return its verdict; `figure` is the only one of the paper's to plot."""
+    """Evaluate a flight, show it, and return its verdict; `figure` selects one of the paper's figures to plot."""
     result = show_result(mission, record)
     if plot is not None:
         from gcs.report.figure import save_figure

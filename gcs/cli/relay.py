@@ -13,7 +13,7 @@ Radio = Annotated[
     str,
     Parameter(
         help="The radio: baud=57600, latency_ms=60, jitter_ms=30, loss=0.02, burst=3, noise=0.001, shared, "
-        "buffer_bytes=2048, seed=1; several with commas between them.",
+        "buffer_bytes=2048, seed=1; separate several by commas.",
     ),
 ]
 
@@ -21,24 +21,24 @@ Radio = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelayOptions:
-    """What `cordon relay` is given."""
+    """Options of `cordon relay`."""
 
     station: Annotated[
         str,
-        Parameter(help="Where cordon is: udpout://127.0.0.1:14540, or pty:PATH for a serial device that it opens."),
+        Parameter(help="The station's end: udpout://127.0.0.1:14540, or pty:PATH, a serial device that cordon opens."),
     ] = field(kw_only=False)
     vehicles: Annotated[
         tuple[str, ...],
-        Parameter(help="Where each vehicle is: udpin://127.0.0.1:14640, or pty:PATH.", negative=""),
+        Parameter(help="Each vehicle's end: udpin://127.0.0.1:14640, or pty:PATH.", negative=""),
     ] = field(kw_only=False)
     radio: Radio
     json: Json = False
 
 
 def relay(options: RelayOptions) -> Exit:
-    """Carry MAVLink between a station and vehicles as a radio would: slowly, late and with losses. Ctrl-C ends it.
+    """Emulate a radio between a station and vehicles: data rate, latency and losses of MAVLink. Ctrl-C ends it.
 
-    Places are urls as in a mission, or pty:PATH, which makes a serial device PATH for one program to open.
+    Each end is a url as in a mission, or pty:PATH, which creates a serial device PATH for one program to open.
 
     Example: cordon relay udpout://127.0.0.1:14540 udpin://127.0.0.1:14640 --radio baud=57600,latency_ms=60,loss=0.02
 
@@ -59,7 +59,7 @@ def relay(options: RelayOptions) -> Exit:
     except ValueError as error:
         raise InputError([f"{options.station} {' '.join(options.vehicles)}: {error}"]) from error
     except OSError as error:
-        print_problem(f"the radio did not start: {error}", "end what uses that place, or name another one")
+        print_problem(f"the radio did not start: {error}", "end the program that uses this address, or use another")
         return Exit.REFUSED
     counts = serve_until_ctrl_c([emulation])
     if options.json:

@@ -1,4 +1,4 @@
-"""`cordon replay`: the decisions of a recorded flight, computed again."""
+"""`cordon replay`: recomputes the decisions of a recorded flight."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayOptions:
-    """What `cordon replay` is given."""
+    """Options of `cordon replay`."""
 
     log: Annotated[Path, Parameter(help="A log that cordon recorded (MCAP).")] = field(kw_only=False)
     json: Json = False
-    explain: Annotated[int | None, Parameter(help="Show the decisions of this vehicle and their reasons instead.")] = (
+    explain: Annotated[int | None, Parameter(help="Instead show the decisions of this vehicle with their reasons.")] = (
         None
     )
     changes: Annotated[
@@ -33,16 +33,16 @@ class ReplayOptions:
             name="--set",
             negative="",
             show_default=False,
-            help="Replay the filters alone, with another value: own_filter.KEY=VALUE or target_filter.KEY=VALUE, as in "
-            "a mission file; may be repeated.",
+            help="Replay only the filters, with another value: own_filter.KEY=VALUE or target_filter.KEY=VALUE; may be "
+            "repeated.",
         ),
     ] = ()
 
 
 def replay(options: ReplayOptions) -> Exit:
-    """Feed a recorded flight to new agents and check that every decision is reproduced. Exit code 1 if one is not.
+    """Replay a recorded flight through new agents and check that every decision is reproduced. Exit code 1 if not.
 
-    A damaged log is replayed as far as it can be read, and ends with exit code 1 as well.
+    A damaged log is replayed as far as it can be read; the exit code is 1 then, too.
 
     Example: cordon replay flight.mcap --explain 2
     """
@@ -54,7 +54,7 @@ def replay(options: ReplayOptions) -> Exit:
     vehicles = recorded_vehicles(log)
     if options.explain is not None and options.explain not in vehicles:
         known = ", ".join(map(str, vehicles))
-        raise InputError([f"--explain: the log has no records of a vehicle {options.explain} (it has {known})"])
+        raise InputError([f"--explain: the log has no vehicle {options.explain} (it has {known})"])
     print_log_faults(log)
     result: dict[str, Any] = {"log": str(options.log)}
     verdict = Exit.VERDICT_FAILED if log.is_damaged else Exit.HOLDS
@@ -108,7 +108,7 @@ def _replay(log: "FlightLog") -> tuple[Exit, dict[str, Any]]:
 
 @contextmanager
 def _counting(log: "FlightLog") -> Iterator[Callable[[], None]]:
-    """Show a progress bar of the ticks replayed; yields what is to be called for each."""
+    """Show a progress bar of the ticks replayed; yields the function to call after each."""
     from gcs.cli.output import ReplayProgress
     from gcs.replay.playback import recorded_vehicles, tick_count
 

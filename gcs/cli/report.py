@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportOptions:
-    """What `cordon report` is given beside the logs."""
+    """Options of `cordon report`, without the logs."""
 
     html: Annotated[Path | None, Parameter(group=RESULT, help="Write the report as an HTML page.")] = None
     compare: Annotated[
@@ -31,7 +31,7 @@ class ReportOptions:
             consume_multiple=True,
             negative="",
             show_default=False,
-            help="Show the flights of these logs beside the first, and what differs.",
+            help="Compare the flight with those of these logs: metrics side by side, and differences.",
         ),
     ] = None
     json: Json = False
@@ -61,7 +61,7 @@ def report(
 
 
 def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
-    """Show the flight that the logs of its processes hold; raises InputError."""
+    """Show a flight from the logs of its processes; raises InputError."""
     from gcs.cli.output import present
     from gcs.console.terminal import STDERR
     from gcs.report.evidence.criteria import criteria_of
@@ -94,7 +94,7 @@ def _compare_flights(first: Sequence[Path], others: Sequence[Path], options: Rep
     from gcs.report.evidence.reading import read_flight
 
     if not others:
-        raise InputError(["--compare: name the log of at least one other flight behind it"])
+        raise InputError(["--compare: give the log of at least one other flight after it"])
     _check_compared([*first, *others], options)
     logged = [read_flight(_logs(logs)) for logs in (first, *([path] for path in others))]
     names = _names([first[0], *others])
@@ -116,7 +116,7 @@ def _compare_flights(first: Sequence[Path], others: Sequence[Path], options: Rep
 
 
 def _check_compared(paths: Sequence[Path], options: ReportOptions) -> None:
-    """Refuse, before anything is read, logs that cannot be compared; raises InputError."""
+    """Refuse logs that cannot be compared, before anything is read; raises InputError."""
     from gcs.vehicle_logs.foreign import is_foreign
 
     _check_outputs(options, paths)
@@ -124,7 +124,7 @@ def _check_compared(paths: Sequence[Path], options: ReportOptions) -> None:
         raise InputError(["--plot: with --compare the figures are in the page: use --html"])
     faults = [f"--compare: {path} is given twice" for path in dict.fromkeys(paths) if paths.count(path) > 1]
     foreign = (path for path in paths if is_foreign(path))
-    faults += [f"--compare: {path} was not recorded by cordon: it holds no mission to compare" for path in foreign]
+    faults += [f"--compare: {path} was not recorded by cordon; only cordon's logs can be compared" for path in foreign]
     if faults:
         raise InputError(faults)
 
@@ -141,7 +141,7 @@ def _compared(name: str, flight: "LoggedFlight") -> "ComparedFlight":
 
 
 def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
-    """Show logs of autopilots or ground stations: they hold no mission, and so there is no verdict."""
+    """Show logs of autopilots or ground stations, without verdicts: these logs hold no mission."""
     from gcs.cli.output import print_damage, print_result
     from gcs.console.terminal import print_line
     from gcs.report.vehicle_page import summarised, write_vehicle_report
@@ -164,7 +164,7 @@ def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
 
 
 def _check_outputs(options: ReportOptions, logs: Sequence[Path]) -> None:
-    """Refuse, before anything is read, output that could not be written, or would replace a log."""
+    """Refuse output files that cannot be written or would replace a log, before anything is read."""
     from gcs.cli.output import check_page, check_plot
 
     check_plot(options.plot, options.figure)
@@ -190,7 +190,7 @@ def _result(flight: "LoggedFlight") -> "FlightResult":
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return a name for each flight: its file's, or the whole path where the names of files are the same."""
+    """Return a name for each flight: its file name, or the whole path if file names are equal."""
     stems = [path.stem for path in paths]
     return [stem if stems.count(stem) == 1 else str(path) for stem, path in zip(stems, paths, strict=True)]
 

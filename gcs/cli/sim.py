@@ -32,13 +32,13 @@ from gcs.signals import hold_back, pending
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimOptions:
-    """What `cordon sim` is given."""
+    """Options of `cordon sim`."""
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
     seed: Annotated[
         int | None,
-        Parameter(help="Seed of noise, delay and loss, in place of the mission's.", validator=Number(gte=0)),
+        Parameter(help="Seed of noise, delay and loss, instead of the mission's.", validator=Number(gte=0)),
     ] = None
     duration: Duration = None
     log: Log = None
@@ -52,14 +52,14 @@ class SimOptions:
         bool | None,
         Parameter(
             group=RESULT,
-            help="Whether the JSON holds wall times. By default it does unless --seed is given: a seed determines the "
-            "result byte for byte.",
+            help="Whether the JSON holds wall times. Default: yes without --seed, no with it: equal seeds then give "
+            "equal bytes.",
         ),
     ] = None
 
 
 def sim(options: SimOptions) -> Exit:
-    """Fly a mission in one process with simulated time: deterministic, far faster than real time.
+    """Fly a mission in simulated time, in one process: deterministic, far faster than real time.
 
     Example: cordon sim case2-field --seed 7 --plot flight.png
     """
@@ -92,9 +92,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
         from gcs.station.mission_picture import origin_deg
         from gcs.station.tiles import opened_tiles
 
-        opened_tiles(
-            options.station_tiles, origin_deg(mission)
-        )  # tiles that cannot be drawn are refused before it flies
+        opened_tiles(options.station_tiles, origin_deg(mission))  # refuses tiles that cannot be drawn before the flight
     flown_s = options.duration or mission.mission.duration_s
     seed = mission.mission.seed if options.seed is None else options.seed
     recording, log = None, _log_path(options, mission.mission.name)
@@ -120,7 +118,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
 
 
 def _log_path(options: SimOptions, mission: str) -> Path | None:
-    """Return where to record: the page needs a log. Raises InputError where there is no place for one."""
+    """Return where to record: the page needs a log. Raises InputError if no log can be written."""
     if options.log is not None or not options.station:
         return options.log
     from gcs.flightlog.place import default_path
@@ -128,4 +126,4 @@ def _log_path(options: SimOptions, mission: str) -> Path | None:
     try:
         return default_path(mission, None, datetime.now())
     except OSError as error:
-        raise InputError([f"--station: {error}; name a file by --log"]) from error
+        raise InputError([f"--station: {error}; give a file by --log"]) from error

@@ -1,4 +1,4 @@
-"""`cordon sitl`: a mission's stub vehicles alone."""
+"""`cordon sitl`: a mission's stub vehicles, without agents."""
 
 import asyncio
 from dataclasses import dataclass, field
@@ -14,19 +14,19 @@ from gcs.signals import hold_back
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SitlOptions:
-    """What `cordon sitl` is given."""
+    """Options of `cordon sitl`."""
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
     speed: Speed = None
     radio: Annotated[
         str | None,
-        Parameter(help="Put an emulated radio between the vehicles and their urls, as `cordon relay` takes it."),
+        Parameter(help="Put an emulated radio between the vehicles and their urls; see `cordon relay`."),
     ] = None
 
 
 def sitl(options: SitlOptions) -> Exit:
-    """Serve a mission's stub vehicles alone, for `cordon fly`, QGroundControl or any MAVLink client; Ctrl-C ends it.
+    """Run only a mission's stub vehicles, for `cordon fly`, QGroundControl or any MAVLink client. Ctrl-C ends it.
 
     Example: cordon sitl case3-turns --speed 5
 

@@ -1,4 +1,4 @@
-"""What an operator does about an alert, and how grave it is: one sentence for each condition of the failsafe table.
+"""The operator's next step for each alert, and its severity: one sentence for each condition of the failsafe table.
 
 The vehicle's own reaction is in that table (`agents/safety/failsafe.py`). Sentences name commands by their verbs.
 """
@@ -12,16 +12,16 @@ Severity = Literal["information", "warning", "alarm"]
 
 _ADVICE = {
     Condition.TELEMETRY_STALE: "check its link; if it drifts, fly it by remote control",
-    Condition.ESTIMATOR_JUMPED: "look where it is; resume once it hovers steadily",
-    Condition.REMOTE_CONTROL_LOST: "bring its remote control back, then resume",
+    Condition.ESTIMATOR_JUMPED: "check where it is; resume once it hovers steadily",
+    Condition.REMOTE_CONTROL_LOST: "restore its remote control, then resume",
     Condition.GROUND_STATION_LOST: "check its link, then resume",
     Condition.PILOT_TOOK_OVER: "ask its pilot before you resume",
     Condition.BATTERY_CRITICAL: "it lands where it is: clear the place below it",
     Condition.BATTERY_LOW: "it returns and lands: clear its landing place",
     Condition.NO_WAY_HOME: "it returns and lands: clear its way and landing place",
     Condition.ESTIMATOR_FAILING: "be ready to fly it by remote control; clear the place below it",
-    Condition.NOT_FOLLOWING: "look for damage or wind; land it if it does not hover steadily",
-    Condition.TILTED: "look for wind or a failing motor; land it",
+    Condition.NOT_FOLLOWING: "check for damage or wind; land it if it does not hover steadily",
+    Condition.TILTED: "check for wind or a failing motor; land it",
     Condition.WINDY: "resume in less wind, or land",
     Condition.FENCE_LEFT: "fly it back by remote control, or let it land outside",
     Condition.ALTITUDE_LEFT: "correct its height by remote control, or land it",
@@ -31,19 +31,19 @@ _ADVICE = {
     Condition.PLAN_FAILING: "hold it, then land it",
     Condition.BUS_LOST: "check its computer's network; Ctrl-C in its terminal lands it",
     Condition.PEERS_SILENT: "check its computer's network; Ctrl-C in its terminal lands it",
-    Condition.LATE_TICKS: "close other programs on its computer; land it if this goes on",
-    Condition.BUS_FLOODED: "find what floods the bus, and disconnect it",
+    Condition.LATE_TICKS: "close other programs on its computer; land it if this persists",
+    Condition.BUS_FLOODED: "find the sender that floods the bus, and disconnect it",
     Condition.CLOCK_STEPPED: "synchronise the computers' clocks before the next flight",
     Condition.CLOCK_DRIFTED: "synchronise the computers' clocks before the next flight",
     Condition.ESTIMATOR_DEGRADED: "watch its position; return if it gets worse",
-    Condition.LINK_DEGRADED: "bring its antenna nearer; land it if it gets worse",
+    Condition.LINK_DEGRADED: "move the antenna nearer to it; land it if the link gets worse",
     Condition.COMPUTER_SHORT: "free memory or disk on its computer: the log may end early",
     Condition.LEADER_LOST: "look for the silent vehicle; the next in line leads",
     Condition.PEER_SILENT: "look for the silent vehicle; the others keep clear of it",
-    Condition.PEER_DOUBTFUL: "count the vehicles in the air; return if one is not yours",
-    Condition.SIGHTINGS_CONTRADICT: "check the sensors: one of them is wrong about the target",
+    Condition.PEER_DOUBTFUL: "count the vehicles in the air; return if there is another one",
+    Condition.SIGHTINGS_CONTRADICT: "check the sensors: one reports a wrong target position",
     Condition.TARGET_FROM_OUTSIDE: "look for the target: no vehicle sees it",
-    Condition.NO_OPERATOR: "join its network with an operator's keys; resume once all is well",
+    Condition.NO_OPERATOR: "join its network with an operator's keys, then resume",
     Condition.OPERATOR_LOST: "the team returns and lands: clear the landing places",
 }
 _OF_ALERT = {condition.value: sentence for condition, sentence in _ADVICE.items()}
@@ -52,21 +52,22 @@ _WARNINGS = frozenset(row.condition.value for row in TABLE if row.reactions == (
 
 
 def advice(alert: str) -> str:
-    """Return what to do about an alert, as vehicles send them; empty for an empty one."""
+    """Return the next step for an alert as vehicles send it; empty for an empty one."""
     return _OF_ALERT.get(alert, _OTHER) if alert else ""
 
 
 def severity(alert: str) -> Severity:
-    """Return how grave an alert is: an alarm where the vehicle leaves its mission for it, or where it is not known."""
+    """Return an alert's severity: an alarm if the vehicle leaves its mission for it, or if the alert is unknown."""
     if not alert:
         return "information"
     return "warning" if alert in _WARNINGS else "alarm"
 
 
 def event_severity(kind: str, text: str) -> Severity:
-    """Return how grave an event of a flight is, by its kind and text (`gcs.metrics.record.FlightEvent`).
+    """Return the severity of a flight event, by its kind and text (`gcs.metrics.record.FlightEvent`).
 
-    An alert is as grave as its condition, and its end is information; so is what is no alert, but a kill and a refusal.
+    An alert has the severity of its condition. The end of an alert is information, and so are all other events but a
+    kill and a refusal, which are warnings.
     """
     if kind == "command":
         return "warning" if text.startswith("kill ") or REFUSED in text else "information"

@@ -1,4 +1,4 @@
-"""A terminal that may stop taking output: writes never block, so that Ctrl-S cannot stop a flight."""
+"""Non-blocking output to a terminal: a terminal stopped by Ctrl-S cannot stop a flight."""
 
 import os
 import threading
@@ -11,16 +11,17 @@ from typing import IO, TextIO, cast
 from rich.console import Console
 
 BACKLOG_MAX = 200_000
-"""Characters, about a minute of the live table; what comes after them is discarded."""
+"""Characters, about a minute of the live table; further ones are discarded."""
 CLOSING_S = 2.0
 REPORTED_S = 1.0
 
 
 class Backlog:
-    """A text file in front of another: it takes text at once, and a thread of its own writes it.
+    """A text file that buffers writes to another one; a separate thread writes them.
 
-    A terminal that takes no output blocks that thread alone. Text beyond BACKLOG_MAX is discarded until it takes output
-    again; then the thread writes for how long it did not. Raises BrokenPipeError once the other file's reader is gone.
+    A terminal that accepts no output blocks only that thread. Text beyond BACKLOG_MAX is discarded until the terminal
+    accepts output again; the thread then writes how long it was blocked. Raises BrokenPipeError once the other file's
+    reader is gone.
     """
 
     def __init__(self, file: IO[str]) -> None:
@@ -35,11 +36,11 @@ class Backlog:
 
     @property
     def encoding(self) -> str:
-        """That of the other file."""
+        """The other file's encoding."""
         return getattr(self._file, "encoding", "utf-8")
 
     def fileno(self) -> int:
-        """Return that of the other file."""
+        """Return the other file's descriptor."""
         return self._file.fileno()
 
     def isatty(self) -> bool:
@@ -47,7 +48,7 @@ class Backlog:
         return self._file.isatty()
 
     def write(self, text: str) -> int:
-        """Take a text."""
+        """Buffer a text; return its length."""
         with self._changed:
             if self._failed:
                 raise BrokenPipeError
@@ -63,7 +64,7 @@ class Backlog:
         """Do nothing: the thread writes as soon as it can."""
 
     def close(self) -> None:
-        """Wait for the rest to be written, but not for a terminal that takes none."""
+        """Wait until the rest is written, for CLOSING_S at most."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -73,7 +74,7 @@ class Backlog:
         while (text := self._next()) is not None:
             began_s = time.monotonic()
             try:
-                # Not through the file: a thread that is blocked in it would block the exit of the process.
+                # Not through the file object: a thread blocked in it would block the exit of the process.
                 data = text.encode(self.encoding, "replace")
                 while data:
                     data = data[os.write(self.fileno(), data) :]
@@ -98,16 +99,16 @@ class Backlog:
             return
         with self._changed:
             discarded, self._discarded = self._discarded, 0
-            lost = f", {discarded} characters are discarded" if discarded else ""
-            self._texts.append(f"\nthe terminal took no output for {blocked_s:.1f} s{lost}: the flight went on\n")
+            lost = f", {discarded} characters were discarded" if discarded else ""
+            self._texts.append(f"\nthe terminal took no output for {blocked_s:.1f} s{lost}; the flight continued\n")
 
 
 @contextmanager
 def unblocked(console: Console) -> Iterator[None]:
-    """Let what a console prints to a standard stream never block, for as long as the context lasts."""
+    """Make a console's output to a standard stream non-blocking inside this context."""
     try:
         console.file.fileno()
-    except OSError:  # it is held in memory
+    except OSError:  # a file in memory
         yield
         return
     backlog = Backlog(console.file)

@@ -1,4 +1,4 @@
-"""Commands and sightings sent to a running team from outside: joins its bus, sends, and collects the answers."""
+"""Client that sends commands and sightings to a running team over its bus, and collects the answers."""
 
 import asyncio
 import time
@@ -25,7 +25,7 @@ from gcs.mission.mission import Mission
 
 _RECEIVED_TIMEOUT_S = 3.0
 _ALL_RECEIVED_TIMEOUT_S = 0.5
-"""Wait for the remaining vehicles after the first one was received: a dead vehicle must not delay a command."""
+"""Wait for the other vehicles after the first message from one: a dead vehicle must not delay a command."""
 _ANSWER_TIMEOUT_S = 4.0
 _KILL_TIMEOUT_S = 12.0
 """A heartbeat (1 Hz) confirms that a vehicle is disarmed, and the agent repeats a kill that was not confirmed."""
@@ -33,7 +33,7 @@ _POLL_S = 0.005
 _REPEAT_S = 0.1
 _SIGHTING_PERIOD_S = 0.5
 _CLOCK_AGE_MAX_S = 1.0
-"""Of vehicles that fell silent longer ago than others were received, the clock does not count."""
+"""A vehicle's clock is ignored once its last message is this much older than the newest of the team [wall s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class CommandResult:
 
 
 OnAnswer = Callable[[int, CommandResult], None]
-"""Takes each new answer of a vehicle as it comes."""
+"""Called with each new answer of a vehicle."""
 
 
 @dataclass(slots=True)
@@ -62,11 +62,11 @@ class _Sent:
     answers: dict[int, CommandResult] = field(default_factory=dict)
 
     def is_done(self, verb: Verb, vehicle: int) -> bool:
-        """Return whether no further answer of a vehicle follows."""
+        """Return whether a vehicle has sent its final answer."""
         return vehicle in self.answers and final(verb, self.answers[vehicle].did)
 
     def receive(self, message: CommandAnswer) -> None:
-        """Take an answer; answers are repeated on the bus."""
+        """Store an answer; answers are repeated on the bus."""
         before = self.answers.get(message.sender)
         if before is None or before.did != message.did:
             answer = CommandResult(message.did, monotonic() - self.first_s)
@@ -77,8 +77,8 @@ class _Sent:
 class CommandClient:
     """Sends commands and sightings to the vehicles of one mission.
 
-    From `open` to `close` it stays on the team's bus: commands, several at a time, leave at once. Without them it joins
-    the bus for one command, or one sighting, and leaves it. It is opened once.
+    From `open` to `close` it stays on the team's bus and sends commands without delay, several at a time. Otherwise it
+    joins the bus for one command or sighting, and leaves it. It can be opened once.
     """
 
     def __init__(
@@ -87,11 +87,11 @@ class CommandClient:
         identity: Identity | None = None,
         on_message: Callable[[BusMessage], None] = lambda _message: None,
     ) -> None:
-        """Take the sensor whose sightings these are, or the operator: by default the one whose keys are here.
+        """Take the identity to send as: a sensor or an operator, by default the operator whose keys are here.
 
-        `on_message` takes all that comes over the bus.
+        `on_message` is called with every message on the bus.
 
-        Raises InputError when there are none, VehicleRefusedError where no flight runs.
+        Raises InputError without keys, VehicleRefusedError if no flight runs.
         """
         self._identity = identity or team_keys(mission).identity("operator")
         self._bus = guest_bus(mission, self._identity)
@@ -100,18 +100,18 @@ class CommandClient:
         self._missions = TeamMissions(mission)
         self._on_message = on_message
         self.present: set[int] = set()
-        """The vehicles that are on the bus."""
+        """The vehicles on the bus."""
         self._numbers = count(randrange(2**32))
         self._sent: dict[int, _Sent] = {}
         self._is_open = False
         self._met_s: float | None = None
         self.tactics: dict[int, str] = {}
-        """The latest tactic of each vehicle that has been received."""
+        """The latest tactic received from each vehicle."""
         self.joined_after_s = 0.0
-        """Time to join the bus and to receive the team, before the first transmission [wall s]."""
+        """Time to join the bus and to receive the vehicles, before the first transmission [wall s]."""
 
     async def open(self) -> None:
-        """Join the bus until `close`; raises VehicleRefusedError when that is not possible."""
+        """Join the bus until `close`; raises VehicleRefusedError if that is not possible."""
         await self._bus.open(self._receive, lambda *_: None, self._on_presence)
         self._is_open = True
 
@@ -128,9 +128,9 @@ class CommandClient:
         shape: Shape | None = None,
         on_answer: OnAnswer = lambda _vehicle, _answer: None,
     ) -> dict[int, CommandResult | None]:
-        """Send a command to one vehicle, or to all (None); return each vehicle's answer, None without one in time.
+        """Send a command to one vehicle, or to all (None); return each vehicle's answer, None after a timeout.
 
-        Raises VehicleRefusedError when no vehicle of the team is on the bus, or the team flies another mission.
+        Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission.
         """
         async with self._joined(vehicles):
             self._missions.require_version(verb)
@@ -139,7 +139,7 @@ class CommandClient:
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
 
-        Raises VehicleRefusedError when no vehicle of the team is on the bus, or the team flies another mission.
+        Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission.
         """
         async with self._joined(self._vehicles):
             self._missions.require_version("target")
@@ -156,7 +156,7 @@ class CommandClient:
 
     @asynccontextmanager
     async def _joined(self, vehicles: Collection[int]) -> AsyncIterator[None]:
-        """Be on the bus, with these vehicles as far as they are there, and leave it unless it was open before."""
+        """Join the bus and wait for these vehicles; leave it afterwards unless it was open before."""
         stays, began_s = self._is_open, monotonic()
         try:
             if not stays:
@@ -178,7 +178,7 @@ class CommandClient:
         await self._until(lambda: self._missions.any_received, _RECEIVED_TIMEOUT_S)
         if not self._missions.any_received:
             raise VehicleRefusedError(
-                "no vehicle says which mission it flies", "try again: a flight says so once it has found its vehicles"
+                "no vehicle has reported its mission yet", "try again: a flight reports it once its vehicles are found"
             )
         self._missions.require_same()
         rest_s = self._met_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
@@ -209,12 +209,12 @@ class CommandClient:
 
     @property
     def difference(self) -> str:
-        """How the mission that the team flies differs from the operator's; empty if it does not."""
+        """How the team's mission differs from the operator's; empty if it does not."""
         return self._missions.difference
 
     @property
     def _team_s(self) -> float:
-        # Vehicles send no time before they know how fast it runs.
+        # Vehicles send no time before they have measured its rate.
         time_s = self._clocks.now_s(monotonic())
         return time.time() if time_s is None else time_s
 
@@ -235,7 +235,7 @@ class CommandClient:
             self._sent[message.number].receive(message)
 
     def _meet_first(self) -> None:
-        """Note when the first vehicle was met."""
+        """Record when the first vehicle was received."""
         if self._met_s is None:
             self._met_s = monotonic()
 
@@ -246,9 +246,9 @@ class CommandClient:
 
 
 class TeamClock:
-    """The team's clock by its members' messages: the median of their clocks, so that a single wrong one has no effect.
+    """The team's clock from its members' messages: the median, so that a single wrong clock has no effect.
 
-    It may run faster than the wall's. Between messages it goes on at the wall's speed: they come every tick.
+    It may run faster than wall time. Between messages, which come every tick, it advances at the wall clock's rate.
     """
 
     def __init__(self) -> None:
@@ -260,7 +260,7 @@ class TeamClock:
         return set(self._received)
 
     def receive(self, vehicle_id: int, time_s: float, received_s: float) -> None:
-        """Take the time in a vehicle's message, received at `received_s` [wall s]."""
+        """Store the time in a vehicle's message, received at `received_s` [wall s]."""
         self._received[vehicle_id] = time_s, received_s
 
     def now_s(self, at_s: float) -> float | None:

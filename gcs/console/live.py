@@ -28,7 +28,7 @@ BATTERY_LOW, BATTERY_CRITICAL = 0.35, 0.2
 LINK_OLD_S = 1.0
 MODE_STYLES = {"offboard": "green", "hold": "yellow", "land": "yellow", "return": "yellow", "unknown": "dim"}
 BRACKET_PASTES, DO_NOT_BRACKET_PASTES = "\x1b[?2004h", "\x1b[?2004l"
-"""Asks the terminal to say where pasted text begins and ends, or not to."""
+"""Switch the terminal's bracketed paste mode on and off."""
 LIVE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("", "right"),
     ("tactic", "left"),
@@ -48,18 +48,18 @@ WIDE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
     ("lead\n[°]", "right"),
     ("lag\n[°]", "right"),
 )
-"""What 80 columns have no room for."""
+"""Columns that do not fit into 80 characters."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveRow:
-    """One vehicle at one time; None where a value does not apply or is not known.
+    """One vehicle at one time; None for a value that does not apply or is unknown.
 
     `nearest_m` is the horizontal distance to the nearest other vehicle, too close below `separation_m`; `fence_m` is
-    that to the fence, negative outside. `link_age_s` is the age of the newest telemetry, `round_trip_s` the time from a
-    message to its answer [wall s]; `gps` the fix and the satellites. `spacing_lead_deg` and `spacing_lag_deg` are the
-    angles to the neighbours on the ring; `battery` is a fraction. `ending` says what became of a vehicle whose flight
-    is over, empty before.
+    the distance to the fence, negative outside. `link_age_s` is the age of the newest telemetry, `round_trip_s` the
+    time from a message to its answer [wall s]; `gps` the fix and the satellites. `spacing_lead_deg` and
+    `spacing_lag_deg` are the angles to the neighbours on the ring; `battery` is a fraction. `ending` is how the
+    vehicle's flight ended, empty before.
     """
 
     vehicle_id: int
@@ -93,7 +93,7 @@ class LiveView(TableView[LiveRow]):
         super().__init__(console, TableForm(live_table, plain_line, "ENDED", PLAIN_INTERVAL_S))
 
     def __enter__(self) -> Self:
-        """Start drawing; from now on the terminal marks pasted text."""
+        """Start drawing, and switch on bracketed paste mode."""
         if self.is_live:
             self._console.print(ControlCode(BRACKET_PASTES), end="")
         return super().__enter__()
@@ -101,7 +101,7 @@ class LiveView(TableView[LiveRow]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Draw the newest state as the flight's last, and restore the terminal."""
+        """Draw the last state of the flight, and restore the terminal."""
         super().__exit__(kind, error, trace)
         if self.is_live:
             self._console.print(ControlCode(DO_NOT_BRACKET_PASTES), end="")
@@ -114,7 +114,7 @@ def flight_title(mission: str, time_s: float | None, duration_s: float, ring_mem
 
 
 def live_table(rows: Sequence[LiveRow], wide: bool, closed: bool) -> Table:
-    """Return the table of a team; of one that is closed no vehicle is shown as flying."""
+    """Return the table of a team; a closed one shows no vehicle as flying."""
     table = Table(box=None, pad_edge=False, collapse_padding=True)
     for name, justify in (*LIVE_COLUMNS, *(WIDE_COLUMNS if wide else ())):
         table.add_column(Text(name), justify=justify, no_wrap=True)

@@ -1,4 +1,4 @@
-"""What a terminal shows, without the control characters in text from others, which it would obey."""
+"""Text from others without control characters, which a terminal would execute."""
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
 from rich.segment import Segment
@@ -7,12 +7,12 @@ from agents.team.text import printable
 
 
 def printable_lines(text: str) -> str:
-    """Return a text with '?' in place of each control character but line ends."""
+    """Return a text with '?' for each control character but line ends."""
     return "\n".join(map(printable, text.split("\n")))
 
 
 class Printable:
-    """Anything that rich renders, with its text made printable; styles and rich's own control codes stay."""
+    """A rich renderable with its text made printable; styles and rich's own control codes stay."""
 
     def __init__(self, renderable: ConsoleRenderable) -> None:
         self._renderable = renderable
@@ -25,7 +25,7 @@ class Printable:
 
 
 class PrintableOutput(RenderHook):
-    """Makes all that a console prints printable."""
+    """Makes all output of a console printable."""
 
     def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
         """See RenderHook."""

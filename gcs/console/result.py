@@ -1,4 +1,4 @@
-"""The result of a flight, as it is shown to people and to the shell."""
+"""The result of a flight as a summary and as an exit code."""
 
 from gcs.console.summary import summary
 from gcs.console.terminal import STDERR
@@ -17,7 +17,7 @@ def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
 
 
 def verdict_of(result: FlightResult) -> Exit:
-    """Return the exit code of a flight: how it ended comes before its verdicts."""
+    """Return the exit code of a flight: its ending takes precedence over its verdicts."""
     if result.ended_early:
         return Exit.ENDED_IN_FLIGHT
     return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED

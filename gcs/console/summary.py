@@ -44,7 +44,7 @@ def summary(result: FlightResult) -> RenderableType:
 
 
 def _ending(ended: FlightEnding) -> Text:
-    """Return how the flight ended; the reason stands below where it is not that the mission was over."""
+    """Return how the flight ended, with the reason below unless the mission was completed."""
     if not ended.is_early:
         return Text(ended.headline, style="bold green")
     return Text.assemble((f"✗ {ended.headline}", "bold red"), f"\n{ended.reason}")
@@ -134,7 +134,7 @@ def _vehicle_cells(vehicle: VehicleResult) -> tuple[Text, ...]:
 
 
 def _estimate_line(estimate: EstimateResult) -> Text:
-    """Return the worst figures by the vehicles' estimates, beside those by truth."""
+    """Return the worst figures from the vehicles' estimates, beside those from the true positions."""
     rates = [v.angular_rate_mean_rad_s for v in estimate.vehicles if v.angular_rate_mean_rad_s is not None]
     spacing = estimate.ring.spacing_error_rms_deg
     parts = [

@@ -1,4 +1,4 @@
-"""A live table of a team on a terminal: what it is about, its vehicles, what is wrong with them, and what to do."""
+"""A live table of a team on a terminal: title, vehicles, alerts, and the operator's next steps."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,14 +16,14 @@ from gcs.console.printable import Printable, printable_lines
 
 REFRESH_HZ = 4.0
 WIDE = 110
-"""From so many columns on, all is shown and nothing is abbreviated."""
+"""Terminals with at least this many columns show all columns without abbreviations."""
 SHORT_TACTICS = {"return and land": "return", "pilot override": "PILOT"}
 TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
 STYLES: dict[Severity, str] = {"information": "", "warning": "yellow", "alarm": "bold red"}
 WORDS: dict[Severity, str] = {"information": "", "warning": "warning: ", "alarm": "ALARM: "}
 SIGNS: dict[Severity, str] = {"information": "", "warning": "!", "alarm": "!!"}
 SAVE_CURSOR = "\x1b7"
-"""Where the table begins: the supervisor of a flight that it ends erases the table from there."""
+"""Marks the start of the table: a supervisor that ends the flight erases the table from there."""
 NO_HINT = Text()
 _ALERTS_MAX, _NOTES_MAX, _ROWS_MIN = 4, 2, 3
 _HEADER_LINES = 3
@@ -31,7 +31,7 @@ _GRAVEST_FIRST: tuple[Severity, ...] = ("alarm", "warning", "information")
 
 
 class TeamRow(Protocol):
-    """A row of a table: a vehicle, its alert while that lasts, and what else there is to say about it."""
+    """A row of a table: a vehicle, its present alert, and a note."""
 
     @property
     def vehicle_id(self) -> int:
@@ -45,7 +45,7 @@ class TeamRow(Protocol):
 
     @property
     def note(self) -> str:
-        """What else there is to say, empty if nothing."""
+        """The note, empty if none."""
         ...
 
 
@@ -54,7 +54,7 @@ RowT = TypeVar("RowT", bound=TeamRow)
 
 @dataclass(frozen=True, slots=True)
 class _Shown(Generic[RowT]):
-    """What the table shows. Of a view that is closed nothing is shown as if it went on."""
+    """The content of the table; a closed view shows nothing as ongoing."""
 
     rows: tuple[RowT, ...] = ()
     time_s: float = 0.0
@@ -66,9 +66,9 @@ class _Shown(Generic[RowT]):
 
 @dataclass(frozen=True, slots=True)
 class TableForm(Generic[RowT]):
-    """What makes a table: of rows, whether it is wide, and whether it is closed; and a line of plain text without it.
+    """How a view is drawn: `table` of rows, wide and closed; elsewhere `line` of rows, time and message.
 
-    `closed` is the word for a view that is closed; the line is made of rows, time and message.
+    `closed` is the title of a closed view.
     """
 
     table: Callable[[Sequence[RowT], bool, bool], Table]
@@ -78,9 +78,9 @@ class TableForm(Generic[RowT]):
 
 
 class TableView(Generic[RowT]):
-    """A live table on a terminal; elsewhere a line of text every `form.interval_s` at most.
+    """A live table on a terminal; elsewhere a line of text, at most every `form.interval_s`.
 
-    Use it as a context manager. `update` only stores what is shown: the table is drawn four times a second.
+    Use it as a context manager. `update` only stores the state: the table is drawn four times a second.
     """
 
     def __init__(self, console: Console, form: TableForm[RowT]) -> None:
@@ -108,7 +108,7 @@ class TableView(Generic[RowT]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Draw the newest state once more, as one that is over, and leave it on the screen."""
+        """Draw the newest state as a closed view, and leave it on the screen."""
         self._shown = replace(self._shown, closed=True)
         if self._live is not None:
             self._live.stop()
@@ -119,13 +119,13 @@ class TableView(Generic[RowT]):
         return self._live is not None
 
     def shows_at(self, time_s: float) -> bool:
-        """Whether an update at this time is shown: on a terminal always, elsewhere when the next line is due."""
+        """Whether an update at this time is shown: always on a terminal, elsewhere when the next line is due."""
         return self._live is not None or self._line_is_due(time_s)
 
     def update(
         self, rows: Sequence[RowT], time_s: float, message: str = "", hint: Text = NO_HINT, title: str = ""
     ) -> None:
-        """Show the team; a terminal shows the hint below the table, and rings its bell for each new alarm."""
+        """Show the team; a terminal shows the hint below the table, and rings the bell for each new alarm."""
         self._shown = _Shown(tuple(rows), time_s, message, hint, title or f"{time_s:.1f} s")
         alarms = {(row.vehicle_id, row.alert) for row in rows if severity(row.alert) == "alarm"}
         if self._live is not None and alarms - self._alarms:
@@ -157,12 +157,12 @@ class TableView(Generic[RowT]):
         if len(rows) < len(shown.rows):
             below.insert(0, Text(f"and {len(shown.rows) - len(rows)} more vehicles", style="dim"))
         table = [self._form.table(rows, width >= WIDE, shown.closed)] if rows else []
-        # A live view is drawn past the console's own hooks.
+        # The console's hooks do not apply to a live view.
         return Printable(Group(ControlCode(SAVE_CURSOR), title, *table, *below))
 
 
 class ControlCode:
-    """A control code for the terminal, which takes no room."""
+    """A control code for the terminal, of zero width."""
 
     def __init__(self, code: str) -> None:
         self._code = code
@@ -194,19 +194,19 @@ def tactic_cell(tactic: str, wide: bool) -> Text:
 
 
 def apart_cell(nearest_m: float | None, nearest_id: int | None, separation_m: float, wide: bool) -> Text:
-    """Return how far the nearest other vehicle is, and in a wide table which one it is."""
+    """Return the distance to the nearest other vehicle, in a wide table with its id."""
     too_close = nearest_m is not None and nearest_m < separation_m
     cell = graded(nearest_m, ".1f", "alarm" if too_close else "information")
     return cell.append(f" to {nearest_id}") if wide and nearest_m is not None else cell
 
 
 def fence_cell(margin_m: float | None) -> Text:
-    """Return how far the fence is; negative outside."""
+    """Return the distance to the fence, negative outside."""
     return graded(margin_m, ".1f", "alarm" if margin_m is not None and margin_m < 0.0 else "information")
 
 
 def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
-    """Return a line for each alert with what to do, the gravest first."""
+    """Return a line for each alert with the next step, the most severe first."""
     whose = _vehicles({row.vehicle_id: row.alert for row in rows})
     ranked = sorted(whose, key=lambda alert: _GRAVEST_FIRST.index(severity(alert)))
     lines = [
@@ -222,7 +222,7 @@ def _notes(rows: Sequence[TeamRow]) -> list[Text]:
 
 
 def _vehicles(texts: Mapping[int, str]) -> dict[str, str]:
-    """Return the vehicles of each text but the empty one, as text."""
+    """Return the vehicles of each non-empty text, as text."""
     ids: dict[str, list[str]] = {}
     for vehicle_id, text in texts.items():
         ids.setdefault(text, []).append(str(vehicle_id))
@@ -235,9 +235,9 @@ def _first(lines: list[Text], count: int, what: str) -> list[Text]:
 
 
 def _most_urgent(rows: Sequence[RowT], count: int) -> Sequence[RowT]:
-    """Return as many rows in their order: those with alerts before the others."""
+    """Return `count` rows in their order, preferring those with alerts."""
     ranked = sorted(range(len(rows)), key=lambda i: (_GRAVEST_FIRST.index(severity(rows[i].alert)), i))
-    # One line less: it says how many are left out.
+    # One line less, for the number of omitted rows.
     return rows if len(rows) <= count else [rows[i] for i in sorted(ranked[: count - 1])]
 
 

@@ -1,5 +1,5 @@
-"""The bus of a running team, as operators, sensors and observers join it: they connect to the vehicles' endpoints, or
-to its router.
+"""The bus of a running team for operators, sensors and observers: they connect to the vehicles' endpoints or to the
+team's router.
 """
 
 from contextlib import suppress
@@ -23,9 +23,9 @@ def guest_bus(mission: Mission, identity: Identity) -> ParticipantBus:
 
 
 def observer(keys: TeamKeys) -> Identity:
-    """Return an identity to listen with: an observer's, or an operator's where no observer's keys are here.
+    """Return an identity that may receive: an observer's, or an operator's if there are no observer's keys here.
 
-    Raises InputError, and VehicleRefusedError where no flight runs.
+    Raises InputError, and VehicleRefusedError if no flight runs.
     """
     with suppress(InputError):
         return keys.identity("observer")

@@ -1,4 +1,4 @@
-"""The start of a team whose agents wait on the ground: who is ready, who is missing and why, and the command."""
+"""The start of a team whose agents wait on the ground: vehicles ready or missing, with reasons, and the command."""
 
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
@@ -12,16 +12,16 @@ from gcs.mission.mission import Mission
 
 _POLL_S = 0.1
 _NO_AGENT = "no agent is on the bus: its computer is off, out of reach, or does not run its agent"
-_NO_REPORT = "its agent is on the bus, and has not found its autopilot yet"
+_NO_REPORT = "its agent is on the bus, but has not found the autopilot yet"
 _OTHER_MISSION = "it has another mission, or another version of this one: copy one mission file to all computers"
-_NOT_WAITING = "it does not wait for its start: it is in its first checks, or runs without --wait-for-start"
+_NOT_WAITING = "it is not waiting for the start: it runs its first checks, or runs without --wait-for-start"
 
 State = Literal["ready", "flying", "missing"]
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How one vehicle stands before the start: why it is missing, and how far its clock is off its peers' [s]."""
+    """The state of one vehicle before the start: why it is missing, and its clock's offset to its peers' [s]."""
 
     vehicle: int
     state: State
@@ -31,14 +31,14 @@ class Standing:
 
 @dataclass(slots=True)
 class TeamRoll:
-    """What the vehicles of a mission have sent of themselves so far."""
+    """The vehicles' reports received so far."""
 
     mission: Mission
     _reports: dict[int, VehicleReport] = field(default_factory=dict)
     _of_another: dict[int, bool] = field(default_factory=dict)
 
     def receive(self, message: BusMessage) -> None:
-        """Take a message from the bus."""
+        """Process a message from the bus."""
         match message:
             case VehicleReport():
                 self._reports[message.sender] = message
@@ -48,7 +48,7 @@ class TeamRoll:
                 pass
 
     def standings(self, present: Collection[int]) -> Sequence[Standing]:
-        """Return how each vehicle stands; `present` are those on the bus."""
+        """Return the state of each vehicle; `present` are those on the bus."""
         return [self._standing(each, present=each in present) for each in self.mission.ids]
 
     def _standing(self, vehicle: int, *, present: bool) -> Standing:
@@ -68,21 +68,21 @@ class TeamRoll:
 
 @dataclass(frozen=True, slots=True)
 class StartResult:
-    """How the vehicles stood, and what each answered to the start; no answers where it was not sent."""
+    """The vehicles' states, and their answers to the start; no answers if it was not sent."""
 
     standings: Sequence[Standing]
     answers: Mapping[int, CommandResult | None] = field(default_factory=dict)
 
     @property
     def started(self) -> bool:
-        """Whether every vehicle takes off or flies already."""
+        """Whether every vehicle takes off or is flying."""
         return bool(self.answers) and all(answer and answer.obeyed for answer in self.answers.values())
 
 
 async def start_team(mission: Mission, operator: Identity, wait_s: float) -> StartResult:
-    """Start the team if no vehicle is missing, at the latest after `wait_s` of waiting for those who are.
+    """Start the team once no vehicle is missing; after `wait_s` give up.
 
-    Raises VehicleRefusedError when the bus cannot be joined, or the team flies another mission.
+    Raises VehicleRefusedError if the bus cannot be joined, or the team flies another mission.
     """
     roll = TeamRoll(mission)
     client = CommandClient(mission, operator, roll.receive)

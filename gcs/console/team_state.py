@@ -1,4 +1,4 @@
-"""State of a running team from its bus messages: the latest of each vehicle, and the changes between them."""
+"""State of a running team from its bus messages: each vehicle's latest messages, and events."""
 
 from collections import OrderedDict, deque
 from collections.abc import Mapping, Sequence
@@ -13,14 +13,14 @@ from gcs.console.advice import Severity, severity
 from gcs.mission.geometry import Place, nearest_other
 
 SILENT_AFTER_S = 1.0
-"""Vehicles send five messages or more per second of mission time, which is at least as fast as the wall clock."""
+"""Vehicles send at least five messages per second of mission time, which runs at least as fast as wall time."""
 EVENTS_KEPT, COMMANDS_KEPT = 100, 1000
-"""At most so many events are shown at a time, and so many commands and answers recognised as repeated."""
+"""Maximum number of events shown at a time, and of commands and answers recognised as repeated."""
 
 
 @dataclass(frozen=True, slots=True)
 class WatchRow:
-    """The latest state that one vehicle sent; None where it sent none. `age_s` is the age of the message [wall s].
+    """The latest state that one vehicle sent; None for what it did not send. `age_s` is the message's age [wall s].
 
     `nearest_m` is the horizontal distance to the nearest other vehicle, `fence_m` that to the fence, negative outside.
     """
@@ -46,7 +46,7 @@ class WatchRow:
 
     @property
     def note(self) -> str:
-        """What else than its alert there is to say."""
+        """What to show beside the alert."""
         if self.age_s is None:
             return "not received"
         silent = f"no messages for {self.age_s:.0f} s, last tactic {self.tactic}" if self.silent else ""
@@ -56,7 +56,7 @@ class WatchRow:
 
 @dataclass(frozen=True, slots=True)
 class TeamEvent:
-    """Something that the team's messages, or their absence, show; `vehicle_id` is None for a command to all."""
+    """A change in the team's messages, or their loss; `vehicle_id` is None for a command to all."""
 
     vehicle_id: int | None
     text: str
@@ -64,7 +64,7 @@ class TeamEvent:
 
     @property
     def line(self) -> str:
-        """The event as text, with the vehicle that it is about."""
+        """The event as text, with its vehicle."""
         return self.text if self.vehicle_id is None else f"vehicle {self.vehicle_id}: {self.text}"
 
 
@@ -106,7 +106,7 @@ class TeamState:
                 pass
 
     def end(self, vehicle_id: int) -> None:
-        """Take that a vehicle's flight has ended: that it falls silent is no event."""
+        """Record that a vehicle's flight has ended: the loss of its messages is then no event."""
         self._latest.pop(vehicle_id, None)
 
     def rows(self, now_s: float) -> list[WatchRow]:
@@ -115,7 +115,7 @@ class TeamState:
         return [self._row(each, now_s, places_m) for each in sorted(self.vehicle_ids)]
 
     def ring_members(self, now_s: float) -> int:
-        """Return how many vehicles fly on the ring, of those whose messages have not stopped."""
+        """Return how many vehicles fly on the ring, without those whose messages have stopped."""
         heard = (each for each in self._latest.values() if now_s - each.received_s <= SILENT_AFTER_S)
         return sum(each.state.angle is not None for each in heard)
 

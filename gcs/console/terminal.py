@@ -1,4 +1,4 @@
-"""Standard error: where text for people goes. Standard output is for results alone."""
+"""Standard error, for text to people; standard output is for results only."""
 
 import os
 import sys
@@ -11,7 +11,7 @@ from gcs.console.printable import PrintableOutput
 
 
 class _StderrConsole(Console):
-    """A console that survives a closed pipe: a flight goes on when its output is no longer read."""
+    """A console that survives a closed pipe: a flight continues when its output is no longer read."""
 
     def on_broken_pipe(self) -> None:
         """Discard all further output."""
@@ -29,7 +29,7 @@ def print_line(text: str, style: str = "") -> None:
 
 
 def print_problem(reason: str, next_step: str = "") -> None:
-    """Print what went wrong and, on a line of its own, what to do next."""
+    """Print a problem and, on a separate line, the next step."""
     print_line(reason, "red")
     if next_step:
         print_line(f"next: {next_step}")

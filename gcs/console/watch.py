@@ -51,8 +51,8 @@ class WatchView(TableView[WatchRow]):
     """The table of a watched team; without a terminal a line every 5 s, and one for each event."""
 
     def __init__(self, console: Console, separation_m: float = 0.0) -> None:
-        """Prepare to draw on `console`, normally standard error's; vehicles that are nearer are too close."""
-        form = TableForm(partial(watch_table, separation_m), watch_line, "NOT WATCHED ANY MORE", PLAIN_INTERVAL_S)
+        """Prepare to draw on `console`, normally standard error's; distances below `separation_m` are too close."""
+        form = TableForm(partial(watch_table, separation_m), watch_line, "VIEW CLOSED", PLAIN_INTERVAL_S)
         super().__init__(console, form)
 
 
@@ -67,7 +67,7 @@ async def watch_until_ctrl_c(mission: Mission, view: WatchView) -> None:
 async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     """Show the team until `stop`.
 
-    Raises InputError when this computer has no keys to listen with, VehicleRefusedError when the team flies another
+    Raises InputError if this computer has no keys that may receive, VehicleRefusedError if the team flies another
     mission.
     """
     limits = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)

@@ -1,4 +1,4 @@
-"""The bus of a team that is watched: it is joined when a flight begins, and anew when the next one has other keys."""
+"""The bus of a watched team: joined when a flight begins, and again when the next one has other keys."""
 
 from collections.abc import Callable
 from time import monotonic
@@ -17,10 +17,10 @@ _LOOKED_UP_EVERY_S = 1.0
 
 
 class WatchedBus:
-    """Listens to the present flight of a team; use it as a context manager, and call `follow` again and again."""
+    """Receives the present flight of a team; use it as a context manager, and call `follow` periodically."""
 
     def __init__(self, mission: Mission, on_message: Callable[[BusMessage], None]) -> None:
-        """Take the mission; raises InputError when its team has no keys and needs them."""
+        """Take the mission; raises InputError if its team needs keys and has none."""
         self._mission = mission
         self._keys = team_keys(mission)
         self._on_message = on_message
@@ -28,10 +28,10 @@ class WatchedBus:
         self._bus: PeerBus | None = None
         self._look_up_s = 0.0
         self.refusal = ""
-        """Why no flight can be watched at present, empty when one is."""
+        """Why no flight is watched at present, empty if one is."""
 
     async def __aenter__(self) -> Self:
-        """Prepare to listen."""
+        """Return self."""
         return self
 
     async def __aexit__(
@@ -41,7 +41,7 @@ class WatchedBus:
         await self._leave()
 
     async def follow(self) -> None:
-        """Join the bus of a flight that has begun since; raises InputError when this computer has no keys for it."""
+        """Join the bus of a flight that has begun; raises InputError if this computer has no keys for it."""
         if monotonic() < self._look_up_s:
             return
         self._look_up_s = monotonic() + _LOOKED_UP_EVERY_S
@@ -53,7 +53,7 @@ class WatchedBus:
         except InputError:
             if self._bus is None:
                 raise
-            return  # the keys were removed since: what is open stays
+            return  # the keys were removed: an open bus stays open
         self.refusal = ""
         if identity != self._identity:
             await self._leave()

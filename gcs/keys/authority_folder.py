@@ -1,4 +1,4 @@
-"""The folder of keys on the computer where they are made: with the authority that signs them."""
+"""The folder of keys on the computer that issues them, with the authority that signs them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,20 +20,20 @@ AUTHORITY = "authority"
 
 @dataclass(frozen=True, slots=True)
 class AuthorityFolder:
-    """Issues and revokes the keys in one folder; its folder `authority` never leaves this computer."""
+    """Issues and revokes the keys in one folder; its folder `authority` stays on this computer."""
 
     path: Path
 
     @property
     def roster(self) -> Roster:
-        """All holders; raises InputError where no authority was made."""
+        """All holders; raises InputError if there is no authority."""
         self._require_authority()
         return read_roster(self.path / ROSTER_FILE)
 
     def init(self, days: float) -> None:
-        """Make the authority of a team; raises InputError when there is one already."""
+        """Create the authority of a team; raises InputError if there is one already."""
         if self._authority.exists():
-            raise InputError([f"{self.path}: it has an authority already; next: choose another folder by --keys"])
+            raise InputError([f"{self.path}: there is an authority already; next: choose another folder by --keys"])
         make_folder(self.path)
         make_folder(self._authority)
         keys = CertificateAuthority.made(days).keys
@@ -42,7 +42,7 @@ class AuthorityFolder:
         KeyFolder(self.path).put_roster(Roster(digest(keys.certificate_pem)))
 
     def issue(self, role: Role, name: str, days: float, may: tuple[Verb, ...] | None = None) -> Holder:
-        """Issue a holder's certificate, valid for some days; one that was issued before no longer counts.
+        """Issue a holder's certificate, valid for `days`; one issued before is no longer valid.
 
         `may` are the verbs of an operator, None for all but kill. Raises InputError.
         """
@@ -63,7 +63,7 @@ class AuthorityFolder:
         return holder
 
     def revoke(self, label: str) -> Holder:
-        """Revoke the certificate of a holder such as `operator-anna`; raises InputError when there is none."""
+        """Revoke the certificate of a holder such as `operator-anna`; raises InputError if there is none."""
         roster = self.roster
         holder = next((each for each in roster.holders if each.label == label), None)
         if holder is None:
@@ -79,7 +79,7 @@ class AuthorityFolder:
 
     def _require_authority(self) -> None:
         if not self._authority.is_dir():
-            raise InputError([f"{self.path}: no authority is here; next: cordon keys init --keys {self.path}"])
+            raise InputError([f"{self.path}: there is no authority; next: cordon keys init --keys {self.path}"])
 
     def _load_authority(self) -> CertificateAuthority:
         keys = KeyPair(read(self._authority / CERTIFICATE_FILE), read_private(self._authority / PRIVATE_KEY_FILE))
@@ -99,4 +99,4 @@ def _require_name(role: Role, name: str) -> None:
     if role == "vehicle" and not (name.isdecimal() and name == str(int(name)) and 1 <= int(name) <= 254):
         raise InputError([f"{name}: a vehicle's keys are issued for its id, 1 to 254"])
     if not is_name(name):
-        raise InputError([f"{name}: a name has letters, digits, '_', '.' and '-', 32 at most"])
+        raise InputError([f"{name}: a name is at most 32 letters, digits, '_', '.' and '-'"])

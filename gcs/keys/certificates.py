@@ -1,6 +1,6 @@
 """Certificates of a team: X.509 with keys on the curve P-256, by `cryptography`.
 
-Import it where certificates are made: it takes a tenth of a second.
+Import it only where certificates are created: the import takes 0.1 s.
 """
 
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 DAY_S = 86400.0
 CLOCKS_DIFFER_BY = timedelta(days=1)
-"""Certificates are valid from so long before they were made: clocks of other computers may be behind."""
+"""Certificates are valid from this time before their creation: clocks of other computers may be behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class CertificateAuthority:
     """Signs the certificates of one team."""
 
     def __init__(self, keys: KeyPair) -> None:
-        """Take its own certificate and private key; raises ValueError when they are none."""
+        """Take the authority's certificate and private key; raises ValueError for anything else."""
         self.keys = keys
         self._certificate = x509.load_pem_x509_certificate(keys.certificate_pem)
         private_key = serialization.load_pem_private_key(keys.private_key_pem, password=None)
@@ -38,7 +38,7 @@ class CertificateAuthority:
 
     @classmethod
     def made(cls, days: float) -> "CertificateAuthority":
-        """Return a new authority."""
+        """Return a new authority, valid for `days`."""
         private_key = ec.generate_private_key(ec.SECP256R1())
         name = _name("cordon authority")
         builder = (
@@ -51,11 +51,11 @@ class CertificateAuthority:
 
     @property
     def expires_s(self) -> float:
-        """When its certificate expires, and with it all others at the latest [Unix s]."""
+        """When its certificate expires, and with it all others [Unix s]."""
         return self._certificate.not_valid_after_utc.timestamp()
 
     def issue(self, common_name: str, expires_s: float) -> KeyPair:
-        """Return a new key with a certificate for a peer, which connects to others and is connected to."""
+        """Return a new key pair for a peer; the certificate is valid for both ends of a connection."""
         private_key = ec.generate_private_key(ec.SECP256R1())
         until = datetime.fromtimestamp(expires_s, UTC)
         both_ways = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]

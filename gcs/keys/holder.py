@@ -1,4 +1,4 @@
-"""The holders of keys: their roles, their names, and what each role may send on the bus."""
+"""The holders of keys: their roles, names, and what each role may send on the bus."""
 
 from typing import get_args
 
@@ -11,19 +11,19 @@ from agents.team.sensors import SENSOR_TOPICS
 
 VERBS: tuple[Verb, ...] = get_args(Verb)
 UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")
-"""What an operator may whose verbs are not named: a kill drops vehicles, and is granted by name only."""
+"""The default verbs of an operator: without kill, which makes vehicles fall and has to be granted by name."""
 
 
 _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted(PEER_TOPICS | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
-"""What a router passes on: it holds each sender to the keys of that one's certificate."""
+"""What a router forwards: it checks each sender against its certificate."""
 
 
 class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The holder of a certificate: a vehicle's name is its id. `may` are the verbs that an operator may command.
 
-    `expires_s` is Unix time. Who is issued a certificate again has the next `generation`, which the certificate's
-    common name states: what was issued before no longer counts. `speaks_for` are further vehicles that a vehicle's
-    keys may send as, in the keys of a run on one computer. Raises ValueError for a name that is none.
+    `expires_s` is Unix time. A holder's next certificate has the next `generation`, which is part of its common name:
+    certificates issued before are no longer valid. `speaks_for` are further vehicles that a vehicle's keys may send
+    as, in the keys of a run on one computer. Raises ValueError for an invalid name.
     """
 
     role: Role
@@ -41,17 +41,17 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
 
     @property
     def participant(self) -> Participant:
-        """The holder as it takes part in the bus."""
+        """The holder as a participant of the bus."""
         return Participant(self.role, self.name)
 
     @property
     def label(self) -> str:
-        """Role and name, as the holder's folder is called."""
+        """Role and name: the name of the holder's folder."""
         return f"{self.role}-{self.name}"
 
     @property
     def common_name(self) -> str:
-        """The common name of the certificate that counts; no name holds a tilde."""
+        """The common name of the valid certificate; names of holders have no tilde."""
         return self.label if self.generation == 1 else f"{self.label}~{self.generation}"
 
     @property

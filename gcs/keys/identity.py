@@ -1,4 +1,4 @@
-"""A participant of a team's bus, and the keys by which others know it."""
+"""A participant of a team's bus, and the keys that authenticate it."""
 
 from dataclasses import dataclass
 from getpass import getuser
@@ -12,7 +12,7 @@ from gcs.keys.holder import VERBS
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who takes part in the bus.
+    """A participant of the bus.
 
     `security` is None on an insecure bus; `may` are the verbs that an operator may command.
     """

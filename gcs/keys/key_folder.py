@@ -1,4 +1,4 @@
-"""A folder of keys, as a computer of the team has it: one folder for each holder that uses this computer."""
+"""A folder of keys on a computer of the team: one folder for each holder that uses this computer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ class KeyFolder:
     path: Path
 
     def identity(self, role: Role, name: str | None = None) -> Identity:
-        """Return a holder's identity; without a name the only one of this role here. Raises InputError."""
+        """Return a holder's identity; without a name that of the only holder of this role. Raises InputError."""
         folder = self.path / f"{role}-{self._only(role) if name is None else name}"
         if not folder.is_dir():
             raise InputError([f"{folder}: no such folder of keys; next: {self._next_step(role, name)}"])
         check_folder(folder)
         roster, authority_pem = read_roster(folder / ROSTER_FILE), read(folder / AUTHORITY_FILE)
         if digest(authority_pem) != roster.authority:
-            raise InputError([f"{folder / ROSTER_FILE}: it is of another authority than {AUTHORITY_FILE} beside it"])
+            raise InputError([f"{folder / ROSTER_FILE}: its authority is not that of {AUTHORITY_FILE} beside it"])
         holder = _holder(roster, folder)
         security = BusSecurity(
             authority_pem,
@@ -43,11 +43,11 @@ class KeyFolder:
         return Identity(holder.participant, security, holder.may)
 
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
-        """Return the identities of a process that flies these vehicles: each has its own. Raises InputError."""
+        """Return the identities of a process that flies these vehicles, one for each. Raises InputError."""
         return [FlyingIdentity((each,), self.identity("vehicle", str(each)).security) for each in vehicle_ids]
 
     def put(self, holder: Holder, certificate_pem: bytes, private_key_pem: bytes, authority_pem: bytes) -> Path:
-        """Write a holder's folder, all but the roster; return its path. Raises InputError."""
+        """Write a holder's folder without the roster; return its path. Raises InputError."""
         folder = self.path / holder.label
         make_folder(folder)
         write(folder / AUTHORITY_FILE, authority_pem)
@@ -56,7 +56,7 @@ class KeyFolder:
         return folder
 
     def put_roster(self, roster: Roster) -> None:
-        """Write the roster, here and in the folder of each of its holders; raises InputError."""
+        """Write the roster to this folder and to the folder of each of its holders; raises InputError."""
         content = roster.encoded()
         write(self.path / ROSTER_FILE, content)
         for holder in roster.holders:
@@ -69,23 +69,23 @@ class KeyFolder:
         except OSError as error:
             raise InputError([f"{self.path}: {error.strerror or error}"]) from error
         if not found:
-            raise InputError([f"{self.path}: no {role}'s keys are here; next: {self._next_step(role, None)}"])
+            raise InputError([f"{self.path}: no keys of a {role} here; next: {self._next_step(role, None)}"])
         if len(found) > 1:
-            raise InputError([f"--key: {self.path} has the keys of several {role}s: name one ({', '.join(found)})"])
+            raise InputError([f"--key: {self.path} has the keys of several {role}s; choose one ({', '.join(found)})"])
         return found[0].removeprefix(f"{role}-")
 
     def _next_step(self, role: Role, name: str | None) -> str:
         issue = f"cordon keys issue {role} {name or 'NAME'} --keys {self.path}"
         return (
-            f"make them by `{issue}`, or copy the folder {role}-{name or 'NAME'} from the computer that has made them"
+            f"issue them by `{issue}`, or copy the folder {role}-{name or 'NAME'} from the computer that issued them"
         )
 
 
 def _holder(roster: Roster, folder: Path) -> Holder:
-    """Return the holder of a folder, if its certificate counts; raises InputError."""
+    """Return the holder of a folder if its certificate is valid; raises InputError."""
     holder = next((each for each in roster.holders if each.label == folder.name), None)
     if holder is None:
-        raise InputError([f"{folder / ROSTER_FILE}: it does not name {folder.name}; next: copy the folder anew"])
+        raise InputError([f"{folder / ROSTER_FILE}: it has no entry for {folder.name}; next: copy the folder again"])
     if holder.revoked:
         raise InputError([f"{folder}: these keys are revoked; next: cordon keys issue {holder.role} {holder.name}"])
     if holder.expires_s <= time():

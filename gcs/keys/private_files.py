@@ -1,4 +1,4 @@
-"""Files and folders that only their user may read: mode 0600 and 0700."""
+"""Files and folders that only their owner may read: modes 0600 and 0700."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ _OF_OTHERS = 0o077
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, unless it is there; raises InputError when it is another user's, or open to others."""
+    """Create a folder if it is missing; raises InputError if it is another user's, or open to others."""
     try:
         path.mkdir(mode=FOLDER_MODE, parents=True, exist_ok=True)
     except OSError as error:
@@ -19,21 +19,21 @@ def make_folder(path: Path) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Raise InputError unless a folder is this user's, and closed to others."""
+    """Raise InputError unless a folder is this user's and closed to others."""
     try:
         found = path.lstat()
     except OSError as error:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
     if not path.is_dir() or path.is_symlink():
-        raise InputError([f"{path}: it is not a folder; remove it, and try again"])
+        raise InputError([f"{path}: not a folder; next: remove it, try again"])
     if found.st_uid != os.geteuid():
-        raise InputError([f"{path}: it belongs to another user (user id {found.st_uid}); remove it, and try again"])
+        raise InputError([f"{path}: it belongs to another user (user id {found.st_uid}); next: remove it, try again"])
     if found.st_mode & _OF_OTHERS:
         raise InputError([f"{path}: other users may read it; next: chmod 700 {path}"])
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a file at once, in place of the one that is there; raises InputError."""
+    """Write a file atomically, replacing an existing one; raises InputError."""
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         beside.unlink(missing_ok=True)
@@ -53,7 +53,7 @@ def read(path: Path) -> bytes:
 
 
 def read_private(path: Path) -> bytes:
-    """Return the same, of a file that only its user may read; raises InputError."""
+    """Return the content of a file that only its owner may read; raises InputError."""
     content = read(path)
     if path.stat().st_mode & _OF_OTHERS:
         raise InputError([f"{path}: other users may read this private key; next: chmod 600 {path}"])

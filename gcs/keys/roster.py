@@ -1,4 +1,4 @@
-"""The roster: the holders of a team's keys, what each may do, and what is revoked; as it is kept in a file."""
+"""The roster file: the holders of a team's keys, what each may do, and what is revoked."""
 
 import hashlib
 from pathlib import Path
@@ -20,7 +20,7 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     holders: tuple[Holder, ...] = ()
 
     def find(self, role: Role, name: str) -> Holder | None:
-        """Return a holder, None if none has this role and name."""
+        """Return the holder of this role and name, None if there is none."""
         return next((each for each in self.holders if (each.role, each.name) == (role, name)), None)
 
     @property
@@ -29,17 +29,17 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return tuple(each for each in self.holders if not each.revoked)
 
     def put(self, holder: Holder) -> "Roster":
-        """Return the roster with a holder added, or in place of the one of the same role and name."""
+        """Return the roster with a holder added; it replaces one of the same role and name."""
         others = (each for each in self.holders if each.label != holder.label)
         return Roster(self.authority, tuple(sorted((*others, holder), key=_order)))
 
     def encoded(self) -> bytes:
-        """Return it as a file's content: JSON, for people to read."""
+        """Return the file's content: indented JSON."""
         return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
 
 
 def digest(authority_pem: bytes) -> str:
-    """Return what a roster knows its authority by."""
+    """Return the SHA-256 by which a roster identifies its authority, in hex."""
     return hashlib.sha256(authority_pem).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""The roster of keys, for people."""
+"""The roster of keys as text."""
 
 from datetime import datetime
 from time import time
@@ -10,14 +10,14 @@ _SENDS = {
     "vehicle": "sends as this vehicle",
     "sensor": "sends sightings of the target",
     "observer": "sends nothing",
-    "router": "passes on what the others send",
+    "router": "forwards the others' messages",
 }
 
 
 def roster_view(roster: Roster) -> str:
-    """Return one line for each holder: what it may do, and until when its keys count."""
+    """Return one line for each holder: validity and permissions."""
     if not roster.holders:
-        return "no keys were issued"
+        return "no keys issued"
     width = max(len(each.label) for each in roster.holders)
     return "\n".join(f"{each.label:<{width}}  {_state(each):<18}  {grants(each)}" for each in roster.holders)
 

@@ -1,5 +1,5 @@
-"""The keys of flights on one computer, which need no step of their user: made by the first flying process of a team in
-the user's runtime directory, shared by those that come later, and removed by the last.
+"""The keys of flights on one computer, created automatically: by the first flying process of a team, in the user's
+runtime directory. Later processes share them; the last one removes them.
 """
 
 import fcntl
@@ -28,10 +28,11 @@ _VALID_DAYS = 7.0
 class RunKeys:
     """The keys of a team's vehicles, and of this user as operator, sensor and observer.
 
-    The vehicles share one certificate: all keys of a run are in one folder of one user, so that a user who has one
-    vehicle's has them all, and a process needs one session for all that it flies.
-    They are in use as long as a process holds a shared lock on their folder. The lock of the folder above it orders all
-    that make, look up and remove keys. Locks end with their processes: what a killed one leaves is replaced.
+    The vehicles share one certificate: a user who can read one vehicle's keys can read all of them, and a process needs
+    only one session for all its vehicles.
+    The keys are in use as long as a process holds a shared lock on their folder. A lock on the folder above serialises
+    processes that create, look up and remove keys. Locks end with their processes: keys left by a killed process are
+    replaced.
     """
 
     team: str
@@ -40,28 +41,28 @@ class RunKeys:
     def identity(self, role: Role, name: str | None = None) -> Identity:
         """Return the identity of the vehicles, or of this user.
 
-        Raises VehicleRefusedError when no flight of the team runs on this computer, InputError for foreign folders.
+        Raises VehicleRefusedError if no flight of the team runs on this computer, InputError for another user's folder.
         """
         with _ordered() as runtime:
             folder = runtime / self.team
             if not _in_use(folder):
                 raise VehicleRefusedError(
-                    f"no flight of team {self.team} runs on this computer, under this user",
+                    f"no flight of team {self.team} runs on this computer under this user",
                     "start it with `cordon fly`, or check that --mission names its mission; to reach a team that flies"
                     " from other computers, the mission needs [network.security]",
                 )
             return KeyFolder(folder).identity(role, name)
 
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
-        """Return the one identity of a process that flies these vehicles; raises the same."""
+        """Return the single identity of a process that flies these vehicles; raises as `identity`."""
         return [FlyingIdentity(tuple(vehicle_ids), self.identity("vehicle").security)]
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep the keys as long as this context lasts.
+        """Hold the keys inside this context.
 
-        Raises InputError when the runtime directory cannot be used, VehicleRefusedError when a flight of other vehicles
-        has the team's name.
+        Raises InputError if the runtime directory cannot be used, VehicleRefusedError if a flight of other vehicles has
+        the team's name.
         """
         with _ordered() as runtime:
             folder = runtime / self.team
@@ -87,7 +88,7 @@ class RunKeys:
             raise VehicleRefusedError(
                 f"a flight of team {self.team} runs on this computer with vehicles {', '.join(sorted(flying))}, without"
                 f" {', '.join(map(str, others))}",
-                "end it, or give this mission a team of its own in [network]",
+                "end that flight, or give this mission another team name in [network]",
             )
 
     def _make(self, folder: Path) -> None:
@@ -127,7 +128,7 @@ def _in_use(folder: Path) -> bool:
 
 
 def runtime_folder() -> Path:
-    """Return the user's runtime directory of cordon; raises InputError when others could write there."""
+    """Return the user's runtime directory of cordon; raises InputError if others can write there."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = Path(runtime) / "cordon" if runtime else Path(tempfile.gettempdir()) / f"cordon-{os.geteuid()}"
     make_folder(folder)
@@ -136,7 +137,7 @@ def runtime_folder() -> Path:
 
 @contextmanager
 def _ordered() -> Iterator[Path]:
-    """Return the user's runtime directory of cordon, locked; raises InputError when others could write there."""
+    """Return the user's runtime directory of cordon, locked; raises InputError if others can write there."""
     folder = runtime_folder()
     with _locked(folder):
         yield folder

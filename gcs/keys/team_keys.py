@@ -17,38 +17,38 @@ INSECURE = (
     " the vehicles"
 )
 
-_MAKE_KEYS = "make keys by `cordon keys init`, and name their folder by `keys`, or write `insecure = true`"
+_MAKE_KEYS = "create keys by `cordon keys init` and set `keys` to their folder, or set `insecure = true`"
 
 
 class TeamKeys(Protocol):
-    """Where the identities on a team's bus come from."""
+    """The source of the identities on a team's bus."""
 
     def identity(self, role: Role, name: str | None = None) -> Identity:
-        """Return a holder's identity; without a name this computer's only one of the role.
+        """Return a holder's identity; without a name that of this computer's only holder of the role.
 
-        Raises InputError when its keys are not here or do not count, VehicleRefusedError where no flight runs.
+        Raises InputError if its keys are missing or invalid, VehicleRefusedError if no flight runs.
         """
         ...
 
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
-        """Return the identities of a process that flies these vehicles; raises the same."""
+        """Return the identities of a process that flies these vehicles; raises as `identity`."""
         ...
 
 
 class NoKeys:
-    """The names on a bus without keys."""
+    """The identities on a bus without keys."""
 
     def identity(self, role: Role, name: str | None = None) -> Identity:
         """Return the identity of a vehicle, or of this user."""
         return Identity(Participant(role, name or user_name()))
 
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
-        """Return the one identity of a process that flies these vehicles."""
+        """Return the single identity of a process that flies these vehicles."""
         return [FlyingIdentity(tuple(vehicle_ids))]
 
 
 def team_keys(mission: Mission) -> TeamKeys:
-    """Return where a mission's team has its keys; raises InputError where it has none and needs them."""
+    """Return the keys of a mission's team; raises InputError if it needs keys and has none."""
     if faults := security_faults(mission):
         raise InputError(faults)
     security = mission.network.security
@@ -61,7 +61,7 @@ def team_keys(mission: Mission) -> TeamKeys:
 
 @contextmanager
 def flight_keys(mission: Mission) -> Iterator[TeamKeys]:
-    """Return the same to a flight, whose keys exist as long as this context; raises InputError."""
+    """Return the keys for a flight; keys of a run exist as long as this context. Raises InputError."""
     keys = team_keys(mission)
     if isinstance(keys, RunKeys):
         with keys.held():
@@ -77,7 +77,7 @@ def leaves_this_computer(mission: Mission) -> bool:
 
 
 def security_faults(mission: Mission) -> list[str]:
-    """Return what forbids to open the bus of a mission: addresses beyond this computer without keys."""
+    """Return why the bus of a mission must not be opened: addresses beyond this computer without keys."""
     if mission.network.security is not None:
         return []
     if mission.network.router is not None:

@@ -1,4 +1,4 @@
-"""The radio between a station's connection and those of its vehicles: it cuts bytes into frames, and delays them."""
+"""An emulated radio between a station's connection and those of its vehicles: splits bytes into frames, delays them."""
 
 import select
 import time
@@ -26,7 +26,7 @@ def open_place(place: str) -> Carrier:
 
 @dataclass(slots=True)
 class _End:
-    """A connection, from where it was heard last, and the frames that it is sent."""
+    """A connection, the address that it last received from, and a frame parser for each address."""
 
     carrier: Carrier
     address: Address | None
@@ -54,7 +54,7 @@ class _End:
 class Emulation:
     """Carries the frames between one station and its vehicles, through a radio for each vehicle or one for all.
 
-    Raises OSError or ValueError when a place cannot be opened.
+    Raises OSError or ValueError if a connection cannot be opened.
     """
 
     def __init__(self, spec: RadioSpec, station: str, vehicles: Sequence[str], air: Air | None = None) -> None:
@@ -82,17 +82,17 @@ class Emulation:
 
     @property
     def up(self) -> list[Counts]:
-        """What the vehicles were sent, all together or each by its own radio."""
+        """Counts of the frames to the vehicles, for each radio."""
         return [channel.counts for _, channel in self._ups]
 
     @property
     def groups(self) -> list[str]:
-        """Whom each count of `up` is about."""
+        """The connections that each count of `up` covers."""
         return [", ".join(self.places)] if self._spec.shared else list(self.places)
 
     @property
     def down(self) -> list[Counts]:
-        """What each vehicle has sent."""
+        """Counts of the frames from each vehicle."""
         return [channel.counts for _, channel in self._downs]
 
     def watched(self) -> list[int]:
@@ -100,7 +100,7 @@ class Emulation:
         return [descriptor for end in self._ends for descriptor in end.carrier.watched()]
 
     def turn(self, now_s: float) -> None:
-        """Take what has arrived from both sides, and pass on what is due."""
+        """Receive from both sides, and send the frames that are due."""
         for frame in self._station.frames():
             for _, channel in self._ups:
                 channel.send(frame, now_s)

@@ -1,4 +1,4 @@
-"""The radio between a mission's stub vehicles and the urls on which the mission expects them."""
+"""The emulated radio between a mission's stub vehicles and the urls of the mission."""
 
 import socket
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ def free_ports(mission: Mission) -> dict[int, int]:
 
 
 def station_places(mission: Mission) -> dict[str, list[int]]:
-    """Return where the station is reached, and the vehicles that it expects there; raises InputError for other urls."""
+    """Return the station's connections and the vehicles on each; raises InputError for urls that are not supported."""
     places: dict[str, list[int]] = {}
     faults = []
     for index, vehicle in enumerate(mission.vehicles):
@@ -35,7 +35,7 @@ def station_places(mission: Mission) -> dict[str, list[int]]:
         elif url.scheme == "serial":
             place = TERMINAL + vehicle.section.url.removeprefix("serial://").rpartition(":")[0]
         else:
-            faults.append(f"vehicles[{index}].url: a radio serves udpin and serial (given: {vehicle.section.url!r})")
+            faults.append(f"vehicles[{index}].url: a radio takes udpin and serial (given: {vehicle.section.url!r})")
             continue
         places.setdefault(place, []).append(vehicle.id)
     if faults:
@@ -44,7 +44,7 @@ def station_places(mission: Mission) -> dict[str, list[int]]:
 
 
 def mission_radio(spec: RadioSpec, mission: Mission, ports: Mapping[int, int]) -> list[Emulation]:
-    """Open a radio for each url of the mission, with `shared` all on one air; raises OSError when a place is taken."""
+    """Open a radio for each url of the mission, all on one channel if `shared`; raises OSError for used addresses."""
     air, opened = Air(spec.bytes_s), list[Emulation]()
     try:
         for number, (place, ids) in enumerate(station_places(mission).items()):

@@ -1,4 +1,4 @@
-"""What a user writes of an emulated radio: `baud=57600,latency_ms=60,loss=0.02`."""
+"""The option that describes an emulated radio: `baud=57600,latency_ms=60,loss=0.02`."""
 
 import tomllib
 
@@ -8,7 +8,7 @@ from sitl.radio.spec import RadioSpec
 
 
 def radio_spec(text: str, option: str = "--radio") -> RadioSpec:
-    """Return the radio of an option; raises InputError with every fault."""
+    """Parse the option; raises InputError with every fault."""
     content: dict[str, object] = {}
     faults: list[str] = []
     for part in text.split(","):
@@ -26,7 +26,7 @@ def radio_spec(text: str, option: str = "--radio") -> RadioSpec:
 
 
 def _value(text: str) -> object:
-    """Return a number or a truth value; other texts are as they stand, and no key takes them."""
+    """Return a number or a boolean; any other text unchanged, which no key accepts."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

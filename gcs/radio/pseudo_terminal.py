@@ -1,4 +1,4 @@
-"""A serial device that is none: a pseudo terminal, whose other end a program opens by a name."""
+"""A pseudo terminal in place of a serial device: another program opens its other end by a name."""
 
 import os
 import tty
@@ -11,19 +11,19 @@ from gcs.link.relay.gate import Address
 
 
 class PseudoTerminal:
-    """A carrier of what another program reads and writes at `path`, a link to the other end; it is removed at the end.
+    """A carrier to a program that opens `path`, a symbolic link to the other end of a pseudo terminal.
 
-    Raises OSError when there is something at `path` that is not such a link left behind.
+    The link is removed at the end. Raises OSError if `path` exists and is not a dangling link.
     """
 
     blocks = False
 
     def __init__(self, path: Path) -> None:
         if path.is_symlink() and not path.exists():
-            path.unlink()  # its terminal ended with the program that made it
+            path.unlink()  # the program that created it has ended
         self.known: Address = (str(path), 0)
         self._path = path
-        master, self._slave = os.openpty()  # kept open: without any reader the master could not be read
+        master, self._slave = os.openpty()  # kept open: the master cannot be read without an open slave
         tty.setraw(self._slave)
         self._stream = Stream(master, lambda: os.close(master))
         try:
@@ -37,13 +37,13 @@ class PseudoTerminal:
         return (self._stream.descriptor,)
 
     def receive(self) -> Iterator[Received]:
-        """Yield what has arrived."""
+        """Yield received data."""
         self._stream.write()
         if data := self._stream.read():
             yield data, self.known
 
     def send(self, frame: bytes, _address: Address) -> bool:
-        """Send one frame; return whether it was taken."""
+        """Send one frame; return whether it was accepted."""
         return self._stream.write(frame)
 
     def call_again(self) -> None:

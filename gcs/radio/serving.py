@@ -1,4 +1,4 @@
-"""An emulated radio until Ctrl-C, with its counts on a terminal."""
+"""Runs an emulated radio until Ctrl-C, with its counts on a terminal."""
 
 import threading
 import time
@@ -14,7 +14,7 @@ from gcs.signals import pending
 
 
 def serve_until_ctrl_c(emulations: Sequence[Emulation]) -> str:
-    """Run radios until a signal that ends a program is pending; return their counts as JSON."""
+    """Run radios until SIGINT or SIGTERM; return their counts as JSON."""
     began_s = time.monotonic()
     try:
         with Live(console=STDERR, auto_refresh=False, transient=True) as live:
@@ -34,7 +34,7 @@ def serve_until_ctrl_c(emulations: Sequence[Emulation]) -> str:
 
 @contextmanager
 def running_beside(emulations: Sequence[Emulation]) -> Iterator[None]:
-    """Run radios in a thread of their own; print their counts at the end."""
+    """Run radios in a separate thread inside this context; print their counts at the end."""
     ended, began_s = threading.Event(), time.monotonic()
     thread = threading.Thread(target=run, args=(emulations, ended.is_set, lambda: None), name="radio", daemon=True)
     thread.start()

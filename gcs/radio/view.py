@@ -1,4 +1,4 @@
-"""What an emulated radio carries, for people and for scripts."""
+"""The counts of an emulated radio, as a table and as JSON."""
 
 import json
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from sitl.radio.channel import Counts
 
 
 def counts_json(emulations: Sequence[Emulation], duration_s: float) -> str:
-    """Return the counts of both ways as one JSON object."""
+    """Return the counts of both directions as one JSON object."""
     counts = {
         "duration_s": duration_s,
         "up": [_json(counts) for each in emulations for counts in each.up],
@@ -29,18 +29,18 @@ def _json(counts: Counts) -> dict[str, int]:
 
 
 def counts_table(emulations: Sequence[Emulation], duration_s: float) -> Table:
-    """Return the counts of both ways, and the bytes a second since the start."""
+    """Return the counts of both directions, and the mean bytes per second since the start."""
     table = Table(title="radio", title_style="bold")
-    for column in ("way", "place"):
+    for column in ("direction", "connection"):
         table.add_column(column, overflow="fold")
-    for column in ("frames", "bytes/s", "lost", "no room"):
+    for column in ("frames", "bytes/s", "lost", "dropped"):
         table.add_column(column, justify="right")
     rows = [("to", place, counts) for each in emulations for place, counts in zip(each.groups, each.up, strict=True)]
     rows += [
         ("from", place, counts) for each in emulations for place, counts in zip(each.places, each.down, strict=True)
     ]
-    for way, place, counts in rows:
+    for direction, place, counts in rows:
         rate = counts.sent_bytes / duration_s if duration_s else 0.0
         numbers = (counts.sent_frames, round(rate), counts.lost_frames, counts.dropped_frames)
-        table.add_row(way, place, *map(str, numbers))
+        table.add_row(direction, place, *map(str, numbers))
     return table

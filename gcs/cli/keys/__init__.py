@@ -1,4 +1,4 @@
-"""`cordon keys`: the keys by which vehicles, operators and sensors of a team know each other."""
+"""`cordon keys`: the keys that authenticate the vehicles, operators and sensors of a team."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -12,7 +12,7 @@ from gcs.errors import Exit
 
 keys = App(
     name="keys",
-    help="Make, issue and revoke the keys of a team that flies from several computers.\n\n"
+    help="Create, issue and revoke the keys of a team that flies from several computers.\n\n"
     "Example: cordon keys issue vehicle 3",
 )
 keys.command(issue)
@@ -22,7 +22,7 @@ issue.command(mavlink)
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InitOptions(KeysOptions):
-    """What `cordon keys init` is given."""
+    """Options of `cordon keys init`."""
 
     days: Days = 3650.0
 
@@ -32,7 +32,7 @@ _KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
 
 @keys.command
 def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
-    """Make the authority of a team, which signs all its keys. Its folder `authority` stays on this computer.
+    """Create the certificate authority of a team, which signs all its keys. Keep its folder on this computer.
 
     Example: cordon keys init --keys keys
     """
@@ -40,7 +40,7 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
     from gcs.keys.authority_folder import AUTHORITY, AuthorityFolder
 
     AuthorityFolder(options.keys).init(options.days)
-    print_line(f"{options.keys / AUTHORITY}: made; keep it secret: who has it can issue keys")
+    print_line(f"{options.keys / AUTHORITY}: created; keep it secret: it can issue keys")
     print_line(f"next: cordon keys issue vehicle 1 --keys {options.keys}")
     return Exit.HOLDS
 
@@ -52,7 +52,7 @@ def revoke(
     *,
     options: KeysOptions = _KEYS_DEFAULTS,
 ) -> Exit:
-    """Revoke the keys of a holder. It takes effect on a computer when the roster has been copied there.
+    """Revoke the keys of a holder. The revocation takes effect on a computer once the roster is copied there.
 
     Example: cordon keys revoke operator-anna
     """
@@ -67,7 +67,7 @@ def revoke(
 
 @keys.command
 def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
-    """Show who has keys, what each may do, and until when.
+    """List the holders of keys, their permissions and expiry dates.
 
     Example: cordon keys show
     """

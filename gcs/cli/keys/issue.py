@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 issue = App(
     name="issue",
-    help="Issue keys: a folder to be copied to the holder's computer.\n\nExample: cordon keys issue vehicle 3",
+    help="Issue keys: a folder to copy to the holder's computer.\n\nExample: cordon keys issue vehicle 3",
 )
 
 Name = Annotated[str, Parameter(help="The name: letters, digits, '_', '.' and '-'.")]
@@ -23,7 +23,7 @@ Name = Annotated[str, Parameter(help="The name: letters, digits, '_', '.' and '-
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IssueOptions(KeysOptions):
-    """What all of `cordon keys issue` are given beside a name."""
+    """Options that all of `cordon keys issue` share."""
 
     days: Days = 365.0
 
@@ -31,11 +31,11 @@ class IssueOptions(KeysOptions):
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OperatorOptions(IssueOptions):
-    """What `cordon keys issue operator` is given."""
+    """Options of `cordon keys issue operator`."""
 
     may: Annotated[
         str | None,
-        Parameter(help="The verbs granted, separated by commas, in place of all but kill: kill is granted by name."),
+        Parameter(help="Verbs that the operator may command, separated by commas. Default: all but kill."),
     ] = None
 
 
@@ -55,7 +55,7 @@ def vehicle(
 
 @issue.command
 def operator(name: Name, /, *, options: OperatorOptions = _OPERATOR_DEFAULTS) -> Exit:
-    """Issue the keys of an operator, who may command the team. Without --may: every verb but kill.
+    """Issue the keys of an operator, who may command the team. Without --may: all verbs but kill.
 
     Example: cordon keys issue operator anna --may hold,resume,land
     """
@@ -64,7 +64,7 @@ def operator(name: Name, /, *, options: OperatorOptions = _OPERATOR_DEFAULTS) ->
 
 @issue.command
 def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of a sensor outside of the team, which may send sightings of the target.
+    """Issue the keys of a sensor outside the team, which may send sightings of the target.
 
     Example: cordon keys issue sensor mast
     """
@@ -73,7 +73,7 @@ def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 @issue.command
 def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of an observer, who may watch the team and send nothing.
+    """Issue the keys of an observer, who may watch the team but send nothing.
 
     Example: cordon keys issue observer tower
     """
@@ -82,7 +82,7 @@ def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 @issue.command
 def router(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of a router (`cordon router`), which the whole team trusts to tell senders apart.
+    """Issue the keys of a router (`cordon router`), which authenticates senders for the whole team.
 
     Example: cordon keys issue router mast
     """
@@ -97,9 +97,9 @@ def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...
     folder = AuthorityFolder(options.keys)
     holder = folder.issue(role, name, options.days, may)
     if holder.generation > 1:
-        print_line(f"{holder.label}: the keys that were issued before no longer count", "yellow")
+        print_line(f"{holder.label}: the keys issued before are no longer valid", "yellow")
     print_line(f"{options.keys / holder.label}: issued until {expiry(holder)}; {grants(holder)}")
-    print_line(f"next: copy this folder into the folder of keys on the computer of {holder.label}")
+    print_line(f"next: copy this folder into the keys folder on the computer of {holder.label}")
     print_roster_step([each for each in folder.roster.valid if each != holder], options.keys)
     return Exit.HOLDS
 
@@ -111,5 +111,5 @@ def _verbs(may: str | None) -> "tuple[Verb, ...] | None":
         return None
     named = [verb.strip() for verb in may.split(",")]
     if unknown := [verb for verb in named if verb not in VERBS]:
-        raise InputError([f"--may: no verb is {', '.join(map(repr, unknown))} (verbs: {', '.join(VERBS)})"])
+        raise InputError([f"--may: unknown verbs: {', '.join(map(repr, unknown))} (verbs: {', '.join(VERBS)})"])
     return tuple(verb for verb in VERBS if verb in named)

@@ -13,19 +13,19 @@ from gcs.errors import Exit, InputError
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MavlinkOptions:
-    """What `cordon keys issue mavlink` is given beside the mission."""
+    """Options of `cordon keys issue mavlink`, without the mission."""
 
-    vehicle: Annotated[int | None, Parameter(help="Set this vehicle up alone, in place of all.")] = None
+    vehicle: Annotated[int | None, Parameter(help="Set up this vehicle only, not all.")] = None
 
 
 _DEFAULTS = MavlinkOptions()
 
 
 def mavlink(mission: MissionName, /, *, options: MavlinkOptions = _DEFAULTS) -> Exit:
-    """Make MAVLink signing keys for a mission's vehicles, and set them up on the vehicles that are connected.
+    """Create MAVLink signing keys for a mission's vehicles, and set them up on the connected vehicles.
 
-    A key for each vehicle is written to the mission's link.signing_key_file; keys that are there are kept. The key is
-    sent to the vehicle unencrypted: connect by USB, or over a link that no stranger listens to.
+    A key for each vehicle is written to the mission's link.signing_key_file; existing keys are kept. The key is sent
+    to the vehicle unencrypted: connect by USB, or over a private link.
 
     Example: cordon keys issue mavlink first.toml --vehicle 3
     """
@@ -46,7 +46,7 @@ def mavlink(mission: MissionName, /, *, options: MavlinkOptions = _DEFAULTS) -> 
             print_line(f"vehicle {vehicle.id}: others may read its key on {vehicle.section.url}; prefer USB", "yellow")
     keys = issue_keys(path, [vehicle.system_id for vehicle in vehicles])
     print_line(
-        f"{path}: keys of system id {', '.join(map(str, sorted(keys)))}; who has this file commands the vehicles"
+        f"{path}: keys of system id {', '.join(map(str, sorted(keys)))}; keep it secret: it can command the vehicles"
     )
     results = asyncio.run(set_up_signing(vehicles, keys))
     for each in results:

@@ -1,1 +1,1 @@
-"""The verbs with which missions are chosen and written."""
+"""The verbs that list, describe and write missions."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionsOptions:
-    """What `cordon missions` is given."""
+    """Options of `cordon missions`."""
 
     json: Json = False
 
@@ -24,7 +24,7 @@ _DEFAULTS = MissionsOptions()
 
 
 def missions(*, options: MissionsOptions = _DEFAULTS) -> Exit:
-    """List the bundled missions: vehicles, shape, ring, target, duration, and what each is for.
+    """List the bundled missions: vehicles, shape, ring, target, duration and purpose.
 
     Example: cordon missions
     """
@@ -39,7 +39,7 @@ def missions(*, options: MissionsOptions = _DEFAULTS) -> Exit:
 
 
 def _facts(mission: "Mission") -> dict[str, object]:
-    """Return what the list says of a mission, by the names of the JSON."""
+    """Return a mission's entry in the list, by the keys of the JSON."""
     return {
         "mission": mission.mission.name,
         "vehicles": len(mission.vehicles),

@@ -1,4 +1,4 @@
-"""`cordon new`: a mission file of one's own, flown once in simulation."""
+"""`cordon new`: a new mission file, flown once in simulation."""
 
 import re
 from dataclasses import dataclass, field
@@ -34,7 +34,7 @@ _PORT = re.compile(r":(\d{4,5})\b")
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewOptions:
-    """What `cordon new` is given; it asks for what is missing."""
+    """Options of `cordon new`; it asks for missing ones."""
 
     file: Annotated[Path, Parameter(help="The mission file to write, such as my.toml; it must not exist yet.")] = field(
         kw_only=False
@@ -43,16 +43,16 @@ class NewOptions:
     links: Annotated[
         Links | None,
         Parameter(
-            help="What they are: stubs, which need nothing; simulators of PX4 or ArduPilot; vehicles whose MAVLink "
-            "comes by UDP or by serial devices."
+            help="How vehicles are connected: stub (bundled, no hardware), px4 or ardupilot (their simulators), udp or "
+            "serial (real vehicles)."
         ),
     ] = None
     profile: Annotated[
         str | None,
         Parameter(
-            help="What a vehicle is: a bundled profile (stub, px4, ardupilot and others), a profile in the file's "
-            "folder, or an own plant x'' = a0 (X_d - x) - a1 x' with a delay in seconds as A0,A1,DELAY, such as "
-            "0.8,0.9,0.1. By default it follows --links."
+            help="The vehicles' profile: a bundled one (stub, px4, ardupilot and others), a file in the folder of the "
+            "mission, or a plant x'' = a0 (X_d - x) - a1 x' with a delay in seconds as A0,A1,DELAY, such as "
+            "0.8,0.9,0.1. The default follows --links."
         ),
     ] = None
     shape: Annotated[NewShape | None, Parameter(help="Shape of the formation.")] = None
@@ -65,15 +65,15 @@ class NewOptions:
     ] = None
     fence: Annotated[
         float | None,
-        Parameter(help="Metres of room between the flight and a fence around it; 0 for none."),
+        Parameter(help="Margin in metres between the flight and a geofence around it; 0 for no fence."),
     ] = None
     plot: Plot = None
 
 
 def new(options: NewOptions) -> Exit:
-    """Write a mission file of your own, each key explained, and fly it once in simulation.
+    """Write a new mission file with a comment for each key, and fly it once in simulation.
 
-    Asks for what is not given. It has a team name and ports of its own, so that it can fly beside other missions.
+    Asks for missing options. The mission has its own team name and ports, so that it can fly beside other missions.
 
     Example: cordon new my.toml --vehicles 5 --links stub --shape wedge --radius 15 --rate 0.1 --target rest --fence 9
     """
@@ -106,7 +106,7 @@ def new(options: NewOptions) -> Exit:
 
 def _require_new(path: Path) -> None:
     if path.exists():
-        raise InputError([f"FILE: {path} exists already, and is not overwritten; name another"])
+        raise InputError([f"FILE: {path} exists already and is not overwritten; choose another name"])
 
 
 def _write(path: Path, text: str) -> None:
@@ -117,13 +117,13 @@ def _write(path: Path, text: str) -> None:
 
 
 def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
-    """Return the text of an own profile, empty without one, and the mission, from options and answers.
+    """Return the text of a profile with a given plant, empty without one, and the mission, from options and answers.
 
     Raises InputError.
     """
     ask = Questions()
     vehicles = ask.answer(options.vehicles, "--vehicles", "How many vehicles?", "3", whole(1, 254))
-    links = ask.answer(options.links, "--links", f"What are they: {', '.join(LINKS)}?", "stub", one_of(LINKS))
+    links = ask.answer(options.links, "--links", f"Connection: {', '.join(LINKS)}?", "stub", one_of(LINKS))
     profile = options.profile or _profile(ask, options, links)
     plant = parsed("--profile", profile, _plant)
     shape = ask.answer(options.shape, "--shape", f"Formation: {', '.join(SHAPES)}?", "line", one_of(SHAPES))
@@ -134,7 +134,7 @@ def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
     rate_rad_s = ask.answer(options.rate, "--rate", "Angular rate on the ring in rad/s?", slow, number(-2.0, 2.0))
     question = "Target: rest, moving, or its speed along x in m/s?"
     target_m_s = ask.answer(options.target, "--target", question, "moving", _target_speed_m_s)
-    fence_m = ask.answer(options.fence, "--fence", "Room to a fence in m, 0 for none?", "20", number(0.0, 1000.0))
+    fence_m = ask.answer(options.fence, "--fence", "Margin to a fence in m, 0 for no fence?", "20", number(0.0, 1000.0))
     ask.require_all()
     mission = NewMission(
         name=options.file.stem,
@@ -152,7 +152,7 @@ def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
 
 
 def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
-    """Return the profile that goes with the links, or the answer where the other questions are asked as well."""
+    """Return the profile that fits the links, or the answer if the other questions are asked as well."""
     required = (
         options.vehicles,
         options.links,
@@ -164,12 +164,12 @@ def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
     )
     if not ask.asks or None not in required:
         return PROFILES[links]
-    question = "Their profile: a bundled one, a file, or an own plant as A0,A1,DELAY?"
+    question = "Profile: a bundled one, a file, or a plant as A0,A1,DELAY?"
     return ask.answer(None, "--profile", question, PROFILES[links], partial(_known_profile, options.file.parent))
 
 
 def _known_profile(folder: Path, text: str) -> str:
-    """Return a profile's name, or an own plant, that holds; raises ValueError."""
+    """Return a valid profile name or plant; raises ValueError."""
     from estimation.profile.profile import ProfileError
     from estimation.profile.shelf import ProfileShelf
 
@@ -182,22 +182,22 @@ def _known_profile(folder: Path, text: str) -> str:
 
 
 def _plant(profile: str) -> str:
-    """Return the text of the profile of an own plant, empty for the name of a profile; raises ValueError."""
+    """Return the text of a profile with a given plant, empty for the name of a profile; raises ValueError."""
     if "," not in profile:
         return ""
     numbers = profile.split(",")
     if len(numbers) != 3:
-        raise ValueError(f"an own plant is A0,A1,DELAY, such as 0.8,0.9,0.1 (given: {profile!r})")
+        raise ValueError(f"a plant is A0,A1,DELAY, such as 0.8,0.9,0.1 (given: {profile!r})")
     positive = number(0.01, 100.0)
     return plant_profile(positive(numbers[0]), positive(numbers[1]), number(0.0, 1.0)(numbers[2]))
 
 
 def _target_speed_m_s(text: str) -> float:
-    """Return how fast a target is; raises ValueError."""
+    """Return the target's speed; raises ValueError."""
     return TARGETS[text] if text in TARGETS else number(0.0, TARGET_MAX_M_S)(text)
 
 
 def _ports_beside(path: Path) -> set[int]:
-    """Return the ports that the files beside a new mission name."""
+    """Return the ports named in the other files of a new mission's folder."""
     texts = (other.read_text(encoding="utf-8", errors="replace") for other in path.parent.glob("*.toml"))
     return {int(port) for text in texts for port in _PORT.findall(text)}

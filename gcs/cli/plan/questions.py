@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 class Questions:
-    """Asks for what was not given, if there is a terminal (`asks`); without one it notes what is missing."""
+    """Asks for missing options on a terminal (`asks`); without a terminal it collects their names."""
 
     def __init__(self) -> None:
         from gcs.console.terminal import STDERR
@@ -20,14 +20,14 @@ class Questions:
         self._missing: list[str] = []
 
     def answer(self, given: object, option: str, question: str, proposal: str, parse: Callable[[str], T]) -> T:
-        """Return what was given by the option, or the answer where that is None; Enter takes the proposal.
+        """Return the value of the option, or the answer if it is None; Enter accepts the proposal.
 
-        Without a terminal the proposal stands in until `require_all`. Raises InputError, also where the input ends.
+        Without a terminal it returns the proposal; `require_all` then fails. Raises InputError, also at end of input.
         """
         if given is not None:
             return parsed(option, f"{given}", parse)
         if not self.asks:
-            self._missing.append(f"{option}: it is missing, and there is no terminal to ask on ({question})")
+            self._missing.append(f"{option}: missing, and there is no terminal to ask on ({question})")
             return parse(proposal)
         return self._asked(option, f"{question} [{proposal}] ", proposal, parse)
 
@@ -60,7 +60,7 @@ def parsed(option: str, text: str, parse: Callable[[str], T]) -> T:
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers between two; it raises ValueError."""
+    """Return a parser of whole numbers from `low` to `high`; it raises ValueError."""
 
     def read(text: str) -> int:
         if not text.isdecimal() or not low <= int(text) <= high:
@@ -71,7 +71,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def number(low: float, high: float, reason: str = "") -> Callable[[str], float]:
-    """Return a reader of numbers between two, for this reason; it raises ValueError."""
+    """Return a parser of numbers from `low` to `high`; its ValueError states the reason for the limits."""
 
     def read(text: str) -> float:
         try:
@@ -86,7 +86,7 @@ def number(low: float, high: float, reason: str = "") -> Callable[[str], float]:
 
 
 def one_of(choices: tuple[T, ...]) -> Callable[[str], T]:
-    """Return a reader of one of several words; it raises ValueError."""
+    """Return a parser of one of several words; it raises ValueError."""
 
     def read(text: str) -> T:
         for choice in choices:

@@ -4,7 +4,7 @@ from gcs.errors import Exit
 
 
 def schema() -> Exit:
-    """Print the JSON Schema of mission files, with which editors complete and check them.
+    """Print the JSON Schema of mission files, for completion and checks in editors.
 
     Example: cordon schema
     """

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 _REASONS_SHOWN = 5
 sweep = App(
     name="sweep",
-    help="Fly a mission in simulated time with many values and seeds: a table with a row for each run.\n\n"
-    "The same command goes on with a sweep that was interrupted.\n\n"
+    help="Fly a mission in simulated time with many values and seeds; write a table with a row for each run.\n\n"
+    "Run the same command again to continue an interrupted sweep.\n\n"
     "Example: cordon sweep case2-field --vary encirclement.radius_m=8:16:2 --seeds 0:50 --out results",
 )
 sweep.command(plot)
@@ -37,7 +37,7 @@ sweep.command(plot)
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepOptions:
-    """What `cordon sweep` is given."""
+    """Options of `cordon sweep`."""
 
     mission: MissionName = field(kw_only=False)
     vary: Annotated[
@@ -45,12 +45,12 @@ class SweepOptions:
         Parameter(
             negative="",
             help="A key of the mission and its values, KEY=START:STOP:STEP (STOP is excluded) or KEY=VALUE,VALUE. "
-            "May be repeated: each value of one key is flown with each of the others.",
+            "May be repeated: all combinations of values are flown.",
         ),
     ] = ()
     seeds: Annotated[
         str | None,
-        Parameter(help="Seeds to fly each combination of values with: START:STOP (STOP is excluded) or SEED,SEED."),
+        Parameter(help="Seeds for each combination of values: START:STOP (STOP is excluded) or SEED,SEED."),
     ] = None
     out: Annotated[Path, Parameter(group=RESULT, help="Folder of the sweep: its journal and its table, runs.parquet.")]
     duration: Duration = None
@@ -58,19 +58,19 @@ class SweepOptions:
     workers: Annotated[
         int | None,
         Parameter(
-            help="Processes of this computer that fly, by default one for each core.", validator=Number(gte=1, lte=1024)
+            help="Worker processes on this computer; default: one for each core.", validator=Number(gte=1, lte=1024)
         ),
     ] = None
     scheduler: Annotated[
         str | None,
-        Parameter(help="Fly on the workers of a Dask cluster instead: address of its scheduler, tcp://HOST:8786."),
+        Parameter(help="Fly on a Dask cluster instead: the address of its scheduler, tcp://HOST:8786."),
     ] = None
     json: Json = False
 
 
 @sweep.default
 def fly_sweep(options: SweepOptions) -> Exit:
-    """Fly a sweep, or go on with one that was interrupted."""
+    """Fly a sweep, or continue an interrupted one."""
     hold_back()
     if options.scheduler is None:
         from gcs.sweep.forkserver import start_forkserver
@@ -98,7 +98,7 @@ def fly_sweep(options: SweepOptions) -> Exit:
 
 
 def _report(options: SweepOptions, summary: "SweepSummary", table: Path, problem: str) -> None:
-    """Print what came of the sweep, and what to do next; with a problem there is no table yet."""
+    """Print the sweep's summary and the next step; with a problem there is no table yet."""
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem
     from gcs.sweep.plan import counted
@@ -107,7 +107,7 @@ def _report(options: SweepOptions, summary: "SweepSummary", table: Path, problem
         print_line(f"failed: {reason} ({counted(count, 'run')})", "red")
     print_line(f"{options.out}: {summary.line}")
     if problem:
-        print_problem(problem, f"go on with it by: {shlex.join(['cordon', *sys.argv[1:]])}")
+        print_problem(problem, f"continue it by: {shlex.join(['cordon', *sys.argv[1:]])}")
     else:
         print_line(f"table: {table}\nnext: cordon sweep plot {shlex.quote(str(options.out))}")
     if options.json:
@@ -116,11 +116,11 @@ def _report(options: SweepOptions, summary: "SweepSummary", table: Path, problem
 
 
 class _EndedError(Exception):
-    """The sweep ended before all of its runs were flown; what is finished is kept."""
+    """The sweep ended before all of its runs were flown; finished runs are kept."""
 
 
 def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
-    """Return the plan, and the faults of the runs that cannot fly, by their indexes; raises InputError."""
+    """Return the plan, and the faults of the runs that cannot fly, by run index; raises InputError."""
     from gcs.mission.overrides import override
     from gcs.sweep.plan import planned
     from gcs.sweep.variation import seed_range, variation
@@ -128,12 +128,12 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     variations = [variation(given) for given in options.vary]
     seeds = seed_range(options.seeds) if options.seeds is not None else ()
     if options.workers is not None and options.scheduler is not None:
-        raise InputError(["--workers: they are of this computer; the cluster of --scheduler has its own"])
+        raise InputError(["--workers: not with --scheduler, whose cluster has its own workers: leave one of them out"])
     return planned(options.mission, variations, seeds, dict(map(override, options.changes)), options.duration)
 
 
 def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "Journal", options: SweepOptions) -> None:
-    """Fly the runs that the journal does not hold; raises _EndedError, and InputError where there are no workers."""
+    """Fly the runs that the journal does not hold; raises _EndedError, and InputError without workers."""
     from gcs.cli.sweep.progress import SweepProgress
     from gcs.console.terminal import print_line
     from gcs.sweep.run import failure
@@ -146,7 +146,7 @@ def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "Journal", options:
     missing = runs - len(journal.rows)
     print_line(f"{options.mission}: {plan.line}")
     if missing < runs:
-        print_line(f"{options.out}: {runs - missing} of them are finished, or have no valid mission")
+        print_line(f"{options.out}: {runs - missing} of the runs are finished or have no valid mission")
     if not missing:
         return
     workers = _workers(options, missing)
@@ -168,7 +168,7 @@ def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "Journal", options:
 
 
 def _workers(options: SweepOptions, runs: int) -> "Workers":
-    """Return what flies the runs; raises InputError where there is no cluster."""
+    """Return the workers that fly the runs; raises InputError without a cluster."""
     from gcs.console.terminal import print_line
 
     if options.scheduler is None:
@@ -181,6 +181,6 @@ def _workers(options: SweepOptions, runs: int) -> "Workers":
     print_line(
         f"{options.scheduler}: {cluster.count} workers"
         if cluster.count
-        else f"{options.scheduler}: no workers yet; start them by: dask worker {options.scheduler} --nthreads 1"
+        else f"{options.scheduler}: no workers yet; start some by: dask worker {options.scheduler} --nthreads 1"
     )
     return cluster

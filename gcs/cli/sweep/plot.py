@@ -21,29 +21,29 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlotOptions:
-    """What `cordon sweep plot` is given."""
+    """Options of `cordon sweep plot`."""
 
     folder: Annotated[Path, Parameter(help="The folder of a sweep, finished or not.")] = field(kw_only=False)
     over: Annotated[
         tuple[str, ...],
-        Parameter(negative="", help="Varied key to draw over, up to two of them; by default the first two."),
+        Parameter(negative="", help="Varied key of the axes, at most two; default: the first two."),
     ] = ()
     metric: Annotated[
         tuple[str, ...],
-        Parameter(negative="", help="Column of the table to draw, may be repeated; by default the usual ones."),
+        Parameter(negative="", help="Column of the table to draw; may be repeated. Default: the main metrics."),
     ] = ()
     out: Annotated[
-        Path | None, Parameter(group=RESULT, help="Figure, a .png, .svg or .pdf; by default sweep.png in the folder.")
+        Path | None, Parameter(group=RESULT, help="Figure, a .png, .svg or .pdf; default: sweep.png in the folder.")
     ] = None
     worst: Annotated[
         int,
-        Parameter(group=RESULT, help="How many that do not hold, and that failed, to list.", validator=Number(gte=0)),
+        Parameter(group=RESULT, help="How many runs to list that failed or do not hold.", validator=Number(gte=0)),
     ] = 3
     json: Json = False
 
 
 def plot(options: PlotOptions) -> Exit:
-    """Draw a sweep's metrics over one or two of its keys, and list its worst cases with what flies each again.
+    """Draw a sweep's metrics over one or two of its keys, and list its worst runs with commands to fly them again.
 
     Example: cordon sweep plot results --over encirclement.radius_m --metric closest_approach_m
     """
@@ -78,10 +78,10 @@ def plot(options: PlotOptions) -> Exit:
 
 
 def _over(given: Sequence[str], plan: "SweepPlan") -> tuple[str, ...]:
-    """Return the keys to draw over: without any that vary, the seed. Raises InputError."""
+    """Return the keys of the axes: the seed if no key varies. Raises InputError."""
     varied = [each.place for each in plan.variations]
     if len(given) > 2:
-        raise InputError([f"--over: at most two keys can be drawn over (given: {', '.join(given)})"])
+        raise InputError([f"--over: at most two keys (given: {', '.join(given)})"])
     if faults := [
         f"--over {key}: the sweep does not vary it (it varies {', '.join(varied) or 'seeds alone'})"
         for key in given
@@ -92,7 +92,7 @@ def _over(given: Sequence[str], plan: "SweepPlan") -> tuple[str, ...]:
 
 
 def _metrics(given: Sequence[str], columns: "Sequence[Column]", rows: "Sequence[Row]") -> "tuple[Column, ...]":
-    """Return the columns to draw, of the usual ones those that have a value; raises InputError."""
+    """Return the columns to draw, by default those of the main metrics that have a value; raises InputError."""
     from gcs.sweep.figure import USUAL
 
     numbers = {each.name: each for each in columns if each.kind is not str}
@@ -101,10 +101,10 @@ def _metrics(given: Sequence[str], columns: "Sequence[Column]", rows: "Sequence[
         if name not in numbers:
             near = difflib.get_close_matches(name, numbers, n=3)
             hint = f"did you mean {', '.join(near)}?" if near else "docs/sweeps.md lists them"
-            faults.append(f"--metric {name}: no column of numbers; {hint}")
+            faults.append(f"--metric {name}: the table has no numeric column of this name; {hint}")
     known = [name for name in given or USUAL if any(name in row for row in rows)]
     if not known and not faults:
-        faults = ["no finished run has a value of these metrics: there is nothing to draw"]
+        faults = ["no finished run has a value of these metrics; nothing to draw"]
     if faults:
         raise InputError(faults)
     return tuple(numbers[name] for name in known)

@@ -1,4 +1,4 @@
-"""What `cordon sweep` shows while its runs are flown: a bar on a terminal, lines elsewhere."""
+"""Progress of `cordon sweep`: a bar on a terminal, lines elsewhere."""
 
 from time import monotonic
 from types import TracebackType
@@ -12,7 +12,7 @@ LINE_EVERY_S = 10.0
 
 
 class SweepProgress:
-    """How many of the runs that are to be flown are finished, with the time that is left."""
+    """The number of finished runs, and the remaining time."""
 
     def __init__(self, runs: int) -> None:
         self._runs = runs
@@ -40,7 +40,7 @@ class SweepProgress:
         self._bar.stop()
 
     def add(self, *, failed: bool) -> None:
-        """Show that a run is finished."""
+        """Count a finished run."""
         self._flown += 1
         self._failed += failed
         self._bar.update(self._task, completed=self._flown, description=self._text())

@@ -1,1 +1,1 @@
-"""The verbs for a team that flies already: they join its bus. A recorded flight is shown as one that flies."""
+"""The verbs for a running team: they join its bus. The operator's page also shows recorded flights."""

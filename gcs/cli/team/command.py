@@ -23,9 +23,9 @@ Shape = Literal["line", "column", "wedge", "free"]
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandOptions:
-    """What `cordon command` is given beside the verb and a shape."""
+    """Options of `cordon command`, without the verb and a shape."""
 
-    vehicle: Annotated[int | None, Parameter(help="Send it to this vehicle alone, in place of all.")] = None
+    vehicle: Annotated[int | None, Parameter(help="Send the command to this vehicle only, not to all.")] = None
     mission: RunningMission = "case2"
     changes: Changes = ()
     key: KeyName = None
@@ -42,10 +42,10 @@ def command(
     *,
     options: CommandOptions = _DEFAULTS,
 ) -> Exit:
-    """Command a running team: hold, resume, land, return, abort, kill or change formation. Every answer is shown.
+    """Command a running team: hold, resume, land, return, abort, kill or change formation. Shows each vehicle's answer.
 
-    An abort hovers at once, and lands after `safety.abort_hover_s` unless resumed, or at a second abort. A kill cuts
-    the motors: vehicles fall. `formation` takes a shape, which all vehicles in formation change to.
+    abort: hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort. kill: cut the motors;
+    the vehicles fall. formation: change the shape of the formation.
 
     Example: cordon command formation wedge --mission mixed-team
     """
@@ -74,15 +74,15 @@ def command(
 
 
 def granted_operator(mission: "Mission", verb: "Granted", name: str | None) -> "Identity":
-    """Return the operator whose keys are here; raises VehicleRefusedError when they do not grant the verb."""
+    """Return the operator whose keys are on this computer; raises VehicleRefusedError if they do not grant the verb."""
     from agents.ports import VehicleRefusedError
     from gcs.keys.team_keys import team_keys
 
     operator = team_keys(mission).identity("operator", name)
     if verb not in operator.may:
         raise VehicleRefusedError(
-            f"operator {operator.participant.name} may not command {verb} (its keys grant {', '.join(operator.may)})",
-            "let an operator command it who may; `cordon keys issue operator NAME --may` grants verbs",
+            f"operator {operator.participant.name} may not command {verb} (granted: {', '.join(operator.may)})",
+            "use the keys of an operator who may; `cordon keys issue operator NAME --may` grants verbs",
         )
     return operator
 
@@ -94,7 +94,7 @@ def _show(verb: Verb, answers: "Mapping[int, CommandResult | None]", joined_afte
         result = "no answer" if answer is None else f"{answer.did} (answered after {answer.after_s * 1000:.0f} ms)"
         print_line(f"vehicle {vehicle_id}: {verb}: {result}")
     STDERR.print(
-        f"joining the team's bus took {joined_after_s * 1000:.0f} ms before the command was sent", highlight=False
+        f"joining the team's bus took {joined_after_s * 1000:.0f} ms, before the command was sent", highlight=False
     )
 
 
@@ -107,12 +107,13 @@ def _shape_faults(mission: "Mission", verb: Verb, shape: Shape | None, vehicle: 
     if shape is None:
         yield f"shape: this argument is missing (shapes: {', '.join(shapes)})"
     elif shape not in shapes:
-        why = "its vehicles have no slot_m" if shape == "free" else "formation.spacing_m is less than the separation"
-        yield f"shape: not '{shape}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"
+        small = "formation.spacing_m is less than safety.separation_m"
+        why = "its vehicles have no slot_m" if shape == "free" else small
+        yield f"shape: no '{shape}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"
     if vehicle is not None:
         yield f"--vehicle: formation commands the whole team: leave this option out (given: {vehicle})"
 
 
 def _kill_question(vehicles: Sequence[int], mission: "Mission") -> str:
     named = f"vehicle {vehicles[0]}" if len(vehicles) == 1 else f"vehicles {', '.join(map(str, vehicles))}"
-    return f"Cut the motors of {named} of {mission.mission.name}, and let them fall?"
+    return f"Cut the motors of {named} of {mission.mission.name}? In flight they fall."

@@ -13,7 +13,7 @@ from gcs.signals import ENDING, hold_back
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouterOptions:
-    """What `cordon router` is given."""
+    """Options of `cordon router`."""
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
@@ -21,9 +21,9 @@ class RouterOptions:
 
 
 def router(options: RouterOptions) -> Exit:
-    """Pass on the messages of a team's vehicles and operators, which all connect to the mission's network.router.
+    """Route the messages of a team's vehicles and operators, which all connect to the mission's network.router.
 
-    It has keys of its own (`cordon keys issue router NAME`), and drops messages in another's name. Ctrl-C ends it.
+    The router needs its own keys (`cordon keys issue router NAME`). It drops forged messages. Ctrl-C ends it.
 
     Example: cordon router my-mission.toml
     """
@@ -45,25 +45,25 @@ def router(options: RouterOptions) -> Exit:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
     print_line(f"router of team {network.team} at {network.router}; Ctrl-C ends it")
-    session.watch(_Doorbell())
+    session.watch(_PresencePrinter())
     signal.sigwait(ENDING)
     session.close()
     return Exit.HOLDS
 
 
-class _Doorbell:
-    """Prints who comes and goes, on any thread."""
+class _PresencePrinter:
+    """Prints which vehicles and operators join and leave the bus, on any thread."""
 
     def take_presence(self, name: str, present: bool) -> None:
-        """Print that a vehicle has come or gone."""
+        """Print that a vehicle has joined or left."""
         _print(f"vehicle {name}", present)
 
     def take_operator(self, name: str, present: bool) -> None:
-        """Print that an operator has come or gone."""
+        """Print that an operator has joined or left."""
         _print(f"operator {name}", present)
 
 
 def _print(who: str, present: bool) -> None:
     from gcs.console.terminal import print_line
 
-    print_line(f"{who} {'is on' if present else 'has left'} the bus")
+    print_line(f"{who} {'is on' if present else 'left'} the bus")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartOptions:
-    """What `cordon start` is given."""
+    """Options of `cordon start`."""
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
@@ -34,7 +34,7 @@ class StartOptions:
 def start(options: StartOptions) -> Exit:
     """Start a team whose agents wait on the ground (`cordon fly --only ID --wait-for-start`), once all are ready.
 
-    Each vehicle is shown: ready, flying already, or missing with the reason. While one is missing none is started.
+    Shows each vehicle as ready, flying, or missing with the reason. If one is missing, none is started.
 
     Example: cordon start my-mission.toml
     """
@@ -73,13 +73,13 @@ def _show(mission: "Mission", result: "StartResult") -> None:
         print_problem(f"no vehicle was started: vehicle {', '.join(missing)} is missing", "see above, then start again")
     elif not result.started:
         print_problem(
-            "not every vehicle has started: the others wait for it in the air, for two minutes",
-            "start again, or bring them down: cordon command land",
+            "not every vehicle has started; the others wait for two minutes in the air",
+            "start again, or land them: cordon command land",
         )
     elif policy != "go_on":
         does = {"hold": "hold", "return": "return and land"}[policy]
         print_line(
-            f"the vehicles {does} {after_s:g} s after the last operator has left the bus: keep `cordon station` open"
+            f"the vehicles {does} {after_s:g} s after the last operator leaves the bus: keep `cordon station` open"
         )
 
 

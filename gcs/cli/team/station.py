@@ -23,24 +23,24 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationOptions:
-    """What `cordon station` is given beside a log."""
+    """Options of `cordon station`, without a log."""
 
     mission: RunningMission = "case2"
     changes: Changes = ()
     address: Annotated[
-        str, Parameter(help="Where the page is served, HOST:PORT. Beyond this computer with --tls and --token-file.")
+        str, Parameter(help="Address of the page, HOST:PORT. Beyond this computer it needs --tls and --token-file.")
     ] = STATION_ADDRESS
-    tls: Annotated[
-        tuple[Path, Path] | None, Parameter(help="The certificate and the private key of the server, PEM files.")
-    ] = None
+    tls: Annotated[tuple[Path, Path] | None, Parameter(help="The server's certificate and private key, PEM files.")] = (
+        None
+    )
     token_file: Annotated[
-        Path | None, Parameter(help="A file with the token that opens the page, in place of one that cordon keeps.")
+        Path | None, Parameter(help="A file with the page's access token, instead of the one that cordon stores.")
     ] = None
     tiles: Tiles = None
     key: KeyName = None
     vehicles: Annotated[
         Literal["flight", "sitl", "hybrid", "bench"],
-        Parameter(help="What the page says that the vehicles are: sitl for stubs, hybrid for some, bench for boards."),
+        Parameter(help="Vehicles as labelled on the page: sitl for stubs, hybrid for some stubs, bench for boards."),
     ] = "flight"
 
 
@@ -48,15 +48,15 @@ _DEFAULTS = StationOptions()
 
 
 def station(
-    log: Annotated[Path | None, Parameter(help="A flight's log, to be shown in place of a running team.")] = None,
+    log: Annotated[Path | None, Parameter(help="A flight log to show instead of a running team.")] = None,
     /,
     *,
     options: StationOptions = _DEFAULTS,
 ) -> Exit:
-    """Serve the operator's page: what a team does, its alarms, and commands. Open the address that is printed.
+    """Serve the operator's page: the team's state, alarms and commands. Open the printed address in a browser.
 
-    It listens to the team as `cordon watch` does, before, in and after flights. It commands only with an operator's
-    keys. Ctrl-C ends the page, not the flight.
+    The page receives the team's messages as `cordon watch` does: before, during and after flights. Commands need an
+    operator's keys. Ctrl-C ends the page, not the flight.
 
     Example: cordon station --mission case2-field
     """
@@ -66,7 +66,7 @@ def station(
 
 
 def _access(options: StationOptions) -> "Access":
-    """Return who may open the page; raises InputError."""
+    """Return the access rules of the page; raises InputError."""
     from gcs.keys.run_keys import runtime_folder
     from gcs.station.access import checked_access, kept_token, read_token
     from gcs.viewer.address import Address
@@ -105,7 +105,7 @@ def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit
     from gcs.vehicle_logs.foreign import is_foreign
 
     if is_foreign(path):
-        raise InputError([f"{path}: it was not recorded by cordon: `cordon report` shows what it holds"])
+        raise InputError([f"{path}: not recorded by cordon; use `cordon report`"])
     log = read_log(path)
     print_log_faults(log)
     flight = recorded_flight(log)
@@ -122,12 +122,12 @@ def _tiles(path: Path | None, origin_deg: "Pair | None") -> "MapTiles | None":
         return None
     tiles = opened_tiles(path, origin_deg)
     if not tiles.covers_origin:
-        print_line(f"warning: map tiles {path}: none lies at the mission's origin {origin_deg}", "yellow")
+        print_line(f"warning: map tiles {path}: no tile covers the mission's origin {origin_deg}", "yellow")
     return tiles
 
 
 def _serve(serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]", access: "Access", subject: str) -> Exit:
-    """Serve until Ctrl-C, or until the flight ends that this station belongs to."""
+    """Serve until Ctrl-C, or until the end of the flight that started this station."""
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem

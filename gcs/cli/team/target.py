@@ -22,17 +22,17 @@ Share = Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))]
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetOptions:
-    """What `cordon target` is given beside a position in the mission frame."""
+    """Options of `cordon target`, without a position in the mission frame."""
 
-    lat: Annotated[float | None, Parameter(help="Degrees of latitude, with --lon in place of X Y.")] = None
-    lon: Annotated[float | None, Parameter(help="Degrees of longitude.")] = None
+    lat: Annotated[float | None, Parameter(help="Latitude in degrees, with --lon instead of X Y.")] = None
+    lon: Annotated[float | None, Parameter(help="Longitude in degrees.")] = None
     sigma: Annotated[
         float, Parameter(help="Standard deviation of the position in metres.", validator=Number(gt=0.0, lte=1000.0))
     ] = 2.0
     altitude: Annotated[
         float | None,
         Parameter(
-            help="Metres above the mission's origin, with the same standard deviation.",
+            help="Altitude in metres above the mission's origin, with the same standard deviation.",
             validator=Number(gte=-1e4, lte=1e5),
         ),
     ] = None
@@ -40,7 +40,7 @@ class TargetOptions:
     threat: Annotated[Share, Parameter(help="Threat of the target, 0 to 1.")] = 0.2
     lasting: Annotated[
         float,
-        Parameter(help="Repeat it for this many seconds, twice a second.", validator=Number(gte=0.0, lte=3600.0)),
+        Parameter(help="Repeat it twice a second for this many seconds.", validator=Number(gte=0.0, lte=3600.0)),
     ] = 0.0
     mission: RunningMission = "case2"
     changes: Changes = ()
@@ -64,7 +64,7 @@ def target(
     *,
     options: TargetOptions = _DEFAULTS,
 ) -> Exit:
-    """Publish a sighting of the target to a running team. Its filters weight it by its standard deviation.
+    """Send a sighting of the target to a running team. The target filters weight it by its standard deviation.
 
     The target's estimate stays valid for `target_filter.stale_after_s` after the last sighting.
 
@@ -72,7 +72,7 @@ def target(
     """
     position = tuple(value for value in (x, y, options.lat, options.lon) if value is not None)
     if len(position) != 2 or not (options.is_geodetic or (x is not None and y is not None)):
-        raise InputError(["target: give its position as X Y in metres, or as --lat and --lon in degrees"])
+        raise InputError(["target: give the position as X Y in metres, or as --lat and --lon in degrees"])
     mission = bus_mission(options.mission, options.changes)
     if faults := list(_position_faults(position, mission, geodetic=options.is_geodetic)):
         raise InputError(faults)
@@ -106,7 +106,7 @@ def _sighting(position: tuple[float, ...], options: TargetOptions) -> "ExternalS
 
 
 def _publish(sighting: "ExternalSighting", mission: "Mission", options: TargetOptions) -> Exit:
-    """Publish a sighting for some seconds; one that the vehicles would reject is rejected here."""
+    """Publish a sighting for some seconds; raises InputError for one that the vehicles would reject."""
     from agents.ports import VehicleRefusedError
     from agents.team.perception import Perception, SightingRefusedError, encode_sighting
     from gcs.console.command_client import CommandClient

@@ -13,7 +13,7 @@ from gcs.signals import hold_back
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchOptions:
-    """What `cordon watch` is given."""
+    """Options of `cordon watch`."""
 
     mission: RunningMission = "case2"
     changes: Changes = ()

@@ -1,1 +1,1 @@
-"""The keyboard of a flight: keys read from a terminal, what they mean, and the commands that they send."""
+"""The keyboard of a flight: keys read from a terminal, their bindings, and the commands that they send."""

@@ -1,4 +1,4 @@
-"""What the keys of the live view mean: a command for one vehicle or for all, and what confirms it."""
+"""Key bindings of the live view: a command for one vehicle or for all, and its confirmation."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -7,22 +7,22 @@ from agents.team.messages import Verb
 
 VERB_OF_KEY: dict[str, Verb] = {"h": "hold", "r": "resume", "l": "land", "t": "rtl", "a": "abort", "k": "kill"}
 AT_ONCE = ("hold", "abort")
-"""The verbs of an emergency: they never wait for a confirmation, also in the midst of one of another verb."""
+"""Emergency verbs: they need no confirmation, and interrupt that of another verb."""
 KILL_WORD = "kill\n"
 ANSWERED_WITHIN_S, TYPED_WITHIN_S = 3.0, 10.0
 TYPED_GAP_S = 0.02
-"""Keys that follow each other faster are not pressed by hand, but pasted: only hold and abort act on them."""
+"""Keys that follow each other faster are taken as pasted text: only hold and abort act on them."""
 DIGITS_WITHIN_S, SELECTED_FOR_S = 1.5, 10.0
 NOTICE_S = 3.0
 ESCAPE = "\x1b"
 _KEYS = "h hold · r resume · l land · t return · a abort · k kill"
-_TOO_FAST = ": the keys came too fast to be pressed by hand"
+_TOO_FAST = ": keys too fast, taken as pasted text"
 _CANCELS = f"y within {ANSWERED_WITHIN_S:g} s; any other key cancels"
 
 
 @dataclass(frozen=True, slots=True)
 class KeyedCommand:
-    """A command that keys gave, to one vehicle, or to all (None)."""
+    """A command from the keyboard, to one vehicle or to all (None)."""
 
     verb: Verb
     vehicle: int | None
@@ -30,7 +30,7 @@ class KeyedCommand:
 
 @dataclass(frozen=True, slots=True)
 class _Question:
-    """A command that waits for its confirmation: `rest` of a word is still to be typed, until `until_s` [wall s]."""
+    """A command that waits for its confirmation: `rest` of a word is to be typed until `until_s` [wall s]."""
 
     command: KeyedCommand
     text: str
@@ -43,7 +43,7 @@ class KeyBindings:
     """Maps keys to commands for the vehicles that they can reach; times are wall seconds from any origin.
 
     Digits select one vehicle for the next command. A kill is confirmed by a typed word; landing or returning all, and a
-    resume that takes vehicles back from their pilots, by `y`. A key that is held down, or pasted text, confirms none.
+    resume that takes vehicles back from their pilots, by `y`. A key held down and pasted text confirm nothing.
     """
 
     def __init__(self, vehicles: Sequence[int]) -> None:
@@ -56,7 +56,7 @@ class KeyBindings:
     def press(self, key: str, now_s: float, piloted: Collection[int] = ()) -> KeyedCommand | None:
         """Return the command of a key that was pressed at `now_s`, None without one.
 
-        `piloted` are the vehicles that pilots have.
+        `piloted` are the vehicles that pilots fly.
         """
         by_hand = self._pressed_s is None or now_s - self._pressed_s >= TYPED_GAP_S
         self._pressed_s = now_s
@@ -75,7 +75,7 @@ class KeyBindings:
         return None
 
     def ignore_paste(self, now_s: float) -> None:
-        """Take note that text was pasted, of which no key counts: an open question is cancelled."""
+        """Ignore pasted text, and cancel an open question."""
         self._question, self._pressed_s = None, now_s
         self._note("pasted text is ignored", now_s)
 
@@ -97,7 +97,7 @@ class KeyBindings:
         return self._question if self._question is not None and now_s <= self._question.until_s else None
 
     def _answered(self, question: _Question, key: str, now_s: float, by_hand: bool) -> KeyedCommand | None:
-        """Take the next key of a confirmation: the command is given once the word is complete."""
+        """Process the next key of a confirmation; return the command once the word is complete."""
         if not by_hand or not question.rest.startswith(key):
             self._digits = ""
             self._note(f"{question.command.verb} is cancelled{'' if by_hand else _TOO_FAST}", now_s)
@@ -122,7 +122,7 @@ class KeyBindings:
         return command
 
     def _question_about(self, command: KeyedCommand, now_s: float, piloted: Collection[int]) -> _Question | None:
-        """Return what has to be confirmed before a command is given, None if nothing."""
+        """Return the question that confirms a command, None if it needs none."""
         of_pilots = [each for each in self._vehicles if each in piloted and command.vehicle in (None, each)]
         whom = _named(self._vehicles if command.vehicle is None else [command.vehicle])
         answered_s = now_s + ANSWERED_WITHIN_S
@@ -145,7 +145,7 @@ class KeyBindings:
         return self._digits if now_s - self._digits_s < SELECTED_FOR_S else ""
 
     def _select(self, digit: str, now_s: float) -> None:
-        """Add a digit to the selection, or begin another one where no vehicle's id goes on with it; 0 selects all."""
+        """Add a digit to the selection, or begin another one if no vehicle's id continues with it; 0 selects all."""
         before = self._digits if now_s - self._digits_s < DIGITS_WITHIN_S else ""
         ids = [str(each) for each in self._vehicles]
         fitting = [text for text in (before + digit, digit) if any(each.startswith(text) for each in ids)]
@@ -158,7 +158,7 @@ class KeyBindings:
 
 
 def _named(vehicles: Sequence[int]) -> str:
-    """Return vehicles as text, each of a few by its id."""
+    """Return vehicles as text, up to three by their ids."""
     match len(vehicles):
         case 1:
             return f"vehicle {vehicles[0]}"

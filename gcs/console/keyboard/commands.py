@@ -19,10 +19,10 @@ _QUESTION = "bold white on red"
 
 
 class KeyCommands:
-    """Sends a command for each key, or each confirmed one.
+    """Sends a command for each key, or once it is confirmed.
 
     The agents of this process receive it directly; for all others it is repeated for 2 s on `bus`, the bus of an
-    operator. Without one, keys command the vehicles of this process only. `piloted` returns those that pilots have.
+    operator. Without a bus, keys command the vehicles of this process only. `piloted` returns those that pilots fly.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class KeyCommands:
 
     @property
     def hint(self) -> Text:
-        """The keys and their commands, or what a confirmation is asked for."""
+        """The keys and their commands, or the open question."""
         now_s = monotonic()
         return Text(self._bindings.hint(now_s), style=_QUESTION if self._bindings.asks(now_s) else "dim")
 
@@ -55,7 +55,7 @@ class KeyCommands:
             self._send(command)
 
     def ignore_paste(self) -> None:
-        """Take note of pasted text."""
+        """Ignore pasted text."""
         self._bindings.ignore_paste(monotonic())
 
     def _send(self, keyed: KeyedCommand) -> None:
@@ -64,7 +64,7 @@ class KeyCommands:
             agent.obey(command)
         if self._bus is None:
             return
-        # A command that is superseded must not arrive after the one that supersedes it.
+        # A superseded command must not arrive after the command that supersedes it.
         for receiver in [each for each in self._repeating if keyed.vehicle in (None, each)]:
             self._repeating.pop(receiver).cancel()
         self._repeating[keyed.vehicle] = asyncio.create_task(_repeat(self._bus, command))

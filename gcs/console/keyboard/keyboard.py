@@ -1,4 +1,4 @@
-"""Keyboard input of the live view: keys read from the terminal one by one, apart from pasted text."""
+"""Keyboard input of the live view: single keys read from the terminal, separated from pasted text."""
 
 import asyncio
 import atexit
@@ -15,16 +15,16 @@ from typing import Self, TextIO
 from gcs.console.keyboard.bindings import ESCAPE
 
 AT_ONCE_MAX = 3
-"""More characters in one read are pasted text or an escape sequence: they are ignored."""
+"""More characters in one read are pasted text or an escape sequence, and ignored."""
 PASTE_BEGINS, PASTE_ENDS = "\x1b[200~", "\x1b[201~"
-"""What a terminal puts around pasted text when it is asked to (`gcs.console.live`)."""
+"""Markers of a terminal around pasted text in bracketed paste mode (`gcs.console.live`)."""
 
 
 class Keyboard:
     """Context manager that reads single keys from the terminal on standard input; inactive without a terminal.
 
-    The terminal settings are restored however the program ends, except after SIGKILL. A background job reads no keys
-    and is not stopped by SIGTTIN.
+    The terminal settings are restored when the program ends, except after SIGKILL. A background job reads no keys and
+    is not stopped by SIGTTIN.
     """
 
     def __init__(
@@ -77,17 +77,17 @@ class Keyboard:
             pressed = os.read(self._fd, 256).decode("ascii", "ignore")
         except OSError:
             pressed = ""
-        if not pressed:  # the terminal hung up, or belongs to another job now
+        if not pressed:  # the terminal hung up, or another job owns it
             asyncio.get_running_loop().remove_reader(self._fd)
         else:
             self._take(pressed)
 
     def _take(self, pressed: str) -> None:
-        """Take what was read at once: single keys, or pasted text from its begin to its end."""
+        """Process the characters of one read: single keys, or pasted text from its begin to its end."""
         if self._pasted is None and PASTE_BEGINS in pressed:
             self._pasted = ""
         if self._pasted is not None:
-            # The end may be spread over two reads.
+            # The end marker may be split over two reads.
             text = self._pasted + pressed
             self._pasted = None if PASTE_ENDS in text else text[-len(PASTE_ENDS) :]
             self._on_paste()

@@ -140,7 +140,7 @@ def test_of_a_view_that_is_closed_nothing_is_shown_as_if_it_went_on() -> None:
     with view:
         view.update([replace(ROW, alert="battery low")], 3.0, "read-only", title="case2  watched for 3 s")
         output.seek(output.truncate(0))
-    assert "NOT WATCHED ANY MORE  case2" in output.getvalue()
+    assert "VIEW CLOSED  case2" in output.getvalue()
     assert "ALARM" not in output.getvalue()
 
 
