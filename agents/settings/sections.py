@@ -1,4 +1,4 @@
-"""The sections of a mission file that configure an agent: what a user decides, with how it is tuned."""
+"""The sections of a mission file that configure an agent, each with its tuning."""
 
 from typing import Annotated, Literal
 
@@ -9,11 +9,11 @@ from agents.settings.tuning import SETPOINTS_FASTER, EncirclementTuning, Failsaf
 from estimation.settings import Settings
 
 CORNERS_MAX = 256
-"""Of a fence: the guard looks at every edge in every tick."""
+"""Maximum of a fence: the guard evaluates every edge in every tick."""
 
 
 def pair(value: object) -> object:
-    """Return a list as a tuple: TOML knows lists only, and strict validation takes no list for a tuple."""
+    """Return a list as a tuple: TOML has only lists, which strict validation does not accept for tuples."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -27,10 +27,10 @@ Fence = Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX)
 
 class FormationSection(Settings):
     """`[formation]`: spacing between neighbours, the leader and its speed along x. The `shape` is a "line" abreast, a
-    "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, and the default where they have one;
-    `cordon command formation` changes it in flight. The line of the mission begins at `start_m`, the leader's own start
-    unless given. A vehicle keeps station on its "predecessor", the next one towards the leader, or on the mission's
-    "line" itself. Noses point along x ("fixed"), or along the "path" flown.
+    "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, the default if vehicles have one.
+    `cordon command formation` changes it in flight. The mission's line begins at `start_m`, by default the leader's
+    start. A vehicle keeps station on its "predecessor", the next one towards the leader, or on the mission's "line"
+    itself. The yaw is along x ("fixed"), or along the "path" flown.
     """
 
     spacing_m: float = Field(gt=0.0, le=1000.0)
@@ -48,13 +48,13 @@ class FormationSettings(FormationSection, FormationTuning):
 
 
 class EncirclementSection(Settings):
-    """`[encirclement]`: radius and angular rate of the ring, and the speed and acceleration that its LMPC may plan.
-    Vehicles that come to the ring or change places on it fly up to `spacing_speed_max_m_s` faster or slower than the
-    ring (none: half its speed, or 1 m/s if that is more), never backwards, within an acceleration and a jerk of their
-    own. Where bounds contradict, `speed_max_m_s` and `acceleration_max_m_s2` come first. On it a vehicle's nose points
-    along x ("fixed"), or at the "target". It flies at its `altitude_m` ("layers"), or follows the altitude of the
-    "target" at `climb_max_m_s` at most: the lowest vehicle `altitude_offset_m` above it, the others as much higher as
-    their `altitude_m` are.
+    """`[encirclement]`: radius and angular rate of the ring, and the limits of speed and acceleration in its LMPC.
+    Vehicles that join the ring or change their spacing fly up to `spacing_speed_max_m_s` faster or slower than the ring
+    (none: half its speed, or 1 m/s if that is more), never backwards, within `spacing_acceleration_max_m_s2` and
+    `spacing_jerk_max_m_s3`. If limits conflict, `speed_max_m_s` and `acceleration_max_m_s2` take precedence. The yaw on
+    the ring is along x ("fixed"), or towards the "target". Vehicles fly at their `altitude_m` ("layers"), or follow the
+    altitude of the "target" at up to `climb_max_m_s`: the lowest `altitude_offset_m` above it, the others higher by the
+    differences of their `altitude_m`.
     """
 
     radius_m: float = Field(gt=0.0, le=1000.0)
@@ -80,14 +80,14 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
 
     @property
     def transition_speed_m_s(self) -> float:
-        """How much faster or slower than the ring a vehicle flies in a transition, and how fast towards it."""
+        """The speed of a transition, relative to the ring's speed along it, and towards it."""
         given_m_s = self.spacing_speed_max_m_s
         half_m_s = abs(self.angular_rate_rad_s) * self.radius_m / 2.0
         return min(max(1.0, half_m_s) if given_m_s is None else given_m_s, self.speed_max_m_s)
 
 
 class DecisionSettings(Settings):
-    """When a vehicle leaves the formation for the ring (paper, section 5); a vehicle may override each threshold."""
+    """When a vehicle leaves the formation for the ring (paper, section 5). A vehicle may override each threshold."""
 
     importance_min: float = Field(0.6, ge=0.0, le=1.0)
     threat_max: float = Field(0.5, ge=0.0, le=1.0)
@@ -95,13 +95,12 @@ class DecisionSettings(Settings):
 
 
 class SafetySection(Settings):
-    """`[safety]`: limits that hold for every tactic. The guard changes setpoints so that vehicles keep `separation_m`
+    """`[safety]`: limits that apply to every tactic. The guard moves setpoints so that vehicles keep `separation_m`
     from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the target (0:
-    none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes
-    (a vehicle may have its own); and below the speed. `lost_avoided_s` is how long the last place of a silent vehicle
-    is avoided.
-    `yaw_rate_max_deg_s` is how fast noses turn. Without telemetry for `telemetry_timeout_s` a vehicle holds.
-    `abort_hover_s` is how long it hovers after an abort before it lands. `guard = false` switches the guard off: for
+    none); stay inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes (a vehicle
+    may have its own); and stay below the speed. For `lost_avoided_s` the guard avoids the last position of a silent
+    vehicle. `yaw_rate_max_deg_s` limits the yaw rate. Without telemetry for `telemetry_timeout_s` a vehicle holds.
+    After an abort it hovers for `abort_hover_s` before it lands. `guard = false` switches the guard off, for
     simulations.
     """
 
@@ -125,17 +124,18 @@ class SafetySettings(SafetySection, SafetyTuning):
 
     @property
     def setpoint_speed_bound_m_s(self) -> float:
-        """How fast plans may move the setpoint: ahead of the vehicle as well when that speeds up or turns."""
+        """The highest speed at which plans move the setpoint, which leads a vehicle that accelerates or turns."""
         given_m_s = self.setpoint_speed_max_m_s
         return SETPOINTS_FASTER * self.speed_max_m_s if given_m_s is None else given_m_s
 
 
 class FailsafeSection(Settings):
-    """`[failsafe]`: when a condition of the failsafe table (safety.md) counts, and how long until a graver reaction. A
-    condition that lasts `escalation_s` longer leads to the next reaction; the batteries' are shares of a full one; the
-    others are how long the bus, all peers or one of them may be silent. A vehicle returns while it can still land at
-    its start with a `reserve_s` of flight time left. `no_operator` is what vehicles do when operators were on the bus
-    and none is any more, as when the laptop is lost: "go_on", "hold" or "return" (docs/onboard.md).
+    """`[failsafe]`: thresholds and times of the failsafe table (safety.md). A condition that lasts for `escalation_s`
+    after a reaction leads to the next one. `battery_low` and `battery_critical` are fractions of a full battery.
+    `bus_lost_s`, `peers_silent_s` and `peer_silent_s` are how long the bus, all peers or one of them may be silent. A
+    vehicle returns while it can still land at its start with `reserve_s` of flight time left. `no_operator` is the
+    reaction once the last operator has left the bus for `no_operator_s`, for example with the laptop: "go_on", "hold"
+    or "return" (docs/onboard.md).
     """
 
     escalation_s: float = Field(30.0, ge=1.0, le=3600.0)
@@ -154,16 +154,16 @@ class FailsafeSettings(FailsafeSection, FailsafeTuning):
 
 
 def _ids(value: object) -> object:
-    # TOML knows lists only, and strict validation takes no list for a tuple.
+    # TOML has only lists, which strict validation does not accept for tuples.
     if not isinstance(value, list | tuple):
         raise ValueError("it must be a list of vehicles' ids")
     return tuple(value)
 
 
 class ChoreographySettings(Settings):
-    """The way up and down. Layers are heights that vehicles have to themselves: in line order above the highest
-    `altitude_m` from take-off until all are in their places, in landing order on the way home; 0 is none. `landing` is
-    "in_place" or "return", to `start_m`; who is not in `landing_order` comes last, in line order.
+    """Take-off and landing. Each vehicle has its own layer of height, `layer_m` apart (0: no layers): above the highest
+    `altitude_m`, in line order from take-off until all are in their slots, in landing order on the way home. `landing`
+    is "in_place" or "return", to `start_m`. Vehicles that are not in `landing_order` land last, in line order.
     """
 
     layer_m: float = Field(0.0, ge=0.0, le=50.0)
@@ -179,10 +179,11 @@ class ChoreographySettings(Settings):
 
 
 class ExcitationSettings(Settings):
-    """The flight for identification (`cordon excite`): steps between random levels, then swept sines, on x, on y and on
-    both. It stays in a box, `half_width_m` to all four sides of its middle, which is `offset_m` from the vehicle's
-    start, and below `speed_max_m_s`, also on a plant whose numbers are `plant_doubt` (a share) off the profile's; with
-    the profile's it stays below the acceleration. A level lasts between its two times; `rest_s` pass before a part.
+    """The excitation flight of `cordon excite`: steps between random levels, then swept sines, on x, on y and on both.
+    It stays in a box of `half_width_m` to all four sides of its centre, which is `offset_m` from the vehicle's start,
+    and below `speed_max_m_s`, also if the plant's parameters differ by the fraction `plant_doubt` from the profile's.
+    With the profile's plant it stays below `acceleration_max_m_s2`. A level lasts from `level_shortest_s` to
+    `level_longest_s`. The vehicle rests for `rest_s` before each part.
     """
 
     offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = (12.0, 0.0)

@@ -113,7 +113,7 @@ def check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
     if path.is_dir():
         raise InputError([f"{option}: {str(path)!r} is a folder"])
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError([f"{option}: the folder {str(path.parent)!r} does not exist"])
+        raise InputError([f"{option}: no folder {str(path.parent)!r} to write to"])
 
 
 @contextmanager

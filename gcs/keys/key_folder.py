@@ -76,9 +76,7 @@ class KeyFolder:
 
     def _next_step(self, role: Role, name: str | None) -> str:
         issue = f"cordon keys issue {role} {name or 'NAME'} --keys {self.path}"
-        return (
-            f"issue them by `{issue}`, or copy the folder {role}-{name or 'NAME'} from the computer that issued them"
-        )
+        return f"issue them by `{issue}`, or copy the folder {role}-{name or 'NAME'} from the computer that issued them"
 
 
 def _holder(roster: Roster, folder: Path) -> Holder:

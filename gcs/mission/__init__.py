@@ -1,4 +1,4 @@
-"""The mission: the file that a user writes, its validation, and what follows from it for each vehicle.
+"""The mission: the file that a user writes, its validation, and each vehicle's configuration derived from it.
 
 It may import agents, sitl.world and estimation.
 """

@@ -1,4 +1,4 @@
-"""Whether a mission's control loops can work: their eigenvalues, and rates that keep up with each other."""
+"""Checks of a mission's control loops: stability by eigenvalues, and rates that match."""
 
 from collections.abc import Iterator, Sequence
 from math import floor
@@ -10,18 +10,18 @@ from gcs.mission.mission import Mission, MissionSection
 from gcs.mission.stability import BEARING, Loop, loops
 
 _NEUTRAL = 1e-6
-"""A loop that neither settles nor grows is intended, as of a ring whose members are not to be spaced."""
+"""A marginally stable loop is accepted: a spacing gain of 0 is allowed."""
 _ADVICE = {
     "formation": "raise increment_weight or lower position_weight of [tuning.formation], or raise mission.rate_hz",
-    "encirclement": "weights, gains and prediction_step_s of [tuning.encirclement] and mission.rate_hz go together: "
-    "begin with their defaults",
+    "encirclement": "weights, gains and prediction_step_s of [tuning.encirclement] and mission.rate_hz depend on each "
+    "other: start from their defaults",
 }
 
 
 def unstable_loops(mission: Mission) -> Iterator[str]:
     """Return the worst unstable loop of each section on every plant of the mission, with its margin.
 
-    So is a spacing gain with which the references of stable loops would move faster than the vehicles follow them.
+    If all are stable: a spacing gain that moves the references faster than the vehicles can follow.
     """
     checked: set[Plant] = set()
     for index, vehicle in enumerate(mission.vehicles):
@@ -49,16 +49,16 @@ def _not_followed(every: Sequence[Loop], index: int, mission: Mission) -> Iterat
     if len(mission.vehicles) > 1 and gain_per_s > followed_per_s > _NEUTRAL:
         yield (
             f"tuning.encirclement.spacing_gain_per_s: {gain_per_s} 1/s is faster than vehicles[{index}] follows its "
-            f"reference with its plant; at most {floor(followed_per_s * 100.0) / 100.0} 1/s"
+            f"reference with this plant; at most {floor(followed_per_s * 100.0) / 100.0} 1/s"
         )
 
 
 def kept_up(mission: Settings | None, link: Settings | None) -> Iterator[str]:
-    """Check that the link is not asked for more setpoints than there are."""
+    """Check that the link's setpoint rate does not exceed the rate of the control loop."""
     if not (isinstance(mission, MissionSection) and isinstance(link, LinkSection)):
         return
     if link.setpoint_rate_hz is not None and link.setpoint_rate_hz > mission.rate_hz:
         yield (
             f"link.setpoint_rate_hz: {link.setpoint_rate_hz} Hz is more than mission.rate_hz = {mission.rate_hz} Hz: "
-            "the loop makes no more setpoints; leave it out to send every one"
+            "the loop computes no more setpoints; leave this key out to send all of them"
         )

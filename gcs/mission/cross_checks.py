@@ -1,4 +1,4 @@
-"""What concerns more than one section of a mission: ids, places, limits and the order of things."""
+"""Checks across the sections of a mission: ids, positions, limits and orders."""
 
 from collections.abc import Callable, Iterator
 from itertools import combinations
@@ -24,7 +24,7 @@ LAYER_LEAST_M = 1.0
 
 
 def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVehicle | None]) -> Iterator[str]:
-    """Check what concerns more than one section, as far as those sections hold."""
+    """Check across sections, as far as these are valid themselves."""
     known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
     yield from _all_distinct(known)
     formation, ring, safety = sections.get("formation"), sections.get("encirclement"), sections.get("safety")
@@ -75,7 +75,7 @@ def _inside_limits(
 
 
 def _exclusive_part(url: str) -> str:
-    """Return what no other vehicle can use: the port listened on, the device, or the host and port called."""
+    """Return the part of a url that only one vehicle can use: the local port, the device, or the remote address."""
     scheme, _, rest = url.partition("://")
     if scheme in ("udpin", "tcpin"):
         return rest.rpartition(":")[2]
@@ -88,13 +88,13 @@ def _distinct(
     value: Callable[[VehicleSection], object],
     shared: Callable[[VehicleSection], object] = lambda _: None,
 ) -> Iterator[str]:
-    """Yield the pairs with the same value, unless they name the same `shared` thing as the place of that value."""
+    """Yield the pairs with the same value, unless they share the link that it comes from (`shared`)."""
     for (i, one), (k, other) in combinations(vehicles, 2):
         if value(one) == value(other) and (shared(one) is None or shared(one) != shared(other)):
-            # An id that is doubled doubles the system id: one fault, not two.
+            # Equal ids have equal default system ids: one fault, not two.
             if key == "system_id" and one.id == other.id:
                 continue
-            yield f"vehicles[{k}].{key}: {value(other)} is vehicles[{i}]'s already: each has its own"
+            yield f"vehicles[{k}].{key}: {value(other)} is vehicles[{i}]'s already: each vehicle needs its own"
 
 
 def _separated(
@@ -128,16 +128,16 @@ def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings
             known = ", ".join(map(str, ids))
             yield f"choreography.landing_order[{i}]: no vehicle has the id {vehicle_id} (ids: {known})"
         if vehicle_id in order[:i]:
-            yield f"choreography.landing_order[{i}]: vehicle {vehicle_id} is in the order already"
+            yield f"choreography.landing_order[{i}]: vehicle {vehicle_id} is listed twice"
     if choreography.landing == "return" and choreography.layer_m < LAYER_LEAST_M and len(vehicles) > 1:
         yield (
-            f"choreography.layer_m: {choreography.layer_m} m; vehicles that return cross each other's paths, and need "
-            f"layers of at least {LAYER_LEAST_M} m"
+            f"choreography.layer_m: {choreography.layer_m} m is too little: returning vehicles cross each other's "
+            f"paths, in layers of at least {LAYER_LEAST_M} m"
         )
 
 
 def _in_order(failsafe: Settings | None) -> Iterator[str]:
-    """Check that what is grave comes after what is less so."""
+    """Check that the thresholds of graver conditions come after those of less grave ones."""
     if not isinstance(failsafe, FailsafeSettings):
         return
     low, critical = failsafe.battery_low, failsafe.battery_critical
@@ -149,18 +149,18 @@ def _in_order(failsafe: Settings | None) -> Iterator[str]:
 
 
 def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[str]:
-    """Check that the frame lies somewhere on Earth, or else that nothing refers to where."""
+    """Check that the frame has a position on Earth, or that no key depends on one."""
     place = {name: getattr(frame, name) for name in ("latitude_deg", "longitude_deg", "altitude_m")}
     for name, value in place.items():
         if frame.local and value is not None:
-            yield f"frame.{name}: with local = true it lies nowhere on Earth: leave one of them out (given: {value})"
+            yield f"frame.{name}: a local frame has no position on Earth: leave this key or local out (given: {value})"
         if not frame.local and value is None:
             yield f"frame.{name}: this key is missing; indoors, without GPS, write local = true instead"
     if frame.external_positions and not frame.local:
-        yield "frame.external_positions: with a [frame] on Earth the autopilots have GPS: write local = true as well"
+        yield "frame.external_positions: with a [frame] on Earth the autopilots use GPS: set local = true as well"
     for i, vehicle in vehicles:
         if vehicle.origin_m is not None and not frame.local:
-            yield f"vehicles[{i}].origin_m: with a [frame] on Earth the vehicle says itself where its origin is"
+            yield f"vehicles[{i}].origin_m: with a [frame] on Earth the vehicle reports its origin: leave this key out"
 
 
 def _within_reach(ring: EncirclementSettings) -> Iterator[str]:
@@ -174,7 +174,7 @@ def _within_reach(ring: EncirclementSettings) -> Iterator[str]:
 def _fast_enough(
     vehicles: list[LoadedVehicle | None], formation: Settings | None, ring: Settings | None, target: Settings | None
 ) -> Iterator[str]:
-    """Check that ring and line are within their own speeds, and within the limits of every vehicle's profile."""
+    """Check the speeds of ring and line against their own limits and those of every vehicle's profile."""
     if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
         highest = formation.speed_max_m_s
         yield f"formation.speed_m_s: {formation.speed_m_s} m/s is more than speed_max_m_s = {highest} m/s"

@@ -1,4 +1,4 @@
-"""From a mission to the flight by which one of its vehicles is identified: the same file, the same guards, a box."""
+"""From a mission to the excitation flight that identifies one of its vehicles, with a box as its fence."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -11,11 +11,11 @@ from estimation.settings import Settings
 from gcs.mission.mission import Mission, MissionVehicle
 
 ACCELERATION_NOISE_M_S2 = 1.0
-"""The flight that identifies a plant must not rely on a plant: the filter relies on the measurements."""
+"""Replaces the profile's value: the flight must not depend on a plant, so the filter follows the measurements."""
 PLACE_TOLERANCE_M = 2.0
-"""How far from its place in the mission file a vehicle may stand without a remark."""
+"""Tolerated distance of a vehicle from its start in the mission file."""
 UNSEEN_M = 1e-3
-"""How far the sensor of a target sees that has nothing to do with the flight."""
+"""Sensor range of the target, which this flight does not use."""
 SAMPLES_PER_PERIOD = 5.0
 _EDGE_STEP_M = 0.25
 
@@ -30,7 +30,7 @@ def box_m(settings: ExcitationSettings, start_m: Place) -> tuple[Place, ...]:
 
 
 def limits_rise(excitation: Settings | None) -> Iterator[str]:
-    """Return which of the settings contradict each other."""
+    """Return the settings that contradict each other."""
     if not isinstance(excitation, ExcitationSettings):
         return
     for low, high in (("level_shortest_s", "level_longest_s"), ("sweep_from_hz", "sweep_to_hz")):
@@ -40,7 +40,7 @@ def limits_rise(excitation: Settings | None) -> Iterator[str]:
 
 
 def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str]:
-    """Return why a vehicle cannot be excited in the box and at the speed that the mission says."""
+    """Return why a vehicle cannot be excited in the mission's box at the mission's speed."""
     settings, safety = mission.excitation, vehicle.section.limits(mission.safety)
     if settings.speed_max_m_s > safety.speed_max_m_s:
         yield (
@@ -75,7 +75,7 @@ def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str
 
 
 def excited(mission: Mission, vehicle: MissionVehicle) -> Mission:
-    """Return the flight for identification of one vehicle, alone: its fence is the box and the way there."""
+    """Return the excitation flight of one vehicle, alone; its fence is the box and the way to it."""
     settings, start_m = mission.excitation, vehicle.section.start_m
     safety = vehicle.section.limits(mission.safety)
     room_m = Fence(safety.fence_m).clearance_m(start_m) if safety.fence_m else PLACE_TOLERANCE_M

@@ -1,6 +1,6 @@
-"""From a mission's TOML text to a checked `Mission`, or to the list of everything that is wrong with it.
+"""From a mission's TOML text to a checked `Mission`, or to the list of all its faults.
 
-Sections are validated one by one and cross-checked as far as they hold, so that one run names every fault at once.
+Sections are validated one by one and cross-checked as far as they are valid, so that one run reports every fault.
 """
 
 import difflib
@@ -33,7 +33,7 @@ _BUNDLED = Path(__file__).parent / "missions"
 
 
 class MissionError(InputError):
-    """A mission cannot be flown as written; every fault comes with its path in the file."""
+    """A mission is invalid; every fault has its path in the file."""
 
 
 def bundled_missions() -> list[str]:
@@ -42,7 +42,7 @@ def bundled_missions() -> list[str]:
 
 
 def mission_path(name: str) -> Path:
-    """Return where a mission is written."""
+    """Return the file of a mission."""
     return _BUNDLED / f"{name}.toml" if name in bundled_missions() else Path(name)
 
 
@@ -57,9 +57,9 @@ def mission_text(name: str) -> str:
 
 
 def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
-    """Load a bundled mission by its bare name, or a file by its path, with other values at some places.
+    """Load a bundled mission by its bare name, or a file by its path; `overrides` replace values, by their paths.
 
-    Raises InputError with every fault, and where in the file it is.
+    Raises InputError with every fault and its line in the file.
     """
     text, path = mission_text(name), mission_path(name)
     try:
@@ -76,10 +76,10 @@ def _other_missions(name: str) -> str:
 
 
 def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, str] | None = None) -> Mission:
-    """Check a mission's text; profiles whose text is not given are bundled, or files in `folder`: None has none.
+    """Check a mission's text. Profiles whose text is not given are bundled, or files in `folder` (None: bundled only).
 
-    Texts of earlier versions are read as well: `Mission.warnings` says what stands elsewhere today. Raises MissionError
-    with every fault.
+    Texts of earlier versions are accepted: `Mission.warnings` lists the keys that have moved. Raises MissionError with
+    every fault.
     """
     try:
         content, moves = modernised(toml_content(text))
@@ -95,17 +95,17 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
 
 
 def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: list[str]) -> Mission:
-    """Return the mission of a file's content in today's form; raises MissionError with these faults and all others."""
+    """Return the mission of a file's content in the present form; raises MissionError with `faults` and all others."""
     own_filter = validated(OwnFilterSettings, content.pop(OLD_OWN_FILTER, {}), OLD_OWN_FILTER, faults)
     known = [*SECTIONS, "links", "vehicles", "tuning"]
     faults += unknown_keys("", [key for key in content if key not in known], known)
     faults += [
-        f"{name}: this section is missing; `cordon new` writes a mission with all it needs"
+        f"{name}: this section is missing; `cordon new` writes a complete mission"
         for name in REQUIRED
         if name not in content
     ]
     sections = _sections(content, faults)
-    # Thresholds that do not hold are reported once, not again for every vehicle.
+    # Invalid thresholds are reported once, not for every vehicle.
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
     links = _links(content.get("links", {}), faults)
     vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), shelf, faults)
@@ -122,7 +122,7 @@ def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: li
 
 
 def _sections(content: dict[str, Any], faults: list[str]) -> dict[str, Settings | None]:
-    """Return the settings of all sections, with those of `[tuning]` in theirs, None where they are wrong or missing."""
+    """Return the settings of all sections, merged with those of `[tuning]`; None for invalid or missing sections."""
     sections = {
         name: validated(model, content.get(name, {}), name, faults)
         for name, model in SECTIONS.items()
@@ -140,7 +140,7 @@ def _sections(content: dict[str, Any], faults: list[str]) -> dict[str, Settings 
 
 
 def _merged(model: type[Settings], *parts: Settings | None) -> Settings | None:
-    """Return the settings that hold the keys of their parts, None where a part is wrong or missing."""
+    """Return settings merged from their parts, None if a part is invalid or missing."""
     values: dict[str, object] = {}
     for part in parts:
         if part is None:
@@ -150,9 +150,9 @@ def _merged(model: type[Settings], *parts: Settings | None) -> Settings | None:
 
 
 def excitation_mission(mission: Mission, vehicle_id: int) -> Mission:
-    """Return the flight for identification of one of a mission's vehicles; raises MissionError with every fault.
+    """Return the excitation flight of one of a mission's vehicles; raises MissionError with every fault.
 
-    Its text is the mission's, with a first line that says so: read again, it gives the same flight.
+    Its text is the mission's with one more line at the top; parsed again, it gives the same flight.
     """
     if mission.excites:
         return mission
@@ -170,7 +170,7 @@ def _excited(mission: Mission, vehicle_id: object) -> Mission:
 
 
 def _links(content: object, faults: list[str]) -> dict[str, SharedLinkSection]:
-    """Return the connections of `[links]` that hold, by their names."""
+    """Return the valid connections of `[links]`, by their names."""
     if not isinstance(content, dict):
         faults.append(f"links: it must be a table of tables, [links.NAME] (given: {shown(content)})")
         return {}
@@ -179,13 +179,13 @@ def _links(content: object, faults: list[str]) -> dict[str, SharedLinkSection]:
 
 
 class _Shared(NamedTuple):
-    """What the tables of vehicles may leave to the mission: thresholds of decision, and the urls of links."""
+    """What a vehicle's table takes from the mission unless it has its own: decision thresholds, and urls of links."""
 
     decision: object
     links: Mapping[str, SharedLinkSection]
 
     def completed(self, entry: object, path: str, faults: list[str]) -> object:
-        """Return a vehicle's table with what it leaves to the mission."""
+        """Return a vehicle's table completed from the mission."""
         if not isinstance(entry, dict):
             return entry
         if isinstance(self.decision, dict):
@@ -195,11 +195,11 @@ class _Shared(NamedTuple):
         if "link" not in entry:
             return entry
         if "url" in entry:
-            faults.append(f"{path}.url: the vehicle has the url of its link: leave url or link out")
+            faults.append(f"{path}.url: the vehicle's link has a url: leave url or link out")
         link = self.links.get(entry["link"]) if isinstance(entry["link"], str) else None
         if link is None:
             known = ", ".join(self.links) or "none"
-            faults.append(f"{path}.link: [links] has no {shown(entry['link'])} that holds (known: {known})")
+            faults.append(f"{path}.link: [links] has no valid {shown(entry['link'])} (known: {known})")
             return entry
         return {**entry, "url": link.url}
 

@@ -1,6 +1,6 @@
-"""Whether a mission fits into its own limits: fence, altitude band, keep-out disc and speeds, before anything flies.
+"""Checks of a mission against its own limits: fence, altitude band, keep-out disc and speeds.
 
-And how far vehicles are from each other and from their fences.
+Also distances of vehicles from each other and their fences.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,9 +25,9 @@ def fences(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> dict[i
 
 
 def nearest_other(vehicle_id: int, places_m: Mapping[int, Place]) -> tuple[int, float] | None:
-    """Return the vehicle horizontally nearest to one, by the places (x, y) of all, and how far it is [m].
+    """Return the horizontally nearest other vehicle and its distance [m], from the positions (x, y) of all.
 
-    None without others, or where the vehicle's own place is not known.
+    None without others, or if the vehicle's own position is unknown.
     """
     here_m = places_m.get(vehicle_id)
     if here_m is None:
@@ -40,9 +40,7 @@ def nearest_other(vehicle_id: int, places_m: Mapping[int, Place]) -> tuple[int, 
 def slots_fit(
     vehicles: IndexedVehicles, safety: SafetySettings, formation: FormationSettings | None, network: Settings | None
 ) -> Iterator[str]:
-    """Check that all vehicles have a place in the formation of their own, or none; that places are apart; and that who
-    keeps station on another can hear it.
-    """
+    """Check that all vehicles or none have a slot, that slots are apart, and that followers are in radio range."""
     placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
     if placed and len(placed) < len(vehicles):
         i = next(i for i, vehicle in vehicles if vehicle.slot_m is None)
@@ -75,7 +73,7 @@ def slots_fit(
 def limits_agree(
     safety: SafetySettings, ring: EncirclementSettings | None, formation: FormationSettings | None
 ) -> Iterator[str]:
-    """Check that no limit contradicts another, or what the tactics need."""
+    """Check that limits contradict neither each other nor what the tactics need."""
     low, high = safety.altitude_min_m, safety.altitude_max_m
     if low is not None and high is not None and low >= high:
         yield f"safety.altitude_min_m: {low} m is not below altitude_max_m = {high} m"
@@ -100,7 +98,7 @@ def limits_agree(
             )
     along_m_s = 0.0 if ring is None else abs(ring.angular_rate_rad_s) * ring.radius_m
     if ring is not None and along_m_s > ring.speed_max_m_s:
-        return  # the ring contradicts itself, which is reported already
+        return  # reported by the cross-check of the ring
     line_m_s = 0.0 if formation is None else formation.speed_m_s
     for needed_m_s, what in ((along_m_s, "the ring"), (line_m_s, "the formation")):
         if needed_m_s > safety.speed_max_m_s:
@@ -116,7 +114,7 @@ def limits_agree(
 def altitudes_fit(
     vehicles: IndexedVehicles, safety: SafetySettings, layers: ChoreographySettings | None
 ) -> Iterator[str]:
-    """Check that every vehicle flies inside its altitude limits, and its layers too."""
+    """Check that every vehicle's altitude and layers are inside its altitude limits."""
     if vehicles and layers is not None and layers.layer_m > 0.0:
         yield from _layers_fit(vehicles, safety, layers)
     for i, vehicle in vehicles:
@@ -133,7 +131,7 @@ def altitudes_fit(
 
 
 def _layers_fit(vehicles: IndexedVehicles, safety: SafetySettings, layers: ChoreographySettings) -> Iterator[str]:
-    """Check each vehicle's higher layer, of take-off and of landing, and say it once of those with the team's limit."""
+    """Check the higher of each vehicle's layers at take-off and landing; one fault for all with the team's limit."""
     ids = tuple(vehicle.id for _, vehicle in vehicles)
     order = layers.in_landing_order(ids)
     from_m = max(vehicle.altitude_m for _, vehicle in vehicles)
@@ -157,15 +155,15 @@ def follows_fit(
     ring: EncirclementSettings | None,
     target: TargetSection | None,
 ) -> Iterator[str]:
-    """Check that a ring that follows the target's altitude is told how, and where to stop."""
+    """Check that a ring that follows the target's altitude has an offset and altitude limits."""
     if ring is None:
         return
     offset_m = ring.altitude_offset_m
     if ring.altitude == "layers":
         if offset_m is not None:
             yield (
-                f'encirclement.altitude_offset_m: {offset_m} m is above the target: it goes with altitude = "target" '
-                'only, and not with "layers"'
+                f"encirclement.altitude_offset_m: {offset_m} m counts from the target's altitude: it needs "
+                'encirclement.altitude = "target"'
             )
         return
     limits = [vehicle.limits(safety) for _, vehicle in vehicles] or [safety]
@@ -184,7 +182,7 @@ def follows_fit(
 
 
 def _follows_inside(vehicles: IndexedVehicles, safety: SafetySettings, lowest_m: float, above: str) -> Iterator[str]:
-    """Check that all vehicles are inside their limits when the lowest follows the target at `lowest_m`."""
+    """Check that all vehicles are inside their limits when the lowest, above the target, flies at `lowest_m`."""
     altitudes_m = [vehicle.altitude_m for _, vehicle in vehicles]
     outside: list[tuple[int, VehicleSection, float]] = []
     for i, vehicle in vehicles:
@@ -209,7 +207,7 @@ def _follows_inside(vehicles: IndexedVehicles, safety: SafetySettings, lowest_m:
 
 
 def _limit(i: int, vehicle: VehicleSection, key: str) -> str:
-    """Return where a vehicle's limit is set: in its own table, or for the team."""
+    """Return the key that sets a vehicle's limit: its own or the team's."""
     return f"safety.{key}" if getattr(vehicle, key) is None else f"vehicles[{i}].{key}"
 
 
@@ -253,7 +251,7 @@ def _sound(key: str, corners: Sequence[tuple[float, float]]) -> Iterator[str]:
 
 
 def _around_target(key: str, fence: Fence, radius_m: float, target: TargetSection, duration_s: float) -> Iterator[str]:
-    """Check target path and ring, and say when the first of them leaves the fence, and where."""
+    """Check target path and ring; the fault states when and where the first of them leaves the fence."""
     for time_s, (x, y) in target.motion.path_m(duration_s, _PATH_POINTS):
         room_m = fence.clearance_m((x, y))
         if room_m < radius_m:

@@ -1,4 +1,4 @@
-"""The sections `[link]` and `[links]`: how vehicles are connected, at what rates, and what a connection carries."""
+"""The sections `[link]` and `[links]`: connections to the vehicles, message rates, and data rates."""
 
 from typing import Annotated, Literal
 
@@ -26,15 +26,16 @@ def connection_url(url: str) -> str:
 
 
 class LinkSection(Settings):
-    """`[link]`: how often a vehicle tells its motion, its attitude while its clock is measured, and its status; and how
-    often setpoints are sent: every tick (none), or less often. What MAVSDK repeats by itself, 20 times a second, counts
-    as a setpoint. `bytes_per_s` is what a connection carries, both ways together: none is what the rate of a serial
-    device allows, and no bound elsewhere. With `rates` = "auto" the rates above are upper limits: lower ones are chosen
-    where a connection carries no more, and lowered in flight where messages are lost or a radio reports that its buffer
-    is full; status first, then motion, then setpoints, none of these below 5 Hz.
-    Velocities go with the setpoints of vehicles whose profile has `feedforward`; given here as well, true or false,
-    profiles of the other kind are refused. With `signing_key_file`, a file beside the mission, MAVLink 2 messages to
-    and from every vehicle are signed, and a vehicle that does not sign is refused (`cordon keys issue mavlink`).
+    """`[link]`: message rates of each vehicle's motion, its status, and its attitude while its clock is measured; and
+    the rate of setpoints: every tick (none), or less. Setpoints that MAVSDK repeats by itself, 20 times a second, count
+    as well. `bytes_per_s` is a connection's data rate, both directions together; none: what the rate of a serial device
+    allows, unlimited elsewhere. With `rates` = "auto" the rates above are upper limits. Lower ones are used if the
+    connection carries no more, and are reduced in flight if messages are lost or a radio reports a full buffer: first
+    status, then motion, then setpoints, which stay at 5 Hz or more.
+    Setpoints carry velocities for vehicles whose profile has `feedforward`; if `feedforward` is given here, true or
+    false, profiles of the other kind are refused. With `signing_key_file`, a file beside the mission, MAVLink 2
+    messages to and from every vehicle are signed, and a vehicle that does not sign is refused (`cordon keys issue
+    mavlink`).
     """
 
     telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
@@ -48,8 +49,8 @@ class LinkSection(Settings):
 
 
 class SharedLinkSection(Settings):
-    """`[links.NAME]`: a connection that carries several vehicles, told apart by their system ids, such as a mesh radio.
-    They name it by `link` in place of a `url` of their own. Its `bytes_per_s` and `rates` stand for those of `[link]`.
+    """`[links.NAME]`: a connection that several vehicles share, such as a mesh radio; system ids distinguish them.
+    The vehicles refer to it by `link` instead of a `url`. Its `bytes_per_s` and `rates` replace those of `[link]`.
     """
 
     url: Annotated[str, AfterValidator(connection_url)]
@@ -58,7 +59,7 @@ class SharedLinkSection(Settings):
 
 
 def capacity_bytes_s(url: str, given: float | None) -> float | None:
-    """Return what a connection carries both ways together: as given, by its serial rate, or None without a bound."""
+    """Return a connection's data rate, both directions together: as given, by its serial rate, or None: unlimited."""
     scheme, _, rest = url.partition("://")
     if given is not None or scheme != "serial":
         return given

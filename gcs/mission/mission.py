@@ -40,10 +40,10 @@ def _endpoint(text: str) -> str:
 
 
 PARTS_MAX = 1000
-"""Legs of the target's way, and intervals in which it is not seen."""
+"""Maximum number of legs of the target's path, and of intervals in which it is not seen."""
 
 TARGET_SPEED_MAX_M_S = 20.0
-"""Of a simulated target along its legs."""
+"""Maximum speed of a simulated target along its legs."""
 
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
 Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
@@ -57,7 +57,7 @@ Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pai
 
 
 class MissionSection(Settings):
-    """`[mission]`: what it is called, how long it takes, how often the loop runs, and the seed of all chance."""
+    """`[mission]`: name, description, duration, rate of the control loop, and seed of all simulated random numbers."""
 
     name: str = Field(min_length=1, max_length=60)
     description: str = ""
@@ -67,10 +67,10 @@ class MissionSection(Settings):
 
 
 class FrameSection(Settings):
-    """`[frame]`: where on Earth the mission frame lies, and the bearing of its x axis clockwise from north. Latitude,
-    longitude and altitude are required, unless `local` is true: then the place on Earth is unknown, as indoors,
-    no GPS is needed, and every vehicle's `origin_m` says where its own local NED begins. With `external_positions`
-    cordon sends the autopilots where they are, as motion capture or UWB says on the team's bus (docs/indoor.md).
+    """`[frame]`: the mission frame's origin on Earth, and the bearing of its x axis clockwise from north. Latitude,
+    longitude and altitude are required unless `local` is true. A local frame has no position on Earth and needs no
+    GPS, as indoors; every vehicle's `origin_m` is then the origin of its local NED frame. With `external_positions`
+    cordon sends the autopilots their positions, received from motion capture or UWB on the team's bus (docs/indoor.md).
     """
 
     latitude_deg: float | None = Field(None, ge=-89.0, le=89.0)
@@ -82,9 +82,9 @@ class FrameSection(Settings):
 
 
 class SensorSection(Settings):
-    """`[target.sensor]`: how far, how often and how well a vehicle sees the simulated target. A share of the
-    sightings are outliers, off by `outlier_m` to some side; they are told `delay_s` late, and there are none from one
-    mission time to another of `blind_s`.
+    """`[target.sensor]`: range, rate and noise of a vehicle's sensor of the simulated target. `outlier_share` of the
+    sightings are outliers, off by `outlier_m` in a random direction. Sightings arrive `delay_s` late. `blind_s` holds
+    intervals of mission time without sightings.
     """
 
     range_m: float = Field(gt=0.0, le=10000.0)
@@ -97,7 +97,7 @@ class SensorSection(Settings):
 
 
 class SensorChange(Settings):
-    """`sensor` of a vehicle: what its own sensor does otherwise than `[target.sensor]` says."""
+    """`sensor` of a vehicle: values that replace those of `[target.sensor]` for this vehicle."""
 
     range_m: float | None = Field(None, gt=0.0, le=10000.0)
     rate_hz: float | None = Field(None, gt=0.0, le=50.0)
@@ -109,7 +109,7 @@ class SensorChange(Settings):
 
 
 class LegSection(Settings):
-    """`[[target.legs]]`: a straight piece of the simulated target's way, and how long it stays at its end."""
+    """`[[target.legs]]`: a straight leg of the simulated target's path, and how long the target stays at its end."""
 
     to_m: Metres2
     speed_m_s: float = Field(gt=0.0, le=TARGET_SPEED_MAX_M_S)
@@ -117,16 +117,16 @@ class LegSection(Settings):
 
 
 class TargetSection(TargetBehaviour):
-    """`[target]`: where the target is, how it moves, and how important and dangerous it is held to be. It moves at one
-    velocity, or along its `legs` one after the other, `rounds` times, and then stays. With source "external" nobody
-    simulates it: sightings come over the bus (docs/target.md), and its motion here is only planned with. With "mavlink"
-    it is the vehicle `system_id` on `url`; how often and how well that knows its place is the sensor's rate and noise.
-    With `altitude_m`, above the mission's origin, simulated sensors report that as well. The last six keys are what is
-    known of the target: it is expected to keep its velocity but for `acceleration_noise_m_s2`, a density per root
-    second; when sightings disagree with that, its velocity may have changed by `manoeuvre_speed_m_s`, and for some time
-    after it may accelerate by `manoeuvre_acceleration_m_s2`. `velocity_prior_m_s` is the standard deviation of its
-    velocity before the first sightings. Out of sight it keeps its velocity for about `coast_s`; after `stale_after_s`
-    without a sighting its place counts as unknown, and vehicles on the ring hold.
+    """`[target]`: the target's start, motion, importance and threat. It moves at `velocity_m_s`, or along its `legs`
+    one after the other, `rounds` times, and then stays. With source "external" it is not simulated: sightings come over
+    the bus (docs/target.md), and the motion given here is used for planning only. With "mavlink" it is the vehicle
+    `system_id` on `url`; the sensor's rate and noise are those of its position reports. With `altitude_m`, above the
+    mission's origin, simulated sensors report the altitude, too. The last six keys are the target filter's motion
+    model: the velocity is constant but for `acceleration_noise_m_s2`, a density per root second. When sightings
+    contradict that, the velocity may have changed by `manoeuvre_speed_m_s`, and for some time the target may
+    accelerate by `manoeuvre_acceleration_m_s2`. `velocity_prior_m_s` is the standard deviation of the velocity before
+    the first sightings. Without sightings the velocity is kept for about `coast_s`; after `stale_after_s` the position
+    is unknown, and vehicles on the ring hold.
     """
 
     source: Literal["simulated", "external", "mavlink"] = "simulated"
@@ -144,23 +144,24 @@ class TargetSection(TargetBehaviour):
     @model_validator(mode="after")
     def _is_one_target(self) -> Self:
         if self.legs and self.velocity_m_s != (0.0, 0.0):
-            raise ValueError("a target with legs has no velocity_m_s: leave one of them out")
+            raise ValueError("a target has either legs or velocity_m_s: leave one of them out")
         named = self.url is not None and self.system_id is not None
         if named != (self.source == "mavlink") or (self.url is None) != (self.system_id is None):
-            raise ValueError('a target with source = "mavlink", and no other, has a url and a system_id')
+            raise ValueError('source = "mavlink" needs a url and a system_id; other sources have neither')
         return self
 
     @property
     def motion(self) -> TargetMotion:
-        """How the simulated target moves."""
+        """The simulated target's motion."""
         legs = tuple(Leg(leg.to_m, leg.speed_m_s, leg.pause_s) for leg in self.legs)
         return TargetMotion(self.start_m, self.velocity_m_s, legs, self.rounds)
 
 
 class SecuritySection(Settings):
-    """`[network.security]`: `keys` is the folder of this computer's keys (`cordon keys`), beside the mission. Without
-    the section a team on one computer has keys of its own for each flight; over several computers it is required. With
-    `insecure = true` nothing on the bus is encrypted or authenticated: who reaches it may command the vehicles.
+    """`[network.security]`: `keys` is the folder of this computer's keys (`cordon keys`), beside the mission. A team on
+    several computers needs this section; for a team on one computer, cordon creates keys for each flight. With
+    `insecure = true` nothing on the bus is encrypted or authenticated: any host that reaches it can command the
+    vehicles.
     """
 
     keys: str | None = Field(None, min_length=1)
@@ -169,13 +170,13 @@ class SecuritySection(Settings):
     @model_validator(mode="after")
     def _is_one_or_the_other(self) -> Self:
         if (self.keys is None) != self.insecure:
-            raise ValueError("it has either the folder of the keys, keys, or insecure = true")
+            raise ValueError("set either keys, the folder of the keys, or insecure = true")
         return self
 
 
 class NetworkSection(Settings):
-    """`[network]`: the team's name on the bus, how far messages reach, and where `cordon router` is that all connect to
-    instead of to each other (docs/onboard.md); delay and loss are the simulation's."""
+    """`[network]`: the team's name on the bus, the radio range between vehicles, and the address of `cordon router`, if
+    all connect to a router instead of to each other (docs/onboard.md). Delay and loss apply to the simulation only."""
 
     team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$")
     router: Annotated[str, AfterValidator(_endpoint)] | None = None
@@ -186,10 +187,10 @@ class NetworkSection(Settings):
 
 
 class SimulationSection(Settings):
-    """`[simulation]`: what is not ideal about simulated and stub vehicles: telemetry noise, a steady push `wind_m_s2`.
-    All other keys are for `cordon sim` alone: bounds that shape every motion; a wind by its speed, which pushes and
-    drags, with Dryden `gusts`; an estimator that wanders (standard deviation per axis); and telemetry at a rate of its
-    own instead of one sample at every tick.
+    """`[simulation]`: imperfections of simulated and stub vehicles: telemetry noise, and a constant acceleration
+    `wind_m_s2`. All other keys apply to `cordon sim` only: limits that shape every motion; a wind speed, which
+    accelerates and drags vehicles, with Dryden `gusts`; a slowly drifting position estimate (standard deviation per
+    axis); and a telemetry rate other than one sample for each tick.
     """
 
     position_noise_m: float = Field(0.0, ge=0.0, le=10.0)
@@ -205,7 +206,7 @@ class SimulationSection(Settings):
 
 
 class VerdictSection(Settings):
-    """`[verdicts]`: the tolerances by which a flight is judged."""
+    """`[verdicts]`: the tolerances of a flight's verdicts."""
 
     radius_error_rms_m: float = Field(0.15, gt=0.0)
     angular_rate_error_rad_s: float = Field(0.001, gt=0.0)
@@ -215,7 +216,7 @@ class VerdictSection(Settings):
 
 
 class TrueScale(Settings):
-    """How far a simulated vehicle's true plant is off its profile's."""
+    """Factors from the profile's plant to a simulated vehicle's true plant."""
 
     a0: float = Field(1.0, ge=0.1, le=10.0)
     a1: float = Field(1.0, ge=0.1, le=10.0)
@@ -223,18 +224,18 @@ class TrueScale(Settings):
 
 
 def _by_id(default: Callable[[int], str]) -> Any:
-    """Return a field whose default follows the vehicle's id; one that does not hold is a fault already."""
+    """Return a field whose default depends on the vehicle's id; an invalid id is reported by its own key."""
     return Field(default_factory=lambda known: default(known.get("id", 1)))
 
 
 class VehicleSection(Settings):
-    """`[[vehicles]]`: one vehicle; `system_id` is its id unless given. `url`, where cordon meets its MAVLink, and
-    `endpoint`, its agent's place on the bus, are on this computer unless given, at ports that follow the id: `url` is
-    that of PX4's simulator. `profile` is the name of a bundled profile or a file beside the mission. `autopilot` is
-    what a stub in its place flies as, the profile's unless given. `origin_m` is where its local NED begins in a local
-    `[frame]`: at `start_m` on the ground unless told otherwise. `slot_m` is its place in a free formation, about any
-    point that all have in common: all have one, or none. `fence_m`, `altitude_min_m` and `altitude_max_m` hold for this
-    vehicle instead of those of `[safety]`. With `link`, the name of one of `[links]`, it has that one's url.
+    """`[[vehicles]]`: one vehicle. `system_id` is its MAVLink system id, by default its id. `url` is its MAVLink
+    connection, `endpoint` its agent's Zenoh endpoint; by default both are on this computer, at ports that depend on the
+    id, `url` at those of PX4's simulator. `profile` is a bundled profile or a file beside the mission. `autopilot` is
+    the autopilot that a stub in its place emulates, by default the profile's. `origin_m` is the origin of its local NED
+    in a local `[frame]`, by default `start_m` on the ground. `slot_m` is its position in a free formation, relative to
+    any common point; all vehicles have one, or none. `fence_m`, `altitude_min_m` and `altitude_max_m` replace those of
+    `[safety]` for this vehicle. `link` is one of `[links]`, whose url it then uses.
     """
 
     id: int = Field(ge=1, le=254)
@@ -263,9 +264,9 @@ class VehicleSection(Settings):
 
 
 def lowest_between_m(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> tuple[float | None, float | None]:
-    """Return between which altitudes the lowest vehicle has to fly so that all are inside their limits.
+    """Return the altitude limits of the lowest vehicle that keep all vehicles inside their limits.
 
-    The others fly as much higher as their `altitude_m` are. None where no vehicle has such a limit.
+    The others fly higher by the differences of their `altitude_m`. None for a limit that no vehicle has.
     """
     lowest_m = min(vehicle.altitude_m for vehicle in vehicles)
     limits = [(vehicle.limits(safety), vehicle.altitude_m - lowest_m) for vehicle in vehicles]
@@ -278,7 +279,7 @@ def lowest_between_m(vehicles: Sequence[VehicleSection], safety: SafetySettings)
 class MissionVehicle:
     """A vehicle of the mission with its profile: the plant its controller assumes, and the one a simulation flies.
 
-    `own_filter` are the settings of its own-state filter, `autopilot` is what it, or a stub in its place, flies as.
+    `own_filter` are the settings of its own-state filter, `autopilot` is its autopilot, or what a stub emulates.
     """
 
     section: VehicleSection
@@ -301,18 +302,17 @@ class MissionVehicle:
 
     @property
     def origin_m(self) -> Triple:
-        """Where its local NED begins in a local mission frame."""
+        """The origin of its local NED in a local mission frame."""
         return self.section.origin_m or (*self.section.start_m, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A whole mission, checked: every section, and the vehicles with their profiles; and what it was read from.
+    """A checked mission: every section, the vehicles with their profiles, and the text that it was read from.
 
-    `identity` is what vehicles and operators of one team compare (gcs/mission/identity.py). `folder` is that of its
-    file. `warnings` name the keys that stand where an earlier version had them, and where each stands today. A mission
-    that `excites` is the flight by which its only vehicle is identified. `parse` makes a mission of text, folder and
-    profile texts.
+    `identity` is compared between the vehicles and operators of one team (gcs/mission/identity.py). `folder` is that of
+    its file. `warnings` list keys at their places in an earlier version, with their present places. A mission that
+    `excites` is the excitation flight of its only vehicle. `parse` makes a mission from text, folder and profile texts.
     """
 
     mission: MissionSection
@@ -345,29 +345,28 @@ class Mission:
         return tuple(vehicle.id for vehicle in self.vehicles)
 
     def vehicle(self, vehicle_id: int) -> MissionVehicle:
-        """Return one vehicle; raises KeyError when the mission has none of that id."""
+        """Return the vehicle of an id; raises KeyError if there is none."""
         for vehicle in self.vehicles:
             if vehicle.id == vehicle_id:
                 return vehicle
         raise KeyError(vehicle_id)
 
     def replace(self, **sections: object) -> "Mission":
-        """Return the mission with other values of some keys, checked as a file is; the mission itself stays as it is.
+        """Return a copy of the mission with other values of some keys, checked as a file is.
 
-        A section is a table of keys, and so are those inside it: `replace(encirclement={"radius_m": 12.0})`. `vehicles`
-        are by id: `replace(vehicles={2: {"profile": "heavy.toml"}})`. Any other value, also an array of tables, takes
-        the place of the whole key. Profiles are found where those of the mission are. Raises InputError with every
-        fault.
+        Sections are mappings of keys: `replace(encirclement={"radius_m": 12.0})`. `vehicles` are by id:
+        `replace(vehicles={2: {"profile": "heavy.toml"}})`. Any other value, also an array of tables, replaces the whole
+        key. Profiles are looked up where the mission's are. Raises InputError with every fault.
         """
         return self.parse(overridden(self.text, places(sections, self.ids)), self.folder, self.profile_texts)
 
     def sensor(self, vehicle_id: int) -> SensorSection:
-        """Return how one vehicle sees the simulated target."""
+        """Return a vehicle's sensor of the simulated target."""
         change = self.vehicle(vehicle_id).section.sensor
         return self.target.sensor.model_copy(update={} if change is None else change.model_dump(exclude_none=True))
 
     def mission_frame(self) -> MissionFrame:
-        """Return the frame the mission is written in."""
+        """Return the mission frame."""
         frame, origin = self.frame, None
         if not (frame.latitude_deg is None or frame.longitude_deg is None or frame.altitude_m is None):
             origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)

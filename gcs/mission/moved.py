@@ -1,7 +1,7 @@
-"""Keys of earlier versions' mission files, and where each stands today.
+"""Keys of earlier versions' mission files, and their present places.
 
-An old file is read as if it were written today. Each key that moved is a warning, and a fault in it is reported at the
-place where the file has it.
+A file of an earlier version is converted before it is read. Each moved key is a warning; a fault in it is reported at
+its place in the file.
 """
 
 from collections.abc import Callable
@@ -17,19 +17,19 @@ Content = dict[str, Any]
 
 @dataclass(slots=True)
 class Moves:
-    """What was moved: warnings for the user, faults of keys that stand in both places, and where keys were read."""
+    """The moved keys: warnings, faults of keys given at both places, and the places in the file."""
 
     warnings: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     read_at: dict[str, str] = field(default_factory=dict)
 
     def as_written(self, fault: str) -> str:
-        """Return a fault with the place of its key in the file as it was written."""
+        """Return a fault with its key's place in the original file."""
         place, colon, reason = fault.partition(": ")
         return f"{self.read_at.get(place, place)}{colon}{reason}"
 
     def key(self, source: Content, old: tuple[str, str], target: Content, new: tuple[str, str]) -> None:
-        """Move a key between tables; `old` and `new` are the places of the tables and the names of the key in them."""
+        """Move a key between tables; `old` and `new` are (place of the table, name of the key)."""
         before, after = ".".join(old), ".".join(new)
         value = source.pop(old[1])
         if new[1] in target:
@@ -41,9 +41,9 @@ class Moves:
 
 
 def modernised(content: Content) -> tuple[Content, Moves]:
-    """Return a mission file's content in today's form, and what was moved.
+    """Return a mission file's content in the present form, and what was moved.
 
-    The section `own_filter` stays where it is: it belongs to the profiles, and applies over each of them.
+    The section `own_filter` is not moved: it belongs to the profiles, and overrides each of them.
     """
     content, moves = deepcopy(content), Moves()
     for move in _MOVES:
@@ -64,12 +64,12 @@ def _own_filter(content: Content, moves: Moves) -> None:
     for key in section if isinstance(section, dict) else ():
         moves.warnings.append(
             f"own_filter.{key}: moved to the profile of each vehicle ([own_filter] there); "
-            "here it applies to every vehicle over its profile"
+            "here it overrides every vehicle's profile"
         )
 
 
 def _target_filter(content: Content, moves: Moves) -> None:
-    """Move what describes the target to its section, and the rest to `[tuning]`; no table stays for its fault."""
+    """Move keys that describe the target to `[target]`, the others to `[tuning]`; keep anything but a table."""
     section = content.get("target_filter")
     if not isinstance(section, dict):
         return
@@ -88,12 +88,12 @@ def _tuning(content: Content, moves: Moves) -> None:
 
 
 def _move(content: Content, moves: Moves, old: tuple[str, str], new: str) -> None:
-    """Move a key of a section to another table of the same name, which is made where it is missing."""
+    """Move a key of a section to another table of the same name, which is created if it is missing."""
     target: Any = content
     for part in new.split("."):
         target = target.setdefault(part, {})
         if not isinstance(target, dict):
-            moves.faults.append(f"{'.'.join(old)}: moved to {new}.{old[1]}, and {new} is no table")
+            moves.faults.append(f"{'.'.join(old)}: moved to {new}.{old[1]}, but {new} is not a table")
             content[old[0]].pop(old[1])
             return
     moves.key(content[old[0]], old, target, (new, old[1]))

@@ -1,6 +1,6 @@
-"""Values given in place of those in a mission file, by their place: `encirclement.radius_m`, `vehicles[0].id`.
+"""Overrides of values in a mission file, by their path: `encirclement.radius_m`, `vehicles[0].id`.
 
-The result is a mission's text again: a log holds it, and the same flight can be flown from it.
+The result is again a mission's text: a log records it, and the flight can be repeated from it.
 """
 
 import json
@@ -16,11 +16,11 @@ from estimation.bounded_toml import KEY_PARTS_MAX, toml_content
 from gcs.errors import InputError
 
 _STEP = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
-"""One part of a place: a name, and the indexes into the arrays behind it."""
+"""One part of a path: a name, and the indexes behind it."""
 
 
 def override(given: str) -> tuple[str, object]:
-    """Return place and value of `KEY=VALUE`; what is no TOML value is a string. Raises InputError."""
+    """Return path and value of `KEY=VALUE`; text that is not a TOML value is a string. Raises InputError."""
     place, equals, text = given.partition("=")
     if not equals:
         raise InputError([f"--set {given}: write KEY=VALUE, such as encirclement.radius_m=12"])
@@ -31,7 +31,7 @@ def override(given: str) -> tuple[str, object]:
 
 
 def places(sections: Mapping[str, object], vehicle_ids: Sequence[int]) -> dict[str, object]:
-    """Return the places of the values in nested tables; `vehicles` are a table by id. Raises InputError.
+    """Return the paths and values of nested tables; `vehicles` is a table by id. Raises InputError.
 
     `{"encirclement": {"radius_m": 12}}` is `{"encirclement.radius_m": 12}`.
     """
@@ -55,13 +55,13 @@ def _flat(place: str, value: object) -> dict[str, object]:
 
 
 def override_text(place: str, value: object) -> str:
-    """Return `KEY=VALUE` from which `override` reads this place and value."""
+    """Return `KEY=VALUE`, the inverse of `override`."""
     is_plain = isinstance(value, str) and override(f"{place}={value}") == (place, value)
     return f"{place}={value if is_plain else _toml(value)}"
 
 
 def _toml(value: object) -> str:
-    """Return a value as TOML in one line; what JSON writes is TOML but for tables."""
+    """Return a value as TOML in one line: JSON but for tables."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {_toml(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):
@@ -70,9 +70,9 @@ def _toml(value: object) -> str:
 
 
 def overridden(text: str, overrides: Mapping[str, object]) -> str:
-    """Return a mission's text with other values at these places; without any, as it was.
+    """Return a mission's text with other values at these paths; unchanged without any.
 
-    Whether the values hold is found where the mission is read. Raises InputError for places that cannot be.
+    Values are validated when the mission is read. Raises InputError for impossible paths.
     """
     if not overrides:
         return text
@@ -91,28 +91,28 @@ def overridden(text: str, overrides: Mapping[str, object]) -> str:
 
 
 def _unwritable(place: str, value: object) -> list[str]:
-    """Return what is wrong with a value that TOML does not have."""
+    """Return the fault of a value that TOML cannot represent."""
     try:
         tomli_w.dumps({"value": value})
     except TypeError:
-        return [f"{place}: {value!r} is no value of TOML: give a number, text, true or false, an array or a table"]
+        return [f"{place}: {value!r} is not a TOML value: give a number, text, true or false, an array or a table"]
     return []
 
 
 def _put(content: dict[str, Any], place: str, value: object) -> list[str]:
-    """Put a value into the content; return what is wrong with its place."""
+    """Set a value in the content; return the faults of its path."""
     steps = _steps(place)
     if not steps:
-        return [f"{place}: not the place of a key; write it as in encirclement.radius_m or vehicles[0].profile"]
+        return [f"{place}: not the path of a key, such as encirclement.radius_m or vehicles[0].profile"]
     table: Any = content
     for step, following in zip(steps, (*steps[1:], None), strict=True):
         if isinstance(step, int):
             if not isinstance(table, list):
-                return [f"{place}: what stands before [{step}] is no array"]
+                return [f"{place}: the part before [{step}] is not an array"]
             if step >= len(table):
                 return [f"{place}: there is no [{step}], the last is [{len(table) - 1}]"]
         elif not isinstance(table, dict):
-            return [f"{place}: what stands before {step} is no table"]
+            return [f"{place}: the part before {step} is not a table"]
         elif step not in table and isinstance(following, str):
             table[step] = {}
         elif step not in table and following is not None:
@@ -125,7 +125,7 @@ def _put(content: dict[str, Any], place: str, value: object) -> list[str]:
 
 
 def _steps(place: str) -> list[str | int]:
-    """Return the names and indexes of a place, none where it is not one."""
+    """Return the names and indexes of a path, empty if it is invalid."""
     steps: list[str | int] = []
     for part in place.split("."):
         match = _STEP.fullmatch(part)

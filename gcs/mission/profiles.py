@@ -1,4 +1,4 @@
-"""A mission's vehicles with their profiles: what each controller assumes, and what the simulation flies."""
+"""A mission's vehicles with their profiles: the plant that each controller assumes, and the simulation's true plant."""
 
 from collections.abc import Iterator, Sequence
 
@@ -13,9 +13,9 @@ LoadedVehicle = tuple[VehicleSection, Profile]
 
 
 def resolved(section: VehicleSection, profile: Profile, own_filter: OwnFilterSettings | None) -> MissionVehicle:
-    """Return a vehicle with its profile, and the plant that a simulation flies: off by its `true_scale`.
+    """Return a vehicle with its profile, and the true plant of a simulation: the profile's, scaled by `true_scale`.
 
-    The keys that are set in `own_filter`, which missions of earlier versions hold, replace the profile's.
+    Keys set in `own_filter`, a section of earlier versions, override the profile's.
     """
     changes = {} if own_filter is None else {key: getattr(own_filter, key) for key in own_filter.model_fields_set}
     return MissionVehicle(
@@ -30,7 +30,7 @@ def resolved(section: VehicleSection, profile: Profile, own_filter: OwnFilterSet
 
 
 def true_plant(section: VehicleSection, plant: Plant) -> Plant:
-    """Return a plant off by the `true_scale` of a vehicle."""
+    """Return a plant scaled by the `true_scale` of a vehicle."""
     scale = section.true_scale
 
     def true(axis: PlantAxis) -> PlantAxis:
@@ -41,7 +41,7 @@ def true_plant(section: VehicleSection, plant: Plant) -> Plant:
 
 
 def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None]) -> Iterator[str]:
-    """Return the faults of profiles that are not for the kind of setpoints that `link.feedforward` states."""
+    """Return the faults of profiles that do not match `link.feedforward`."""
     if link.feedforward is None:
         return
     for index, vehicle in enumerate(vehicles):
@@ -54,14 +54,14 @@ def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None])
         stated, wanted = ("true", "with velocities") if link.feedforward else ("false", "without")
         yield (
             f"vehicles[{index}].profile: '{section.profile}' {kind}, and link.feedforward = {stated}: "
-            f"name one identified {wanted}, or leave link.feedforward out, and each profile decides"
+            f"use one identified {wanted}, or leave link.feedforward out: then each profile decides"
         )
 
 
 def beyond_limits(
     vehicles: Sequence[LoadedVehicle | None], speed_m_s: float, acceleration_m_s2: float
 ) -> Iterator[str]:
-    """Return the faults of vehicles whose profile limits them to less speed or acceleration than the mission takes."""
+    """Return the faults of vehicles whose profile's limits are below the mission's speed or acceleration."""
     for index, vehicle in enumerate(vehicles):
         if vehicle is None:
             continue

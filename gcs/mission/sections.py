@@ -1,4 +1,4 @@
-"""The names of a mission file's sections and of the tables of `[tuning]`, with the models of what stands in them."""
+"""The names of a mission file's sections and of the tables of `[tuning]`, with their models."""
 
 from agents.settings.sections import (
     ChoreographySettings,
@@ -26,9 +26,9 @@ from gcs.mission.mission import (
 )
 
 EXCITES = "excite"
-"""The key above all sections by which a mission is the flight for identification of the vehicle of that id."""
+"""The top-level key that makes a mission the excitation flight of the vehicle of that id."""
 OLD_OWN_FILTER = "own_filter"
-"""The section by which missions of earlier versions change the own-state filter of every vehicle."""
+"""The section by which missions of earlier versions override the own-state filter of every vehicle."""
 SECTIONS: dict[str, type[Settings]] = {
     "mission": MissionSection,
     "frame": FrameSection,
@@ -53,7 +53,7 @@ TUNING: dict[str, type[Settings]] = {
     "failsafe": FailsafeTuning,
     "target_filter": TargetFilterTuning,
 }
-"""The tables of `[tuning]`: what no mission has to choose."""
+"""The tables of `[tuning]`, whose defaults suit every mission."""
 TUNED: dict[str, tuple[str, type[Settings]]] = {
     "formation": ("formation", FormationSettings),
     "encirclement": ("encirclement", EncirclementSettings),
@@ -61,7 +61,7 @@ TUNED: dict[str, tuple[str, type[Settings]]] = {
     "failsafe": ("failsafe", FailsafeSettings),
     "target_filter": ("target", TargetFilterSettings),
 }
-"""The settings that are made of a section and a table of `[tuning]`, by the name of that table."""
+"""The settings merged from a section and a table of `[tuning]`, by the name of the table."""
 VEHICLES_MAX = 254
-"""As many as there are MAVLink system ids."""
+"""The number of MAVLink system ids."""
 REQUIRED = ("mission", "frame", "formation", "encirclement", "target")

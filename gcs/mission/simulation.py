@@ -1,4 +1,4 @@
-"""The simulated parts of a mission: each vehicle's sensor of the target, and what is not ideal about a vehicle."""
+"""The simulated parts of a mission: each vehicle's sensor of the target, and the vehicles' imperfections."""
 
 from math import inf
 
@@ -13,7 +13,7 @@ _SEES_NOTHING_M = -1.0
 
 
 def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) -> SimulatedSensor:
-    """Return the sensor of one vehicle; the target sets out at `start_s`. One that others see no sensor here sees."""
+    """Return the sensor of one vehicle; the target starts at `start_s`. It sees only simulated targets."""
     target, sensor = mission.target, mission.sensor(vehicle_id)
     model = SensorModel(
         sensor.range_m if target.source == "simulated" else _SEES_NOTHING_M,
@@ -31,7 +31,7 @@ def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) 
 
 
 def simulated_imperfections(mission: Mission) -> Imperfections:
-    """Return what is not ideal about the mission's simulated vehicles, beside their plants and noise."""
+    """Return the imperfections of the mission's simulated vehicles, without their plants and noise."""
     simulation = mission.simulation
     bounds = simulation.speed_max_m_s, simulation.acceleration_max_m_s2, simulation.jerk_max_m_s3
     bounded = any(bound is not None for bound in bounds)

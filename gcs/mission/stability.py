@@ -1,9 +1,9 @@
-"""Whether the loops of a configuration are stable on its own plant: eigenvalues, before anything flies.
+"""Stability of a configuration's control loops on its own plant, by their eigenvalues.
 
-Near the reference no bound binds and the LMPC is a linear feedback; the delay is predicted exactly. What is left is one
-sampled linear loop for each axis of the formation, for the radius and for the bearing, and one for each mode of the
-references on an evenly spaced ring. In the k-th of n modes the reference in front deviates as the one behind it does,
-turned by 2 pi k / n.
+Near the reference no constraint is active: the LMPC is a linear feedback, and the delay is predicted exactly. This
+leaves one sampled linear loop for each axis of the formation, for the radius and for the bearing, and one for each mode
+of the references on an evenly spaced ring. In the k-th of n modes, neighbouring references deviate with a phase
+difference of 2 pi k / n.
 """
 
 from collections.abc import Iterator
@@ -23,29 +23,29 @@ _BEFORE = np.array([0.0, 0.0, 1.0])
 
 
 BEARING = "keeping the bearing"
-"""The loops by which a vehicle follows its reference around the ring."""
+"""Name of the loops by which a vehicle follows its reference around the ring."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """A closed loop: the section that its gains are from, what it is, and the largest modulus of its eigenvalues."""
+    """A closed loop: the section of its gains, its name, and the largest modulus of its eigenvalues."""
 
     section: str
     name: str
     modulus: float
 
     def decay_per_s(self, rate_hz: float) -> float:
-        """Return how fast what is left of a deviation decays at least."""
+        """Return the slowest decay rate of a deviation [1/s]."""
         return -rate_hz * log(self.modulus) if self.modulus > 0.0 else inf
 
     @property
     def margin(self) -> float:
-        """How far inside the unit circle all eigenvalues are; negative where the loop is unstable."""
+        """The distance of all eigenvalues from the unit circle; negative if the loop is unstable."""
         return 1.0 - self.modulus
 
 
 def loops(config: AgentConfig) -> Iterator[Loop]:
-    """Yield every loop of a vehicle whose whole team, with it, is in formation or on the ring."""
+    """Yield every loop of a vehicle, for the whole team in formation and on the ring."""
     settings, members = config.encirclement, len(config.slots)
     relative = formation_lmpc(config).gains
     polar = ring_lmpc(settings).gains
@@ -58,12 +58,12 @@ def loops(config: AgentConfig) -> Iterator[Loop]:
         yield Loop("encirclement", f"keeping the radius along {'xy'[index]}", _modulus(radius))
         bearing = motion.linearised(polar.state[1, [1, 3]], polar.previous[1, 1])
         yield Loop("encirclement", f"{BEARING} along {'xy'[index]}", _modulus(bearing))
-    for mode in range(1, members // 2 + 1):  # the others are mirror images of these, as stable
+    for mode in range(1, members // 2 + 1):  # the other modes mirror these
         yield Loop("encirclement", f"mode {mode} of the spacing", _modulus(_spacing(config, members, mode)))
 
 
 def _spacing(config: AgentConfig, members: int, mode: int) -> Vector:
-    """Return the transition (2, 2) of a mode of the references; each knows the others' of the tick before."""
+    """Return the transition (2, 2) of a mode of the references; each uses the others' of the previous tick."""
     gain = 2.0 / 3.0 * scaled_gain_per_s(members, config.encirclement.spacing_gain_per_s) / config.rate_hz
     return np.array([[1.0 - gain, gain * cos(tau * mode / members)], [1.0, 0.0]])
 
@@ -74,14 +74,14 @@ def _modulus(transition: Vector) -> float:
 
 
 class _Sampled:
-    """One axis of the plant between two ticks, as control sees it: in the middle of the time a setpoint is held."""
+    """One axis of the plant between two ticks, sampled as the controller does: halfway through a setpoint's hold."""
 
     def __init__(self, config: AgentConfig, axis: PlantAxis, index: int) -> None:
         period_s = 1.0 / config.rate_hz
         own = [index, index + 2]
         whole, half = exact_step(config.plant, period_s), exact_step(config.plant, period_s / 2.0)
         self._axis = axis
-        # State [e e' X_before]; in the middle the setpoint to come is taken to go on as the vehicle does.
+        # State [e e' X_before]; halfway, the next setpoint is assumed to move on as the vehicle does.
         self._next = np.hstack([whole.transition[np.ix_(own, own)], np.zeros((2, 1))])
         self._push = whole.input_gain[own, index]
         push = half.input_gain[own, index]
@@ -89,12 +89,12 @@ class _Sampled:
         self._middle = self._middle + np.outer(push * period_s, self._middle[1])
 
     def loop(self, by_motion: Vector, by_previous: float) -> Vector:
-        """Return the transition (3, 3) when feedback chooses the setpoint itself."""
+        """Return the transition (3, 3) if the feedback's output is the setpoint."""
         setpoint = by_motion @ self._middle + by_previous * _BEFORE
         return np.vstack([self._next + np.outer(self._push, setpoint), setpoint])
 
     def linearised(self, by_motion: Vector, by_previous: float) -> Vector:
-        """Return the transition (4, 4) when feedback chooses the acceleration that the plant is solved for."""
+        """Return the transition (4, 4) if the feedback's output is an acceleration that the plant is inverted for."""
         position, velocity = self._middle
         wanted = np.append(by_motion @ self._middle, by_previous)
         lead = np.append(self._axis.a1_per_s * velocity, 0.0) + wanted

@@ -1,4 +1,4 @@
-"""A section of a TOML file against its model: the settings, or every fault with its place in a user's words."""
+"""Validation of a TOML section against its model: the settings, or every fault with its path in plain words."""
 
 import difflib
 from collections.abc import Sequence
@@ -19,17 +19,17 @@ _PLAIN_WORDS = {
 }
 
 _FOLLOWS = "default_factory_not_called"
-"""Of a default that follows from another key: that one has a fault of its own."""
+"""Error type of a default that depends on an invalid key, which has its own fault."""
 _OUT_OF_RANGE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 KEY_LENGTH_MAX = 60
 FAULTS_MAX = 20
-"""Of one section; the others are counted."""
+"""Maximum number of faults shown for one section; the others are counted."""
 
 _S = TypeVar("_S", bound=Settings)
 
 
 def validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
-    """Return a section of a mission file, or None and add everything that is wrong with it to the faults."""
+    """Return the settings of a section, or None and append its faults."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -40,7 +40,7 @@ def validated(model: type[_S], content: object, path: str, faults: list[str]) ->
 
 
 def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
-    """Return a fault of a section in a user's words."""
+    """Return a fault of a section in plain words."""
     *parents, last = fault["loc"] or ("",)
     if fault["type"] == "extra_forbidden":
         return unknown_key(_place(path, parents), str(last), _known_keys(model, parents))
@@ -54,7 +54,7 @@ def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
 
 
 def _as_degrees(key: int | str, fault: ErrorDetails) -> str:
-    """Return what an angle out of its range is in radians if it was meant in degrees."""
+    """Return an out-of-range angle converted from degrees to radians, as a hint."""
     if fault["type"] not in _OUT_OF_RANGE or not str(key).endswith(("_rad", "_rad_s")):
         return ""
     return f"; {fault['input']:g} degrees are {radians(fault['input']):.3g} radians"
@@ -65,7 +65,7 @@ def _place(path: str, below: Sequence[int | str]) -> str:
 
 
 def _known_keys(model: type[Settings], parents: Sequence[int | str]) -> list[str]:
-    """Return the keys of a table somewhere below a section."""
+    """Return the keys of a table below a section."""
     for key in filter(lambda part: isinstance(part, str), parents):
         annotation = model.model_fields[str(key)].annotation
         kinds = (annotation, *get_args(annotation))
@@ -83,7 +83,7 @@ def shown(value: object) -> str:
 
 
 def unknown_keys(parent: str, keys: Sequence[str], known: list[str]) -> list[str]:
-    """Return what to say of keys that are none of the known."""
+    """Return the faults of unknown keys."""
     return [*(unknown_key(parent, key, known) for key in keys[:FAULTS_MAX]), *_and_more(parent, len(keys))]
 
 
@@ -92,7 +92,7 @@ def _and_more(path: str, count: int) -> list[str]:
 
 
 def unknown_key(parent: str, key: str, known: list[str]) -> str:
-    """Return what to say of a key that is none of the known."""
+    """Return the fault of an unknown key."""
     near = difflib.get_close_matches(key, known, n=1) if len(key) <= KEY_LENGTH_MAX else []
     key = shown(key).strip("'\"")
     hint = f"; did you mean '{near[0]}'?" if near else f"; known keys: {', '.join(sorted(known))}"

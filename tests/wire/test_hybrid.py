@@ -96,7 +96,7 @@ def test_without_a_terminal_the_question_is_not_answered(mission_file: Callable[
     with cordon("fly", mission_file("case2"), "--sitl", "--bench", "--no-log") as flight:
         _, err = flight.communicate(timeout=30.0)
     assert flight.returncode == 3
-    assert "--bench: the propellers were not said to be off: without a terminal nobody can answer" in err
+    assert "--bench: propellers off was not confirmed: there is no terminal to answer on" in err
 
 
 def answered(answer: str, *arguments: str) -> tuple[int, str]:

@@ -104,7 +104,7 @@ def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
         with subtests.test(arguments[0]), cordon(*arguments) as process:
             assert process.stderr is not None
             said = lines_to(process.stderr, "page of")
-            assert f"warning: map tiles {tiles}: none lies at the mission's origin" in "".join(said)
+            assert f"warning: map tiles {tiles}: no tile covers the mission's origin" in "".join(said)
             port, cookie = entered(said[-1])
             connection = http.client.HTTPConnection(LOOPBACK, port, timeout=5.0)
             connection.request("GET", "/tiles/1/1/1", headers={"Cookie": cookie})

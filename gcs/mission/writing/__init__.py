@@ -1,4 +1,4 @@
-"""What helps a person to write a mission: where in the text a fault is, the JSON Schema, and a new mission's text.
+"""Help for people who write missions: the line of a fault, the JSON Schema, and the text of a new mission.
 
 It may import the sections of missions, not the reader of mission files.
 """

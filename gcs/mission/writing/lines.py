@@ -1,4 +1,4 @@
-"""Where in a file a fault is: its line, and what stands there. For people: a place that is not found is left out."""
+"""The line of a fault in a file, and its text; left out if it is not found."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -17,16 +17,16 @@ _ADVICE = {
     "Illegal character": "close the quotation marks on the same line",
     "Expected ']'": "close the bracket",
     "Unclosed array": "close the bracket",
-    "Cannot overwrite a value": "the key is there already: leave one of both out",
-    "Cannot declare": "the section is there already: put its keys together; each vehicle begins with [[vehicles]]",
+    "Cannot overwrite a value": "the key occurs twice: leave one of them out",
+    "Cannot declare": "the section occurs twice: merge its keys; each vehicle begins with [[vehicles]]",
 }
-"""What to do about the faults of TOML's syntax, by the beginning of the parser's message."""
+"""Next steps for faults of TOML syntax, by the beginning of the parser's message."""
 
 
 def located(faults: Sequence[str], path: Path, text: str, changes: Collection[str]) -> list[str]:
-    """Return the faults of a mission with file, line and the line's text behind each, as far as they are known.
+    """Return the faults of a mission, each followed by file, line and the line's text as far as they are known.
 
-    A fault at a place of `changes` was given on the command line.
+    A fault at a path of `changes` comes from the command line.
     """
     lines = text.split("\n")
     known = _numbers(lines)
@@ -34,7 +34,7 @@ def located(faults: Sequence[str], path: Path, text: str, changes: Collection[st
 
 
 def _source(fault: str, path: Path, lines: list[str], known: dict[str, int], changes: Collection[str]) -> str:
-    """Return what to say behind a fault about where it comes from."""
+    """Return the text behind a fault that states its source."""
     place, _, message = fault.partition(": ")
     if place == "not TOML":
         advice = next((f"; {each}" for start, each in _ADVICE.items() if message.startswith(start)), "")
@@ -52,7 +52,7 @@ def _source(fault: str, path: Path, lines: list[str], known: dict[str, int], cha
 
 
 def _numbers(lines: Sequence[str]) -> dict[str, int]:
-    """Return the numbers of the lines with keys and tables, by their places such as `vehicles[0].url`."""
+    """Return the line numbers of keys and tables, by their paths such as `vehicles[0].url`."""
     found: dict[str, int] = {}
     table, counts = "", dict[str, int]()
     for number, line in enumerate(lines, start=1):

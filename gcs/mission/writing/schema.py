@@ -1,4 +1,4 @@
-"""The JSON Schema of a mission file, made from the models that validate it: for editors, which complete and check."""
+"""The JSON Schema of a mission file, generated from the models that validate it, for editors."""
 
 from typing import Any
 
@@ -11,9 +11,9 @@ from gcs.mission.sections import REQUIRED, SECTIONS, TUNING, VEHICLES_MAX
 
 
 def mission_schema() -> dict[str, Any]:
-    """Return the schema of today's missions; what concerns several keys is found by `cordon check` alone."""
+    """Return the schema of present mission files; only `cordon check` checks keys against each other."""
     tables: dict[str, Any] = {name: (model, Field(default_factory=model)) for name, model in TUNING.items()}
-    tuning: Any = create_model("Tuning", __base__=Settings, __doc__="What no mission has to choose.", **tables)
+    tuning: Any = create_model("Tuning", __base__=Settings, __doc__="Tuning of the controllers.", **tables)
     sections: dict[str, Any] = {
         name: (model, ... if name in REQUIRED else Field(default_factory=model)) for name, model in SECTIONS.items()
     }

@@ -1,4 +1,4 @@
-"""A new mission's text: every key with a comment, places and limits computed from what a person chooses."""
+"""A new mission's text: every key with a comment; positions and limits follow from a few choices."""
 
 import re
 from collections.abc import Collection
@@ -15,7 +15,7 @@ Links = Literal["stub", "px4", "ardupilot", "udp", "serial"]
 NewShape = Literal["line", "column", "wedge"]
 SPACING_M, SEPARATION_M = 5.0, 3.0
 PROFILES: dict[Links, str] = {"stub": "stub", "px4": "px4", "ardupilot": "ardupilot", "udp": "px4", "serial": "px4"}
-"""The profile that vehicles behind such links most likely have."""
+"""The default profile of vehicles on such links."""
 
 _URLS: dict[Links, str] = {
     "stub": "udpin://127.0.0.1:{own}",
@@ -25,32 +25,32 @@ _URLS: dict[Links, str] = {
     "serial": "serial:///dev/ttyUSB{index}:57600",
 }
 _FIRST_PORT, _BLOCK, _BLOCKS = 15000, 10, 1700
-"""Above the ports of bundled missions and simulators, and below those that systems give to programs."""
+"""Above the ports of bundled missions and simulators, below the ephemeral ports."""
 _CATCHING_UP_M_S = 0.5
 _APPROACH_M = 20.0
-"""How far the formation flies, relative to the target, before its first vehicle engages: some 40 s."""
+"""Distance that the formation flies, relative to the target, before its first vehicle engages: about 40 s."""
 _ENGAGED_S = 300.0
 
 
 def least_radius_m(vehicles: int) -> float:
-    """Return the radius of the smallest ring on which vehicles are separated, in whole centimetres."""
+    """Return the smallest radius at which vehicles keep their separation, in whole centimetres."""
     return 0.1 if vehicles == 1 else ceil(100.0 * SEPARATION_M / chord_m(1.0, vehicles)) / 100.0
 
 
 def own_ports(name: str, vehicles: int, taken: Collection[int]) -> range:
-    """Return a port for each vehicle, by the mission's name; the next ones that hold none of `taken` where some do."""
+    """Return a port for each vehicle, derived from the mission's name; skips ranges with `taken` ports."""
     block = crc32(name.encode()) % _BLOCKS
     for step in range(_BLOCKS):
         first = _FIRST_PORT + (block + step) % _BLOCKS * _BLOCK
         ports = range(first, first + vehicles)
         if not any(port in ports for port in taken):
             return ports
-    raise ValueError("no ports are left")
+    raise ValueError("no free ports")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewMission:
-    """What a person chooses of a new mission. The target moves along x; without `fence_m` of room there is no fence."""
+    """The choices for a new mission. The target moves along x; `fence_m` is the fence's margin, 0 for no fence."""
 
     name: str
     vehicles: int
@@ -65,7 +65,7 @@ class NewMission:
 
     @property
     def text(self) -> str:
-        """The mission's text, which may not hold."""
+        """The mission's text, not validated."""
         speed_m_s = self.target_speed_m_s + _CATCHING_UP_M_S
         return _MISSION.format(
             name=dumps(self.name, ensure_ascii=False),
@@ -107,7 +107,7 @@ class NewMission:
 
     @property
     def _reach_m(self) -> float:
-        """How near the target engages: beyond the ring, also for the outermost vehicle."""
+        """The distance at which vehicles engage: larger than the ring, also for the outermost vehicle."""
         return float(ceil(self.radius_m + self._half_width_m + SPACING_M))
 
     @property
@@ -119,15 +119,13 @@ class NewMission:
     def _fence(self) -> str:
         """The fence around starts, ring and the target's path, its corners whole metres."""
         if not self.fence_m:
-            return (
-                "# fence_m = [[-20.0, -40.0], [90.0, -40.0], [90.0, 40.0], [-20.0, 40.0]]  # corners [x, y]; none now"
-            )
+            return "# fence_m = [[-20.0, -40.0], [90.0, -40.0], [90.0, 40.0], [-20.0, 40.0]]  # corners [x, y]"
         target_end_m = self._reach_m + _APPROACH_M + self.target_speed_m_s * self._duration_s
         back_m = floor(min(x for x, _ in self._starts_m) - self.fence_m)
         ahead_m = ceil(target_end_m + self.radius_m + self.fence_m)
         side_m = ceil(max(self._half_width_m, self.radius_m) + self.fence_m)
         corners = [[back_m, -side_m], [ahead_m, -side_m], [ahead_m, side_m], [back_m, side_m]]
-        return f"fence_m = {[[float(x), float(y)] for x, y in corners]}  # corners [x, y] that vehicles stay inside of"
+        return f"fence_m = {[[float(x), float(y)] for x, y in corners]}  # corners [x, y]; vehicles stay inside"
 
     def _vehicle(self, index: int) -> str:
         own = self.ports[index]
@@ -137,10 +135,10 @@ class NewMission:
 
 
 def plant_profile(a0_per_s2: float, a1_per_s: float, delay_s: float) -> str:
-    """Return the text of a profile of a plant alone, the same on both axes."""
+    """Return the text of a profile with only a plant, equal on both axes."""
     axis = f"a0_per_s2 = {a0_per_s2}\na1_per_s = {a1_per_s}\n"
     return (
-        "# A vehicle's plant, x'' = a0 (X_d - x) - a1 x': how it answers a position setpoint X_d.\n"
+        "# A vehicle's plant, x'' = a0 (X_d - x) - a1 x': its response to a position setpoint X_d.\n"
         f"delay_s = {delay_s}  # between a setpoint and its effect\n\n[x]\n{axis}\n[y]\n{axis}"
     )
 
@@ -153,19 +151,19 @@ _MISSION = """\
 name = {name}
 description = {description}
 duration_s = {duration_s}  # from the start of the formation to the landing
-rate_hz = 10.0  # steps of the control loop a second
+rate_hz = 10.0  # rate of the control loop
 
-[frame]  # where on Earth the mission lies: for real vehicles, where they stand
+[frame]  # origin of the mission frame: for real vehicles, the place where they stand
 latitude_deg = 47.397742
 longitude_deg = 8.545594
 altitude_m = 488.0  # of the ground, above sea level
-x_bearing_deg = 90.0  # of the x axis, clockwise from north: the way that the formation flies
+x_bearing_deg = 90.0  # of the x axis, clockwise from north: the direction of the formation
 
 [formation]
-shape = "{shape}"  # line, column or wedge; free with a slot_m for each vehicle
+shape = "{shape}"  # line, column or wedge; or free, with a slot_m for each vehicle
 spacing_m = {spacing_m}  # between neighbours
 speed_m_s = {speed_m_s}  # along x
-speed_max_m_s = {speed_max_m_s}  # of a vehicle that closes a gap
+speed_max_m_s = {speed_max_m_s}  # of a vehicle that catches up with its slot
 leader = {leader}  # the id of the vehicle that the others keep station on
 
 [encirclement]  # the ring around the target
@@ -175,33 +173,33 @@ angular_rate_rad_s = {rate_rad_s}  # positive: counter-clockwise seen from above
 [decision]  # when a vehicle leaves the formation for the ring
 importance_min = 0.6  # of the target, 0 to 1
 threat_max = 0.5  # of the target, 0 to 1
-distance_max_m = {reach_m}  # how near the target has to be
+distance_max_m = {reach_m}  # largest distance of the target
 
 [safety]
-separation_m = {separation_m}  # the guard keeps vehicles at least so far apart
+separation_m = {separation_m}  # least distance between vehicles, kept by the guard
 {fence}
 
 [target]
-start_m = [{target_x_m}, 0.0]  # where it is at first
-velocity_m_s = [{target_speed_m_s}, 0.0]  # or legs = [...], a way of several pieces
+start_m = [{target_x_m}, 0.0]  # its position at first
+velocity_m_s = [{target_speed_m_s}, 0.0]  # or legs = [...], a path of several legs
 importance = 0.8  # at least decision.importance_min: vehicles engage
 threat = 0.2  # at most decision.threat_max
 
-[target.sensor]  # how vehicles see the simulated target
-range_m = {range_m}  # how far they see
-rate_hz = 5.0  # sightings a second
+[target.sensor]  # the vehicles' sensors of the simulated target
+range_m = {range_m}  # largest distance of a sighting
+rate_hz = 5.0  # sightings per second
 noise_m = 0.0  # standard deviation of a sighting
 
 [network]
-team = "{team}"  # the team's name on the bus: no other team near has it
+team = "{team}"  # the team's name on the bus, unique in the network
 """
 
 _VEHICLE = """
 [[vehicles]]
 id = {id}
-url = "{url}"  # where cordon meets its MAVLink
-endpoint = "tcp/127.0.0.1:{own}"  # its agent's place on the bus
-start_m = [{x_m}, {y_m}]  # where it stands on the ground
+url = "{url}"  # its MAVLink connection
+endpoint = "tcp/127.0.0.1:{own}"  # its agent's Zenoh endpoint
+start_m = [{x_m}, {y_m}]  # its position on the ground before take-off
 altitude_m = 8.0  # above the mission's origin
-profile = {profile}  # what the vehicle is: a bundled profile, or a file beside this one (`cordon identify -o`)
+profile = {profile}  # its plant and limits: a bundled profile, or a file beside this one (`cordon identify -o`)
 """

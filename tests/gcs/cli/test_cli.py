@@ -344,7 +344,7 @@ def test_every_fault_of_a_mission_is_a_line_with_its_place(
     ("plot", "complaint"),
     [
         ("flight.bmp", "--plot: 'flight.bmp' must end in .png, .svg, .pdf"),
-        ("nowhere/flight.png", "--plot: no folder 'nowhere' to write into"),
+        ("nowhere/flight.png", "--plot: no folder 'nowhere' to write to"),
     ],
 )
 def test_a_figure_that_cannot_be_written_is_refused_before_flying(
@@ -356,7 +356,7 @@ def test_a_figure_that_cannot_be_written_is_refused_before_flying(
 @pytest.mark.parametrize(
     ("others", "complaint"),
     [
-        ((), "--compare: name the log of at least one other flight"),
+        ((), "--compare: give the log of at least one other flight"),
         (("b.mcap", "b.mcap"), "--compare: b.mcap is given twice"),
         ((str(DATA / "px4-quad.ulg"),), f"--compare: {DATA / 'px4-quad.ulg'} was not recorded by cordon"),
         (("b.mcap", "--plot", "a.png"), "--plot: with --compare"),
@@ -442,7 +442,7 @@ def test_a_layout_overwrites_nothing(refused: Refused, tmp_path: Path) -> None:
     ("place", "words"),
     [
         (("1e400", "0"), "is not a position"),
-        (("35",), "give its position as X Y in metres, or as --lat and --lon in degrees"),
+        (("35",), "give the position as X Y in metres, or as --lat and --lon in degrees"),
         (("--lat", "91", "--lon", "8"), "is not a position on Earth"),
         (("1e7", "0"), "(10000 km, at most 1000)"),
         (("--lat", "-47", "--lon", "-171"), "(12734.2 km, at most 1000)"),

@@ -220,7 +220,7 @@ def test_a_way_home_that_cannot_be_is_refused(subtests: pytest.Subtests) -> None
         ({"landing": "return"}, "choreography.layer_m", "layers of at least 1.0 m"),
         ({"landing": "home"}, "choreography.landing", "'in_place' or 'return'"),
         ({"landing_order": [1, 7]}, "choreography.landing_order[1]", "no vehicle has the id 7 (ids: 1, 2, 3)"),
-        ({"landing_order": [2, 1, 2]}, "choreography.landing_order[2]", "vehicle 2 is in the order already"),
+        ({"landing_order": [2, 1, 2]}, "choreography.landing_order[2]", "vehicle 2 is listed twice"),
         ({"landing_order": [0]}, "choreography.landing_order[0]", "greater than or equal to 1"),
         ({"landing_order": 2}, "choreography.landing_order", "a list of vehicles' ids"),
     )
@@ -384,7 +384,7 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
     ),
     "no velocities told of, and a plant that takes them": (
         changed((("link",), {"feedforward": False}), (("vehicles", 1, "profile"), "stub-feedforward")),
-        [("vehicles[1].profile", "(feedforward = 1), and link.feedforward = false: name one identified without")],
+        [("vehicles[1].profile", "(feedforward = 1), and link.feedforward = false: use one identified without")],
     ),
     "a ring too tight for the separation": (changed((RADIUS, 1.7)), [("encirclement.radius_m", "2.94 m apart")]),
     "a ring within its own smallest radius": (

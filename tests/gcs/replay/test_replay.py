@@ -342,7 +342,7 @@ def test_a_tick_without_a_decision_in_mid_flight_is_a_difference(copy: FlightLog
 
 def test_what_cannot_be_done_is_told(subtests: pytest.Subtests, case2: FlightLog, cordon: Ran) -> None:
     rows: tuple[tuple[tuple[str, ...], str], ...] = (
-        (("--explain", "9"), "--explain: the log has no records of a vehicle 9 (it has 1, 2, 3)"),
+        (("--explain", "9"), "--explain: the log has no vehicle 9 (it has 1, 2, 3)"),
         (("--set", "own_filter.gate_sigm=3"), "gate_sigm: unknown key; did you mean 'gate_sigma'?"),
         (("--set", "own_filtr.gate_sigma=3"), "own_filtr: unknown key; did you mean 'own_filter'?"),
         (("--set", "safety.guard=false"), "safety: unknown key; known keys: own_filter, target_filter"),
