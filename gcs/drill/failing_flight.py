@@ -1,4 +1,4 @@
-"""A flight over MAVLink and Zenoh whose buses, sensors and process can be made to fail."""
+"""A flight over MAVLink and Zenoh with faults injected into its buses, sensors and process."""
 
 import os
 import socket as sockets
@@ -19,10 +19,10 @@ from gcs.mission.file import load_mission
 
 
 class FaultReceiver(PresentFaults):
-    """The present faults of this process, as received from the drill."""
+    """The present faults of this process, received from the drill."""
 
     def listen(self, path: str) -> None:
-        """Send this process's id; from then on receive faults, on a thread of its own."""
+        """Send this process's id, then receive faults on a separate thread."""
         connection = sockets.socket(sockets.AF_UNIX)
         connection.connect(path)
         connection.sendall(b"%d\n" % os.getpid())

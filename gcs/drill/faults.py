@@ -19,26 +19,26 @@ from gcs.flight.stubs import station_timeout_s
 from gcs.mission.mission import Mission
 
 OUT_OF_OFFBOARD_S = 2.0
-"""A PX4 without an agent is out of offboard within this time, an ArduPilot once FS_GCS_TIMEOUT is over [wall s]."""
+"""A PX4 without an agent leaves offboard within this time, an ArduPilot after FS_GCS_TIMEOUT [wall s]."""
 MARGIN_S = 0.5
-"""How much later than the table says a reaction may be observed [wall s]: it takes ticks and messages."""
+"""Tolerance for a reaction to be observed: ticks and messages take time [wall s]."""
 STATION_GRACE_S = 1.0
-"""How much later than FS_GCS_TIMEOUT ArduPilot may react: it looks for it three times a second [wall s]."""
+"""Tolerance of FS_GCS_TIMEOUT: ArduPilot checks it three times a second [wall s]."""
 HEARTBEAT_S, BATTERY_S = 1.0, 2.0
-"""How often an autopilot reports its mode, and its battery [s]."""
+"""Period of an autopilot's mode and battery reports [s]."""
 CUT_S = 5.0
 PUSHED_S = 3.0
-"""How long it takes until half of that shows in a comparison, at the pace of the bundled stub plants [s]."""
+"""Time until half of the deviation shows in a comparison, for the bundled stub plants [s]."""
 ESTIMATOR_S = 1.0
-"""How often an autopilot is asked to report its estimator [s]."""
+"""Period of the requested estimator reports [s]."""
 FLOODED_S = 1.0
-"""Within this time a flood has shown [wall s]."""
+"""A flood is detected within this time [wall s]."""
 CONTRADICTED_S = 1.0
 """Within this time several contradictory messages have been received [mission s]."""
 TOLERATED_S = 20.0
-"""How long the team has to fly on under a fault that requires no reaction [mission s]."""
+"""Time for which the team has to fly on under a fault that requires no reaction [mission s]."""
 RESPACED_S = 60.0
-"""How long the vehicles on the ring may take to space themselves evenly [mission s]."""
+"""Time limit for the vehicles on the ring to become evenly spaced [mission s]."""
 
 Flight = TypeVar("Flight", bound=DrillFlight)
 
@@ -55,11 +55,11 @@ _TACTICS = {
 class Drill(Generic[Flight]):
     """One fault: `expect` returns the expected reaction, given the roles and the flight's speed.
 
-    One that `ends_flight` is the flight's last; one that `lands_subject`
-    leaves the others. Its times are in wall seconds with `by_wall`, otherwise in mission seconds. It is cleared after
-    `undo_after_s` [wall s], or once the reaction was observed; where none is expected, the team is watched for
-    `watched_s` [mission s]. With `waits_for_spacing` it begins once the ring is evenly spaced, and with
-    `waits_for_estimate` the subject resumes once its estimate has settled.
+    A drill that `ends_flight` is the flight's last; after one that `lands_subject` the others fly on. Its times are in
+    wall seconds with `by_wall`, otherwise in mission seconds. The fault is cleared after `undo_after_s` [wall s], or
+    once the reaction was observed; if none is expected, the team is watched for `watched_s` [mission s]. With
+    `waits_for_spacing` the drill begins once the ring is evenly spaced; with `waits_for_estimate` the subject resumes
+    once its estimate has settled.
     """
 
     fault: str
@@ -75,13 +75,13 @@ class Drill(Generic[Flight]):
 
     @property
     def vehicles_min(self) -> int:
-        """How many airborne vehicles it takes."""
+        """The number of airborne vehicles that it needs."""
         fault = fault_named(self.fault)
         return 1 if fault is None else fault.vehicles_min
 
     def unsuitable(self, mission: Mission) -> str:
-        """Return why a mission cannot have this drill, empty if it can."""
-        return f"takes {self.vehicles_min} vehicles" if len(mission.ids) < self.vehicles_min else ""
+        """Return why this drill is not possible in a mission, empty if it is."""
+        return f"needs {self.vehicles_min} vehicles" if len(mission.ids) < self.vehicles_min else ""
 
 
 def by_table(
@@ -118,13 +118,13 @@ def _jump(roles: Roles, speed: float) -> Expectation:
 
 
 def _out_of_offboard_s(roles: Roles, vehicles: tuple[int, ...], speed: float) -> dict[int, float]:
-    """Return within what time each vehicle's autopilot leaves offboard by itself [wall s]."""
+    """Return the time limit for each vehicle's autopilot to leave offboard by itself [wall s]."""
     by_autopilot = {"px4": OUT_OF_OFFBOARD_S / speed, "ardupilot": station_timeout_s(speed) / speed + STATION_GRACE_S}
     return {i: by_autopilot[roles.mission.vehicle(i).autopilot] for i in vehicles}
 
 
 def dead(roles: Roles, _speed: float) -> Expectation:
-    """Expect that all vehicles leave offboard, because their agents are gone."""
+    """Expect that all vehicles leave offboard: their agents have ended."""
     limits_s = _out_of_offboard_s(roles, roles.airborne, 1.0)
     return Expectation(
         roles.airborne,
@@ -137,7 +137,7 @@ def dead(roles: Roles, _speed: float) -> Expectation:
 
 
 def cut(roles: Roles, speed: float) -> Expectation:
-    """Expect that the subject, its link cut, leaves offboard for good, and that the others close the gap."""
+    """Expect that the subject, its link cut, leaves offboard and does not return, and that the others close the gap."""
     return Expectation(
         (roles.subject,),
         roles.others,
@@ -285,8 +285,8 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
     Drill("frozen agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
     Drill("frozen interpreter", "all out of offboard", dead, by_wall=True, ends_flight=True),
 )
-"""In the order in which one flight can have them: first those that a vehicle resumes from, then those that it lands
-for, at last those that end the flight."""
+"""In an order that one flight allows: first those that a vehicle resumes from, then those after which it lands, and
+last those that end the flight."""
 
 
 def chosen(faults: Sequence[str]) -> tuple[Drill[StubFlight], ...]:

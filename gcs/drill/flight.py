@@ -45,26 +45,26 @@ class ProcessUnderTest:
         self._writer: asyncio.StreamWriter | None = None
 
     async def meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Take its connection, as a server's callback."""
+        """Accept its connection, as a server's callback."""
         self.pid = int(await reader.readline())
         self._writer = writer
 
     def inject(self, faults: TeamFaults) -> None:
-        """Set its faults from now on."""
+        """Set its present faults."""
         if self._writer is not None:
             self._writer.write(msgspec.json.encode(faults) + b"\n")
 
 
 class DrillFlight:
-    """One flight, to be used as a context manager: processes and vehicles end with it.
+    """One flight, as a context manager: processes and vehicles end with it.
 
-    A subclass defines the vehicles: it serves them, observes them, and clears the faults injected into them.
+    A subclass defines the vehicles: it runs them, observes them, and clears the faults injected into them.
     """
 
     def __init__(
         self, text: str, speed: float, logs: Path | None = None, profile_texts: Mapping[str, str] | None = None
     ) -> None:
-        """Take a mission's text and its profiles'; the flight is recorded if there is a folder for `logs`."""
+        """Take the texts of a mission and its profiles; the flight is recorded to the folder `logs`, if given."""
         self.mission = parse_mission(text, None, profile_texts)
         self.log = TeamLog()
         self.speed = speed
@@ -100,14 +100,14 @@ class DrillFlight:
         return time.monotonic()
 
     def fail(self, fault: str, roles: Roles) -> None:
-        """Inject a fault of the catalogue; those of vehicles are for a subclass to inject."""
+        """Inject a fault of the catalogue; subclasses inject those of vehicles."""
         self._inject(required_fault(fault).inject(self._scene(roles)))
 
     def _scene(self, roles: Roles) -> Scene:
         return Scene(roles.mission, roles.subject, roles.airborne, self.places_m(), self.speed)
 
     def places_m(self) -> Mapping[int, Triple]:
-        """Return where the vehicles are [m], as they report it."""
+        """Return the vehicles' reported positions [m]."""
         return self.positions_m
 
     def _inject(self, injection: Injection) -> None:
@@ -142,7 +142,7 @@ class DrillFlight:
         raise NotImplementedError
 
     def _intrude(self) -> None:
-        """Let a stranger speak in the vehicles' names and command them, until the faults are cleared."""
+        """Send forged messages and commands in the vehicles' names, until the faults are cleared."""
         self._stranger = asyncio.create_task(Stranger(self.mission, self.mission_now_s).run())
         self._stack.push_async_callback(_cancelled, self._stranger)
 
@@ -156,7 +156,7 @@ class DrillFlight:
         return True
 
     async def reach_mission(self, vehicles: Sequence[int], tactics: Callable[[int], str]) -> None:
-        """Wait until all vehicles fly their tactics without an alert; raises VehicleRefusedError when they do not."""
+        """Wait until all vehicles fly their tactics without an alert; raises VehicleRefusedError after a timeout."""
         radius_m = self.mission.encirclement.radius_m
 
         def settled(vehicle: int) -> bool:
@@ -175,7 +175,7 @@ class DrillFlight:
             states = ", ".join(f"{i}: {self.log.mode(i) or '-'} {self.log.tactic(i) or '-'}" for i in vehicles)
             raise VehicleRefusedError(
                 f"the team of the drill did not reach its mission ({states})",
-                self._last_output or "check whether `cordon fly --sitl` flies it, and how busy this computer is",
+                self._last_output or "check that `cordon fly --sitl` flies it, and the load of this computer",
             )
 
     async def resume(self, vehicle: int) -> None:
@@ -201,7 +201,7 @@ class DrillFlight:
         self._stack.push_async_callback(_cancelled, watching)
 
     def _write_profiles(self, folder: Path) -> None:
-        """Write the profiles beside the mission: their names lie within its folder."""
+        """Write the profiles beside the mission: their names are relative to its folder."""
         for name, text in self.mission.profile_texts.items():
             if name not in bundled_profiles():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -233,7 +233,7 @@ class DrillFlight:
             self._output = (self._output + line.decode(errors="replace"))[-4000:]
 
     async def _end(self, process: asyncio.subprocess.Process) -> None:
-        """Kill the flying process, which may have been stopped; its supervisor then ends by itself."""
+        """Kill the flying process, which may be stopped; its supervisor then ends by itself."""
         if self._under_test.pid and process.returncode is None:
             with suppress(ProcessLookupError):
                 os.kill(self._under_test.pid, 9)
@@ -258,7 +258,7 @@ class DrillFlight:
                 self.log.bearings_rad[message.sender] = (now_s, message.angle.bearing_rad)
 
     def stalled_s(self, since_s: float) -> float:
-        """Return the longest time without an observation of the vehicles: this computer was too busy."""
+        """Return the longest time without an observation of the vehicles, caused by load of this computer [wall s]."""
         return max((gap_s for at_s, gap_s in self._stalls if at_s >= since_s), default=0.0)
 
     async def _watch(self) -> None:

@@ -1,7 +1,7 @@
-"""What was recorded of a team in a drill, and whether the right vehicles, and no others, reacted as expected.
+"""The record of a team in a drill, and the check that the right vehicles, and no others, reacted as expected.
 
-Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and positions are those of the vehicles
-themselves; tactics, alerts, radii and bearings are those that they report on the bus.
+Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and positions are the vehicles' true ones;
+tactics, alerts, radii and bearings are those that they report on the bus.
 """
 
 from collections import defaultdict
@@ -19,15 +19,15 @@ NEAR_TOLERANCE_M = 0.3
 SAME_HEIGHT_M = 1.0
 PLACE_PERIOD_S = 0.02
 IN_FLIGHT_S = 0.3
-"""A setpoint sent before a pilot override may arrive for so long."""
+"""A setpoint sent before a pilot override may arrive within this time."""
 ABANDONED_AFTER_S = 1.5
-"""A vehicle in offboard whose agent sends nothing for so long is abandoned."""
+"""A vehicle in offboard has no agent if no message arrives for this time."""
 UNEVEN_MAX_DEG = 25.0
 RADIUS_SHARE = 0.2
 
 
 class ReportedStatus(NamedTuple):
-    """What a vehicle reports of itself from a time on."""
+    """A vehicle's reported tactic and alert from a time on."""
 
     time_s: float
     tactic: str
@@ -35,7 +35,7 @@ class ReportedStatus(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where the airborne vehicles are at a time."""
+    """Positions of the airborne vehicles at a time."""
 
     time_s: float
     position_m: dict[int, Triple]
@@ -43,7 +43,7 @@ class Place(NamedTuple):
 
 @dataclass(slots=True)
 class TeamLog:
-    """Everything seen so far, by vehicle: changes only of modes and words, everything of the rest."""
+    """All observations so far, by vehicle: changes of modes and reports, and all other samples."""
 
     modes: defaultdict[int, list[tuple[float, str]]] = field(default_factory=lambda: defaultdict(list))
     reported: defaultdict[int, list[ReportedStatus]] = field(default_factory=lambda: defaultdict(list))
@@ -54,18 +54,18 @@ class TeamLog:
     bearings_rad: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def note_mode(self, time_s: float, vehicle: int, mode: str) -> None:
-        """Note a flight mode."""
+        """Record a flight mode."""
         if self.mode(vehicle) != mode:
             self.modes[vehicle].append((time_s, mode))
 
     def note_status(self, time_s: float, vehicle: int, tactic: str, alert: str) -> None:
-        """Note what a vehicle reports."""
+        """Record a vehicle's report."""
         self.received_s[vehicle] = time_s
         if (self.tactic(vehicle), self.alert(vehicle)) != (tactic, alert):
             self.reported[vehicle].append(ReportedStatus(time_s, tactic, alert))
 
     def note_places(self, time_s: float, position_m: dict[int, Triple]) -> None:
-        """Note where the airborne vehicles are."""
+        """Record the positions of the airborne vehicles."""
         if not self.places or time_s - self.places[-1].time_s >= PLACE_PERIOD_S:
             self.places.append(Place(time_s, position_m))
 
@@ -87,7 +87,7 @@ class TeamLog:
         return f"{self.mode(vehicle) or 'mode unknown'}, {self.tactic(vehicle) or 'no message received'}{alert}"
 
     def nearest_m(self, from_s: float, to_s: float) -> tuple[float, tuple[int, int]] | None:
-        """Return the closest distance of two vehicles at one height, and which; None if no two were at one height."""
+        """Return the smallest distance of two vehicles at one height, and their ids; None if there were none."""
         near = (
             (hypot(here[0] - there[0], here[1] - there[1]), (one, other))
             for place in self.places
@@ -98,7 +98,7 @@ class TeamLog:
         return min(near, default=None)
 
     def uneven_deg(self, vehicles: tuple[int, ...]) -> float | None:
-        """Return how much the widest gap on the ring exceeds an even one; None if a vehicle is not on the ring."""
+        """Return by how much the widest gap on the ring exceeds an even one; None if a vehicle is not on the ring."""
         if any(each not in self.bearings_rad or self.tactic(each) != "encircle" for each in vehicles):
             return None
         bearings = sorted(self.bearings_rad[each][1] % tau for each in vehicles)
@@ -108,12 +108,11 @@ class TeamLog:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """The expected reaction to a fault: which vehicles react, how, within what time [wall s], and which fly on.
+    """The expected reaction to a fault: which vehicles react, how, within which time [wall s], and which fly on.
 
-    A reaction is a tactic, an alert, or leaving offboard; without any of them all vehicles fly on for as long as the
-    drill lasts. `limits_s` are tighter limits of single vehicles [wall s]. With `stands_back` they are sent no more
-    setpoints; `at_last` is their final tactic. The gaps on the ring between those that are `respacing` become even
-    again.
+    A reaction is a tactic, an alert, or leaving offboard; without a reaction all vehicles fly on until the drill ends.
+    `limits_s` are tighter limits of single vehicles [wall s]. With `stands_back` no more setpoints are sent to them;
+    `at_last` is their final tactic. The gaps on the ring between the vehicles of `respacing` become even again.
     """
 
     reacting: tuple[int, ...]
@@ -143,7 +142,7 @@ def reacted_s(expected: Expectation, log: TeamLog, began_s: float) -> float | No
 
 
 def failures(expected: Expectation, log: TeamLog, began_s: float, until_s: float) -> list[str]:
-    """Return everything that was not as expected between the fault and now, a line each."""
+    """Return all deviations from the expectation between `began_s` and `until_s`, one line each."""
     found: list[str] = []
     done_s = reacted_s(expected, log, began_s)
     if expected.is_reaction and done_s is None:
@@ -188,9 +187,7 @@ def _one_reacted_s(expected: Expectation, log: TeamLog, vehicle: int, began_s: f
 
 
 def _since_s(changes: list[tuple[float, bool]], began_s: float) -> float:
-    """Return when something first became true after the fault; infinity if it never did. What was true before does not
-    count.
-    """
+    """Return when something first became true after the fault, infinity if it did not; earlier changes are ignored."""
     return next((at_s for at_s, is_so in changes if is_so and at_s >= began_s), float("inf"))
 
 
@@ -198,10 +195,10 @@ def _relapses(expected: Expectation, log: TeamLog, done_s: float) -> list[str]:
     found = []
     for i in expected.reacting:
         if expected.leaves_offboard and any(mode == OFFBOARD and at_s > done_s for at_s, mode in log.modes[i]):
-            found.append(f"vehicle {i} went back into offboard by itself")
+            found.append(f"vehicle {i} returned to offboard by itself")
         back = [each.tactic for each in log.reported[i] if each.time_s > done_s and each.tactic in ON_MISSION]
         if back and expected.tactic is not None:
-            found.append(f"vehicle {i} went back to '{back[0]}' by itself")
+            found.append(f"vehicle {i} returned to '{back[0]}' by itself")
         late_s = log.setpoint_s.get(i, 0.0) - done_s
         if expected.stands_back and late_s > IN_FLIGHT_S:
             found.append(f"vehicle {i} was sent a setpoint {late_s:.1f} s after the pilot override")

@@ -1,4 +1,4 @@
-"""The mission that a drill flies: the given one, with stub vehicles on free ports, and the target in reach."""
+"""The mission of a drill: the given one, with stub vehicles on free ports, and the target in range."""
 
 import os
 import socket
@@ -21,8 +21,8 @@ _Content = dict[str, Any]
 def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) -> str:
     """Return the text of the mission to fly; raises MissionError.
 
-    `changes` are (section, key, value). The target starts where the vehicles that would encircle it do so at once, so
-    that the drill need not wait for the ring; where the mission forbids that, its start stays as it is.
+    `changes` are (section, key, value). The target starts near enough for vehicles to encircle it at once, which saves
+    the wait for the ring; if the mission forbids that, its start is not changed.
     """
     mission = load_mission(name)
     content = toml_content(mission.text)
@@ -38,7 +38,7 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
 
 
 def _near_m(mission: Mission) -> list[float]:
-    """Return a position straight ahead that is just near enough for the whole line to engage."""
+    """Return the farthest position straight ahead at which the whole line engages."""
     leader = mission.vehicle(mission.formation.leader)
     config = mission.agent_config(leader)
     reach_m = min(mission.target.sensor.range_m, *(each.decision.distance_max_m for each in mission.vehicles))
@@ -55,14 +55,14 @@ def profiles_of(name: str) -> Mapping[str, str]:
 
 
 def _move_apart(content: _Content) -> None:
-    """Give every vehicle free ports and the team a name of its own."""
+    """Set free ports for every vehicle, and a unique team name."""
     vehicles = content["vehicles"]
     ports = iter(_free_ports(2 * len(vehicles)))
     for vehicle in vehicles:
         vehicle["url"] = f"udpin://{_LOOPBACK}:{next(ports)}"
         vehicle["endpoint"] = f"tcp/{_LOOPBACK}:{next(ports)}"
     network = content.setdefault("network", {})
-    network.pop("security", None)  # this computer's flights have keys of their own
+    network.pop("security", None)  # cordon creates the keys of flights on one computer
     network["team"] = f"drill-{os.getpid()}"
 
 

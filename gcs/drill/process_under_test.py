@@ -1,7 +1,7 @@
 """The flying process of a drill: `python -m gcs.drill.process_under_test MISSION SPEED DURATION`.
 
-It receives the faults to inject through the Unix socket that CORDON_DRILL names. Otherwise it is a flight as any other,
-with a supervisor: nothing heavy is imported before signals are held back.
+It receives the faults to inject through the Unix socket that CORDON_DRILL names. Otherwise it is a normal flight with a
+supervisor: no heavy import before signals are blocked.
 """
 
 import os
@@ -13,7 +13,7 @@ from gcs.signals import hold_back
 SOCKET = "CORDON_DRILL"
 """The environment variable that names the socket."""
 LOGS = "CORDON_DRILL_LOGS"
-"""The environment variable that names the folder for the flight's log; without it, or empty: it is not recorded."""
+"""The environment variable that names the folder for the flight's log; missing or empty: not recorded."""
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""Which vehicle has which role in a drill: the fault's subject, the others, those on the ring."""
+"""The roles of vehicles in a drill: the fault's subject, the others, and those on the ring."""
 
 from dataclasses import dataclass, field
 from math import hypot
@@ -8,7 +8,7 @@ from gcs.flight.faults.injection import last_in_line
 from gcs.mission.mission import Mission
 
 REACH_SHARE = 1.2
-"""A target that is farther away is reached late, or never."""
+"""A target farther away is reached late or never."""
 
 
 @dataclass(slots=True)
@@ -20,7 +20,7 @@ class Roles:
 
     @property
     def airborne(self) -> tuple[int, ...]:
-        """All vehicles that still fly."""
+        """All vehicles in flight."""
         return tuple(i for i in self.mission.ids if i not in self.landed)
 
     @property
@@ -35,11 +35,11 @@ class Roles:
 
     @property
     def on_ring(self) -> tuple[int, ...]:
-        """Those that encircle the target."""
+        """The vehicles that encircle the target."""
         return tuple(i for i in self.airborne if self.tactic(i) == Tactic.ENCIRCLE.value)
 
     def tactic(self, vehicle: int) -> str:
-        """Return a vehicle's tactic without faults: it encircles a target that is within its reach."""
+        """Return a vehicle's tactic without faults: it encircles a target within its reach."""
         mission, member = self.mission, self.mission.vehicle(vehicle)
         decision = member.decision
         config = mission.agent_config(member)

@@ -1,4 +1,4 @@
-"""A drill: inject faults into a flying team one after another, and judge its reactions."""
+"""A drill: injects faults into a flying team one after another, and judges its reactions."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -14,13 +14,13 @@ from gcs.mission.file import parse_mission
 from gcs.mission.mission import Mission
 
 SPEED = 3.0
-"""At a higher speed, a busy computer's delays take too many of the mission's seconds."""
+"""At a higher speed, delays of a loaded computer are too long in mission time."""
 STALL_S = 0.2
-"""A computer that stalls for longer may have caused a failure itself [wall s]."""
+"""A longer stall of the computer may itself cause a failure [wall s]."""
 LINGER_S = 1.0
-"""How long a reaction is watched, to see that it lasts [wall s]."""
+"""How long a reaction is observed, to check that it lasts [wall s]."""
 BACK_S, RETURNED_S = 6.0, 90.0
-"""How long messages may take [wall s], and the vehicles' way back to the mission [mission s]."""
+"""Time limits for messages [wall s], and for the vehicles' return to the mission [mission s]."""
 
 Change = tuple[str, str, object]
 
@@ -29,19 +29,19 @@ class Progress(Protocol):
     """Receives the progress of a drill."""
 
     def begin(self, step: str) -> None:
-        """Take the step that begins now."""
+        """Report the step that begins now."""
         ...
 
     def add(self, row: "DrillRow") -> None:
-        """Take a result."""
+        """Report a result."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class DrillRow:
-    """One line of the table: `limit_s` and `measured_s` on the clock that the reaction's grace time counts on.
+    """One line of the table: `limit_s` and `measured_s` on the clock of the reaction's grace time.
 
-    `holds` is None for a drill that this mission cannot have; `detail` says why, or what was not as expected.
+    `holds` is None for a drill that is not possible in this mission; `detail` states why, or the deviations.
     """
 
     fault: str
@@ -59,8 +59,8 @@ class DrillRow:
 class DrillRun(Generic[Flight]):
     """Flies a mission and injects faults; `fly` makes a flight from a mission's text and a speed.
 
-    `changes` apply to the mission that is flown, not to the one that it is judged by: a control flies with a reaction
-    switched off.
+    `changes` apply to the mission that is flown, not to the one that it is judged by: a control experiment flies with a
+    reaction switched off.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class DrillRun(Generic[Flight]):
         self.rows: list[DrillRow] = []
 
     async def run(self) -> list[DrillRow]:
-        """Return a row for each drill; raises VehicleRefusedError when the team cannot fly at all."""
+        """Return a row for each drill; raises VehicleRefusedError if the team cannot fly at all."""
         judged_by = parse_mission(drill_mission(self._mission), None, profiles_of(self._mission))
         left = list(self._drills)
         while left:
@@ -101,7 +101,7 @@ class DrillRun(Generic[Flight]):
         return self.rows
 
     async def _fly(self, judged_by: Mission, left: list[Drill[Flight]]) -> None:
-        """Fly once, with as many of the drills that are left as this flight allows."""
+        """Fly once, with as many of the remaining drills as this flight allows."""
         self._progress.begin("the team takes off")
         async with self._start(drill_mission(self._mission, self._changes), self._speed) as flight:
             roles = Roles(judged_by)
@@ -115,7 +115,7 @@ class DrillRun(Generic[Flight]):
         self._progress.add(row)
 
     async def _drilled(self, drill: Drill[Flight], flight: Flight, roles: Roles) -> bool:
-        """Add a drill's row, and return whether the flight can go on."""
+        """Add a drill's row, and return whether the flight can continue."""
         expected = drill.expect(roles, self._speed)
         if expected.is_reaction and not expected.reacting:
             row = DrillRow(
@@ -133,7 +133,7 @@ class DrillRun(Generic[Flight]):
         failed = failures(expected, flight.log, began_s, flight.now_s())
         stalled_s = flight.stalled_s(began_s)
         if failed and stalled_s > STALL_S:
-            failed.append(f"this computer stalled for {stalled_s:.1f} s meanwhile: repeat the drill on a less busy one")
+            failed.append(f"this computer stalled for {stalled_s:.1f} s: repeat the drill with less load")
         done_s = reacted_s(expected, flight.log, began_s)
         if not drill.ends_flight:
             flight.clear_faults()
@@ -150,7 +150,7 @@ class DrillRun(Generic[Flight]):
         return not (drill.ends_flight or stuck)
 
     async def _watch(self, drill: Drill[Flight], expected: Expectation, flight: Flight, began_s: float) -> None:
-        """Watch until the reaction has happened or is overdue, and a while longer."""
+        """Observe until the reaction has happened or is overdue, and some time longer."""
         if expected.limit_s is None:
             await asyncio.sleep(drill.watched_s / self._speed)
             return
@@ -166,7 +166,7 @@ class DrillRun(Generic[Flight]):
         await asyncio.sleep(LINGER_S)
 
     async def _stuck(self, flight: Flight, roles: Roles) -> str:
-        """Command stopped vehicles to resume, and return those that are not on their mission even then."""
+        """Command stopped vehicles to resume, and return those that do not return to their mission."""
         log = flight.log
         end_s = flight.now_s() + BACK_S + RETURNED_S / self._speed
 

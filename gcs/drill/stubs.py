@@ -18,19 +18,19 @@ _AIRBORNE_M = 0.5
 
 
 class StubClock:
-    """The clock that stubs and agents share: fast at first, at the wall clock's speed on request."""
+    """The clock that stubs and agents share: fast at first, later at the wall clock's rate."""
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
         self._since_s = (time.monotonic(), time.time() * speed)
 
     def now_s(self) -> float:
-        """Return its time, while it is fast that of `sitl.server.process.unix_clock`."""
+        """Return its time; while it is fast, that of `sitl.server.process.unix_clock`."""
         wall_s, since_s = self._since_s
         return since_s + (time.monotonic() - wall_s) * self.speed
 
     def run_at_wall_speed(self) -> None:
-        """Run at the wall clock's speed from now on: autopilots' timeouts are measured in it."""
+        """Run at the wall clock's rate from now on, in which autopilots' timeouts are measured."""
         self._since_s = (time.monotonic(), self.now_s())
         self.speed = 1.0
 
@@ -81,14 +81,14 @@ class StubFlight(DrillFlight):
         return self._clock.now_s()
 
     def abandon(self) -> None:
-        """Run at the wall clock's speed, with the time-outs that belong to it: what follows is measured in it."""
+        """Run at the wall clock's rate, with its timeouts: what follows is measured in wall time."""
         self._clock.run_at_wall_speed()
         for stub in self.stubs.values():
             if stub.config.autopilot is AutopilotKind.ARDUPILOT:
                 stub.autopilot.parameters.set("FS_GCS_TIMEOUT", station_timeout_s(self._clock.speed))
 
     def places_m(self) -> Mapping[int, Triple]:
-        """Return where the vehicles truly are [m]."""
+        """Return the vehicles' true positions [m]."""
         return {i: stub.autopilot.airframe.position_m for i, stub in self.stubs.items()}
 
     def _inject(self, injection: Injection) -> None:

@@ -1,4 +1,4 @@
-"""The limits that an autopilot's parameters set, as logs hold them."""
+"""Speed and acceleration limits from the autopilot's parameters in logs."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ _KINDS: dict[Autopilot, AutopilotKind] = {"px4": AutopilotKind.PX4, "ardupilot":
 
 
 def limits_in(logs: Sequence[VehicleLog], autopilot: Autopilot) -> tuple[LimitsSection, tuple[str, ...]]:
-    """Return the limits of speed and acceleration, None where no log has a parameter for one, and those parameters."""
+    """Return the limits of speed and acceleration (None if no log has the parameter), and the parameters' names."""
     kind, named = _KINDS[autopilot], list[str]()
     values: list[float | None] = []
     for known in (SPEED_LIMITS[kind], ACCELERATION_LIMITS[kind]):

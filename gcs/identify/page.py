@@ -1,4 +1,4 @@
-"""The figures of an identification as one page of HTML: what was measured against what the plant foretold."""
+"""The figures of an identification as one HTML page: measurements against predictions of the plant."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -55,7 +55,7 @@ def identified_html(identified: Identified, logs: Sequence[VehicleLog]) -> str:
 
 
 def _verdict(identified: Identified) -> Section:
-    reasons = tuple((reason,) for reason in identified.reasons) or (("nothing speaks against it",),)
+    reasons = tuple((reason,) for reason in identified.reasons) or (("all checks passed",),)
     tables = [Table(f"Verdict: {identified.verdict.value}", ("reasons",), reasons)]
     if identified.found is not None:
         rows = []
@@ -83,16 +83,16 @@ def _held_out(found: Found) -> Section:
             chart(
                 f"held-out-{axis}",
                 partial(_draw_held_out, flight=flight, setpoint_m=asked_m, found=found, axis=axis),
-                f"Measured and simulated positions along {_AXES[axis]}, on the part that nothing was fitted to.",
+                f"Measured and simulated positions along {_AXES[axis]}, on the validation part.",
             )
         )
     share = f"{100 * TRAINED_SHARE:.0f} %"
     lead = (
-        f"A plant fitted to the first {share} of each part of the flight alone foretells the rest from setpoints only, "
-        f"without what an estimator wanders within {PREDICTION_HORIZON_S:g} s (place, rate and curvature); seconds of "
+        f"A plant fitted to the first {share} of each part of the flight predicts the rest from setpoints only. The "
+        f"estimator's drift within {PREDICTION_HORIZON_S:g} s (offset, rate and curvature) is removed. Time is that of "
         "the log."
     )
-    return Section("held-out", "On what was not fitted", lead, tuple(charts))
+    return Section("held-out", "Validation", lead, tuple(charts))
 
 
 def _draw_held_out(axes: "Axes", flight: Simulated, setpoint_m: Vector, found: Found, axis: int) -> None:
@@ -123,14 +123,14 @@ def _responses(found: Found) -> Section:
                 4.4,
             )
         )
-    lead = f"What {_DRAWS} plants do that are as likely as the fit is sure: bands hold 95 % of them."
+    lead = f"Responses of {_DRAWS} plants drawn from the fit's covariance; bands contain 95 % of them."
     if found.feedforward is not None:
-        lead += " The Bode plots are of setpoints that come with their velocities, the steps of such without."
+        lead += " Setpoints of the Bode plots carry their velocities, those of the steps do not."
     return Section("responses", "Responses", lead, tuple(charts), keyed=False)
 
 
 def _drawn_parameters(found: Found) -> Vector:
-    """Return plants as fitted, (D, k): the first is the best, the others are drawn about it."""
+    """Return fitted parameters (D, k): first the best fit, then draws from its covariance."""
     best = found.validation.best
     random = np.random.default_rng(0)
     spread = random.multivariate_normal(np.zeros(best.parameters.size), best.covariance, _DRAWS, method="eigh")
@@ -210,7 +210,7 @@ def _residuals(found: Found) -> Section:
             )
         )
     how = "whitened errors" if found.whitened else "errors"
-    lead = f"Measured minus simulated over all that was fitted, and the correlation of the {how} with those before."
+    lead = f"Measured minus simulated positions over all fitted parts, and the autocorrelation of the {how}."
     return Section("residuals", "Residuals", lead, tuple(charts), keyed=False)
 
 

@@ -1,4 +1,4 @@
-"""From logs to what identification is made from: one vehicle's recordings."""
+"""From logs to one vehicle's recordings, the input of the identification."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,11 +12,11 @@ from gcs.vehicle_logs.foreign import read_vehicle_logs
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 SAMPLED_TOPICS = frozenset({"trajectory_setpoint", "POSITION_TARGET_LOCAL_NED"})
-"""Topics that hold what setpoint was in force now and then; all others hold each setpoint when it was sent."""
+"""Topics that sample the current setpoint; all others hold each setpoint when it was sent."""
 
 
 def recording_of(log: VehicleLog) -> Recording:
-    """Return a log as a recording; raises LogError where it lacks what is needed."""
+    """Return a log as a recording; raises LogError if it lacks data."""
     flown_s = [(mode.span.begin_s, mode.span.end_s) for mode in log.modes if mode.external]
     if not flown_s:
         nothing = np.empty((0, 2))
@@ -40,14 +40,14 @@ def recording_of(log: VehicleLog) -> Recording:
 
 
 def _reported_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:
-    """Return the vehicle's velocities (T, 2) at these times; None where the log has none."""
+    """Return the vehicle's velocities (T, 2) at these times; None if the log has none."""
     if log.velocity is None:
         return None
     return np.column_stack([np.interp(time_s, log.velocity.time_s, column) for column in log.velocity.values.T[:2]])
 
 
 def _velocity_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:
-    """Return the velocities (n, 2) that went with the setpoints of these times, 0 where none did; None without any."""
+    """Return the velocities (n, 2) sent with the setpoints of these times, 0 without one; None if the log has none."""
     if log.setpoint_velocity is None:
         return None
     velocity_m_s = np.zeros((time_s.size, 2))
@@ -57,16 +57,16 @@ def _velocity_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:
 
 
 def recordings_of(logs: Sequence[VehicleLog]) -> list[Recording]:
-    """Return one vehicle's logs as recordings; raises LogError, and InputError where they are of two plants."""
+    """Return one vehicle's logs as recordings; raises LogError, and InputError for logs of two kinds of plant."""
     recordings = [recording_of(log) for log in logs]
     _check_one_kind(logs, recordings)
     return recordings
 
 
 def logs_of_one(paths: Sequence[Path], vehicle: int | None, option: str = "--vehicle") -> list[VehicleLog]:
-    """Return the logs of the one vehicle asked for, or of the only one there is.
+    """Return the logs of the given vehicle, or of the only one.
 
-    Raises InputError, which names `option` where the vehicle has to be told, and LogError with file, topic and time.
+    Raises InputError, with `option` if the vehicle has to be given, and LogError with file, topic and time.
     """
     if len(set(paths)) < len(paths):
         raise InputError([f"{path}: given more than once" for path in sorted(set(paths)) if paths.count(path) > 1])
@@ -76,32 +76,32 @@ def logs_of_one(paths: Sequence[Path], vehicle: int | None, option: str = "--veh
 
 
 def _check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[Recording]) -> None:
-    """Refuse logs some of which were flown with velocities beside the setpoints and some without: two plants."""
+    """Refuse a mix of logs with and without velocities beside the setpoints: they need different plants."""
     told = []
     for log, recording in zip(logs, recordings, strict=True):
         if excerpts := excerpts_of(recording):
             told.append((log.path, any(excerpt.fed for excerpt in excerpts)))
     if len({fed for _, fed in told}) > 1:
         words = "; ".join(f"{path}: {'with' if fed else 'without'} velocities" for path, fed in told)
-        raise InputError([f"setpoints with velocities beside them and without make two plants, one file each: {words}"])
+        raise InputError([f"setpoints with and without velocities: identify them separately: {words}"])
 
 
 def _check_same(logs: Sequence[VehicleLog]) -> None:
-    """Refuse logs of different vehicles, as far as the logs say."""
+    """Refuse logs of different vehicles, as far as the logs identify them."""
     for what, values in (
         ("autopilots", {log.autopilot for log in logs}),
         ("firmwares", {log.firmware for log in logs if log.firmware}),
     ):
         if len(values) > 1:
             named = "; ".join(f"{log.path}: {log.autopilot} {log.firmware}".rstrip() for log in logs)
-            raise InputError([f"the logs are of different {what}, and one plant cannot be both: {named}"])
+            raise InputError([f"the logs are of different {what}; identify them separately: {named}"])
 
 
 def _chosen(logs: Sequence[VehicleLog], vehicle: int | None, option: str) -> list[VehicleLog]:
     known = sorted({log.system_id for log in logs})
     told = ", ".join(map(str, known))
     if vehicle is None and len(known) > 1:
-        raise InputError([f"{option}: the logs hold vehicles {told}: say which of them is to be identified"])
+        raise InputError([f"{option}: the logs hold vehicles {told}; choose one of them"])
     if vehicle is not None and vehicle not in known:
         raise InputError([f"{option}: the logs have no vehicle {vehicle} (they have {told})"])
     return [log for log in logs if vehicle is None or log.system_id == vehicle]

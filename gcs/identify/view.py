@@ -1,4 +1,4 @@
-"""The result of an identification: a table for people, JSON for scripts, and a profile for the next flight."""
+"""The result of an identification as a table, as JSON, and as a profile."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -25,7 +25,7 @@ _COLUMNS = ("", "x", "95 %", "y", "95 %")
 
 
 def parameter_rows(found: Found) -> list[tuple[str, Interval, Interval, int]]:
-    """Return the parameters that each axis has, by the words for them, with the digits that they are told with."""
+    """Return the parameters of both axes with their names and the number of digits to show."""
     x, y = found.axes
     gain = found.feedforward
     return [
@@ -39,25 +39,25 @@ def parameter_rows(found: Found) -> list[tuple[str, Interval, Interval, int]]:
 
 
 def fit_rows(found: Found) -> list[tuple[str, float, float]]:
-    """Return the fits on what was not fitted, x and y, by the words for them: the plant's own first."""
+    """Return the validation fits of x and y with their names: the plant's own first."""
     x, y = found.axes
-    rows = [("fit on what was not fitted [%]", x.fit_percent, y.fit_percent)]
+    rows = [("validation fit [%]", x.fit_percent, y.fit_percent)]
     if found.baseline_fit_percent is not None:
         rows.append(("  of plain least squares [%]", *found.baseline_fit_percent))
     return rows + [(f"  of '{name}' [%]", *fits) for name, fits in found.others_fit_percent.items()]
 
 
 def bounds_words(interval: Interval, digits: int) -> str:
-    """Return the bounds of an interval."""
+    """Return the bounds of an interval as text."""
     return f"{interval.low:.{digits}f} to {interval.high:.{digits}f}"
 
 
 def identified_view(identified: Identified, logs: Sequence[VehicleLog]) -> RenderableType:
-    """Return an identification for people: the verdict first, then its reasons and numbers."""
+    """Return an identification for a terminal: the verdict first, then its reasons and numbers."""
     first = logs[0]
     vehicle = " ".join(filter(None, (f"vehicle {first.system_id},", first.autopilot, first.firmware)))
     parts: list[RenderableType] = [
-        Text(f"{vehicle}: {identified.duration_s:.0f} s in {identified.excerpts} parts were used", style="dim"),
+        Text(f"{vehicle}: {identified.duration_s:.0f} s in {identified.excerpts} parts used", style="dim"),
     ]
     if identified.found is not None:
         parts += [_table(identified.found), *map(Text, remarks(identified.found))]
@@ -77,31 +77,28 @@ def _table(found: Found) -> Table:
 
 
 def remarks(found: Found) -> list[str]:
-    """Return what else is worth knowing, in words: the setpoints, the errors, the order."""
+    """Return remarks on setpoints, axes, errors, order, delay and noise as text."""
     x, y = found.axes
     order, enough = found.order, "enough" if found.order.second_is_enough else "not enough"
     lines = [
         f"setpoints: {found.between.value}",
-        "axes: "
-        + ("fitted as one, as they do not differ" if found.axes_alike else "each fitted by itself: they differ"),
+        "axes: " + ("fitted together, as they do not differ" if found.axes_alike else "fitted separately: they differ"),
         f"errors: {x.error_rms_m:.2f} m along x, {y.error_rms_m:.2f} m along y (rms); "
         + (
-            f"whitened, {100 * min(x.white_share, y.white_share):.0f} % of their correlations are within white noise's"
+            f"whitened; {100 * min(x.white_share, y.white_share):.0f} % of correlations within bounds of white noise"
             if found.whitened
-            else "not whitened: the plant that simulates best"
+            else "not whitened: the plant with the least simulation error"
         ),
-        f"order: with a lag of {order.lag_s:.2f} s as a third, the fit would be {order.fit_third_percent:.1f} % "
-        f"instead of {order.fit_second_percent:.1f} %: a second order is {enough}",
+        f"order: with a lag of {order.lag_s:.2f} s as third order, the fit would be {order.fit_third_percent:.1f} % "
+        f"instead of {order.fit_second_percent:.1f} %: second order is {enough}",
     ]
-    lines.append(
-        f"delay: differs by {found.delay_spread_s:.2f} s (rms) from time to time, beyond what the errors explain"
-    )
+    lines.append(f"delay: varies over time by {found.delay_spread_s:.2f} s (rms), beyond what the errors explain")
     if (noise := found.noise) is not None:
         lines.append(
             f"filter: noise of positions {noise.position_noise_m:.3f} m, of velocities "
             f"{noise.velocity_noise_m_s:.3f} m/s; disturbance: changes by {noise.disturbance_noise_m_s2:.3f} m/s2 in a "
-            f"second (rms), bounded to {noise.disturbance_max_m_s2:.2f} m/s2; predicted {AHEAD_S:g} s ahead to "
-            f"{noise.predicted_rms_m:.3f} m rms"
+            f"second (rms), limited to {noise.disturbance_max_m_s2:.2f} m/s2; error of a prediction {AHEAD_S:g} s "
+            f"ahead {noise.predicted_rms_m:.3f} m rms"
         )
     if found.baseline is not None:
         (x0, y0), (x1, y1), delay_s = found.baseline.a0_per_s2, found.baseline.a1_per_s, found.baseline.delay_s
@@ -110,7 +107,7 @@ def remarks(found: Found) -> list[str]:
 
 
 def identified_dict(identified: Identified, logs: Sequence[VehicleLog]) -> dict[str, Any]:
-    """Return an identification as plain data; what is not known is None."""
+    """Return an identification as plain data; unknown values are None."""
     found = identified.found
     return {
         "verdict": identified.verdict.value,
@@ -158,7 +155,7 @@ def _found_dict(found: Found) -> dict[str, Any]:
 
 
 def identification_of(identified: Identified, found: Found, logs: Sequence[VehicleLog], today: date) -> Identification:
-    """Return where a plant comes from: `[identified]` of its profile."""
+    """Return the origin of a plant: `[identified]` of its profile."""
     return Identification(
         method=METHOD,
         date=today.isoformat(),
@@ -178,7 +175,7 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
 
 
 def profile_text(found: Found, identified: Identification, logs: Sequence[VehicleLog]) -> str:
-    """Return a profile: plant and filter as identified, limits as logged, and the rest of the bundled profile."""
+    """Return a profile's text: plant and filter as identified, limits as logged, the rest from the bundled profile."""
     autopilot = next((name for name in get_args(Autopilot) if name == identified.autopilot.lower()), None)
     lines = ["# Written by `cordon identify`; x points north, y west."]
     if autopilot is not None:
@@ -213,11 +210,11 @@ def _plant_lines(found: Found) -> list[str]:
 
 
 def _filter_lines(found: Found) -> list[str]:
-    """Return what the own-state filter needs to know, as the flight has it."""
+    """Return the own-state filter's settings as identified from the flight."""
     noise = found.noise
     assert noise is not None
     return [
-        f"\n# Identified from the same flight: with it, the error of a prediction {AHEAD_S:g} s ahead is "
+        f"\n# Identified from the same flight: the error of a prediction {AHEAD_S:g} s ahead is "
         f"{noise.predicted_rms_m:.3f} m rms.",
         "[own_filter]",
         f"position_noise_m = {noise.position_noise_m:.3g}",
@@ -228,7 +225,7 @@ def _filter_lines(found: Found) -> list[str]:
 
 
 def _bundled_lines(section: str, autopilot: Autopilot | None) -> list[str]:
-    """Return a section of the autopilot's bundled profile, as far as it differs from the defaults."""
+    """Return a section of the autopilot's bundled profile: the keys that differ from the defaults."""
     if autopilot is None:
         return []
     values = getattr(ProfileShelf(None).load(autopilot), section).model_dump(exclude_unset=True)
@@ -252,6 +249,6 @@ def _identified_lines(identified: Identification) -> list[str]:
 
 
 def _toml(value: object) -> str:
-    """Return a value as TOML. The rest of the file is own text: tomli-w writes no comments, as the intervals are."""
+    """Return a value as TOML. Only values use tomli-w, which cannot write the comments with the intervals."""
     plain = value.value if isinstance(value, PlantGrade) else value
     return tomli_w.dumps({"value": plain}).removeprefix("value = ").rstrip()

@@ -17,12 +17,12 @@ STEPS = {
     "velocity": "leave it at rest for a minute with a clear view of the sky, or restart the autopilot",
     "compass": "move the vehicle away from steel, cables and cars; if the ratio stays high, calibrate the compass",
 }
-WHY = "the estimated position or heading may jump or drift in flight, and the vehicle is controlled by it"
+WHY = "the estimated position or heading may jump or drift in flight, and the vehicle follows it"
 RESTART = "leave the vehicle at rest, restart the autopilot, and read its messages in a ground station"
 
 
 def estimator(facts: VehicleFacts, mission: Mission) -> Iterator[Finding]:
-    """Check the estimator report: the available states, and each high test ratio, or else the highest one."""
+    """Check the estimator report: the available states, and each test ratio above the limit, or else the highest."""
     report = facts.estimator
     if report is None or not report.ratios:
         message = DIALECTS[facts.autopilot].message
@@ -47,7 +47,7 @@ def estimator(facts: VehicleFacts, mission: Mission) -> Iterator[Finding]:
 
 
 def _position(facts: VehicleFacts, report: EstimatorReport, *, local: bool) -> Iterator[Finding]:
-    """Check that the estimator has the position that the mission needs; a lost position is another check."""
+    """Check that the estimator provides the position that the mission needs; a missing position is another check."""
     lost = facts.origin_m is None or facts.position_m is None
     if lost or report.absolute or (local and report.relative):
         return

@@ -1,4 +1,4 @@
-"""The vocabulary of the preflight: what is known about a vehicle on the ground, and what is found to say about it."""
+"""Types of the preflight: the facts about a vehicle on the ground, and the findings of the checks."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,26 +12,26 @@ from gcs.link.kind import Evidence, Kind, ardupilot_kind, px4_kind
 from gcs.link.relay.gate import LinkReport
 
 PX4_SIMULATES, ARDUPILOT_SIMULATES = "SYS_HITL", "SIM_OPOS_LAT"
-"""PX4's parameter for a board with a simulated body, and one of those that only a simulating ArduPilot has."""
+"""PX4's parameter for hardware in the loop, and a parameter that only an ArduPilot with simulation has."""
 MISSION = "mission"
-"""The subject of what concerns the mission or the team as a whole."""
+"""The subject of findings about the mission or the whole team."""
 
 
 class Grade(Enum):
-    """How grave a finding is."""
+    """The severity of a finding."""
 
     REFUSE = "refuse"
     """Do not take off."""
     WARNING = "warning"
-    """It may fly, and the operator should know."""
+    """It may fly; the operator decides."""
     PASS = "pass"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at: what was found, and unless it is well, why it matters and what to do.
+    """The result of one check: what was found, and unless it passed, the reason and the next step.
 
-    A `temporary` one may be resolved by waiting: the vehicle is about to be ready.
+    A `temporary` one may be resolved by waiting: the vehicle is not ready yet.
     """
 
     grade: Grade
@@ -50,13 +50,13 @@ class Finding:
     def graded(
         cls, grade: Grade, subject: str, check: str, found: str, why: str, next_step: str, *, temporary: bool = False
     ) -> "Finding":
-        """Return a finding whose grade was computed: when all is well there is nothing to do next."""
+        """Return a finding of a computed grade; a pass has no next step."""
         well = grade is Grade.PASS
         return cls(grade, subject, check, found, why, "" if well else next_step, temporary and not well)
 
 
 class AutopilotKind(Enum):
-    """Whose firmware it is."""
+    """The autopilot's firmware."""
 
     PX4 = "PX4"
     ARDUPILOT = "ArduPilot"
@@ -65,7 +65,7 @@ class AutopilotKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GpsFix:
-    """What the receiver says: `dimensions` of its fix (0 without one, 2 or 3), and the satellites in use."""
+    """The report of a GPS receiver: `dimensions` of its fix (0 without one, 2 or 3), and the satellites in use."""
 
     dimensions: int
     satellites: int
@@ -73,27 +73,26 @@ class GpsFix:
 
 @dataclass(frozen=True, slots=True)
 class FenceArea:
-    """A polygon (or a circle's) of the autopilot's geofence, in the mission frame [m], to stay in or to keep out of."""
+    """An inclusion or exclusion polygon of the autopilot's geofence in the mission frame [m]; circles are polygons."""
 
     corners_m: tuple[tuple[float, float], ...]
     stay_in: bool
 
     def __post_init__(self) -> None:
         if len(self.corners_m) < 3 or not all(isfinite(number) for corner in self.corners_m for number in corner):
-            raise ValueError("a fence's area needs three corners that are finite")
+            raise ValueError("a fence area needs at least three finite corners")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleFacts:
-    """What one vehicle says about itself on the ground; None is what it did not say.
+    """The reports of one vehicle on the ground; None for what it did not report.
 
-    `unreachable` and `lost` hold (reason, next step) of a vehicle that is not to be talked to, and of one that does not
-    know its place. `failed_checks` are its status texts about these. Positions are in the mission frame [m], rates are
-    in the autopilot's own time, `clock_ratio` is how many times faster than the wall that runs. `firmware` is a
-    version, empty where it tells none. A parameter that could not be read is None, so are `estimator` and
-    `fence_areas`. `link` is what arrived with its system id, from it and from others; `link_bytes_s` what comes a
-    second on its connection, from all vehicles there. `uid` and `vendor_id` are those of its AUTOPILOT_VERSION. Raises
-    ValueError for numbers that are not finite.
+    `unreachable` and `lost` hold (reason, next step) of a vehicle that does not answer, and of one without a position.
+    `failed_checks` are the status texts of its failed arming checks. Positions are in the mission frame [m], rates in
+    the autopilot's time, whose rate relative to wall time is `clock_ratio`. `firmware` is a version, empty if it is not
+    reported. Parameters, `estimator` and `fence_areas` that could not be read are None. `link` is the traffic with its
+    system id, from it and from others; `link_bytes_s` is the traffic per second on its connection, from all vehicles
+    there. `uid` and `vendor_id` are those of its AUTOPILOT_VERSION. Raises ValueError for numbers that are not finite.
     """
 
     vehicle_id: int
@@ -130,12 +129,12 @@ class VehicleFacts:
 
     @property
     def is_ready(self) -> bool:
-        """Whether its health is reported, and all of it is well."""
+        """Whether it has reported its health, and all items are good."""
         return bool(self.health) and all(self.health.values())
 
     @property
     def kind(self) -> Kind:
-        """What it is, by what it says."""
+        """The kind of vehicle, from its reports."""
         others = any(value is not None for value in self.parameters.values())
         evidence = Evidence(
             self.system_id,
@@ -150,17 +149,17 @@ class VehicleFacts:
 
     @property
     def subject(self) -> str:
-        """What findings about it are about."""
+        """The subject of findings about it."""
         return f"vehicle {self.vehicle_id}"
 
     def parameter(self, *names: str) -> float | None:
-        """Return the first of these parameters that could be read; firmware renames them."""
+        """Return the first of these parameters that could be read: names depend on the firmware version."""
         values = (self.parameters.get(name) for name in names)
         return next((value for value in values if value is not None), None)
 
 
 def limited(value: float, limit: float, reserve: float) -> Grade:
-    """Grade a value that must not exceed `limit`, and should not exceed the share `reserve` of it."""
+    """Grade a value that must not exceed `limit`, and should not exceed the fraction `reserve` of it."""
     if value > limit:
         return Grade.REFUSE
     return Grade.WARNING if value > reserve * limit else Grade.PASS

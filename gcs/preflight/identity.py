@@ -1,4 +1,4 @@
-"""What an autopilot says of itself: its firmware, its unique id, and who made its board."""
+"""The identity of an autopilot: its firmware, its unique id, and the vendor of its board."""
 
 import time
 from contextlib import suppress
@@ -15,7 +15,7 @@ RELEASED = ("release", "unknown")
 
 
 class Identity(NamedTuple):
-    """The firmware as 1.17.0-beta+0f1e2d3c, empty where it is not known, and two numbers of AUTOPILOT_VERSION."""
+    """The firmware, such as 1.17.0-beta+0f1e2d3c, empty if unknown, and two numbers of AUTOPILOT_VERSION."""
 
     firmware: str = ""
     uid: int | None = None
@@ -23,7 +23,7 @@ class Identity(NamedTuple):
 
 
 def read_identity(system: Any, timeout_s: float) -> Identity:
-    """Return what an autopilot says of itself; blocks for `timeout_s` wall seconds where it says nothing.
+    """Return an autopilot's identity; blocks for `timeout_s` wall seconds if it is not received.
 
     MAVSDK requests it once on connection; on a link with losses it is requested again.
     """
@@ -31,7 +31,7 @@ def read_identity(system: Any, timeout_s: float) -> Identity:
     end_s = time.monotonic() + timeout_s
     try:
         while (identity := _received(plugin)) is None and time.monotonic() < end_s:
-            with suppress(MavlinkDirectError):  # not acknowledged: it may come all the same
+            with suppress(MavlinkDirectError):  # not acknowledged: the message may still arrive
                 direct.send_command(command_long(system.get_system_id(), REQUEST_MESSAGE, AUTOPILOT_VERSION))
             time.sleep(REQUEST_PERIOD_S)
         return identity or Identity()

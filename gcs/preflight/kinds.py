@@ -1,17 +1,17 @@
-"""Findings on what the vehicles are: a team flies, or it is simulated, perhaps by boards on a bench."""
+"""Findings on the kinds of vehicles: all real, all simulated, or boards in hardware-in-the-loop simulation."""
 
 from collections.abc import Iterator, Sequence
 
 from gcs.link.kind import Kind
 from gcs.preflight.findings import ARDUPILOT_SIMULATES, MISSION, PX4_SIMULATES, Finding, Grade, VehicleFacts
 
-MIXED = "what a simulated vehicle does is no reason for a real one to move: it takes it for a neighbour"
-LIVE = "an autopilot with a simulated body may drive real motors"
+MIXED = "real vehicles would react to simulated neighbours"
+LIVE = "a board with a simulated body may drive real motors"
 BENCH = "on the bench, with propellers off, add --bench to `cordon check` and `cordon fly`"
 
 
 def kinds(team: Sequence[VehicleFacts], *, bench: bool) -> Iterator[Finding]:
-    """State what each vehicle that is heard is, and refuse teams that are mixed, or that need `bench`."""
+    """State the kind of each received vehicle; refuse mixed teams, and teams that need `bench`."""
     heard = [facts for facts in team if facts.unreachable is None]
     for facts in heard:
         yield _stated(facts)
@@ -25,7 +25,7 @@ def kinds(team: Sequence[VehicleFacts], *, bench: bool) -> Iterator[Finding]:
 
 
 def bench_line(team: Sequence[VehicleFacts]) -> str:
-    """Return what the vehicles are, in a line."""
+    """Return the vehicles of each kind as one line."""
     ids = {kind: [str(facts.vehicle_id) for facts in team if facts.kind is kind] for kind in Kind}
     parts = (f"{kind.value}: {', '.join(each)}" for kind, each in ids.items() if each)
     return "; ".join(parts)
@@ -38,7 +38,7 @@ def _stated(facts: VehicleFacts) -> Finding:
         facts.subject,
         "kind",
         f"what it is: {facts.kind.value}",
-        "a vehicle that does not say whether it flies is treated as one that does",
+        "a vehicle of unknown kind is treated as a real one",
         f"check the link: its version and parameters were not received, or do not agree (PX4: {PX4_SIMULATES}, "
         f"ArduPilot: {ARDUPILOT_SIMULATES})",
     )
@@ -52,7 +52,7 @@ def _mixed(team: Sequence[VehicleFacts]) -> Finding:
 def _not_simulated(facts: VehicleFacts) -> Finding:
     found = f"it is not simulated: {facts.kind.value}"
     step = "take it out of the mission, or set it up with a simulated body (PX4: SYS_HITL = 2)"
-    return Finding(Grade.REFUSE, facts.subject, "bench", found, "--bench is for vehicles that do not fly", step)
+    return Finding(Grade.REFUSE, facts.subject, "bench", found, "--bench is for simulated vehicles only", step)
 
 
 def _board(facts: VehicleFacts) -> Finding:

@@ -1,4 +1,4 @@
-"""Findings on what each connection is asked to carry, against what it carries."""
+"""Findings on the requested traffic of each connection, compared with its data rate."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -10,11 +10,11 @@ from gcs.mission.mission import Mission
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
 UNASKED_SHARE = 1.5
-"""More than this share of what was asked for shows streams that were not."""
+"""A ratio of received to requested traffic above this indicates streams that were not requested."""
 
 
 def link_budget(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:
-    """Compare bytes asked for with bytes carried, of each connection whose capacity is known."""
+    """Compare requested traffic with the data rate, for each connection whose data rate is known."""
     measured = _measured_bytes_s(mission, team)
     for url, pace in sorted(link_paces(mission).items()):
         if pace.capacity_bytes_s is not None:
@@ -29,10 +29,10 @@ def _fits(url: str, pace: Pace, capacity_bytes_s: float) -> Finding:
         limited(asked_bytes_s, capacity_bytes_s, LOAD_SHARE),
         MISSION,
         "link budget",
-        f"{url}: {pace.vehicles} vehicle{'s' if pace.vehicles > 1 else ''} take {asked_bytes_s:.0f} of the "
-        f"{capacity_bytes_s:.0f} bytes a second that it carries ({asked_bytes_s / capacity_bytes_s:.0%}) with "
+        f"{url}: {pace.vehicles} vehicle{'s' if pace.vehicles > 1 else ''} take {asked_bytes_s:.0f} of its "
+        f"{capacity_bytes_s:.0f} bytes/s ({asked_bytes_s / capacity_bytes_s:.0%}) with "
         f"{_shown(pace.rates)}",
-        f"setpoints grow old, and commands wait, where more than {LOAD_SHARE:.0%} is asked for",
+        f"above {LOAD_SHARE:.0%}, setpoints and commands are delayed",
         _step(pace, capacity_bytes_s),
     )
 
@@ -43,8 +43,8 @@ def _step(pace: Pace, capacity_bytes_s: float) -> str:
     least = load(rates, pace.vehicles, signed=pace.signed)
     if least.bytes_s > LOAD_SHARE * capacity_bytes_s:
         return (
-            f"the least rates take {least.bytes_s:.0f} bytes a second (setpoints {SETPOINT_MIN_HZ:g} times): use a "
-            "faster radio, or fewer vehicles on it"
+            f"the lowest rates take {least.bytes_s:.0f} bytes/s (setpoints at {SETPOINT_MIN_HZ:g} Hz): use a faster "
+            "radio, or fewer vehicles on it"
         )
     return f'set [link] to {_shown(rates)}, or rates = "auto"'
 
@@ -62,13 +62,13 @@ def _came(url: str, asked: Load, came_bytes_s: float) -> Finding:
         Grade.WARNING if share > UNASKED_SHARE else Grade.PASS,
         MISSION,
         "link traffic",
-        f"{url}: {came_bytes_s:.0f} bytes a second come from the vehicles; {asked.down_bytes_s:.0f} were asked for",
-        "what was not asked for takes the room of setpoints and commands",
+        f"{url}: {came_bytes_s:.0f} bytes/s received from the vehicles, {asked.down_bytes_s:.0f} bytes/s requested",
+        "streams that were not requested delay setpoints and commands",
         "stop other streams on that port (PX4: MAV_0_MODE, mavlink -m minimal; ArduPilot: SR1_* = 0)",
     )
 
 
 def _measured_bytes_s(mission: Mission, team: Sequence[VehicleFacts]) -> Mapping[str, float]:
-    """Return what came on each connection, of which its vehicles know the sum."""
+    """Return the traffic received on each connection; each of its vehicles' facts hold the sum."""
     urls = {vehicle.id: vehicle.section.url for vehicle in mission.vehicles}
     return {urls[facts.vehicle_id]: facts.link_bytes_s for facts in team if facts.link_bytes_s is not None}

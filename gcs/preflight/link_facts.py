@@ -38,7 +38,7 @@ LISTENING_S = 1.5
 TRAFFIC_S = 2.0
 PARAMETERS_TIMEOUT_S = 3.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
-"""Shorter times of the preflight check in `fly`, whose links are connected already."""
+"""Shorter timeouts for the preflight check in `fly`, whose links are connected already."""
 GPS_PERIODS = 4.0
 """Timeout in periods of the status rate: GPS status comes at half of it, and one message may be lost."""
 CIRCLE_CORNERS = 36
@@ -47,9 +47,9 @@ DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
 async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> tuple[VehicleFacts, ...]:
-    """Query all vehicles of a mission at once; times are wall seconds. An unreachable vehicle is a fact, too.
+    """Query all vehicles of a mission at once; times are wall seconds. Unreachable vehicles are included.
 
-    Raises InputError when the signing keys of the links cannot be read.
+    Raises InputError if the signing keys of the links cannot be read.
     """
     keys, paces = signing_keys(mission), link_paces(mission)
     hub = MavsdkHub()
@@ -73,9 +73,9 @@ class _Connection:
         self._quiet = asyncio.Barrier(pace.vehicles)
 
     async def came_bytes_s(self) -> float | None:
-        """Return what comes from all vehicles once all queries are answered; None where no one asks how much that is.
+        """Return the traffic from all vehicles once all queries are answered; None if the data rate is unknown.
 
-        Every vehicle's query has to wait for this, also one that was not answered.
+        Every vehicle's query has to await this, also one without an answer.
         """
         if self.pace.capacity_bytes_s is None:
             return None
@@ -83,15 +83,15 @@ class _Connection:
         before, began_s = self.hub.traffic(self._url), time.monotonic()
         await asyncio.sleep(TRAFFIC_S)
         down_bytes = self.hub.traffic(self._url).down_bytes - before.down_bytes
-        await self._quiet.wait()  # the first to leave may close the connection
+        await self._quiet.wait()  # the first query that ends may close the connection
         return down_bytes / (time.monotonic() - began_s)
 
 
 class CheckedLink(MavsdkLink):
-    """A vehicle's link that also reads the facts for the preflight checks; it sets nothing."""
+    """A vehicle's link that also reads the facts for the preflight checks; read-only."""
 
     async def facts(self, vehicle_id: int, settle_s: float) -> VehicleFacts:
-        """Return the facts of a connected vehicle, once it is healthy or `settle_s` [wall s] has passed."""
+        """Return the facts of a connected vehicle once it is healthy, at the latest after `settle_s` [wall s]."""
         system, feed, calls, *_ = self._connected()
         await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s)
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.pace.rates)
@@ -99,7 +99,7 @@ class CheckedLink(MavsdkLink):
         return replace(facts, link=self.report)
 
     async def _locate(self) -> None:
-        """Find the vehicle's origin, if it has one yet: otherwise it is not ready, as its facts state."""
+        """Look up the vehicle's origin; without one, its facts state that it is not ready."""
         with suppress(NotReadyError):
             self._connected().feed.origin_m = await self._origin(0.0)
 
@@ -193,14 +193,14 @@ class _VehicleQuery(NamedTuple):
             gps=None if feed.is_local else gps,
             estimator=estimator,
             clock_ratio=ratio,
-            telemetry_rate_hz=rate_hz if feed.position_m is not None else None,  # else there is none to send
+            telemetry_rate_hz=rate_hz if feed.position_m is not None else None,  # else there is no motion to send
             telemetry_rate_asked_hz=self.rates.telemetry_hz,
             parameters=parameters,
             fence_areas=areas,
         )
 
     async def _timing(self, listening_s: float) -> tuple[float | None, float]:
-        """Return how fast the autopilot's clock runs, and the motion samples per second of that clock."""
+        """Return the rate of the autopilot's clock relative to wall time, and the motion rate in that clock [Hz]."""
         samples = 0
 
         def count(_motion: object, _user_data: object) -> None:
@@ -218,7 +218,7 @@ class _VehicleQuery(NamedTuple):
 
 
 def _is_healthy(feed: VehicleFeed) -> bool:
-    """Return whether all health items pass; arming checks count only in a mode in which cordon arms."""
+    """Return whether all health items are good; arming checks only in a mode in which cordon arms."""
     calm = feed.status.mode in CALM_MODES
     items = feed.health()
     return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
@@ -227,7 +227,7 @@ def _is_healthy(feed: VehicleFeed) -> bool:
 def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
     """Wait for the status of the GPS receiver; None without one.
 
-    MAVSDK's value before the first message looks like a receiver without a fix.
+    MAVSDK's initial value looks like a receiver without a fix.
     """
     received: queue.SimpleQueue[Any] = queue.SimpleQueue()
     handle = telemetry.subscribe_gps_info(lambda info, _user_data: received.put(info))
@@ -241,7 +241,7 @@ def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
 
 
 def _fence_areas(system: Any, frame: MissionFrame) -> tuple[FenceArea, ...] | None:
-    """Download the geofence's areas; None where that fails. Blocks, without an answer for seconds."""
+    """Download the geofence's areas; None if that fails. Blocks, for seconds without an answer."""
     if frame.origin is None:
         return ()
     plugin = Geofence(system)

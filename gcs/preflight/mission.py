@@ -10,13 +10,13 @@ from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, Vehic
 
 SIGMAS = 2.0
 RESERVE = 0.8
-"""Usable share of a limit: vehicles need a margin for catching up and for wind."""
+"""Usable fraction of a limit: vehicles need a margin for catching up and for wind."""
 GAP_RESERVE = 1.2
 SPEED_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
     AutopilotKind.PX4: (("MPC_XY_VEL_MAX", 1.0),),
     AutopilotKind.ARDUPILOT: (("WPNAV_SPEED", 0.01), ("WP_SPD", 1.0)),
 }
-"""The parameters that limit speed, with their unit [m/s]: ArduCopter 4.7 has renamed its own."""
+"""The parameters that limit speed, with their unit [m/s]; names differ from ArduCopter 4.7 on."""
 ACCELERATION_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
     AutopilotKind.PX4: (("MPC_ACC_HOR", 1.0),),
     AutopilotKind.ARDUPILOT: (("WPNAV_ACCEL", 0.01), ("WP_ACC", 1.0)),
@@ -25,7 +25,7 @@ ACCELERATION_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
 
 
 def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
-    """Check the mission against its own limits; an excitation is planned within them, and stubs need no fence."""
+    """Check the mission against its own limits; excitation flights are planned within them, and stubs need no fence."""
     if mission.excites:
         return
     if len(mission.vehicles) > 1:
@@ -64,7 +64,7 @@ def ring_acceleration_m_s2(mission: Mission) -> float:
 
 
 def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
-    """Return a vehicle's largest distance from its start: at the end of its line, on the ring, or in its test area."""
+    """Return a vehicle's largest distance from its start: at the end of its line, on the ring, or in its box."""
     x, y = vehicle.section.start_m
     if mission.excites:
         return max(hypot(corner_x - x, corner_y - y) for corner_x, corner_y in mission.safety.fence_m)
@@ -108,7 +108,7 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, step: str) -> Fi
         MISSION,
         check,
         f"{what}: {gap_m:.2f} m apart, needed: {separation_m:g} m separation and {error_m:.2f} m position error",
-        "the guard would move setpoints all the time, or vehicles would come too close",
+        "the guard would move setpoints permanently, or vehicles would come too close",
         step,
     )
 
@@ -122,13 +122,13 @@ def _mission_fence(mission: Mission) -> Finding:
         MISSION,
         "mission fence",
         own if bare else f"safety.fence_m has {corners} corners" if corners else "every vehicle has a fence of its own",
-        "vehicles follow the target wherever sightings lead them, also those from outside the team (docs/target.md)",
-        "set safety.fence_m to the area that the flight may take",
+        "vehicles follow the target wherever it is reported, also by sensors outside the team (docs/target.md)",
+        "set safety.fence_m to the area of the flight",
     )
 
 
 def _distance_error_m(mission: Mission) -> float:
-    """Return the error of a distance between the two vehicles whose positions are the noisiest."""
+    """Return the error of the distance between the two vehicles with the noisiest positions."""
     errors_m = sorted(hypot(each.own_filter.position_noise_m, each.own_filter.wander_m) for each in mission.vehicles)
     return SIGMAS * hypot(*errors_m[-2:])
 
@@ -137,13 +137,13 @@ def _sensor_range(mission: Mission) -> Finding:
     ranges_m = {vehicle_id: mission.sensor(vehicle_id).range_m for vehicle_id in mission.ids}
     radius_m = mission.encirclement.radius_m
     blind = [str(vehicle_id) for vehicle_id, range_m in ranges_m.items() if range_m < radius_m]
-    who = f"vehicles that do not see so far: {', '.join(blind)}" if blind else "every vehicle sees so far"
+    who = f"vehicles with a shorter range: {', '.join(blind)}" if blind else "every vehicle's range is sufficient"
     return Finding.graded(
         Grade.WARNING if blind else Grade.PASS,
         MISSION,
         "sensor range",
-        f"sensors see {min(ranges_m.values()):g} m or more, the ring is {radius_m:g} m from the target; {who}",
-        "on the ring such a vehicle does not see the target: it depends on what others see, or holds",
+        f"the shortest sensor range is {min(ranges_m.values()):g} m, the ring's radius is {radius_m:g} m; {who}",
+        "on the ring such a vehicle does not see the target: it depends on others' sightings, or holds",
         f"increase target.sensor.range_m to {GAP_RESERVE * radius_m:g} m, or lower encirclement.radius_m",
     )
 
@@ -170,7 +170,7 @@ def _ring_acceleration(mission: Mission) -> Finding:
         MISSION,
         "ring acceleration",
         f"the ring needs v²/R = {needed:.2f} m/s²; encirclement.acceleration_max_m_s2 is {limit:g} m/s²",
-        "with less acceleration a vehicle leaves the ring outwards",
+        "with less acceleration a vehicle drifts outwards from the ring",
         f"lower encirclement.angular_rate_rad_s to {sqrt(RESERVE * limit / mission.encirclement.radius_m):.2f}, "
         "or raise acceleration_max_m_s2 if the vehicles can fly it",
     )
@@ -215,7 +215,7 @@ def _within(facts: VehicleFacts, check: str, needed: float, unit: str, names: tu
                 facts.subject,
                 f"{check} limit",
                 f"the mission needs {needed:.2f} {unit}; {name} limits the autopilot to {limit:.2f} {unit}",
-                "beyond its limit the autopilot does not follow its setpoints, independent of the profile",
+                "beyond its limit the autopilot does not follow its setpoints, whatever the profile",
                 f"lower the mission's {check}, or raise {name} to {needed / RESERVE / scale:.3g} or more if feasible",
             )
     either = " or ".join(name for name, _ in names)
@@ -224,6 +224,6 @@ def _within(facts: VehicleFacts, check: str, needed: float, unit: str, names: tu
         facts.subject,
         f"{check} limit",
         f"{either} could not be read: the mission needs {needed:.2f} {unit}, the limit is unknown",
-        "beyond its limit the autopilot does not follow its setpoints, independent of the profile",
+        "beyond its limit the autopilot does not follow its setpoints, whatever the profile",
         f"check {either} with a ground station, and check the link",
     )

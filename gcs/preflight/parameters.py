@@ -101,7 +101,7 @@ CORDON_ID = 245
 
 
 def parameters_wanted(autopilot: AutopilotKind) -> tuple[tuple[str, ...], ...]:
-    """Return the parameters to read; an entry of several names is read once the firmware answers one of them."""
+    """Return the parameters to read; an entry of several names is complete once one of them is received."""
     if autopilot not in JUDGES:
         return ()
     limits = (tuple(name for name, _ in table[autopilot]) for table in (SPEED_LIMITS, ACCELERATION_LIMITS))

@@ -42,7 +42,7 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, vehicle: latency(facts, vehicle),
     lambda facts, _mission, _vehicle: clock_rate(facts),
 )
-"""The checks of every vehicle whose messages arrive."""
+"""The checks of every vehicle that is received."""
 AUTOPILOT_CHECKS: tuple[Check, ...] = (
     lambda facts, mission, _vehicle: estimator(facts, mission),
     lambda facts, _mission, _vehicle: failsafes(facts),
@@ -51,7 +51,7 @@ AUTOPILOT_CHECKS: tuple[Check, ...] = (
     fence_areas,
     lambda facts, mission, _vehicle: autopilot_limits(mission, facts),
 )
-"""The checks of every autopilot whose parameters and reports cordon understands."""
+"""The checks of every autopilot whose parameters and reports cordon supports."""
 _ORDER = list(Grade)
 
 
@@ -64,11 +64,10 @@ def preflight(
     bench: bool = False,
     clock: ComputerClock | None = None,
 ) -> tuple[Finding, ...]:
-    """Return all findings, the gravest first; raises KeyError for facts about a vehicle that the mission has not.
+    """Return all findings, the most severe first; raises KeyError for facts about a vehicle outside the mission.
 
-    Without `today` no profile is too old. `stubs` are all vehicles that a flight brings along; with `bench` boards with
-    simulated bodies stand on a bench, their propellers off. `clock` is that of this computer, where the team is on
-    several.
+    Without `today` no profile is too old. With `stubs` all vehicles are stubs; with `bench` they are boards in
+    hardware-in-the-loop simulation, propellers off. `clock` is this computer's clock if the team is on several.
     """
     findings = [
         *feasibility(mission, stubs=stubs),
@@ -83,7 +82,7 @@ def preflight(
 
 
 def worst(findings: Iterable[Finding]) -> Grade:
-    """Return the gravest grade among findings."""
+    """Return the most severe grade among findings."""
     return min((finding.grade for finding in findings), key=_ORDER.index, default=Grade.PASS)
 
 
@@ -92,12 +91,10 @@ def _of_vehicle(
 ) -> Iterator[Finding]:
     if facts.unreachable is not None:
         found, step = facts.unreachable
-        why = "commands would go to nobody, or to another vehicle than the one meant"
+        why = "commands would not arrive, or would reach another vehicle"
         yield Finding(Grade.REFUSE, facts.subject, "link", found, why, step)
         return
-    yield Finding(
-        Grade.PASS, facts.subject, "link", f"it is heard on {vehicle.section.url} as system {vehicle.system_id}"
-    )
+    yield Finding(Grade.PASS, facts.subject, "link", f"received on {vehicle.section.url} as system {vehicle.system_id}")
     for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot in JUDGES else ()):
         yield from check(facts, mission, vehicle)
     yield from profile(facts, mission, vehicle, today)

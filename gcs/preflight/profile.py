@@ -1,4 +1,4 @@
-"""Preflight, the profile: whether it is for this autopilot, and whether its plant was identified from this vehicle."""
+"""Preflight checks of the profile: that it is for this autopilot, and that its plant describes this vehicle."""
 
 import re
 from collections.abc import Iterator
@@ -10,15 +10,15 @@ from gcs.preflight.findings import AutopilotKind, Finding, Grade, VehicleFacts
 
 OLD_DAYS = 180
 _NUMBERS = re.compile(r"(\d+)\.(\d+)")
-_WHY = "the controller is only as good as its plant: on the ring the vehicle would be off in radius and in rate"
-_STEP = "identify it anew (cordon excite, cordon identify), and name the new file as its profile"
+_WHY = "the controller relies on the plant: with a wrong one, radius and rate on the ring are off"
+_STEP = "identify it again (cordon excite, cordon identify), and set its profile to the new file"
 _AUTOPILOTS = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
 
 
 def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, today: date | None) -> Iterator[Finding]:
-    """Check a vehicle's profile against what the vehicle reports.
+    """Check a vehicle's profile against the vehicle's reports.
 
-    The flight for identification does not rely on the profile, and is not checked. Without `today` no profile is old.
+    An excitation flight does not depend on the profile, and is not checked. Without `today` no profile is old.
     """
     if mission.excites:
         return
@@ -29,14 +29,14 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
         return
     doubts = [*_doubts(identified, facts, today), *_other_kind(identified, vehicle)]
     if not other and identified.autopilot.lower() != facts.autopilot.value.lower():
-        doubts.append(f"it is of {identified.autopilot}, and the vehicle flies {facts.autopilot.value}")
+        doubts.append(f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.value}")
     what = f"its profile '{vehicle.section.profile}', identified on {identified.date}"
-    found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} on its firmware, is {identified.verdict.value}"
+    found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} with its firmware, is {identified.verdict.value}"
     yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
 
 
 def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
-    """Refuse a profile of another autopilot; where the mission itself names this autopilot, it is a warning."""
+    """Refuse a profile of another autopilot; a warning if the mission itself states this autopilot."""
     key = vehicle.profile.autopilot
     if key is None or facts.autopilot in (_AUTOPILOTS[key], AutopilotKind.OTHER):
         return
@@ -47,9 +47,9 @@ def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[F
         facts.subject,
         "profile",
         f"its profile '{vehicle.section.profile}' is for {_AUTOPILOTS[key].value} (autopilot = \"{key}\"), and the "
-        f"vehicle says it is {facts.autopilot.value}",
+        f"vehicle reports {facts.autopilot.value}",
         "plant, filter and limits of another autopilot do not describe this vehicle",
-        f"name a profile for {facts.autopilot.value} in the mission, or check the url",
+        f"use a profile for {facts.autopilot.value} in the mission, or check the url",
     )
 
 
@@ -62,18 +62,18 @@ def _doubts(identified: Identification, facts: VehicleFacts, today: date | None)
         yield f"it is {days} days old"
     same = identified.autopilot.lower() == facts.autopilot.value.lower()
     if same and _release(identified.firmware) != _release(facts.firmware) and identified.firmware and facts.firmware:
-        yield f"it is of firmware {identified.firmware}, and the vehicle's is {facts.firmware}"
+        yield f"it was identified with firmware {identified.firmware}, and the vehicle's is {facts.firmware}"
 
 
 def _other_kind(identified: Identification, vehicle: MissionVehicle) -> Iterator[str]:
     gain = vehicle.plant.feedforward
     if identified.feeds and not gain:
-        yield "it is of setpoints with velocities beside them, and with its feedforward = 0 none are sent"
+        yield "it was identified with velocities beside setpoints, and with feedforward = 0 none are sent"
     if gain and not identified.feeds:
-        yield f"it is of setpoints alone, and with its feedforward = {gain:g} velocities are sent beside them"
+        yield f"it was identified with setpoints alone, and with feedforward = {gain:g} velocities are sent as well"
 
 
 def _release(firmware: str) -> tuple[str, ...] | str:
-    """Return what may change how a vehicle flies: the first two numbers of a version, or all of what is none."""
+    """Return the part of a firmware that may affect the plant: the first two numbers, or all of any other text."""
     numbers = _NUMBERS.search(firmware)
     return firmware if numbers is None else numbers.groups()

@@ -1,7 +1,7 @@
 """Reads an autopilot's parameters and estimator report, which MAVSDK's plugins read slowly or not at all.
 
 All parameters are requested at once, and missing ones again. MAVSDK's client requests one name after the other and
-waits three seconds for each that the firmware does not know. Nothing is written.
+waits three seconds for each that the firmware does not have. Nothing is written.
 """
 
 import asyncio
@@ -33,7 +33,7 @@ async def read_parameters(
 ) -> Mapping[str, float | None]:
     """Return parameters by name; None for those not received within `timeout_s` wall seconds.
 
-    Each entry of `wanted` holds several names of one parameter: one received name completes the entry.
+    Each entry of `wanted` holds the possible names of one parameter: one received name completes it.
     """
     values: dict[str, float | None] = dict.fromkeys(name for names in wanted for name in names)
     loop, direct = asyncio.get_running_loop(), MavlinkDirect(system)
@@ -109,5 +109,5 @@ def _request(direct: Any, system_id: int, names: Sequence[str]) -> None:
         fields_json = json.dumps({**fields, "param_id": name, "param_index": -1})
         try:
             direct.send_message(MavlinkMessage("PARAM_REQUEST_READ", 0, 0, system_id, AUTOPILOT_COMPONENT, fields_json))
-        except MavlinkDirectError:  # the link is down: the value stays unknown, which the findings report
+        except MavlinkDirectError:  # the link is down: the findings report the missing value
             return

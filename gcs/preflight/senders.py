@@ -1,4 +1,4 @@
-"""Findings on who sends with a vehicle's system id: the vehicle itself, others, and from where."""
+"""Findings on the senders with a vehicle's system id, and their addresses."""
 
 from collections.abc import Iterator
 
@@ -21,10 +21,9 @@ def _doubled(facts: VehicleFacts) -> Finding:
         Grade.REFUSE,
         facts.subject,
         "doubled",
-        f"several vehicles send with its system id on {facts.link.address}: the numbers of its messages go forth and "
-        "back",
+        f"several vehicles send with its system id on {facts.link.address}: sequence numbers jump back and forth",
         "each command would go to all of them",
-        "give every vehicle a system id of its own (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), one after the other",
+        "give every vehicle its own system id (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), one after the other",
     )
 
 
@@ -36,19 +35,19 @@ def impostor(subject: str, link: LinkReport) -> Finding:
         subject,
         "impostor",
         f"{who} sends with its system id; ignored: the vehicle is at {link.address}",
-        "this may be a second vehicle or simulator by mistake, or somebody who forges messages",
-        "end the other sender, or give its vehicle a system id of its own; link.signing_key_file keeps forgers out",
+        "this may be a misconfigured vehicle or simulator, or an attacker who forges messages",
+        "end the other sender, or give its vehicle another system id; link.signing_key_file rejects forged messages",
     )
 
 
 def moved(subject: str, link: LinkReport) -> Finding:
-    """Return the finding that a vehicle continues from another address."""
+    """Return the finding that a vehicle sends from another address than before."""
     return Finding(
         Grade.WARNING,
         subject,
         "address",
         f"after a silence it sends from {link.moves[-1]}",
         "its link or simulator restarted"
-        + ("" if link.signed else "; without signing it cannot be told from a forger"),
+        + ("" if link.signed else "; without signing this cannot be distinguished from an attacker"),
         "check that this is the vehicle",
     )

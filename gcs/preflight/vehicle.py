@@ -1,4 +1,4 @@
-"""Preflight, one vehicle on the ground, and the vehicles beside each other: all but their parameters."""
+"""Preflight checks of each vehicle on the ground, and of the vehicles against each other, without parameters."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -18,13 +18,13 @@ PLACE_LIMIT_M = 10.0
 HEIGHT_TOLERANCE_M = 2.0
 CLIMB_LEAST_M = 1.0
 ORIGIN_TOLERANCE_M = 1000.0
-"""Beyond this the tangent planes of mission and vehicle differ by centimetres."""
+"""Beyond this distance the tangent planes of mission and vehicle differ by centimetres."""
 BATTERY_LOW, BATTERY_EMPTY = 0.5, 0.25
 SATELLITES_LEAST = 8
 RATE_LOW_SHARE, RATE_LEAST_SHARE = 0.8, 0.4
 WHOLE_SPEED_TOLERANCE, CLOCK_TOLERANCE = 1e-6, 0.1
 COMPUTER_CLOCK_ERROR_MAX_S = 0.5
-"""What the kernel states is a bound: it grows by a millisecond every two seconds between two settings."""
+"""The kernel states an upper bound, which grows by 1 ms every 2 s between two adjustments."""
 CLOCK_LAG_TOLERANCE_S = 0.05
 ARMING_CHECKS = "arming checks"
 POSITION_ITEMS = ("local position", "global position", "home position")
@@ -32,14 +32,14 @@ CALM_MODES = (FlightMode.HOLD, FlightMode.READY)
 
 
 def identity(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check that it is a vehicle that cordon can fly."""
+    """Check that cordon can fly this autopilot and airframe."""
     known = facts.autopilot is not AutopilotKind.OTHER
     yield Finding.graded(
         Grade.PASS if known else Grade.REFUSE,
         facts.subject,
         "autopilot",
         f"its autopilot is {facts.autopilot.value}",
-        "cordon knows the modes and failsafes of PX4 and ArduPilot only",
+        "cordon supports the modes and failsafes of PX4 and ArduPilot only",
         "fly PX4 or ArduPilot, or take the vehicle out of the mission",
     )
     yield Finding.graded(
@@ -47,17 +47,17 @@ def identity(facts: VehicleFacts) -> Iterator[Finding]:
         facts.subject,
         "airframe",
         "it is a multicopter" if facts.multicopter else "it is not a multicopter",
-        "only a multicopter can hover and turn on a ring",
+        "the mission needs a vehicle that can hover",
         "check its airframe (PX4: SYS_AUTOSTART and MAV_TYPE, ArduPilot: FRAME_CLASS), or the url",
     )
 
 
 def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check that it stands disarmed on the ground, in a mode that cordon can start from."""
+    """Check that the vehicle is disarmed, on the ground, and in a mode that cordon can start from."""
     status = facts.status
     if status.armed or status.in_air:
         state = "in the air" if status.in_air else "armed"
-        why = "cordon flies from the ground to the ground, and somebody else seems to fly this vehicle"
+        why = "cordon starts on the ground, and another pilot or station seems to fly this vehicle"
         yield Finding(Grade.REFUSE, facts.subject, "armed", f"it is {state} already", why, "land and disarm it")
     else:
         yield Finding(Grade.PASS, facts.subject, "armed", "it is disarmed, on the ground")
@@ -70,16 +70,16 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
         facts.subject,
         "mode",
         f"its flight mode is {status.mode.value}",
-        "cordon changes to hold before it arms, and a pilot's switch in another position may change it back",
-        "put it into hold (ArduPilot: loiter or guided), and leave the switch there",
+        "cordon changes to hold before it arms, and a mode switch in another position may override that",
+        "set it to hold (ArduPilot: loiter or guided), and leave the mode switch there",
     )
 
 
 def health(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check everything that the autopilot reports on its own health, each item by its name.
+    """Check every item of the autopilot's health report.
 
-    What only follows from something told elsewhere is not told again: arming checks fail with any other item, and a
-    vehicle without a place has no positions.
+    Consequences of other findings are left out: arming checks fail with any other item, and a vehicle without a
+    position in the mission frame has no position items.
     """
     if not facts.health:
         why, step = "an autopilot that does not report is not ready to arm", "wait until it has started, check the link"
@@ -87,15 +87,15 @@ def health(facts: VehicleFacts) -> Iterator[Finding]:
     failing = [item for item, well in facts.health.items() if not well]
     told = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
     for item in told if failing == [ARMING_CHECKS] else [item for item in told if item != ARMING_CHECKS]:
-        # What the arming checks allow depends on the mode, and cordon changes to hold before it arms.
+        # Arming checks depend on the mode, and cordon changes to hold before it arms.
         by_mode = item == ARMING_CHECKS and facts.status.mode not in CALM_MODES
         yield Finding(
             Grade.WARNING if by_mode else Grade.REFUSE,
             facts.subject,
             "health",
             f"{item}: not well{f' in {facts.status.mode.value}' if by_mode else ''}{_says(facts, item)}",
-            "the autopilot will refuse to arm, or will not know where it flies",
-            HEALTH_STEPS.get(item, "clear what it complains about"),
+            "the autopilot will refuse to arm, or will have no position in flight",
+            HEALTH_STEPS.get(item, "resolve the cause that the autopilot reports"),
             temporary=item in (*POSITION_ITEMS, ARMING_CHECKS),
         )
     if facts.is_ready:
@@ -121,22 +121,22 @@ _ABOUT = {
     **dict.fromkeys(POSITION_ITEMS, _PLACE),
     ARMING_CHECKS: re.compile(""),
 }
-"""Words of the failed checks that explain each health item: arming depends on them all."""
+"""Patterns of failed checks that explain each health item; arming depends on all of them."""
 HEALTH_STEPS = {
     "gyrometer calibration": "calibrate the gyrometer with a ground station",
     "accelerometer calibration": "calibrate the accelerometer with a ground station",
     "magnetometer calibration": "calibrate the compass with a ground station, away from steel",
     "local position": "wait for its estimator, and check GPS and compass",
-    "global position": "wait for GPS: give it a free view of the sky",
+    "global position": "wait for GPS with a clear view of the sky",
     "home position": "wait for GPS: home is set with the first good position",
-    ARMING_CHECKS: "put it into hold, and clear what a ground station then shows as its reason not to arm",
+    ARMING_CHECKS: "set it to hold, and resolve the failed arming checks that a ground station then shows",
 }
 
 
 def place(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
-    """Check that it knows its place, and that it stands where the mission has it start.
+    """Check that the vehicle has a position, and that it is at its start in the mission.
 
-    In a local frame the mission says where its origin is: then there is nothing to find out about that.
+    In a local frame the mission defines the vehicle's origin: then that is not checked.
     """
     if facts.origin_m is None or facts.position_m is None:
         yield _without_a_place(facts, mission.frame)
@@ -153,8 +153,8 @@ def _far(facts: VehicleFacts, away_m: float) -> Finding:
         facts.subject,
         "origin",
         f"its own origin is {away_m:.1f} m from the mission's",
-        "far from the mission's origin the earth's curve bends the vehicles' frames apart",
-        "set [frame] to a place where the vehicles stand",
+        "far from the mission's origin the vehicles' frames differ because of the Earth's curvature",
+        "set [frame] to a point near the vehicles",
     )
 
 
@@ -162,12 +162,12 @@ def _without_a_place(facts: VehicleFacts, frame: FrameSection) -> Finding:
     found, step = facts.lost or ("it sent no local position", "wait for its estimator, or check it")
     unwell = [item for item in POSITION_ITEMS if not facts.health.get(item, True)]
     if unwell:
-        found = f"it does not know where it is ({', '.join(unwell)}: not well){_says(facts, *unwell)}"
-        source = "its GPS first; with a good fix" if not frame.local else "its external position first; with that"
-        step = f"see to {source}, restart the autopilot, and look at its messages"
+        found = f"it has no valid position ({', '.join(unwell)}: not well){_says(facts, *unwell)}"
+        source = "GPS first; with a good fix" if not frame.local else "the external position first; with that"
+        step = f"check {source}, restart the autopilot, and read its messages"
     if frame.external_positions:
-        step = "`cordon fly` sends it its positions, `cordon check` does not; in `cordon fly`, see docs/indoor.md"
-    why = "without a place in the mission frame it cannot keep clear of the others"
+        step = "only `cordon fly` sends external positions, not `cordon check`; see docs/indoor.md"
+    why = "without a position in the mission frame it cannot keep its separation"
     return Finding(
         Grade.REFUSE, facts.subject, "origin", found, why, step, temporary=facts.lost is None or bool(unwell)
     )
@@ -185,14 +185,14 @@ def _start(facts: VehicleFacts, vehicle: MissionVehicle, off_m: tuple[float, flo
         "start",
         f"it stands {hypot(*off_m):.1f} m from its start_m ({x:g}, {y:g}): "
         f"{_signed(off_m[0])} m along x, {_signed(off_m[1])} m along y",
-        "on the way to their places in the line the vehicles' paths would cross",
-        "put it on its start_m, or correct start_m or [frame] in the mission",
+        "the vehicles' paths to their slots would cross",
+        "move it to its start_m, or correct start_m or [frame] in the mission",
         temporary=not facts.is_ready,
     )
 
 
 def _signed(value_m: float) -> str:
-    """Return a decimetre's worth of metres; a millimetre is neither + nor -."""
+    """Return metres with a sign, rounded to decimetres; without a sign if that is 0."""
     return f"{value_m:+.1f}" if abs(value_m) >= 0.05 else "0.0"
 
 
@@ -205,27 +205,27 @@ def _height(facts: VehicleFacts, vehicle: MissionVehicle, ground_m: float) -> Fi
         "height",
         f"it stands {_signed(ground_m)} m from the height of the mission's origin: to fly at altitude_m = "
         f"{vehicle.section.altitude_m:g} m it climbs {climb_m:.1f} m",
-        "altitudes count from the mission's origin for all: a wrong datum is a wrong height above the ground",
+        "altitudes are relative to the mission's origin: a wrong datum causes a wrong height above the ground",
         "set frame.altitude_m to the height of the ground as the autopilots state it; in a local frame, origin_m",
         temporary=not facts.is_ready,
     )
 
 
 def gps(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check the receiver, where there is one."""
+    """Check the GPS receiver if there is one."""
     if facts.gps is None:
         return
     fix = f"{facts.gps.dimensions}D fix" if facts.gps.dimensions else "no fix"
     blind = facts.gps.dimensions < 3
     poor = blind or facts.gps.satellites < SATELLITES_LEAST
-    elsewhere = facts.health.get("global position", False)  # what it flies by may be another receiver
+    elsewhere = facts.health.get("global position", False)  # the autopilot may use another receiver
     yield Finding.graded(
         Grade.REFUSE if blind and not elsewhere else Grade.WARNING if poor else Grade.PASS,
         facts.subject,
         "gps",
         f"GPS: {fix}, {facts.gps.satellites} satellites",
-        "without a 3D fix it does not know where it is" if blind else "with few satellites it may be wrong by metres",
-        "give it a free view of the sky and wait a few minutes; then check its receiver and cable",
+        "without a 3D fix it has no position" if blind else "with few satellites the position may be off by metres",
+        "give it a clear view of the sky and wait a few minutes; then check its receiver and cable",
         temporary=True,
     )
 
@@ -234,7 +234,7 @@ def battery(facts: VehicleFacts) -> Iterator[Finding]:
     """Check the battery."""
     charge = facts.status.battery
     if charge is None:
-        why = "nobody would see it run empty"
+        why = "the battery failsafes need its charge"
         yield Finding(Grade.WARNING, facts.subject, "battery", "it reports no battery", why, "check its power module")
         return
     yield Finding.graded(
@@ -242,13 +242,13 @@ def battery(facts: VehicleFacts) -> Iterator[Finding]:
         facts.subject,
         "battery",
         f"its battery is at {charge:.0%}",
-        "its failsafe would take it out of the team in mid-flight",
+        "its battery failsafe would end its mission in flight",
         "charge or change the battery",
     )
 
 
 def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check that motion comes as often as it was asked for, where there is any to be told."""
+    """Check the rate of motion messages against the requested one, if the vehicle has a position."""
     reached, asked = facts.telemetry_rate_hz, facts.telemetry_rate_asked_hz
     if reached is None:
         return
@@ -257,34 +257,32 @@ def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
         Grade.PASS if reached >= RATE_LOW_SHARE * asked else poor,
         facts.subject,
         "telemetry",
-        f"its motion comes {reached:.1f} times a second; {asked:g} were asked for",
-        "the vehicle is steered, and kept clear of the others, by what it last said",
-        "use a faster link, come nearer, or turn other streams down (PX4: MAV_0_RATE, ArduPilot: SR0_*)",
+        f"motion messages arrive at {reached:.1f} Hz; {asked:g} Hz were requested",
+        "control and separation rely on its latest position",
+        "use a faster link, move nearer, or lower the rates of other streams (PX4: MAV_0_RATE, ArduPilot: SR0_*)",
         temporary=True,
     )
 
 
 def latency(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
-    """Check the link's round trip, which the prediction adds to the delay of the profile."""
+    """Check the link's round-trip time, which the prediction adds to the delay of the profile."""
     round_trip_s, delay_s = facts.link.round_trip_s, vehicle.plant.delay_s
     if round_trip_s is None:
-        found = "the round trip of its link is not known: it answers no TIMESYNC"
-        step = "check the link; the firmware is to answer TIMESYNC"
+        found = "the round-trip time of its link is unknown: it does not answer TIMESYNC"
+        step = "check the link; the firmware has to answer TIMESYNC"
     else:
-        found = f"the round trip of its link is {round_trip_s:.2f} s, beside a delay of {delay_s:.2f} s in its profile"
-        step = "use a faster link, or lower rates on it"
+        found = f"its link's round-trip time is {round_trip_s:.2f} s, beside a delay of {delay_s:.2f} s in its profile"
+        step = "use a faster link, or lower the rates on it"
     known = round_trip_s is not None and round_trip_s <= LINK_DELAY_MAX_S
-    why = f"a link's delay of up to {LINK_DELAY_MAX_S:g} s is predicted over, where it is known"
+    why = f"the prediction compensates known link delays of up to {LINK_DELAY_MAX_S:g} s"
     yield Finding.graded(Grade.PASS if known else Grade.WARNING, facts.subject, "latency", found, why, step)
 
 
 def clock_rate(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check that the autopilot's clock is the wall's, or a simulator's that keeps a steady speed."""
+    """Check that the autopilot's clock runs at wall time, or as a simulator's at a steady rate."""
     ratio = facts.clock_ratio
     whole = ratio is not None and abs(ratio - round(ratio)) < WHOLE_SPEED_TOLERANCE
-    runs = (
-        "could not be told: it sends no attitude" if ratio is None else f"runs {ratio:.3g} times as fast as the wall's"
-    )
+    runs = "is unknown: it sends no attitude" if ratio is None else f"runs {ratio:.3g} times as fast as the wall's"
     if whole:
         runs = "runs as the wall's does" if ratio == 1.0 else f"{runs}: it is a simulator's"
     yield Finding.graded(
@@ -292,43 +290,41 @@ def clock_rate(facts: VehicleFacts) -> Iterator[Finding]:
         facts.subject,
         "clock",
         f"its clock {runs}",
-        "all timeouts are counted by it",
-        "check the link; a simulator: ask for a speed that this machine can keep",
+        "all timeouts are measured with it",
+        "check the link; for a simulator, choose a speed that this computer can sustain",
     )
 
 
 def clock_lag(vehicle_id: int, peer: int, lag_s: float) -> Finding:
-    """Judge how far the clock of a peer's computer is behind that of this vehicle's, in wall seconds."""
+    """Judge the lag of a peer's computer clock behind that of this vehicle's computer [wall s]."""
     side = "ahead of" if lag_s > 0.0 else "behind"
     return Finding.graded(
         Grade.WARNING if abs(lag_s) > CLOCK_LAG_TOLERANCE_S else Grade.PASS,
         f"vehicle {vehicle_id}",
         "clock offset",
         f"its computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
-        "what a peer says is carried on from when its clock says it was: it is taken for where it was, or will be",
-        "let both computers' clocks be set by one time server (chrony, NTP)",
+        "peers' positions are extrapolated from the time in their messages: with a clock offset they are wrong",
+        "synchronise both computers' clocks with one time server (chrony, NTP)",
     )
 
 
 def clock_setting(clock: ComputerClock) -> Finding:
-    """Judge how well this computer's clock is set."""
+    """Judge the error of this computer's clock."""
     error_s = clock.error_s
-    found = (
-        "no program keeps this computer's clock set" if error_s is None else f"its clock is right to {error_s:.3f} s"
-    )
+    found = "no program synchronises its clock" if error_s is None else f"its clock is accurate to {error_s:.3f} s"
     well = error_s is not None and error_s <= COMPUTER_CLOCK_ERROR_MAX_S
     return Finding.graded(
         Grade.PASS if well else Grade.WARNING,
         "this computer",
         "clock",
         found,
-        "agents on several computers take each other's messages for as old as their clocks say",
-        "install chrony on every computer of the team, with one of them or a time server as its source",
+        "agents on several computers compute the age of each other's messages from their clocks",
+        "install chrony on every computer of the team, with one of them or a time server as the source",
     )
 
 
 def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:
-    """Check those vehicles against each other whose place and clock are known."""
+    """Check the vehicles against each other, as far as their positions and clocks are known."""
     placed = {each.vehicle_id: each.position_m for each in team if each.position_m is not None}
     settled = all(each.is_ready for each in team)
     if len(placed) > 1:
@@ -342,14 +338,14 @@ def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding
             MISSION,
             "clocks",
             f"the vehicles' clocks run at different speeds: {speeds} times the wall's",
-            "one mission clock cannot serve them all",
+            "the team needs one mission clock",
             "run all simulators at one speed, and none beside real vehicles",
             temporary=not settled,
         )
 
 
 def _agreement(mission: Mission, placed: dict[int, Triple], *, settled: bool) -> Finding:
-    """Find the two that stand most differently from the mission; a shift common to all does not count."""
+    """Check the relative position with the largest error between two vehicles; a common shift is ignored."""
     off_m = {i: _off_start(position_m, mission.vehicle(i)) for i, position_m in placed.items()}
     worst_m, one, other = max(
         (hypot(off_m[i][0] - off_m[k][0], off_m[i][1] - off_m[k][1]), i, k) for i, k in combinations(off_m, 2)
@@ -358,10 +354,10 @@ def _agreement(mission: Mission, placed: dict[int, Triple], *, settled: bool) ->
         tolerated(worst_m, PLACE_TOLERANCE_M, PLACE_LIMIT_M),
         MISSION,
         "origin agreement",
-        f"seen from vehicle {one}, vehicle {other} stands {worst_m:.1f} m beside where its start_m puts it, "
+        f"the position of vehicle {other} relative to vehicle {one} is {worst_m:.1f} m off their start_m, "
         "the most of any two",
-        "origins that disagree bring vehicles together that seem apart, and their paths cross",
-        "put them on their start_m; if they are, restart the autopilots and wait for better GPS",
+        "with inconsistent origins, vehicles are nearer to each other than their positions show",
+        "move them to their start_m; if they are there, restart the autopilots and wait for better GPS",
         temporary=not settled,
     )
 
@@ -377,7 +373,7 @@ def _apart(mission: Mission, placed: dict[int, Triple], *, settled: bool) -> Fin
         "separation on the ground",
         f"vehicles {one} and {other} are nearest to each other, {nearest_m:.1f} m; "
         f"safety.separation_m is {separation_m:g} m",
-        "they would climb side by side, nearer than they may ever be",
-        "put them farther apart, or check their GPS",
+        "they would take off closer than the separation",
+        "move them farther apart, or check their GPS",
         temporary=not settled,
     )

@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster: any number of processes on any computers that have this version of cordon."""
+"""The workers of a Dask cluster: processes on any computers with the same version of cordon."""
 
 from concurrent.futures import Future
 from typing import Any
@@ -13,34 +13,34 @@ CONNECT_S = 10.0
 
 
 class ClusterWorkers:
-    """The workers of a cluster; its scheduler gives the runs of one that dies to the others."""
+    """The workers of a cluster; its scheduler repeats the runs of a dead worker on others."""
 
     at_once = 1000
-    """More than a cluster has workers, and few enough for their missions to be small beside the scheduler's memory."""
+    """More than the workers of a cluster; few enough for the missions to fit into the scheduler's memory."""
 
     def __init__(self, scheduler: str) -> None:
-        """Connect; raises InputError where there is no scheduler."""
+        """Connect; raises InputError without a scheduler."""
         self._client = _connected(scheduler)
         self._executor = self._client.get_executor(pure=False)
 
     @property
     def losses(self) -> tuple[type[Exception], ...]:
-        """The error of a run under which several workers died."""
+        """The error of a run during which several workers died."""
         from distributed import KilledWorker  # noqa: PLC0415
 
         return (KilledWorker,)
 
     @property
     def count(self) -> int:
-        """How many workers the cluster has now."""
+        """The present number of workers."""
         return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def submit(self, task: Task) -> "Future[Row]":
-        """Hand a run over to the scheduler."""
+        """Submit a run to the scheduler."""
         return self._executor.submit(flown, task)  # type: ignore[no-any-return]  # distributed has no types
 
     def close(self) -> None:
-        """Cancel what is under way and disconnect; the cluster stays."""
+        """Cancel pending runs and disconnect; the cluster keeps running."""
         self._executor.shutdown(wait=False)
         self._client.close()
 

@@ -1,7 +1,7 @@
-"""The columns of a sweep's table: a flight's result laid out flat, each value under its place in the JSON result.
+"""The columns of a sweep's table: the values of a flight's JSON result, each named by its path.
 
-The metrics of vehicles and of transitions are condensed over the team as well: `.mean` and `.worst`. Units are in the
-names. A metric that does not apply is missing, never 0.
+Metrics of vehicles and of transitions also have `.mean` and `.worst` over the team. Units are in the names. A metric
+that does not apply is missing, never 0.
 """
 
 import json
@@ -14,13 +14,13 @@ from gcs.metrics.result import FlightResult
 
 Scalar = bool | int | float | str
 Row = dict[str, Scalar]
-"""The values of one run by their columns; what does not apply is missing."""
+"""The values of one run by column; values that do not apply are missing."""
 Worst = Literal["max", "min"]
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: its name, the type of its values, what they are, and which of them is the worst, if any is."""
+    """A column: its name, the type and meaning of its values, and which extreme is the worst, if any."""
 
     name: str
     kind: type[Scalar]
@@ -30,39 +30,39 @@ class Column:
 
 RUN = (
     Column("seed", int, "seed of noise, delays and losses"),
-    Column("error", str, "why the run failed; then it has no other result"),
+    Column("error", str, "why the run failed; a failed run has no other values"),
     Column("holds", bool, "no verdict failed, and the flight did not end early"),
 )
 FLIGHT = (
     Column("ended.how", str, "how the flight ended: `simulated` at the end of its time"),
-    Column("ended.reason", str, "how the flight ended, of each vehicle, in a sentence"),
+    Column("ended.reason", str, "how the flight ended, as text"),
     Column("duration_s", float, "simulated time flown"),
-    Column("window_begin_s", float, "begin of the window of the ring metrics"),
+    Column("window_begin_s", float, "start of the window of the ring metrics"),
     Column("window_end_s", float, "end of the window of the ring metrics"),
     Column(
         "ring.settling_time_s",
         float,
-        "from the last engagement to the settled ring; missing if it never settles",
+        "time from the last engagement to the settled ring; missing if it never settles",
         "max",
     ),
     Column("ring.spacing_error_rms_deg", float, "error of the spacings on the ring, rms", "max"),
     Column("ring.spacing_error_max_deg", float, "error of the spacings on the ring, largest", "max"),
-    Column("ring.first_settled_at_s", float, "when a ring that left its limits again had settled first"),
-    Column("ring.unsettled_at_s", float, "when a ring that had settled left its limits for the last time"),
+    Column("ring.first_settled_at_s", float, "when the ring first settled, if it left its limits later"),
+    Column("ring.unsettled_at_s", float, "when a settled ring last left its limits"),
     Column("closest_approach_m", float, "smallest distance between two vehicles", "min"),
     Column("guard_interventions", int, "setpoints that the guard moved", "max"),
     Column("guard_causes", str, "setpoints that the guard moved, by cause, as JSON"),
-    Column("engagement.to_engage", int, "vehicles that were to engage the target"),
-    Column("engagement.engaged", int, "vehicles that engaged it", "min"),
+    Column("engagement.to_engage", int, "vehicles expected to engage the target"),
+    Column("engagement.engaged", int, "vehicles that engaged the target", "min"),
     Column("loop.rate_hz", float, "rate of the control loop"),
     Column("loop.ticks", int, "ticks of all vehicles"),
-    Column("loop.missed", int, "ticks that were missed"),
+    Column("loop.missed", int, "missed ticks"),
     Column("verdicts.C1", bool, "radius within its tolerance"),
     Column("verdicts.C2", bool, "angular rate within its tolerance"),
     Column("verdicts.C3", bool, "spacing within its tolerance"),
     Column("verdicts.formation", bool, "formation within its tolerances"),
-    Column("verdicts.separation", bool, "vehicles kept their separation"),
-    Column("verdicts.engaged", bool, "all vehicles that were to engage the target did"),
+    Column("verdicts.separation", bool, "separation kept"),
+    Column("verdicts.engaged", bool, "all vehicles expected to engage the target did"),
 )
 FLOCKING = (
     Column("separation_min_m", float, "distance to the nearest other vehicle, smallest", "min"),
@@ -85,11 +85,11 @@ VEHICLE = (
 )
 """Of each vehicle: `vehicle_ID.NAME`; over the team: `vehicles.NAME.mean` and `vehicles.NAME.worst`."""
 TRANSITION = (
-    Column("settling_time_s", float, "from an engagement to the settled ring", "max"),
+    Column("settling_time_s", float, "time from an engagement to the settled ring", "max"),
     Column("speed_max_m_s", float, "highest speed relative to the target", "max"),
     Column("forwards_min_m_s", float, "lowest speed along the ring in its direction", "min"),
     Column("acceleration_max_m_s2", float, "largest acceleration", "max"),
-    Column("spacing_overshoot_deg", float, "how far a spacing went beyond the even one", "max"),
+    Column("spacing_overshoot_deg", float, "overshoot of a spacing beyond even spacing", "max"),
     Column("spacing_monotonic", bool, "V (18) never grew from 5 s on", "min"),
 )
 """Over the transitions after the engagements: `transitions.NAME.worst`."""
@@ -98,9 +98,9 @@ TRANSITION = (
 def _over(prefix: str, columns: Iterable[Column], *, mean: bool) -> Iterable[Column]:
     for each in columns:
         if mean and each.kind is float:
-            yield Column(f"{prefix}.{each.name}.mean", float, f"mean of the vehicles: {each.meaning}", each.worst)
+            yield Column(f"{prefix}.{each.name}.mean", float, f"mean over the vehicles: {each.meaning}", each.worst)
         if each.worst is not None:
-            yield Column(f"{prefix}.{each.name}.worst", each.kind, f"worst of all: {each.meaning}", each.worst)
+            yield Column(f"{prefix}.{each.name}.worst", each.kind, f"worst value: {each.meaning}", each.worst)
 
 
 TEAM = (
@@ -109,13 +109,13 @@ TEAM = (
         replace(each, name=f"reynolds.{phase}.{each.name}", meaning=f"{where}: {each.meaning}")
         for phase, where in (
             ("formation", "in formation"),
-            ("ring", "in the ring's window"),
+            ("ring", "in the window of the ring metrics"),
             ("flight", "whole flight"),
         )
         for each in FLOCKING
     ),
     *_over("vehicles", VEHICLE, mean=True),
-    Column("transitions.count", int, "engagements, those within 3 s as one"),
+    Column("transitions.count", int, "engagements; those within 3 s of each other are one"),
     *_over("transitions", TRANSITION, mean=False),
 )
 """Every column of a flight but those of single vehicles."""
@@ -136,7 +136,7 @@ def columns(rows: Iterable[Row]) -> tuple[Column, ...]:
 
 
 def result_row(result: FlightResult, *, holds: bool) -> Row:
-    """Return a result as a row: what depends on the mission and the seed alone, so no wall times."""
+    """Return a result as a row: values that depend only on mission and seed, without wall times."""
     plain: dict[str, Any] = result.to_dict()
     begin_s, end_s = plain["window_s"] or (None, None)
     values = {
@@ -157,7 +157,7 @@ def result_row(result: FlightResult, *, holds: bool) -> Row:
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the values of nested tables by their places."""
+    """Return the values of nested tables by their paths."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
@@ -165,7 +165,7 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _condensed(prefix: str, parts: Iterable[Column], tables: Sequence[Mapping[str, Any]]) -> Row:
-    """Return the mean and the worst value of each column over several tables that have it."""
+    """Return the mean and the worst value of each column over the tables that have it."""
     row: Row = {}
     for each in parts:
         known = [table[each.name] for table in tables if table[each.name] is not None]

@@ -27,7 +27,7 @@ USUAL = (
     "vehicles.formation_spacing_error_rms_m.worst",
     "guard_interventions",
 )
-"""The metrics that are drawn where none are chosen."""
+"""The metrics that are drawn by default."""
 _ACROSS = 3
 _PANEL_IN = (4.2, 2.9)
 _CELLS_WITH_TEXT = 120
@@ -36,7 +36,7 @@ _MAP_COLOURS = "cividis"
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What is drawn: a title, the metrics, and the finished runs over one key or two."""
+    """The content of the figure: a title, the metrics, and the finished runs over one key or two."""
 
     title: str
     metrics: tuple[Column, ...]
@@ -44,14 +44,14 @@ class Picture:
     rows: Sequence[Row]
 
     def places(self, key: str) -> list[Any]:
-        """Return the values of a key, in order: numbers by size, others as they are first met."""
+        """Return the values of a key: numbers sorted, others in order of appearance."""
         values = list(dict.fromkeys(row[key] for row in self.rows))
         return sorted(values) if all(map(_is_number, values)) else values
 
     def groups(self, metric: Column) -> Mapping[tuple[Any, ...], Any]:
-        """Return the values of a metric by the values of the keys; runs without it are left out.
+        """Return the values of a metric by the values of the keys, without runs that lack it.
 
-        A run that failed does not hold.
+        The verdict of a failed run is false.
         """
         groups: dict[tuple[Any, ...], list[float]] = {}
         for row in self.rows:
@@ -83,7 +83,7 @@ def save_sweep_figure(picture: Picture, path: Path) -> None:
 
 
 def _draw_spread(axes: "Axes", picture: Picture, metric: Column) -> None:
-    """Draw every run, the median, and the middle half of the runs, over one key."""
+    """Draw every run, the median, and the interquartile range of the runs, over one key."""
     (key,) = picture.over
     places = picture.places(key)
     is_scale = all(map(_is_number, places))
@@ -98,7 +98,7 @@ def _draw_spread(axes: "Axes", picture: Picture, metric: Column) -> None:
     if metric.kind is bool:
         axes.plot(x, [100.0 * values.mean() for _, values in known], **line)
         axes.set_ylim(-4.0, 104.0)
-        axes.set_ylabel("share of the runs [%]")
+        axes.set_ylabel("fraction of the runs [%]")
         return
     quartiles = np.array([np.percentile(values, (25, 50, 75)) for _, values in known]).T
     axes.fill_between(x, quartiles[0], quartiles[2], color=COLOURS[0], alpha=0.18, linewidth=0.0)
@@ -108,7 +108,7 @@ def _draw_spread(axes: "Axes", picture: Picture, metric: Column) -> None:
 
 
 def _draw_map(axes: "Axes", picture: Picture, metric: Column) -> None:
-    """Draw the median of a metric over two keys, of a verdict the share of the runs in which it holds."""
+    """Draw the median of a metric over two keys; for a verdict, the fraction of the runs in which it holds."""
     columns, lines = (picture.places(key) for key in picture.over)
     is_share = metric.kind is bool
     cells = np.full((len(lines), len(columns)), np.nan)
@@ -119,7 +119,7 @@ def _draw_map(axes: "Axes", picture: Picture, metric: Column) -> None:
     axes.set_facecolor("#E4E4E4")
     axes.grid(visible=False)
     drawn = axes.imshow(cells, origin="lower", aspect="auto", cmap=_MAP_COLOURS, **limits)
-    axes.figure.colorbar(drawn, ax=axes, label="share of the runs [%]" if is_share else "median")
+    axes.figure.colorbar(drawn, ax=axes, label="fraction of the runs [%]" if is_share else "median")
     for set_ticks, places in ((axes.set_xticks, columns), (axes.set_yticks, lines)):
         step = ceil(len(places) / 12)
         set_ticks(range(0, len(places), step), [str(place) for place in places[::step]])
@@ -130,7 +130,7 @@ def _draw_map(axes: "Axes", picture: Picture, metric: Column) -> None:
 
 
 def _write_cells(axes: "Axes", cells: Any) -> None:
-    """Write the values into their cells, light on dark and dark on light."""
+    """Write the values into their cells, in a contrasting colour."""
     known = cells[np.isfinite(cells)]
     middle = (known.min() + known.max()) / 2.0 if known.size else 0.0
     for (line, column), value in np.ndenumerate(cells):
@@ -148,7 +148,7 @@ def _draw_words(figure: "Figure", picture: Picture) -> None:
 
     handles = [
         Line2D([], [], label="median", color=COLOURS[0], marker="o", markersize=3.5),
-        Patch(label="middle half of the runs", color=COLOURS[0], alpha=0.18),
+        Patch(label="interquartile range of the runs", color=COLOURS[0], alpha=0.18),
         Line2D([], [], label="a run", linestyle="", marker=".", color=FAINT),
     ]
     figure.legend(handles=handles, loc="outside lower left", ncols=3, frameon=False)

@@ -1,4 +1,4 @@
-"""The folder of a sweep: its plan, its journal, its mission and profiles to fly again, and its table."""
+"""The folder of a sweep: its plan, its journal, a copy of its mission and profiles, and its table."""
 
 import os
 from pathlib import Path
@@ -28,13 +28,13 @@ class SweepFolder:
 
     @property
     def table(self) -> Path:
-        """Where the table goes."""
+        """The path of the table."""
         return self.path / TABLE
 
     def opened(self, mission: str, plan: SweepPlan) -> Journal:
-        """Return the journal of a sweep, which is new or goes on; raises InputError when it is another sweep's.
+        """Return the journal of a new or continued sweep; raises InputError if the folder holds another sweep.
 
-        A folder in which no run is finished takes any sweep.
+        A folder without finished runs accepts any sweep.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -48,7 +48,7 @@ class SweepFolder:
         return journal
 
     def read(self) -> tuple[SweepPlan, dict[int, Row]]:
-        """Return the plan, and the rows of the finished runs by their indexes; raises InputError."""
+        """Return the plan, and the rows of the finished runs by run index; raises InputError."""
         plan = self._stored().plan
         try:
             rows = read_rows(self.path / JOURNAL)
@@ -57,7 +57,7 @@ class SweepFolder:
         return plan, {index: row for index, row in rows.items() if index < len(plan.runs)}
 
     def mission(self) -> str:
-        """Return the mission to fly again: a bundled one's name, or the sweep's copy; raises InputError."""
+        """Return the mission for repeated flights: a bundled one's name, or the sweep's copy; raises InputError."""
         given = self._stored().mission
         return given if given in bundled_missions() else str(self.path / MISSION / Path(given).name)
 
@@ -67,23 +67,23 @@ class SweepFolder:
             return msgspec.json.decode(path.read_bytes(), type=_Stored)
         except OSError as error:
             raise InputError(
-                [f"{path}: {error.strerror or error}; `cordon sweep --out` makes such a folder"]
+                [f"{path}: {error.strerror or error}; `cordon sweep --out` creates such a folder"]
             ) from error
         except msgspec.MsgspecError as error:
-            raise InputError([f"{path}: damaged: {error}; fly the sweep into another folder"]) from error
+            raise InputError([f"{path}: damaged: {error}; repeat the sweep in another folder"]) from error
 
     def _require_same(self, plan: SweepPlan) -> None:
-        """Raise InputError for another sweep's folder."""
+        """Raise InputError if the folder holds another sweep."""
         if different := self._stored().plan.differences(plan):
             raise InputError(
                 [
-                    f"--out: {self.path} holds another sweep, which differs in: {', '.join(different)}; name another "
-                    f"folder, or go on with that sweep's own mission, {self.mission()}"
+                    f"--out: {self.path} holds another sweep, which differs in: {', '.join(different)}; use another "
+                    f"folder, or continue that sweep with its mission, {self.mission()}"
                 ]
             )
 
     def _keep(self, mission: str, plan: SweepPlan) -> None:
-        """Write the mission and its profiles, to be flown again, and last the plan: what it says is there."""
+        """Write the mission and its profiles, and last the plan: if there is a plan, the others are complete."""
         if mission not in bundled_missions():
             own = {name: text for name, text in plan.profile_texts.items() if name not in bundled_profiles()}
             for name, text in (own | {Path(mission).name: plan.mission_text}).items():
@@ -94,7 +94,7 @@ class SweepFolder:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that at any time it is there as a whole, or not at all; raises OSError."""
+    """Write a file atomically; raises OSError."""
     partial = path.with_name(f".{path.name}.part")
     with partial.open("wb") as file:
         file.write(content)

@@ -1,6 +1,6 @@
-"""The journal of a sweep: one line for each finished run, on the disk before the next one is written.
+"""The journal of a sweep: one line for each finished run, flushed to disk before the next one is written.
 
-A process that is killed leaves at most its last line torn, and the run of a line that cannot be read is flown again.
+A killed process leaves at most its last line incomplete. Runs whose lines cannot be read are flown again.
 """
 
 import fcntl
@@ -24,7 +24,7 @@ _DECODER = msgspec.json.Decoder(_Line)
 
 
 def read_rows(path: Path) -> dict[int, Row]:
-    """Return the rows of a journal by the indexes of their runs; raises OSError."""
+    """Return the rows of a journal by run index; raises OSError."""
     rows: dict[int, Row] = {}
     for line in path.read_bytes().splitlines():
         try:
@@ -36,9 +36,9 @@ def read_rows(path: Path) -> dict[int, Row]:
 
 
 class Journal:
-    """A journal to append to, as a context manager: one process at a time has it. `rows` are all that it holds.
+    """A journal to append to, as a context manager, locked by one process at a time. `rows` are its present rows.
 
-    Raises InputError when another process has it, OSError when it cannot be written.
+    Raises InputError if another process has locked it, OSError if it cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,9 +47,9 @@ class Journal:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             self._file.close()
-            raise InputError([f"{path}: another sweep writes into it; end that one, or wait for it"]) from error
+            raise InputError([f"{path}: another sweep writes to it; end that sweep, or wait for it"]) from error
         whole = path.read_bytes().rfind(b"\n") + 1
-        self._file.truncate(whole)  # the next line must not go on with a torn one
+        self._file.truncate(whole)  # removes an incomplete last line
         self.rows = read_rows(path)
 
     def __enter__(self) -> Self:
@@ -61,7 +61,7 @@ class Journal:
         self._file.close()
 
     def append(self, run: int, row: Row) -> None:
-        """Add a finished run; raises OSError when the disk does not take it."""
+        """Append a finished run; raises OSError if it cannot be written."""
         self.rows[run] = row
         self._file.write(msgspec.json.encode(_Line(run, row)) + b"\n")
         self._file.flush()

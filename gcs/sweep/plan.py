@@ -1,4 +1,4 @@
-"""The plan of a sweep: everything that its runs depend on, fixed when it starts, and the runs that follow from it."""
+"""The plan of a sweep: everything that its runs depend on, fixed at the start, and the list of runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ SEED_PLACE, DURATION_PLACE = "mission.seed", "mission.duration_s"
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One run of a sweep: its place in the order of the table, the varied values by their places, and its seed."""
+    """One run of a sweep: its index in the table, the varied values by their paths, and its seed."""
 
     index: int
     values: Mapping[str, Any]
@@ -27,7 +27,7 @@ class Run:
 
 
 class Task(msgspec.Struct, frozen=True):
-    """What a worker needs to fly one run. `versions` are those of the computer that planned it."""
+    """The input of a worker for one run. `versions` are those of the computer that planned it."""
 
     mission_text: str
     profile_texts: Mapping[str, str]
@@ -37,10 +37,10 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class SweepPlan(msgspec.Struct, frozen=True):
-    """What a sweep flies: a mission's text, values in place of it (`fixed` for all runs), and the seeds.
+    """The content of a sweep: a mission's text, overrides (`fixed` ones for all runs), and the seeds.
 
     Two sweeps with equal plans have the same table. `duration_s` is None for the mission's. `versions` are those of
-    what a computed number depends on.
+    all packages that results depend on.
     """
 
     mission_text: str
@@ -53,7 +53,7 @@ class SweepPlan(msgspec.Struct, frozen=True):
 
     @property
     def combinations(self) -> list[dict[str, Any]]:
-        """The varied values by their places, in the order of the table: the last key varies fastest."""
+        """The combinations of varied values by their paths, in the order of the table: the last key varies fastest."""
         places = [each.place for each in self.variations]
         every = product(*(each.values for each in self.variations))
         return [dict(zip(places, values, strict=True)) for values in every]
@@ -66,18 +66,18 @@ class SweepPlan(msgspec.Struct, frozen=True):
 
     @property
     def line(self) -> str:
-        """The plan in a line: how many of what, and the first values."""
+        """The plan in one line: numbers of runs, values and seeds, and some of the values."""
         varied = [f"{len(each.values)} of {each.place} ({_some(each.values)})" for each in self.variations]
         seeds = f"{counted(len(self.seeds), 'seed')} ({_some(self.seeds)})"
         return f"{counted(len(self.runs), 'run')}: {' × '.join([*varied, seeds])}"
 
     def task(self, run: Run) -> Task:
-        """Return what flies a run."""
+        """Return a worker's input for a run."""
         text = overridden(self.mission_text, {**self.fixed, **run.values})
         return Task(text, self.profile_texts, run.seed, self.duration_s, self.versions)
 
     def differences(self, other: "SweepPlan") -> list[str]:
-        """Return in which parts the other plan differs."""
+        """Return the parts in which the other plan differs."""
         names = {"fixed": "values of --set", "variations": "varied values", "profile_texts": "profiles"}
         return [
             names.get(field, field.replace("_", " "))
@@ -93,10 +93,10 @@ def planned(
     fixed: Mapping[str, Any],
     duration_s: float | None,
 ) -> tuple[SweepPlan, dict[int, str]]:
-    """Return the plan of a sweep, and what is wrong with the missions of some runs, by the runs' indexes.
+    """Return the plan of a sweep, and the faults of runs with invalid missions, by run index.
 
-    Without seeds the mission's own is the only one. Raises InputError where no run has a mission that can be flown,
-    and for keys that cannot be varied.
+    Without seeds, the mission's is the only one. Raises InputError if no run has a valid mission, and for keys that
+    cannot be varied.
     """
     _require_variable([each.place for each in variations], fixed, bool(seeds), duration_s)
     text, folder = mission_text(mission), mission_path(mission).parent
@@ -123,23 +123,23 @@ def planned(
 def _require_variable(
     places: Sequence[str], fixed: Mapping[str, Any], seeds_given: bool, duration_s: float | None
 ) -> None:
-    """Raise InputError for places that are given twice, or that another option decides."""
+    """Raise InputError for paths that are given twice, or that another option sets."""
     faults = [f"--vary {place}: given twice" for place in dict.fromkeys(places) if places.count(place) > 1]
-    faults += [f"--vary {place}: --set gives it a value too: leave one out" for place in places if place in fixed]
+    faults += [f"--vary {place}: --set sets it, too: leave one of them out" for place in places if place in fixed]
     if SEED_PLACE in places or (SEED_PLACE in fixed and seeds_given):
-        faults.append(f"{SEED_PLACE}: --seeds chooses the seeds: leave it out")
+        faults.append(f"{SEED_PLACE}: --seeds sets the seeds: leave this key out")
     if DURATION_PLACE in {*places, *fixed} and duration_s is not None:
-        faults.append(f"{DURATION_PLACE}: --duration decides it: leave one out")
+        faults.append(f"{DURATION_PLACE}: --duration sets it, too: leave one of them out")
     if faults:
         raise InputError(faults)
 
 
 def counted(count: int, name: str) -> str:
-    """Return how many of something: `1 run`, `2 runs`."""
+    """Return a count with its noun: `1 run`, `2 runs`."""
     return f"{count} {name}{'' if count == 1 else 's'}"
 
 
 def _some(values: Sequence[Any]) -> str:
-    """Return values in a few words: all of up to six, else the first and the last."""
+    """Return a short list of values: all of up to six, otherwise the first three and the last."""
     shown = [str(value) for value in values]
     return ", ".join(shown if len(shown) <= 6 else [*shown[:3], "...", shown[-1]])

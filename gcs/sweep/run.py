@@ -1,4 +1,4 @@
-"""One run of a sweep, as a worker flies it: a task in, a row out."""
+"""One run of a sweep in a worker: from a task to a row."""
 
 from functools import cache
 
@@ -13,13 +13,13 @@ from gcs.sweep.plan import Task
 
 
 class UnlikeWorkerError(Exception):
-    """A worker has other versions of what a computed number depends on."""
+    """A worker has other versions of packages that results depend on."""
 
 
 def flown(task: Task) -> Row:
-    """Fly a run and return its metrics; a run that fails is a row with `error` alone.
+    """Fly a run and return its metrics; a failed run is a row with only `error`.
 
-    Raises UnlikeWorkerError where this computer would compute other numbers.
+    Raises UnlikeWorkerError if this computer's versions differ from those of the task.
     """
     here = _versions()
     unlike = [
@@ -36,7 +36,7 @@ def flown(task: Task) -> Row:
         return result_row(result, holds=verdict_of(result) is Exit.HOLDS)
     except InputError as error:
         return failure("; ".join(error.faults))
-    except Exception as error:  # the sweep goes on, whatever one of its runs ends in
+    except Exception as error:  # no error of one run ends the sweep
         return failure(f"{type(error).__name__}: {error}")
 
 
@@ -46,7 +46,7 @@ def failure(reason: str) -> Row:
 
 
 def _ignore(_time_s: float) -> None:
-    """Progress of one run is not shown."""
+    """Discard the progress of a run."""
 
 
 @cache

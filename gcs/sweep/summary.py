@@ -1,4 +1,4 @@
-"""What came of a sweep, in numbers."""
+"""The summary of a sweep."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -12,9 +12,9 @@ VERDICT = "verdicts."
 
 @dataclass(frozen=True, slots=True)
 class SweepSummary:
-    """How many of a sweep's `runs` are finished, hold, do not hold, and failed.
+    """Numbers of a sweep's `runs`: finished, with all verdicts holding, with verdicts not holding, and failed.
 
-    `verdicts` counts the runs by the verdicts that do not hold, `errors` by the reasons for which they failed.
+    `verdicts` counts runs by verdicts that do not hold, `errors` by the reasons of failed runs.
     """
 
     runs: int
@@ -27,7 +27,7 @@ class SweepSummary:
 
     @classmethod
     def of(cls, runs: int, rows: Iterable[Row]) -> "SweepSummary":
-        """Sum up the finished runs."""
+        """Return the summary of the finished runs."""
         rows = list(rows)
         verdicts = Counter(
             name.removeprefix(VERDICT)
@@ -43,12 +43,12 @@ class SweepSummary:
 
     @property
     def all_hold(self) -> bool:
-        """Whether all runs are finished, and hold."""
+        """Whether all runs are finished and hold."""
         return self.hold == self.runs
 
     @property
     def line(self) -> str:
-        """The summary in a line."""
+        """The summary in one line."""
         named = ", ".join(f"{name} {count}" for name, count in self.verdicts.items())
         parts = [f"{self.hold} hold"]
         if self.do_not_hold:

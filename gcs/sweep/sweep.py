@@ -1,4 +1,4 @@
-"""Flying a sweep: its runs go to workers, and the row of each into the journal."""
+"""Flies a sweep: submits its runs to workers, and writes each row to the journal."""
 
 from collections import Counter, deque
 from collections.abc import Callable
@@ -11,12 +11,12 @@ from gcs.sweep.run import UnlikeWorkerError, failure
 from gcs.sweep.workers import Workers
 
 TRIES = 3
-"""A run under which as many workers died is taken for the reason."""
+"""A run during which this many workers died has failed."""
 _POLL_S = 0.2
 
 
 class WorkersError(Exception):
-    """The workers cannot go on."""
+    """The workers cannot continue."""
 
 
 def fly_missing(
@@ -26,10 +26,10 @@ def fly_missing(
     finished: Callable[[Row], None],
     interrupted: Callable[[], bool],
 ) -> None:
-    """Fly the runs that the journal does not hold yet, and call `finished` with the row of each.
+    """Fly the runs that are not in the journal yet, and call `finished` with the row of each.
 
-    Raises KeyboardInterrupt when `interrupted`, WorkersError where the workers cannot go on, and OSError when the
-    journal cannot be written. The journal then holds all finished runs; called again, this goes on from there.
+    Raises KeyboardInterrupt when `interrupted`, WorkersError if the workers cannot continue, and OSError if the journal
+    cannot be written. The journal then holds all finished runs; a second call continues from there.
     """
     waiting = deque(run for run in plan.runs if run.index not in journal.rows)
     flying: dict[Future[Row], Run] = {}
@@ -39,7 +39,7 @@ def fly_missing(
         while waiting and len(flying) < workers.at_once:
             run = waiting.popleft()
             flying[workers.submit(plan.task(run))] = run
-        for index, row in rows:  # kept while the workers fly the next ones
+        for index, row in rows:  # written while the workers fly the next ones
             journal.append(index, row)
             finished(row)
         if interrupted():
@@ -52,18 +52,18 @@ def fly_missing(
             if flown is None and deaths[run.index] < TRIES:
                 waiting.appendleft(run)
             else:
-                rows.append((run.index, flown or failure(f"its worker process died, {TRIES} times")))
+                rows.append((run.index, flown or failure(f"its worker process died {TRIES} times")))
 
 
 def _row(future: "Future[Row]", workers: Workers) -> Row | None:
-    """Return the row of a run, None where its worker died; raises WorkersError for any other error of the workers."""
+    """Return the row of a run, None if its worker died; raises WorkersError for any other error of the workers."""
     try:
         return future.result()
     except workers.losses:
         return None
     except CancelledError as error:
-        raise WorkersError("the scheduler gave the runs up: it ended, or the connection to it is lost") from error
+        raise WorkersError("the scheduler cancelled the runs: it ended, or the connection to it was lost") from error
     except UnlikeWorkerError as error:
         raise WorkersError(str(error)) from error
     except Exception as error:
-        raise WorkersError(f"a worker cannot fly: {type(error).__name__}: {error}") from error
+        raise WorkersError(f"a worker failed: {type(error).__name__}: {error}") from error

@@ -16,7 +16,7 @@ MISSING = "a sweep's table needs pyarrow; install it by: pip install 'cordon-gcs
 
 
 def require_pyarrow() -> None:
-    """Raise InputError where pyarrow is not installed."""
+    """Raise InputError if pyarrow is not installed."""
     try:
         import pyarrow.parquet  # noqa: F401, PLC0415
     except ImportError as error:
@@ -38,13 +38,13 @@ def full_rows(plan: SweepPlan, rows: Mapping[int, Row]) -> list[Row]:
 
 
 def table_columns(plan: SweepPlan, rows: Sequence[Row]) -> tuple[Column, ...]:
-    """Return the columns of a sweep's table: first the varied keys, by their places in the mission."""
+    """Return the columns of a sweep's table: first the varied keys, by their paths in the mission."""
     varied = [Column(each.place, _kind(each.values), "varied value") for each in plan.variations]
     return (*varied, *columns(rows))
 
 
 def table_bytes(plan: SweepPlan, rows: Mapping[int, Row]) -> bytes:
-    """Return the table of the finished runs as a Parquet file; they depend on the version of pyarrow."""
+    """Return the table of the finished runs as a Parquet file; the bytes depend on the version of pyarrow."""
     import pyarrow.parquet  # noqa: PLC0415
 
     full = full_rows(plan, rows)
@@ -58,7 +58,7 @@ def table_bytes(plan: SweepPlan, rows: Mapping[int, Row]) -> bytes:
 
 
 def _kind(values: Sequence[Any]) -> type[Scalar]:
-    """Return the type of a varied key's column: of its values, float for numbers of both kinds, else text."""
+    """Return the type of a varied key's column: that of its values; float for mixed numbers; otherwise text."""
     kinds = {type(value) for value in values}
     if kinds == {int, float}:
         return float
@@ -66,7 +66,7 @@ def _kind(values: Sequence[Any]) -> type[Scalar]:
 
 
 def _shown(value: Any, kind: type[Scalar]) -> Scalar:
-    """Return a varied value as one of its column's type: arrays, tables and mixed values as JSON."""
+    """Return a varied value converted to its column's type: arrays, tables and mixed values as JSON."""
     return value if isinstance(value, kind) else kind(value) if kind is float else json.dumps(value)
 
 

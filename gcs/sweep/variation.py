@@ -1,4 +1,4 @@
-"""What is varied: a key of the mission and its values, `encirclement.radius_m=8:16:2`, and the seeds."""
+"""The options of a sweep: a varied key of the mission with its values, `encirclement.radius_m=8:16:2`, and seeds."""
 
 import tomllib
 from collections.abc import Sequence
@@ -17,17 +17,17 @@ _RANGE = "a range is START:STOP or START:STOP:STEP, such as 8:16:2"
 
 
 class Variation(msgspec.Struct, frozen=True):
-    """A key by its place in the mission, and the values that it takes in turn."""
+    """A key by its path in the mission, and its values."""
 
     place: str
     values: tuple[Any, ...]
 
 
 def variation(given: str) -> Variation:
-    """Return what `KEY=VALUES` varies; raises InputError.
+    """Parse `KEY=VALUES`; raises InputError.
 
-    A range holds START and not STOP, as Python's does; STEP is 1 where it is left out. The values of a list are TOML,
-    and what is no TOML value is a string.
+    A range includes START and excludes STOP, as Python's; STEP is 1 by default. The values of a list are TOML; text
+    that is not a TOML value is a string.
     """
     place, equals, text = (part.strip() for part in given.partition("="))
     try:
@@ -44,20 +44,20 @@ def variation(given: str) -> Variation:
 
 
 def seed_range(given: str) -> tuple[int, ...]:
-    """Return the seeds of START:STOP, of which STOP is not one, START:STOP:STEP, or a list; raises InputError."""
+    """Return the seeds of START:STOP (STOP is excluded), START:STOP:STEP, or a list; raises InputError."""
     try:
         seeds = _range(given) or tuple(map(_number, given.split(",")))
         _require_different(seeds)
         for seed in seeds:
             if not isinstance(seed, int) or seed < 0:
-                raise ValueError(f"{seed} is no seed; seeds are whole numbers from 0, such as 0:50")
+                raise ValueError(f"{seed} is not a seed; seeds are whole numbers from 0, such as 0:50")
     except ValueError as error:
         raise InputError([f"--seeds {given}: {error}"]) from error
     return tuple(map(int, seeds))
 
 
 def _range(text: str) -> tuple[int | float, ...]:
-    """Return the numbers of START:STOP:STEP, none where the text is no range; raises ValueError for a wrong one."""
+    """Return the numbers of START:STOP:STEP, empty if the text is not a range; raises ValueError for a wrong range."""
     parts = text.split(":")
     if len(parts) not in (2, 3) or not _is_number(parts[0]):
         return ()
@@ -66,14 +66,14 @@ def _range(text: str) -> tuple[int | float, ...]:
         raise ValueError("the step is 0")
     count = ceil((stop - start) / step)
     if count <= 0:
-        raise ValueError(f"the range is empty: steps of {step} from {start} do not lead to {stop}, which is excluded")
+        raise ValueError(f"the range is empty: from {start} to {stop} (excluded) in steps of {step}")
     if count > VALUES_MAX:
         raise ValueError(f"{count} values, at most {VALUES_MAX}")
     return tuple(_plain(start + index * step) for index in range(count))
 
 
 def _listed(place: str, text: str) -> tuple[Any, ...]:
-    """Return the values of a list: TOML values, or words with commas between them."""
+    """Return the values of a list: TOML values, or words separated by commas."""
     try:
         return tuple(tomllib.loads(f"value = [{text}]")["value"])
     except tomllib.TOMLDecodeError:
@@ -105,5 +105,5 @@ def _is_number(text: str) -> bool:
 
 
 def _plain(number: Decimal) -> int | float:
-    """Return a number as whole where it is written as such."""
+    """Return a number as int if it is written as a whole number."""
     return int(number) if number.as_tuple().exponent == 0 else float(number)

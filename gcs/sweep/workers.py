@@ -1,4 +1,4 @@
-"""Workers: what flies the runs of a sweep, behind one interface. Those of this computer are processes."""
+"""Workers that fly the runs of a sweep, behind one interface; on this computer they are processes."""
 
 import gc
 import os
@@ -18,25 +18,25 @@ from gcs.sweep.run import flown
 
 
 class Workers(Protocol):
-    """What flies runs, each once or again where its worker died."""
+    """Flies runs, each once, and again if its worker died."""
 
     @property
     def at_once(self) -> int:
-        """How many runs to hand over at a time."""
+        """The number of runs to submit at a time."""
 
     @property
     def losses(self) -> tuple[type[Exception], ...]:
-        """The errors with which the future of a run ends whose worker died."""
+        """The errors of a future whose worker died."""
 
     def submit(self, task: Task) -> "Future[Row]":
-        """Hand over a run."""
+        """Submit a run."""
 
     def close(self) -> None:
-        """End at once; runs that are under way are given up."""
+        """End at once; unfinished runs are cancelled."""
 
 
 class LocalWorkers:
-    """Processes of this computer. Each is a pool of its own: one that dies takes its own run along, and no other."""
+    """Processes on this computer, each in a separate pool: a process that dies affects only its own run."""
 
     losses = (BrokenProcessPool,)
 
@@ -49,7 +49,7 @@ class LocalWorkers:
         self._futures: list[Future[Row] | None] = [None] * count
 
     def submit(self, task: Task) -> "Future[Row]":
-        """Hand a run over to a process that has none: no more than `at_once` may be under way."""
+        """Submit a run to an idle process: at most `at_once` may be pending."""
         free = next(index for index, future in enumerate(self._futures) if future is None or future.done())
         with as_they_are():
             try:
@@ -72,13 +72,13 @@ class LocalWorkers:
 
 
 def _begin(parent: Connection) -> None:
-    """Prepare a worker: Ctrl-C is for the parent, and the worker ends when the parent does, however that ends."""
+    """Prepare a worker: it ignores Ctrl-C, and ends with its parent."""
     signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
-    gc.freeze()  # modules stay until the end: no full collection needs to traverse them
+    gc.freeze()  # modules live until the end: collections need not traverse them
 
 
 def _end_with(parent: Connection) -> None:
-    """Wait for the parent's end of a pipe that nothing is sent through, and end this process."""
+    """Wait until the parent's end of an unused pipe closes, and end this process."""
     parent.poll(None)
     os._exit(0)

@@ -1,4 +1,4 @@
-"""The worst cases of a sweep, each with the command that flies it again."""
+"""The worst runs of a sweep, each with the command that flies it again."""
 
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from gcs.sweep.summary import VERDICT
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
-    """A run: of which metrics it has the worst value, or why it failed or does not hold, and what flies it again."""
+    """A run with its reasons: metrics whose worst value it has, verdicts that do not hold, or its error."""
 
     reasons: tuple[str, ...]
     command: str
@@ -21,9 +21,9 @@ class WorstCase:
 def worst_cases(
     plan: SweepPlan, rows: Mapping[int, Row], metrics: Iterable[Column], mission: str, most: int
 ) -> list[WorstCase]:
-    """Return the worst run by each metric, then the first `most` that do not hold, and one for each reason of failure.
+    """Return the worst run of each metric, the first `most` runs that do not hold, and one run for each error.
 
-    A run stands once, with all its reasons. `mission` is what the commands fly.
+    A run is listed once, with all its reasons. `mission` is the mission of the commands.
     """
     runs = plan.runs
     worst_in: dict[int, list[str]] = {}

@@ -255,4 +255,4 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for(
     waits = [line for line in written.getvalue().splitlines() if line.startswith("  ")]
     assert waits
     assert all(line.startswith("  vehicle 2: ") for line in waits)
-    assert facts_missing(" ".join(waits), "GPS: no fix", "it does not know where it is") == []
+    assert facts_missing(" ".join(waits), "GPS: no fix", "it has no valid position") == []

@@ -121,7 +121,7 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
     page = (ran.folder / "own.html").read_text(encoding="utf-8")
     assert page.count('role="img"') == 10
     assert f"{result['plant']['x']['fit_percent']:.1f}" in page
-    assert "nothing speaks against it" in page
+    assert "all checks passed" in page
 
 
 def test_a_damaged_log_gives_its_plant_and_exit_code_one(ran: Runner) -> None:
@@ -222,11 +222,11 @@ def test_a_short_log_of_real_firmware_is_told_to_be_too_short(ran: Runner) -> No
         (("a.ulg", "-o", "no/own.toml"), "--output: no folder 'no' to write to"),
         (("a.ulg", "--html", "own.pdf"), "--html: 'own.pdf' must end in .html"),
         (("a.ulg", "--vehicle", "9"), "--vehicle: the logs have no vehicle 9 (they have 3)"),
-        (("a.ulg", "b.ulg"), "--vehicle: the logs hold vehicles 3, 4: say which of them is to be identified"),
-        (("a.ulg", "c.bin"), "the logs are of different autopilots, and one plant cannot be both"),
+        (("a.ulg", "b.ulg"), "--vehicle: the logs hold vehicles 3, 4; choose one of them"),
+        (("a.ulg", "c.bin"), "the logs are of different autopilots; identify them separately"),
         (
             ("a.ulg", "e.ulg"),
-            "setpoints with velocities beside them and without make two plants, one file each: "
+            "setpoints with and without velocities: identify them separately: "
             "a.ulg: without velocities; e.ulg: with velocities",
         ),
         (("d.ulg",), "d.ulg: vehicle 3: the log has no setpoint; looked for trajectory_setpoint"),

@@ -72,13 +72,13 @@ def test_coming_back_by_itself_is_wrong(log: TeamLog) -> None:
     for vehicle in (1, 2, 3):
         log.note_mode(101.0, vehicle, "land")
     log.note_mode(103.0, 2, "offboard")
-    assert failures(OUT, log, BEGAN_S, UNTIL_S) == ["vehicle 2 went back into offboard by itself"]
+    assert failures(OUT, log, BEGAN_S, UNTIL_S) == ["vehicle 2 returned to offboard by itself"]
 
 
 def test_going_on_with_the_mission_by_itself_is_wrong(log: TeamLog) -> None:
     log.note_status(101.0, 3, "hold", "telemetry stale")
     log.note_status(104.8, 3, "formation", "")
-    assert failures(HOLD, log, BEGAN_S, UNTIL_S) == ["vehicle 3 went back to 'formation' by itself"]
+    assert failures(HOLD, log, BEGAN_S, UNTIL_S) == ["vehicle 3 returned to 'formation' by itself"]
 
 
 def test_others_that_react_are_told(log: TeamLog) -> None:

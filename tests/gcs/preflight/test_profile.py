@@ -67,8 +67,8 @@ def test_each_doubt_is_a_warning_with_its_reason(subtests: pytest.Subtests) -> N
         ({"date": TODAY - timedelta(days=181)}, {}, "it is 181 days old"),
         ({"autopilot": "ArduPilot"}, {}, "it is of ArduPilot, and the vehicle flies PX4"),
         ({}, {"autopilot": AutopilotKind.ARDUPILOT}, "it is of PX4, and the vehicle flies ArduPilot"),
-        ({}, {"firmware": "1.16.2"}, "it is of firmware v1.17.0, and the vehicle's is 1.16.2"),
-        ({"firmware": "abc"}, {}, "it is of firmware abc, and the vehicle's is 1.17.0-alpha+0f1e2d3c"),
+        ({}, {"firmware": "1.16.2"}, "it was identified with firmware v1.17.0, and the vehicle's is 1.16.2"),
+        ({"firmware": "abc"}, {}, "it was identified with firmware abc, and the vehicle's is 1.17.0-alpha+0f1e2d3c"),
         (
             {"verdict": "do not fly this", "reasons": ["too little excitation"]},
             {},
@@ -112,8 +112,8 @@ def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(subtests: pyte
     rows: tuple[tuple[int, float, str], ...] = (
         (5, 0.0, ""),
         (6, 0.9, ""),
-        (6, 0.0, "it is of setpoints with velocities beside them, and with its feedforward = 0 none are sent"),
-        (5, 0.9, "it is of setpoints alone, and with its feedforward = 0.9 velocities are sent beside them"),
+        (6, 0.0, "it was identified with velocities beside setpoints, and with feedforward = 0 none are sent"),
+        (5, 0.9, "it was identified with setpoints alone, and with feedforward = 0.9 velocities are sent as well"),
     )
     for size, gain, doubt in rows:
         with subtests.test(size=size, gain=gain, doubt=doubt):
