@@ -1,6 +1,6 @@
 """The interface for Python programs and notebooks: missions, simulated flights, flight logs and identification.
 
-It may import gcs and what is below that. What a public name needs is imported when the name is first used.
+It may import gcs and the packages below it. A public name is imported when it is first used.
 """
 
 import warnings
@@ -55,7 +55,7 @@ for _words in shadowed() or shared():
     warnings.warn(_words, stacklevel=2)
 
 
-if not TYPE_CHECKING:  # a type checker reads the imports above, and knows names that do not exist
+if not TYPE_CHECKING:  # a type checker uses the imports above, and reports names that do not exist
 
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used."""

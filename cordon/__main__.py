@@ -6,7 +6,7 @@ from cordon.package_names import shadowed
 
 
 def main() -> None:
-    """Run the command line, unless it would run another distribution's modules; the import of cordon has said so."""
+    """Run the command line, unless Python finds other modules of its names; the import of cordon has reported that."""
     if shadowed():
         sys.exit(2)
     from gcs.cli import main as run  # noqa: PLC0415 - never another distribution's

@@ -18,17 +18,17 @@ _UNIT = re.compile(r"_(m_s|m)$")
 class VehicleChannels:
     """One vehicle's channels: T samples at `time_s`, seconds since the mission's start, one in each period of the loop.
 
-    Positions and velocities are in the mission frame: x along the formation's way, y to its left, z up. NaN is where
-    nothing is known and, in the four channels about the ring, where the vehicle does not encircle.
+    Positions and velocities are in the mission frame: x in the formation's direction, y to its left, z up. Unknown
+    values are NaN, and so are the four channels about the ring while the vehicle does not encircle.
 
     - `tactic` (T,): `formation`, `encircle`, `hold` and others; `unknown` without data.
-    - `position_m`, `velocity_m_s` (T, 2): the motion; the true one where `Flight.record.reference` is "truth", else the
-      vehicle's estimate.
+    - `position_m`, `velocity_m_s` (T, 2): the motion; the true one if `Flight.record.reference` is "truth", otherwise
+      the vehicle's estimate.
     - `radius_m`, `bearing_rad`, `angular_rate_rad_s` (T,): the motion about the target, counter-clockwise.
     - `lead_rad` (T,): the angle to the next vehicle on the ring, counter-clockwise.
-    - `position_estimate_m`, `velocity_estimate_m_s` (T, 2): the vehicle's estimate of itself.
+    - `position_estimate_m`, `velocity_estimate_m_s` (T, 2): the vehicle's estimate of its own motion.
     - `target_position_estimate_m`, `target_velocity_estimate_m_s` (T, 2): its estimate of the target.
-    - `setpoint_m`, `setpoint_velocity_m_s` (T, 3): what it sent; the velocity is 0 where the position went alone.
+    - `setpoint_m`, `setpoint_velocity_m_s` (T, 3): the setpoint sent; the velocity is 0 if only a position was sent.
     - `tick_us` (T,): the computing time of the tick.
     """
 

@@ -1,4 +1,4 @@
-"""What one vehicle estimated and sent in each tick, on the time grid of a flight's record."""
+"""One vehicle's estimates and setpoints in each tick, on the time grid of a flight's record."""
 
 from dataclasses import dataclass, fields
 
@@ -11,7 +11,7 @@ from gcs.report.evidence.flight import VehicleEvidence
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decisions:
-    """Arrays of `VehicleChannels` (T, n), NaN where nothing is known."""
+    """Arrays of `VehicleChannels` (T, n), NaN for unknown values."""
 
     position_estimate_m: Vector
     velocity_estimate_m_s: Vector
@@ -23,13 +23,13 @@ class Decisions:
 
     @classmethod
     def unknown(cls, samples: int) -> "Decisions":
-        """Return decisions of which nothing is known yet."""
+        """Return decisions with unknown values."""
         own_m, own_m_s, target_m, target_m_s = (np.full((samples, 2), np.nan) for _ in range(4))
         setpoint_m, beside_m_s = (np.full((samples, 3), np.nan) for _ in range(2))
         return cls(own_m, own_m_s, target_m, target_m_s, setpoint_m, beside_m_s, np.full(samples, np.nan))
 
     def note(self, tick: int, output: TickOutput) -> None:
-        """Take in a tick of a simulation."""
+        """Store a tick of a simulation."""
         motion, target, setpoint = output.status.motion, output.status.target, output.setpoint
         if motion is not None:
             self.position_estimate_m[tick], self.velocity_estimate_m_s[tick] = motion[POSITION], motion[VELOCITY]
@@ -46,7 +46,7 @@ class Decisions:
 
 
 def logged_decisions(evidence: VehicleEvidence, grid_s: Vector) -> Decisions:
-    """Return the decisions in a vehicle's log: at each time of the grid those of the nearest tick."""
+    """Return the decisions in a vehicle's log: those of the nearest tick for each time of the grid."""
     decisions, loop = Decisions.unknown(grid_s.size), evidence.loop
     decisions.position_estimate_m[:] = _nearest(evidence.own.time_s, evidence.own.motion[:, POSITION], grid_s)
     decisions.velocity_estimate_m_s[:] = _nearest(evidence.own.time_s, evidence.own.motion[:, VELOCITY], grid_s)
@@ -61,7 +61,7 @@ def logged_decisions(evidence: VehicleEvidence, grid_s: Vector) -> Decisions:
 
 
 def _nearest(time_s: Vector, rows: Vector, grid_s: Vector) -> Vector:
-    """Return the rows (n, k) nearest to the times of the grid, NaN where none is within half a period of it."""
+    """Return the rows (n, k) nearest to the times of the grid, NaN if none is within half a period."""
     if time_s.size == 0:
         return np.full((grid_s.size, rows.shape[1]), np.nan)
     after = np.clip(np.searchsorted(time_s, grid_s), 1, max(time_s.size - 1, 1))

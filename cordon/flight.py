@@ -35,16 +35,16 @@ class Flight:
 
     @cached_property
     def metrics(self) -> FlightResult:
-        """Metrics and verdicts, as `cordon sim --json` and `cordon report --json` print them (docs/flying.md).
+        """Metrics and verdicts, as printed by `cordon sim --json` and `cordon report --json` (docs/flying.md).
 
-        A metric that does not apply is None. `metrics.to_dict()` has them as plain data.
+        A metric that does not apply is None. `metrics.to_dict()` returns plain data.
         """
         return evaluated(self.mission, self.record)
 
     def plot(self, path: str | Path | None = None) -> "Figure":
-        """Return the figures that `--plot` draws, as one of matplotlib; write them to a .png, .svg or .pdf as well.
+        """Return the figures of `--plot` as a matplotlib figure; with `path`, also write a .png, .svg or .pdf.
 
-        Raises InputError where the file cannot be written.
+        Raises InputError if the file cannot be written.
         """
         from gcs.report.figure import drawn_figure, save_figure  # noqa: PLC0415 - matplotlib
 
@@ -58,7 +58,7 @@ class Flight:
             raise InputError([f"plot: {path}: {error}"]) from error
 
     def frame(self) -> "DataFrame":
-        """Return all channels as a data frame of pandas: a row for each vehicle and time, a column for each component.
+        """Return all channels as a pandas data frame: a row for each vehicle and time, a column for each component.
 
         `vehicle` is the id, `position_m` becomes `position_x_m` and `position_y_m`. Raises ImportError without pandas.
         """

@@ -9,14 +9,13 @@ from gcs.identify.reading import logs_of_one, recordings_of
 
 
 def identify(log: str | Path, *more: str | Path, vehicle: int | None = None) -> Identified:
-    """Return what the logs of one vehicle's flights tell of its plant, as `cordon identify` does.
+    """Identify a vehicle's plant from logs of its flights, as `cordon identify` does.
 
-    Logs are cordon's own, PX4's, ArduPilot's or telemetry logs; `vehicle` is the system id where they hold several.
-    `verdict` says whether to fly by the plant, `reasons` why. `found` is None where no plant was found; else
-    `found.plant` is the plant, and `found.axes` (x, then y: `a0_per_s2`, `a1_per_s`, `frequency_rad_s`, `damping`),
-    `found.delay_s` and `found.feedforward` are its numbers, each with `value` and the bounds `low` and `high` of its
-    95 % interval. docs/identification.md has the rest. Raises InputError for what cannot be read or does not belong
-    together.
+    Logs are cordon's, PX4's, ArduPilot's or telemetry logs; `vehicle` is the system id if they hold several. `verdict`
+    states whether to fly with the plant, `reasons` why. `found` is None if no plant was found. Otherwise `found.plant`
+    is the plant; `found.axes` (x, then y: `a0_per_s2`, `a1_per_s`, `frequency_rad_s`, `damping`), `found.delay_s` and
+    `found.feedforward` are its parameters, each with `value` and the bounds `low` and `high` of its 95 % interval. See
+    docs/identification.md. Raises InputError for logs that cannot be read or are of different vehicles.
     """
     logs = logs_of_one([Path(each) for each in (log, *more)], vehicle, "vehicle")
     for each in logs:

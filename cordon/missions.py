@@ -1,4 +1,4 @@
-"""Missions: from a name or a file to what can be flown."""
+"""Missions, loaded by name or from a file."""
 
 import warnings
 from collections.abc import Mapping
@@ -10,11 +10,10 @@ from gcs.mission.mission import Mission
 
 
 def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
-    """Return a mission: a bundled one by its name, or a file.
+    """Return a bundled mission by its name, or a mission from a file.
 
-    `overrides` are values in place of those in the file, by their places. `Mission.replace` does the same section by
-    section afterwards. Keys stand in docs/missions.md; each has its unit at the end of its name. Raises InputError with
-    every fault: what cannot be read, and values that do not hold.
+    `overrides` replace values of the file, by their paths. `Mission.replace` does the same for a loaded mission. Keys
+    are described in docs/missions.md; their names end with the unit. Raises InputError with every fault.
 
     >>> mission = load("case2", {"encirclement.radius_m": 12.0, "vehicles[0].altitude_m": 9.0})
     >>> mission.encirclement.radius_m, mission.vehicle(1).section.altitude_m

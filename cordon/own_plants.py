@@ -1,4 +1,4 @@
-"""Plants of a user's own in place of those that a mission's simulated vehicles have."""
+"""Custom plants for a mission's simulated vehicles."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,7 +15,7 @@ def with_plants(
 ) -> tuple[Mission, dict[int, StepFunction]]:
     """Return the mission with these true plants, and the step functions among them, by vehicle; raises InputError.
 
-    What the vehicles' controllers assume stays what their profiles say.
+    The vehicles' controllers still use the plants of their profiles.
     """
     known = ", ".join(map(str, mission.ids))
     faults = [
@@ -34,7 +34,7 @@ def with_plants(
 
 
 def _checked(vehicle_id: int, step: StepFunction) -> StepFunction:
-    """Return a step function that ends the flight with InputError where a motion is not one."""
+    """Return a step function that raises InputError if the result is not a motion."""
 
     def checked(motion: Motion, aim_m: Pair, disturbance_m_s2: Pair, step_s: float) -> Motion:
         returned = step(motion, aim_m, disturbance_m_s2, step_s)

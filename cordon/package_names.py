@@ -1,8 +1,8 @@
-"""Whether the names of cordon's packages belong to cordon alone in this environment.
+"""Detects packages of other distributions with the names of cordon's packages.
 
-`agents`, `gcs`, `estimation` and `sitl` are names that other distributions use too. Where one is installed beside
-cordon, files of both are in one folder, or Python finds one and not the other. Every start of cordon looks: it reads no
-other distribution's metadata unless there is something wrong.
+Other distributions also use the names `agents`, `gcs`, `estimation` and `sitl`. If one is installed beside cordon,
+files of both share a folder, or Python finds only one of them. Every start of cordon checks this; it reads other
+distributions' metadata only if there is a conflict.
 """
 
 import os
@@ -18,18 +18,18 @@ _WAY_OUT = (
 
 
 def shadowed() -> list[str]:
-    """Return a sentence for each of cordon's packages in whose place Python imports another, or none at all."""
+    """Return a message for each of cordon's packages that Python imports from elsewhere, or does not find."""
     found = {name: _folder(name) for name in PACKAGES}
     return [
-        f"Python imports {name!r} from {folder or 'nowhere'} and not from {_ROOT}, where cordon is. Take the other "
-        f"folder out of Python's path. If another distribution is installed there, {_WAY_OUT}"
+        f"Python imports {name!r} from {folder or 'nowhere'} and not from {_ROOT}, where cordon is. Remove the other "
+        f"folder from Python's path. If another distribution is installed there, {_WAY_OUT}"
         for name, folder in found.items()
         if folder != os.path.join(_ROOT, name)  # noqa: PTH118
     ]
 
 
 def shared() -> list[str]:
-    """Return a sentence for each of cordon's packages into whose folder another distribution was installed."""
+    """Return a message for each of cordon's packages whose folder contains another distribution's files."""
     crowded = _crowded()
     if not crowded:
         return []
@@ -38,21 +38,21 @@ def shared() -> list[str]:
     owners = {name: {*packages_distributions().get(name, ())} - {"cordon-gcs"} for name in crowded}
     return [
         f"{', '.join(sorted(others))} and cordon-gcs both install {name!r} into {_ROOT}: files of one may have "
-        f"replaced those of the other. Uninstall both and install what you need here again, and {_WAY_OUT}"
+        f"replaced those of the other. Uninstall both, reinstall the one that you need here, and {_WAY_OUT}"
         for name, others in owners.items()
         if others
     ]
 
 
 def _folder(name: str) -> str:
-    """Return where Python finds a package, empty if it does not."""
+    """Return the folder in which Python finds a package, empty if it does not."""
     spec = find_spec(name)
     places = None if spec is None else spec.submodule_search_locations
     return os.path.realpath(next(iter(places))) if places else ""
 
 
 def _crowded() -> list[str]:
-    """Return the packages whose folders hold other files than cordon's own; none in a source tree."""
+    """Return the packages whose folders hold files that are not cordon's; none in a source tree."""
     known = _installed()
     return [name for name in PACKAGES if known and _here(name) != known[name]]
 
@@ -68,7 +68,7 @@ def _here(name: str) -> dict[str, str]:
 
 
 def _installed() -> dict[str, dict[str, str]]:
-    """Return the same as it was installed, by package, from cordon's RECORD; empty without one."""
+    """Return the installed files with their sizes, by package, from cordon's RECORD; empty without one."""
     with os.scandir(_ROOT) as entries:
         records = [os.path.join(each.path, "RECORD") for each in entries if _METADATA.fullmatch(each.name)]  # noqa: PTH118
     known: dict[str, dict[str, str]] = {name: {} for name in PACKAGES}

@@ -11,10 +11,10 @@ from gcs.report.evidence.reading import read_flight
 
 
 def read(log: str | Path, *more: str | Path) -> Flight:
-    """Return the flight of a log that cordon wrote, or of the logs of its processes, one each.
+    """Return the flight of a log that cordon recorded, or of several logs, one for each process of the flight.
 
-    A log that ends early or is damaged is read as far as it is whole, with a warning for each fault. Raises InputError
-    for what is no log of cordon's, and for logs of several flights.
+    A log that ends early or is damaged is read as far as it is intact, with a warning for each fault. Raises InputError
+    for files that are not cordon's logs, and for logs of different flights.
 
     >>> import tempfile, cordon
     >>> path = tempfile.mkdtemp() + "/flight.mcap"

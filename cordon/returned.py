@@ -1,4 +1,4 @@
-"""What a user's own functions return, checked before a flight goes on with it."""
+"""Checks of the values that a user's functions return."""
 
 from math import isfinite
 
@@ -6,7 +6,7 @@ from gcs.errors import InputError
 
 
 def finite_numbers(returned: object, names: tuple[str, ...], of: str) -> tuple[float, ...]:
-    """Return what a function returned as numbers, one for each name; raises InputError unless it is that."""
+    """Return a function's result as finite numbers, one for each name; raises InputError for anything else."""
     try:
         numbers = tuple(map(float, returned))  # type: ignore[call-overload]  # anything, until here
     except (TypeError, ValueError):

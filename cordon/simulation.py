@@ -51,15 +51,15 @@ def simulate(
     plants: Mapping[int, Plant | StepFunction] = MappingProxyType({}),
     target: TargetPath | None = None,
 ) -> Flight:
-    """Fly a mission in simulated time; the same arguments give the same flight.
+    """Fly a mission in simulated time; equal arguments give equal flights.
 
-    - `mission`: what `cordon.load` returns, or takes.
-    - `seed`, `duration_s` [s]: in place of the mission's.
-    - `log`: record the flight in this file (MCAP), which must not exist yet; not with a `planner`.
-    - `planner`: makes the planner of each vehicle from its configuration, see `cordon.TaskPlanner`.
-    - `plants`: what vehicles fly, by their ids, in place of the plants of their profiles, which their controllers go on
-      to assume: a `Plant`, or a function of a step, see `cordon.StepFunction`.
-    - `target`: where the target is, see `cordon.TargetPath`.
+    - `mission`: a mission from `cordon.load`, or an argument of it.
+    - `seed`, `duration_s` [s]: replace the mission's.
+    - `log`: record the flight to this file (MCAP), which must not exist yet; not with a `planner`.
+    - `planner`: creates the planner of each vehicle from its configuration, see `cordon.TaskPlanner`.
+    - `plants`: the true plants of vehicles, by id: a `Plant`, or a step function, see `cordon.StepFunction`. The
+      controllers still use the plants of the profiles.
+    - `target`: the target's position over time, see `cordon.TargetPath`.
 
     Raises InputError with every fault; exceptions of planners end the flight.
     """
@@ -90,7 +90,7 @@ def _require_flyable(duration_s: float, seed: int, log: str | Path | None, plann
     if seed < 0:
         faults.append(f"seed: it must not be negative (given: {seed})")
     if log is not None and planner is not None:
-        faults.append("log: a flight with a planner of its own cannot be recorded: leave log or planner out")
+        faults.append("log: a flight with a custom planner cannot be recorded: leave log or planner out")
     if faults:
         raise InputError(faults)
 

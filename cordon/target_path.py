@@ -9,18 +9,18 @@ from gcs.errors import InputError
 from gcs.mission.mission import PARTS_MAX, TARGET_SPEED_MAX_M_S, Mission
 
 TargetPath = Callable[[float], tuple[float, float]]
-"""Where the target is: from the mission time [s] to its position (x, y) in the mission frame [m].
+"""The target's path: from the mission time [s] to its position (x, y) in the mission frame [m].
 
-It moves straight from its place at one tick to that at the next; in flights of more than 1000 ticks from every second,
-third, ... tick to the next. It stays where it is at the end.
+The target moves straight from its position at one tick to that at the next; in flights of more than 1000 ticks, from
+every second, third, ... tick to the next. At the end it stays at its last position.
 """
 
 
 def with_target_path(mission: Mission, path: TargetPath, duration_s: float) -> Mission:
     """Return the mission with a simulated target that follows the path until `duration_s`, and stays there.
 
-    It does so in straight `legs` of the mission itself: a log of the flight, read anywhere, says where the target was.
-    Raises InputError, also for a target that is faster than targets may be.
+    The path is stored as straight `legs` of the mission, so that a log of the flight contains it. Raises InputError,
+    also for a target above the maximum speed.
     """
     ticks = max(round(duration_s * mission.mission.rate_hz), 1)
     stride = ceil(ticks / PARTS_MAX)

@@ -8,11 +8,11 @@ class Exit(IntEnum):
     """How a command ended."""
 
     HOLDS = 0
-    """Everything went well, and all verdicts hold."""
+    """Success; all verdicts hold."""
     VERDICT_FAILED = 1
-    """Flown, but a verdict does not hold; or a log is damaged, so that none can be relied on."""
+    """Flown, but a verdict does not hold; or a log is damaged, and its verdicts are not reliable."""
     BAD_INPUT = 2
-    """Bad input, every fault listed."""
+    """Bad input; every fault is listed."""
     REFUSED = 3
     """Refused before take-off."""
     ENDED_IN_FLIGHT = 4

@@ -1,7 +1,7 @@
 """Ctrl-C, blocked until the program polls for it.
 
-OSQP swallows an interrupt during a solve, and filterpy takes one for a singular matrix: neither may receive it in the
-control loop. Blocked before the first thread starts, a signal stays pending until the program polls for it.
+OSQP discards an interrupt during a solve, and filterpy treats one as a singular matrix: neither may receive it in the
+control loop. A signal that is blocked before the first thread starts stays pending until the program polls for it.
 """
 
 import signal
@@ -24,7 +24,7 @@ def pending() -> bool:
 
 @contextmanager
 def as_they_are() -> Iterator[None]:
-    """Keep inside this context what is blocked: the first process that multiprocessing starts unblocks signals."""
+    """Restore the blocked signals after this context: the first process of multiprocessing unblocks signals."""
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
         yield
@@ -38,7 +38,7 @@ def relay(ask: Callable[[], object]) -> None:
     def wait() -> None:
         while True:
             signal.sigwait(ENDING)
-            with suppress(RuntimeError):  # the event loop is closed: there is nothing left to stop
+            with suppress(RuntimeError):  # the event loop is closed: nothing to stop
                 ask()
 
     threading.Thread(target=wait, name="signals", daemon=True).start()

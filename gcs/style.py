@@ -42,7 +42,7 @@ STYLE: dict[Any, Any] = {
 
 
 def vehicle_style(row: int, vehicles: int) -> dict[str, Any]:
-    """Return the line style of one of several vehicles: the colours in turn, then again with another dash."""
+    """Return the line style of one of several vehicles: the colours in turn, then repeated with another dash."""
     return {
         "color": COLOURS[row % len(COLOURS)],
         "linestyle": DASHES[row // len(COLOURS) % len(DASHES)],
@@ -51,5 +51,5 @@ def vehicle_style(row: int, vehicles: int) -> dict[str, Any]:
 
 
 def flight_style(index: int) -> dict[str, Any]:
-    """Return the line style of one of several flights: colour and dash, so that lines on top of each other are seen."""
+    """Return the line style of one of several flights: colour and dash, so that overlapping lines stay visible."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)], "linewidth": 1.4}
