@@ -126,7 +126,7 @@ def writing(option: str, path: Path) -> Iterator[None]:
 
 
 def confirmed(question: str) -> bool:
-    """Ask on the terminal, and return whether the answer is yes; raises InputError where there is no terminal."""
+    """Ask on the terminal, and return whether the answer is yes; raises InputError without a terminal."""
     if not (sys.stdin.isatty() and STDERR.is_terminal):
         raise InputError(["--yes: there is no terminal to ask for confirmation; give --yes to confirm"])
     STDERR.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")

@@ -116,8 +116,8 @@ class TeamState:
 
     def ring_members(self, now_s: float) -> int:
         """Return how many vehicles fly on the ring, without those whose messages have stopped."""
-        heard = (each for each in self._latest.values() if now_s - each.received_s <= SILENT_AFTER_S)
-        return sum(each.state.angle is not None for each in heard)
+        received = (each for each in self._latest.values() if now_s - each.received_s <= SILENT_AFTER_S)
+        return sum(each.state.angle is not None for each in received)
 
     def new_events(self, now_s: float) -> list[TeamEvent]:
         """Return the events since the last call."""
@@ -155,8 +155,8 @@ class TeamState:
         else:
             key = (message.number, message.sender, message.did)
             how_grave: Severity = "warning" if message.did.startswith(REFUSED) else "information"
-            asked = f"{message.verb} by {message.origin}" if message.verb else "answers"
-            event = TeamEvent(message.sender, f"{asked}: {message.did}", how_grave)
+            answered = f"{message.verb} by {message.origin}" if message.verb else "answers"
+            event = TeamEvent(message.sender, f"{answered}: {message.did}", how_grave)
         if key not in self._known:
             self._known[key] = None
             self._events.append(event)

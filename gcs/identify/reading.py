@@ -77,12 +77,12 @@ def logs_of_one(paths: Sequence[Path], vehicle: int | None, option: str = "--veh
 
 def _check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[Recording]) -> None:
     """Refuse a mix of logs with and without velocities beside the setpoints: they need different plants."""
-    told = []
+    kinds = []
     for log, recording in zip(logs, recordings, strict=True):
         if excerpts := excerpts_of(recording):
-            told.append((log.path, any(excerpt.fed for excerpt in excerpts)))
-    if len({fed for _, fed in told}) > 1:
-        words = "; ".join(f"{path}: {'with' if fed else 'without'} velocities" for path, fed in told)
+            kinds.append((log.path, any(excerpt.fed for excerpt in excerpts)))
+    if len({fed for _, fed in kinds}) > 1:
+        words = "; ".join(f"{path}: {'with' if fed else 'without'} velocities" for path, fed in kinds)
         raise InputError([f"setpoints with and without velocities: identify them separately: {words}"])
 
 
@@ -99,9 +99,9 @@ def _check_same(logs: Sequence[VehicleLog]) -> None:
 
 def _chosen(logs: Sequence[VehicleLog], vehicle: int | None, option: str) -> list[VehicleLog]:
     known = sorted({log.system_id for log in logs})
-    told = ", ".join(map(str, known))
+    shown = ", ".join(map(str, known))
     if vehicle is None and len(known) > 1:
-        raise InputError([f"{option}: the logs hold vehicles {told}; choose one of them"])
+        raise InputError([f"{option}: the logs hold vehicles {shown}; choose one of them"])
     if vehicle is not None and vehicle not in known:
-        raise InputError([f"{option}: the logs have no vehicle {vehicle} (they have {told})"])
+        raise InputError([f"{option}: the logs have no vehicle {vehicle} (they have {shown})"])
     return [log for log in logs if vehicle is None or log.system_id == vehicle]

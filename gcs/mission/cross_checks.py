@@ -137,7 +137,7 @@ def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings
 
 
 def _in_order(failsafe: Settings | None) -> Iterator[str]:
-    """Check that the thresholds of graver conditions come after those of less grave ones."""
+    """Check that the thresholds of more severe conditions come after those of less severe ones."""
     if not isinstance(failsafe, FailsafeSettings):
         return
     low, critical = failsafe.battery_low, failsafe.battery_critical

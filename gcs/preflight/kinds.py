@@ -12,16 +12,16 @@ BENCH = "on the bench, with propellers off, add --bench to `cordon check` and `c
 
 def kinds(team: Sequence[VehicleFacts], *, bench: bool) -> Iterator[Finding]:
     """State the kind of each received vehicle; refuse mixed teams, and teams that need `bench`."""
-    heard = [facts for facts in team if facts.unreachable is None]
-    for facts in heard:
+    received = [facts for facts in team if facts.unreachable is None]
+    for facts in received:
         yield _stated(facts)
-    real = [facts for facts in heard if not facts.kind.is_simulated]
+    real = [facts for facts in received if not facts.kind.is_simulated]
     if bench:
         yield from (_not_simulated(facts) for facts in real)
-    elif real and len(real) < len(heard):
-        yield _mixed(heard)
+    elif real and len(real) < len(received):
+        yield _mixed(received)
     if not bench:
-        yield from (_board(facts) for facts in heard if facts.kind.is_board)
+        yield from (_board(facts) for facts in received if facts.kind.is_board)
 
 
 def bench_line(team: Sequence[VehicleFacts]) -> str:

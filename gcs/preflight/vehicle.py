@@ -85,28 +85,28 @@ def health(facts: VehicleFacts) -> Iterator[Finding]:
         why, step = "an autopilot that does not report is not ready to arm", "wait until it has started, check the link"
         yield Finding(Grade.REFUSE, facts.subject, "health", "it sent no health report", why, step, temporary=True)
     failing = [item for item, well in facts.health.items() if not well]
-    told = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
-    for item in told if failing == [ARMING_CHECKS] else [item for item in told if item != ARMING_CHECKS]:
+    independent = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
+    for item in independent if failing == [ARMING_CHECKS] else [item for item in independent if item != ARMING_CHECKS]:
         # Arming checks depend on the mode, and cordon changes to hold before it arms.
         by_mode = item == ARMING_CHECKS and facts.status.mode not in CALM_MODES
         yield Finding(
             Grade.WARNING if by_mode else Grade.REFUSE,
             facts.subject,
             "health",
-            f"{item}: not well{f' in {facts.status.mode.value}' if by_mode else ''}{_says(facts, item)}",
+            f"{item}: not healthy{f' in {facts.status.mode.value}' if by_mode else ''}{_reported(facts, item)}",
             "the autopilot will refuse to arm, or will have no position in flight",
             HEALTH_STEPS.get(item, "resolve the cause that the autopilot reports"),
             temporary=item in (*POSITION_ITEMS, ARMING_CHECKS),
         )
     if facts.is_ready:
-        yield Finding(Grade.PASS, facts.subject, "health", f"all of its {len(facts.health)} health items are well")
+        yield Finding(Grade.PASS, facts.subject, "health", f"all of its {len(facts.health)} health items are good")
 
 
-def _says(facts: VehicleFacts, *items: str) -> str:
+def _reported(facts: VehicleFacts, *items: str) -> str:
     """Return what the autopilot reports about health items, to follow a finding; empty if it reports nothing."""
     about = [_ABOUT[item] for item in items if item in _ABOUT]
     texts = [text for text in facts.failed_checks if any(words.search(text) for words in about)]
-    return f"; it says {quoted(texts)}" if texts else ""
+    return f"; it reports {quoted(texts)}" if texts else ""
 
 
 def _lost(facts: VehicleFacts) -> bool:
@@ -162,7 +162,7 @@ def _without_a_place(facts: VehicleFacts, frame: FrameSection) -> Finding:
     found, step = facts.lost or ("it sent no local position", "wait for its estimator, or check it")
     unwell = [item for item in POSITION_ITEMS if not facts.health.get(item, True)]
     if unwell:
-        found = f"it has no valid position ({', '.join(unwell)}: not well){_says(facts, *unwell)}"
+        found = f"it has no valid position ({', '.join(unwell)}: not healthy){_reported(facts, *unwell)}"
         source = "GPS first; with a good fix" if not frame.local else "the external position first; with that"
         step = f"check {source}, restart the autopilot, and read its messages"
     if frame.external_positions:
@@ -249,15 +249,15 @@ def battery(facts: VehicleFacts) -> Iterator[Finding]:
 
 def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
     """Check the rate of motion messages against the requested one, if the vehicle has a position."""
-    reached, asked = facts.telemetry_rate_hz, facts.telemetry_rate_asked_hz
+    reached, requested = facts.telemetry_rate_hz, facts.telemetry_rate_asked_hz
     if reached is None:
         return
-    poor = Grade.REFUSE if reached < RATE_LEAST_SHARE * asked else Grade.WARNING
+    poor = Grade.REFUSE if reached < RATE_LEAST_SHARE * requested else Grade.WARNING
     yield Finding.graded(
-        Grade.PASS if reached >= RATE_LOW_SHARE * asked else poor,
+        Grade.PASS if reached >= RATE_LOW_SHARE * requested else poor,
         facts.subject,
         "telemetry",
-        f"motion messages arrive at {reached:.1f} Hz; {asked:g} Hz were requested",
+        f"motion messages arrive at {reached:.1f} Hz; {requested:g} Hz were requested",
         "control and separation rely on its latest position",
         "use a faster link, move nearer, or lower the rates of other streams (PX4: MAV_0_RATE, ArduPilot: SR0_*)",
         temporary=True,

@@ -151,7 +151,7 @@ def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any],
     assert told["gps"] == "GPS: 3D fix, 14 satellites"
     assert told["battery"] == "its battery is at 100%"
     assert told["clock"] == "its clock runs 5 times as fast as the wall's: it is a simulator's"
-    assert told["health"] == "all of its 7 health items are well"
+    assert told["health"] == "all of its 7 health items are good"
     assert re.search(r"ratio 0\.0\d", told["estimator"])
     assert told["armed"] == "it is disarmed, on the ground"
     assert float(told["telemetry"].split()[3]) == pytest.approx(20.0, rel=0.1)

@@ -64,9 +64,9 @@ def _show(mission: "Mission", result: "StartResult") -> None:
         clock = "" if each.clock_off_s is None else f", its clock at most {each.clock_off_s:.3f} s off the others'"
         answer = result.answers.get(each.vehicle)
         did = "no answer" if answer is None else answer.did
-        said = f": {did}" if result.answers else f": {each.reason}" if each.reason else ""
+        detail = f": {did}" if result.answers else f": {each.reason}" if each.reason else ""
         style = "red" if each.state == "missing" else ""
-        print_line(f"vehicle {each.vehicle}: {each.state}{clock}{said}", style)
+        print_line(f"vehicle {each.vehicle}: {each.state}{clock}{detail}", style)
     missing = [str(each.vehicle) for each in result.standings if each.state == "missing"]
     policy, after_s = mission.failsafe.no_operator, mission.failsafe.no_operator_s
     if missing:

@@ -109,8 +109,8 @@ async def test_a_speed_that_cannot_be_measured_yet() -> None:
 
 
 def test_vehicles_that_lack_the_same_share_a_line() -> None:
-    lines = lack_lines([NO_FIX, lack(3, NO_FIX.found), lack(3, "home position: not well")])
+    lines = lack_lines([NO_FIX, lack(3, NO_FIX.found), lack(3, "home position: not healthy")])
     assert [line.strip() for line in lines] == [
         "vehicles 2, 3: GPS: no fix, 0 satellites",
-        "vehicle 3: home position: not well",
+        "vehicle 3: home position: not healthy",
     ]

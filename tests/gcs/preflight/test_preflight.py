@@ -205,14 +205,14 @@ def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
 def test_arming_checks_that_fail_with_something_else_are_not_told_twice() -> None:
     health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False, "arming checks": False}
     told = [each.found for each in team(health=health) if each.grade is Grade.REFUSE]
-    assert told == ["gyrometer calibration: not well"]
+    assert told == ["gyrometer calibration: not healthy"]
 
 
 def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
     health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False}
     checks = ("PreArm: Gyros not calibrated", "PreArm: Battery 1 low voltage failsafe")
     (gyro,) = (each for each in team(health=health, failed_checks=checks) if each.grade is Grade.REFUSE)
-    assert gyro.found == "gyrometer calibration: not well; it says “PreArm: Gyros not calibrated”"
+    assert gyro.found == "gyrometer calibration: not healthy; it reports “PreArm: Gyros not calibrated”"
     arming = {**dict.fromkeys(HEALTH, True), "arming checks": False}
     (refused,) = (each for each in team(health=arming, failed_checks=checks) if each.grade is Grade.REFUSE)
     assert facts_missing(refused.found, *checks) == []
