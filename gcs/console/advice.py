@@ -40,7 +40,7 @@ _ADVICE = {
     Condition.COMPUTER_SHORT: "free memory or disk on its computer: the log may end early",
     Condition.LEADER_LOST: "look for the silent vehicle; the next in line leads",
     Condition.PEER_SILENT: "look for the silent vehicle; the others keep clear of it",
-    Condition.PEER_DOUBTFUL: "count the vehicles in the air; return if there is another one",
+    Condition.PEER_DOUBTFUL: "count the vehicles in the air; return if one is not in the team",
     Condition.SIGHTINGS_CONTRADICT: "check the sensors: one reports a wrong target position",
     Condition.TARGET_FROM_OUTSIDE: "look for the target: no vehicle sees it",
     Condition.NO_OPERATOR: "join its network with an operator's keys, then resume",

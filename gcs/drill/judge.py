@@ -1,7 +1,7 @@
 """The record of a team in a drill, and the check that the right vehicles, and no others, reacted as expected.
 
-Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and positions are the vehicles' true ones;
-tactics, alerts, radii and bearings are those that they report on the bus.
+Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and positions are observed at the
+vehicles; tactics, alerts, radii and bearings are those that they report on the bus.
 """
 
 from collections import defaultdict

@@ -69,7 +69,7 @@ class KeyFolder:
         except OSError as error:
             raise InputError([f"{self.path}: {error.strerror or error}"]) from error
         if not found:
-            raise InputError([f"{self.path}: no keys of a {role} here; next: {self._next_step(role, None)}"])
+            raise InputError([f"{self.path}: no {role} keys here; next: {self._next_step(role, None)}"])
         if len(found) > 1:
             raise InputError([f"--key: {self.path} has the keys of several {role}s; choose one ({', '.join(found)})"])
         return found[0].removeprefix(f"{role}-")
