@@ -47,7 +47,7 @@ def recover(options: RecoverOptions) -> Exit:
     with ReadingProgress(path) as progress:
         found = examine(path, progress.update)
     if not found.faults:
-        print_line(f"{path}: complete: {found.records} records of {found.seconds:.1f} s; nothing to recover")
+        print_line(f"{path}: it is complete: {found.records} records of {found.seconds:.1f} s; nothing to recover")
         return Exit.HOLDS
     with ReadingProgress(path) as progress:
         recovered = copy_intact(path, target, progress.update)

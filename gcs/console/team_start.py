@@ -12,7 +12,7 @@ from gcs.mission.mission import Mission
 
 _POLL_S = 0.1
 _NO_AGENT = "no agent is on the bus: its computer is off, out of reach, or does not run its agent"
-_NO_REPORT = "its agent is on the bus, but has not found the autopilot yet"
+_NO_REPORT = "its agent is on the bus, but has not found its autopilot yet"
 _OTHER_MISSION = "it has another mission, or another version of this one: copy one mission file to all computers"
 _NOT_WAITING = "it is not waiting for the start: it runs its first checks, or runs without --wait-for-start"
 

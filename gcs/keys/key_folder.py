@@ -32,7 +32,8 @@ class KeyFolder:
         check_folder(folder)
         roster, authority_pem = read_roster(folder / ROSTER_FILE), read(folder / AUTHORITY_FILE)
         if digest(authority_pem) != roster.authority:
-            raise InputError([f"{folder / ROSTER_FILE}: its authority is not that of {AUTHORITY_FILE} beside it"])
+            found = f"it is of another authority than {AUTHORITY_FILE} beside it"
+            raise InputError([f"{folder / ROSTER_FILE}: {found}; next: copy the folder again"])
         holder = _holder(roster, folder)
         security = BusSecurity(
             authority_pem,

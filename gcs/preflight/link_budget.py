@@ -29,7 +29,7 @@ def _fits(url: str, pace: Pace, capacity_bytes_s: float) -> Finding:
         limited(asked_bytes_s, capacity_bytes_s, LOAD_SHARE),
         MISSION,
         "link budget",
-        f"{url}: {pace.vehicles} vehicle{'s' if pace.vehicles > 1 else ''} take {asked_bytes_s:.0f} of its "
+        f"{url}: {pace.vehicles} {'vehicles take' if pace.vehicles > 1 else 'vehicle takes'} {asked_bytes_s:.0f} of its "
         f"{capacity_bytes_s:.0f} bytes/s ({asked_bytes_s / capacity_bytes_s:.0%}) with "
         f"{_shown(pace.rates)}",
         f"above {LOAD_SHARE:.0%}, setpoints and commands are delayed",

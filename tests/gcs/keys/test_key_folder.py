@@ -132,7 +132,7 @@ def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtes
         "expired": lambda: folder.identity("observer", "late"),
         "another authority": lambda: folder.identity("vehicle", "5"),
         "chmod 700": lambda: folder.identity("sensor"),
-        "no authority is here": lambda: AuthorityFolder(keys.path / "vehicle-3").issue("vehicle", "4", 1.0),
+        "there is no authority": lambda: AuthorityFolder(keys.path / "vehicle-3").issue("vehicle", "4", 1.0),
         "already": lambda: keys.init(1.0),
         "its id": lambda: keys.issue("vehicle", "03", 1.0),
         "letters": lambda: keys.issue("operator", "a/b", 1.0),

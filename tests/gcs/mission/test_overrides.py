@@ -48,14 +48,14 @@ def test_a_mission_is_checked_with_its_values() -> None:
 @pytest.mark.parametrize(
     ("place", "names"),
     [
-        ("", "not the place"),
-        ("encirclement..radius_m", "not the place"),
+        ("", "not the path"),
+        ("encirclement..radius_m", "not the path"),
         ("vehicles[7].id", "[7]"),
         ("vehicles.id", "id"),
         ("encirclement[0]", "[0]"),
         ("nothing[0].id", "nothing"),
         ("mission.name.first", "first"),
-        (".".join("a" * 40), "not the place"),
+        (".".join("a" * 40), "not the path"),
     ],
 )
 def test_a_place_that_cannot_be_is_named(place: str, names: str) -> None:

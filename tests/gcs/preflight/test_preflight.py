@@ -450,7 +450,7 @@ def test_a_sensor_that_does_not_see_as_far_as_the_ring_is_a_warning_that_names_i
         assert graded(short, "sensor range").grade is grade
     found = graded(parsed(put(content(), ("vehicles", 1, "sensor"), {"range_m": 4.0})), "sensor range")
     assert found.grade is Grade.WARNING
-    assert all(fact in found.found for fact in ("4 m", "10 m", "not see so far: 2"))
+    assert all(fact in found.found for fact in ("4 m", "10 m", "shorter range: 2"))
     assert "target.sensor.range_m" in found.next_step
     external = changed(target={"source": "external", "sensor": sensor.model_copy(update={"range_m": 1.0})})
     assert all(each.check != "sensor range" for each in preflight(external, []))
@@ -612,7 +612,7 @@ def on_one_line(baud: int, came_bytes_s: float | None = None) -> dict[str, Findi
 def test_what_a_line_is_asked_for_is_held_against_its_rate(baud: int, grade: Grade) -> None:
     budget = on_one_line(baud)["link budget"]
     assert budget.grade is grade
-    assert f"of the {baud / 10:.0f} bytes a second" in budget.found
+    assert f"of its {baud / 10:.0f} bytes/s" in budget.found
 
 
 def test_rates_that_fit_are_named_and_fit() -> None:
@@ -632,7 +632,7 @@ def test_a_line_that_is_too_slow_at_any_rate_is_told_so() -> None:
 def test_streams_that_were_not_asked_for_are_noticed(came_bytes_s: float, grade: Grade) -> None:
     traffic = on_one_line(115200, came_bytes_s)["link traffic"]
     assert traffic.grade is grade
-    assert f"{came_bytes_s:.0f} bytes a second come" in traffic.found
+    assert f"{came_bytes_s:.0f} bytes/s received" in traffic.found
 
 
 def test_a_vehicle_whose_id_is_doubled_on_its_line_is_refused() -> None:

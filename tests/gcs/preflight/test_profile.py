@@ -65,8 +65,8 @@ def test_a_file_that_does_not_say_where_it_is_from_is_not_judged() -> None:
 def test_each_doubt_is_a_warning_with_its_reason(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[dict[str, Any], dict[str, Any], str], ...] = (
         ({"date": TODAY - timedelta(days=181)}, {}, "it is 181 days old"),
-        ({"autopilot": "ArduPilot"}, {}, "it is of ArduPilot, and the vehicle flies PX4"),
-        ({}, {"autopilot": AutopilotKind.ARDUPILOT}, "it is of PX4, and the vehicle flies ArduPilot"),
+        ({"autopilot": "ArduPilot"}, {}, "it was identified with ArduPilot, and the vehicle flies PX4"),
+        ({}, {"autopilot": AutopilotKind.ARDUPILOT}, "it was identified with PX4, and the vehicle flies ArduPilot"),
         ({}, {"firmware": "1.16.2"}, "it was identified with firmware v1.17.0, and the vehicle's is 1.16.2"),
         ({"firmware": "abc"}, {}, "it was identified with firmware abc, and the vehicle's is 1.17.0-alpha+0f1e2d3c"),
         (
