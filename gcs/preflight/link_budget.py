@@ -25,13 +25,13 @@ def link_budget(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Find
 
 def _fits(url: str, pace: Pace, capacity_bytes_s: float) -> Finding:
     asked_bytes_s = pace.load.bytes_s
+    vehicles = "1 vehicle takes" if pace.vehicles == 1 else f"{pace.vehicles} vehicles take"
     return Finding.graded(
         limited(asked_bytes_s, capacity_bytes_s, LOAD_SHARE),
         MISSION,
         "link budget",
-        f"{url}: {pace.vehicles} {'vehicles take' if pace.vehicles > 1 else 'vehicle takes'} {asked_bytes_s:.0f} of its "
-        f"{capacity_bytes_s:.0f} bytes/s ({asked_bytes_s / capacity_bytes_s:.0%}) with "
-        f"{_shown(pace.rates)}",
+        f"{url}: {vehicles} {asked_bytes_s:.0f} of its {capacity_bytes_s:.0f} bytes/s "
+        f"({asked_bytes_s / capacity_bytes_s:.0%}) with {_shown(pace.rates)}",
         f"above {LOAD_SHARE:.0%}, setpoints and commands are delayed",
         _step(pace, capacity_bytes_s),
     )

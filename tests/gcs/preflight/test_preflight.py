@@ -590,7 +590,7 @@ def test_areas_of_a_fence_that_does_not_act_are_none(subtests: pytest.Subtests) 
 
 
 def test_an_area_is_a_polygon_of_finite_corners() -> None:
-    with pytest.raises(ValueError, match="three corners"):
+    with pytest.raises(ValueError, match="three finite corners"):
         FenceArea(((0.0, 0.0), (1.0, 0.0)), True)
 
 
