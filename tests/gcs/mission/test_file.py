@@ -535,7 +535,7 @@ def test_a_local_frame_lies_nowhere_on_earth() -> None:
 def test_a_frame_is_on_earth_or_local_and_every_fault_is_named() -> None:
     both = put(put(content(), ("frame", "local"), True), ("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5])
     assert places(both) == ["frame.altitude_m", "frame.latitude_deg", "frame.longitude_deg"]
-    assert all("leave one of them out" in fault for fault in faults(both))
+    assert all("leave this key or local out" in fault for fault in faults(both))
     neither = put(put(content(), ("frame",), {"altitude_m": 5.0}), ("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5])
     assert places(neither) == ["frame.latitude_deg", "frame.longitude_deg", "vehicles[1].origin_m"]
     assert sum("indoors, without GPS, write local = true" in fault for fault in faults(neither)) == 2

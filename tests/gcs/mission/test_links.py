@@ -63,8 +63,8 @@ def test_a_network_has_no_bound_unless_it_is_given() -> None:
 @pytest.mark.parametrize(
     ("mission", "fault"),
     [
-        (put(shared(), ("vehicles", 1, "link"), "mess"), "vehicles[1].link: [links] has no 'mess' that holds"),
-        (put(shared(), ("vehicles", 1, "link"), 7), "vehicles[1].link: [links] has no 7 that holds"),
+        (put(shared(), ("vehicles", 1, "link"), "mess"), "vehicles[1].link: [links] has no valid 'mess'"),
+        (put(shared(), ("vehicles", 1, "link"), 7), "vehicles[1].link: [links] has no valid 7"),
         (put(shared(), ("vehicles", 1, "url"), URL), "vehicles[1].url: the vehicle's link has a url"),
         (put(content(), ("vehicles", 1, "url"), "udpin://127.0.0.1:14540"), "vehicles[1].url: 14540 is vehicles[0]'s"),
         (shared(speed=3), "links.mesh.speed: unknown key"),

@@ -158,7 +158,7 @@ def test_a_profile_of_another_autopilot_is_refused_unless_the_mission_means_it(
     for finding in findings:
         assert finding.subject == "vehicle 2"
         assert f"'stub' is for {'PX4' if autopilot == 'px4' else 'ArduPilot'}" in finding.found
-        assert finding.found.endswith(f"it is {flies.value}")
+        assert finding.found.endswith(f"reports {flies.value}")
 
 
 def test_another_autopilot_is_reported_once() -> None:
