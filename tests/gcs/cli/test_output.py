@@ -65,7 +65,9 @@ def test_a_figure_in_place_of_a_folder_is_a_fault(tmp_path: Path) -> None:
         check_plot(tmp_path / "flight.png")
 
 
-@pytest.mark.parametrize(("number", "path", "fault"), [(7, "a.png", "--figure: the paper has no figure 7"), (4, None, "add --plot")])
+@pytest.mark.parametrize(
+    ("number", "path", "fault"), [(7, "a.png", "--figure: the paper has no figure 7"), (4, None, "add --plot")]
+)
 def test_a_figure_that_the_paper_lacks_or_without_a_file_is_a_fault(number: int, path: str | None, fault: str) -> None:
     with pytest.raises(InputError, match=fault):
         check_plot(None if path is None else Path(path), number)
