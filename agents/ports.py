@@ -127,9 +127,7 @@ class VehicleLink(Protocol):
         ...
 
     async def start_offboard(self) -> None:
-        """Enter offboard; setpoints must be streaming. Returns when the flight mode has changed, not at the
-        acknowledgement.
-        """
+        """Enter offboard; setpoints must be streaming. Returns when the flight mode has changed."""
         ...
 
     async def stop_offboard(self) -> None:
@@ -141,9 +139,7 @@ class VehicleLink(Protocol):
         ...
 
     async def kill(self) -> None:
-        """Cut the motors at once, in every state, also under a pilot's control: the vehicle falls. Returns when
-        disarmed.
-        """
+        """Cut the motors at once, in every state and also from a pilot: the vehicle falls. Returns when disarmed."""
         ...
 
     def locate(self, position: ExternalPosition) -> None:

@@ -123,9 +123,7 @@ class Motion(msgspec.Struct, frozen=True):
 
 
 class Preview(msgspec.Struct, frozen=True):
-    """The space, speed and time predicted for the programme on the profile's plant; `reach_m` is from the box's
-    middle.
-    """
+    """The programme's predicted space, speed and time on the profile's plant; `reach_m` is from the box's middle."""
 
     duration_s: float
     reach_m: float

@@ -111,8 +111,7 @@ class Planner:
     def _step_aside(self, situation: Situation) -> Plan:
         """Leave the ring radially outwards until clear of it; outside it, or without a ring, hold.
 
-        The others do not avoid a vehicle that they do not receive, so it also keeps clear of a ring that moves towards
-        it.
+        The others do not avoid a vehicle that they do not receive: it also keeps clear of an approaching ring.
         """
         unheard = not self._team.members() and bool(self._team.gone_s)
         if self._left_ring and situation.polar is not None and (self._hold_m is None or unheard):

@@ -38,9 +38,7 @@ never reached, and the vehicles on the ring would keep room for it.
 
 
 class RingFlight:
-    """Plans one vehicle's flight about the target; its state is the ring that is flown, and whether the vehicle has
-    joined.
-    """
+    """Plans one vehicle's flight about the target; its state is the ring flown, and whether it has joined."""
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._safety = config.safety
@@ -71,9 +69,7 @@ class RingFlight:
         self._guarded = guarded
 
     def plan(self, situation: Situation, centre: Vector, mixing: float) -> Plan:
-        """Plan about the centre, whose motion (4,) is at the acting time; `mixing` is the share of this plan in the
-        aim.
-        """
+        """Plan about the centre's motion (4,) at the acting time; `mixing` is the share of this plan in the aim."""
         polar = polar_from_motion(situation.acting_motion, centre)
         orbit, news = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
         task, waits = self._task(situation, centre, polar, orbit, mixing)
