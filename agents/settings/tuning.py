@@ -89,8 +89,8 @@ class EncirclementTuning(Settings):
     )
     radial_increment_weight: float = tuned(
         0.2,
-        "With 0.2 an error of the radius, and so the noise of the estimate, causes half the acceleration that it causes "
-        "with 0.05: 1.1 instead of 2.4 1/s².",
+        "With 0.2 an error of the radius, and so the noise of the estimate, causes half the acceleration of 0.05: "
+        "1.1 instead of 2.4 1/s².",
         "R of (24), radial",
         gt=0.0,
         le=1e6,
@@ -179,8 +179,8 @@ class FailsafeTuning(Settings):
     )
     following_m: float = tuned(
         3.0,
-        "Twice the error of a vehicle that shapes its motion on the ring of `shaped-trio`, and of the largest plant error "
-        "with which the controller holds the ring.",
+        "Twice the error of a vehicle that shapes its motion on the ring of `shaped-trio`, or of one with the largest "
+        "plant error with which the controller holds the ring.",
         gt=0.0,
         le=100.0,
     )
