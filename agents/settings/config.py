@@ -22,15 +22,15 @@ SETTLE_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
-    """The complete configuration of one agent.
+    """The configuration of one agent, complete before it flies.
 
     `slots` are the vehicles of the formation in line order, this one among them; `line_start_m` is where the leader's
-    mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` the range of
-    its messages. `home_m` is the place of take-off (None: it lands in place), `layers_from_m` the lowest layer's height
-    and `altitude_lowest_m` the lowest flying height (None: its own). If the ring follows the target's altitude, the
-    lowest vehicle stays between the two heights of `lowest_between_m`, which keeps every vehicle inside its limits.
-    `slots_m` are the vehicles' places in a free formation, empty otherwise. With `excitation` it flies for
-    identification, without a mission.
+    mission line begins, `altitude_m` the flying height above the mission origin, `communication_radius_m` how far its
+    messages are meant to reach. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest
+    layer's height and `altitude_lowest_m` the lowest flying height (None: the own). Where a ring follows the target's
+    altitude, its lowest vehicle stays between the two of `lowest_between_m`: every vehicle is then inside its limits.
+    `slots_m` are the vehicles' places in a free formation, empty without one. With `excitation` there is no mission: it
+    flies for identification.
     """
 
     vehicle_id: int
@@ -62,21 +62,21 @@ class AgentConfig:
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The shapes that the formation can take: "free" with slots, the others if the spacing keeps the separation."""
+        """The shapes that the formation can take: where there are slots, or the spacing keeps the separation."""
         spaced = self.formation.spacing_m >= self.safety.separation_m or len(self.slots) == 1
         return tuple(shape for shape in SHAPES if (self.slots_m if shape == "free" else spaced))
 
     @property
     def turns_nose(self) -> bool:
-        """Whether the yaw of setpoints can differ from 0."""
+        """Whether the yaw of setpoints is anything but 0."""
         return self.formation.yaw != "fixed" or self.encirclement.yaw != "fixed"
 
     def reshaped(self, shape: Shape) -> "AgentConfig":
-        """Return the configuration with another shape of the formation."""
+        """Return the same with a formation of another shape."""
         return replace(self, formation=self.formation.model_copy(update={"shape": shape}))
 
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
-        """Return the slot of `vehicle_id` relative to another member's slot."""
+        """Return where `vehicle_id` belongs relative to another member."""
         (x, y), (other_x, other_y) = self._slot_m(vehicle_id), self._slot_m(relative_to)
         return x - other_x, y - other_y
 
@@ -94,17 +94,17 @@ class AgentConfig:
 
     @property
     def take_off_altitude_m(self) -> float:
-        """The vehicle's layer from take-off until all are in place; without layers the flying height."""
+        """The vehicle's layer from take-off until all are in their places; without layers the flying height."""
         return self._layer_m(self.slots.index(self.vehicle_id))
 
     @property
     def return_altitude_m(self) -> float:
-        """The vehicle's layer on the return, above all flying heights; the first to land has the lowest."""
+        """The vehicle's layer on the way home, above all flying heights: who lands first has the lowest."""
         return self._layer_m(self.landing_order.index(self.vehicle_id) + 1)
 
     @property
     def rising_s(self) -> float:
-        """The time that the slowest vehicle needs to reach its return layer [s]; until then none moves sideways."""
+        """How long the slowest vehicle takes to its layer on the way home: until then none moves across [s]."""
         return SETTLE_S + len(self.slots) * self.choreography.layer_m / CLIMB_SLOWEST_M_S
 
     @property

@@ -1,4 +1,4 @@
-"""The sections of a mission file that configure an agent, each with its tuning."""
+"""The sections of a mission file that configure an agent: what a user decides, with how it is tuned."""
 
 from typing import Annotated, Literal
 
@@ -9,11 +9,11 @@ from agents.settings.tuning import SETPOINTS_FASTER, EncirclementTuning, Failsaf
 from estimation.settings import Settings
 
 CORNERS_MAX = 256
-"""The largest number of corners of a fence: the guard checks every edge in every tick."""
+"""Of a fence: the guard looks at every edge in every tick."""
 
 
 def pair(value: object) -> object:
-    """Return a list as a tuple: TOML has lists only, and strict validation does not accept a list for a tuple."""
+    """Return a list as a tuple: TOML knows lists only, and strict validation takes no list for a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -27,10 +27,10 @@ Fence = Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX)
 
 class FormationSection(Settings):
     """`[formation]`: spacing between neighbours, the leader and its speed along x. The `shape` is a "line" abreast, a
-    "column" or a "wedge" behind the leader, or "free", where every vehicle has a `slot_m`; "free" is the default if
-    they have one. `cordon command formation` changes the shape in flight. The mission line begins at `start_m`, by
-    default the leader's start. A vehicle keeps station on its "predecessor", the next one towards the leader, or on the
-    mission "line". Noses point along x ("fixed") or along the "path" flown.
+    "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, and the default where they have one;
+    `cordon command formation` changes it in flight. The line of the mission begins at `start_m`, the leader's own start
+    unless given. A vehicle keeps station on its "predecessor", the next one towards the leader, or on the mission's
+    "line" itself. Noses point along x ("fixed"), or along the "path" flown.
     """
 
     spacing_m: float = Field(gt=0.0, le=1000.0)
@@ -48,13 +48,13 @@ class FormationSettings(FormationSection, FormationTuning):
 
 
 class EncirclementSection(Settings):
-    """`[encirclement]`: radius and angular rate of the ring, and the limits of speed and acceleration in its LMPC.
-    Vehicles that join the ring or change places on it fly up to `spacing_speed_max_m_s` faster or slower than the ring
-    (none: half its speed, or 1 m/s if that is more), never backwards, with separate limits of acceleration and jerk. If
-    limits conflict, `speed_max_m_s` and `acceleration_max_m_s2` have priority. On the ring a vehicle's nose points
-    along x ("fixed") or at the "target". It flies at its `altitude_m` ("layers"), or follows the altitude of the
-    "target" at `climb_max_m_s` at most: the lowest vehicle flies `altitude_offset_m` above it, and the differences of
-    their `altitude_m` are kept.
+    """`[encirclement]`: radius and angular rate of the ring, and the speed and acceleration that its LMPC may plan.
+    Vehicles that come to the ring or change places on it fly up to `spacing_speed_max_m_s` faster or slower than the
+    ring (none: half its speed, or 1 m/s if that is more), never backwards, within an acceleration and a jerk of their
+    own. Where bounds contradict, `speed_max_m_s` and `acceleration_max_m_s2` come first. On it a vehicle's nose points
+    along x ("fixed"), or at the "target". It flies at its `altitude_m` ("layers"), or follows the altitude of the
+    "target" at `climb_max_m_s` at most: the lowest vehicle `altitude_offset_m` above it, the others as much higher as
+    their `altitude_m` are.
     """
 
     radius_m: float = Field(gt=0.0, le=1000.0)
@@ -75,19 +75,19 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
 
     @property
     def transition_acceleration_m_s2(self) -> float:
-        """The largest acceleration of a transition."""
+        """The acceleration of a transition."""
         return min(self.spacing_acceleration_max_m_s2, self.acceleration_max_m_s2)
 
     @property
     def transition_speed_m_s(self) -> float:
-        """The largest speed of a transition relative to the ring, along it and towards it."""
+        """How much faster or slower than the ring a vehicle flies in a transition, and how fast towards it."""
         given_m_s = self.spacing_speed_max_m_s
         half_m_s = abs(self.angular_rate_rad_s) * self.radius_m / 2.0
         return min(max(1.0, half_m_s) if given_m_s is None else given_m_s, self.speed_max_m_s)
 
 
 class DecisionSettings(Settings):
-    """When a vehicle leaves the formation for the ring (paper, section 5); thresholds may be set per vehicle."""
+    """When a vehicle leaves the formation for the ring (paper, section 5); a vehicle may override each threshold."""
 
     importance_min: float = Field(0.6, ge=0.0, le=1.0)
     threat_max: float = Field(0.5, ge=0.0, le=1.0)
@@ -95,13 +95,14 @@ class DecisionSettings(Settings):
 
 
 class SafetySection(Settings):
-    """`[safety]`: limits in every tactic. The guard changes setpoints so that vehicles keep `separation_m` from each
-    other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the target (0: none); stay
-    inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes (a vehicle may have its
-    own); and stay below the speed limit. `lost_avoided_s` is how long the last position of a silent vehicle is avoided.
-    `yaw_rate_max_deg_s` limits the yaw rate. Without telemetry for `telemetry_timeout_s` a vehicle holds.
-    `abort_hover_s` is how long it hovers after an abort before it lands. `guard = false` disables the guard, for
-    simulations only.
+    """`[safety]`: limits that hold for every tactic. The guard changes setpoints so that vehicles keep `separation_m`
+    from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the target (0:
+    none); so that they stay inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes
+    (a vehicle may have its own); and below the speed. `lost_avoided_s` is how long the last place of a silent vehicle
+    is avoided.
+    `yaw_rate_max_deg_s` is how fast noses turn. Without telemetry for `telemetry_timeout_s` a vehicle holds.
+    `abort_hover_s` is how long it hovers after an abort before it lands. `guard = false` switches the guard off: for
+    simulations.
     """
 
     guard: bool = True
@@ -130,11 +131,11 @@ class SafetySettings(SafetySection, SafetyTuning):
 
 
 class FailsafeSection(Settings):
-    """`[failsafe]`: thresholds and times of the failsafe table (safety.md). A condition that lasts `escalation_s`
-    longer leads to the next reaction. Battery thresholds are shares of a full battery; the timeouts are how long the
-    bus, all peers or one of them may be silent. A vehicle returns while it can still land at its start with `reserve_s`
-    of flight time left. `no_operator` is the reaction when the last operator has left the bus, for example because the
-    laptop is lost: "go_on", "hold" or "return" (docs/onboard.md).
+    """`[failsafe]`: when a condition of the failsafe table (safety.md) counts, and how long until a graver reaction. A
+    condition that lasts `escalation_s` longer leads to the next reaction; the batteries' are shares of a full one; the
+    others are how long the bus, all peers or one of them may be silent. A vehicle returns while it can still land at
+    its start with a `reserve_s` of flight time left. `no_operator` is what vehicles do when operators were on the bus
+    and none is any more, as when the laptop is lost: "go_on", "hold" or "return" (docs/onboard.md).
     """
 
     escalation_s: float = Field(30.0, ge=1.0, le=3600.0)
@@ -153,16 +154,16 @@ class FailsafeSettings(FailsafeSection, FailsafeTuning):
 
 
 def _ids(value: object) -> object:
-    # TOML has lists only, and strict validation does not accept a list for a tuple.
+    # TOML knows lists only, and strict validation takes no list for a tuple.
     if not isinstance(value, list | tuple):
         raise ValueError("it must be a list of vehicles' ids")
     return tuple(value)
 
 
 class ChoreographySettings(Settings):
-    """Take-off and landing. Each vehicle has an altitude layer of its own: in line order above the highest `altitude_m`
-    from take-off until all are in place, in landing order on the return; 0 is none. `landing` is "in_place", or
-    "return" to `start_m`. Vehicles that are not in `landing_order` land last, in line order.
+    """The way up and down. Layers are heights that vehicles have to themselves: in line order above the highest
+    `altitude_m` from take-off until all are in their places, in landing order on the way home; 0 is none. `landing` is
+    "in_place" or "return", to `start_m`; who is not in `landing_order` comes last, in line order.
     """
 
     layer_m: float = Field(0.0, ge=0.0, le=50.0)
@@ -178,11 +179,10 @@ class ChoreographySettings(Settings):
 
 
 class ExcitationSettings(Settings):
-    """The identification flight (`cordon excite`): steps between random levels, then swept sines, on x, on y and on
+    """The flight for identification (`cordon excite`): steps between random levels, then swept sines, on x, on y and on
     both. It stays in a box, `half_width_m` to all four sides of its middle, which is `offset_m` from the vehicle's
-    start, and below `speed_max_m_s`, also on a plant whose parameters differ from the profile's by the share
-    `plant_doubt`. With the profile's plant it stays below the acceleration limit. A level lasts between its two times;
-    each part begins after `rest_s`.
+    start, and below `speed_max_m_s`, also on a plant whose numbers are `plant_doubt` (a share) off the profile's; with
+    the profile's it stays below the acceleration. A level lasts between its two times; `rest_s` pass before a part.
     """
 
     offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = (12.0, 0.0)

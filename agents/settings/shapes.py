@@ -1,4 +1,4 @@
-"""The shapes of a formation: the slots relative to the leader's, in the mission frame, with x in flight direction."""
+"""The shapes of a formation: where every slot lies about the leader's, in the mission frame, x along the way."""
 
 from math import sqrt
 from typing import Literal, get_args
@@ -8,11 +8,11 @@ SHAPES: tuple[Shape, ...] = get_args(Shape)
 
 
 def offset_m(shape: Shape, place: int, leader: int, spacing_m: float) -> tuple[float, float]:
-    """Return the slot of index `place` relative to the leader's, of index `leader`; index 0 is farthest left.
+    """Return where the slot of index `place` lies from the leader's of index `leader`; the first is farthest left.
 
     A line is abreast. In a column the leader flies ahead, then those next to it in line order, the left one first. In a
     wedge both arms trail it by 45 degrees. Neighbours in line order are `spacing_m` apart in each, or farther.
-    Raises ValueError for "free", whose slots are set in the mission.
+    Raises ValueError for "free", whose slots lie where the mission puts them.
     """
     right = place - leader
     match shape:
@@ -24,4 +24,4 @@ def offset_m(shape: Shape, place: int, leader: int, spacing_m: float) -> tuple[f
             along_m = spacing_m / sqrt(2.0)
             return -abs(right) * along_m, -right * along_m
         case "free":
-            raise ValueError("the slots of a free formation are set by slot_m in the mission")
+            raise ValueError("the slots of a free formation are the mission's")
