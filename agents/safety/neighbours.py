@@ -18,9 +18,7 @@ A_FEW = 3
 NEAR_FOR_S = 0.2
 """The selection of near vehicles is valid for this long."""
 _MEETS_S, _MEETS = 2.5, 1.5
-"""The prediction time, and the distance in separations, within which others need this vehicle's states at the full
-rate.
-"""
+"""Prediction time, and distance in separations, within which others need this vehicle's states at the full rate."""
 _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 
 

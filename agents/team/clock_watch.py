@@ -12,9 +12,7 @@ _SETTLING_S = 5.0
 
 @dataclass(slots=True)
 class Step:
-    """A clock step of a peer: when it began, the time of the last message, and by how much the clock went ahead [wall
-    s].
-    """
+    """A clock step of a peer: its begin, the time of the last message, and how far the clock went ahead [wall s]."""
 
     since_s: float
     heard_s: float

@@ -100,9 +100,7 @@ class Claim:
         return False
 
     def misfit(self, state: MemberState, clock_off_s: float) -> str:
-        """Take a state that is consistent with the last one, in either order; return the contradiction, empty if
-        none.
-        """
+        """Take a state unless it contradicts the last one, in either order; return the contradiction, empty if none."""
         before, limits = self.state, self._limits.safety
         step_s = state.time_s - before.time_s
         apart_s = abs(step_s)

@@ -17,9 +17,7 @@ _Metre = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 
 
 class ExternalPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The position of one vehicle in the mission frame; the yaw is counter-clockwise from its x axis, None if
-    unknown.
-    """
+    """The position of one vehicle in the mission frame; yaw is counter-clockwise from its x axis, None if unknown."""
 
     vehicle: int
     position_m: tuple[_Metre, _Metre, _Metre]

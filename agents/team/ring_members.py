@@ -11,9 +11,7 @@ class RingMembers:
     """The newest place on the ring of every peer that has one; queries return those of `engaged` peers."""
 
     def __init__(self, engaged: Callable[[int], bool]) -> None:
-        """Take a function that returns whether a peer is engaged; a peer that has left is not, although its place is
-        fresh.
-        """
+        """Take a function that returns whether a peer is engaged, which ends before its place is stale."""
         self._is_engaged = engaged
         self._angles: dict[int, NeighbourAngle] = {}
         self._engaged: dict[int, NeighbourAngle] | None = None

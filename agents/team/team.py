@@ -91,9 +91,7 @@ class Team:
             self.ring.hear(state.angle)
 
     def forget(self, vehicle_id: int) -> None:
-        """Drop a peer whose presence has ended: it is lost, at the altitude of its last state, which may be the
-        ground.
-        """
+        """Drop a peer whose presence has ended: it is lost at its last altitude, which may be the ground."""
         self._waiting.pop(vehicle_id, None)
         self._silent.pop(vehicle_id, None)
         member = self._members.pop(vehicle_id, None)
