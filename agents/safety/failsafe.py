@@ -103,8 +103,9 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        "the autopilot's position differs by a metre or more from the one that its last sample and velocity predict, for "
-        "the profile's `own_filter.gate_timeout_s`: the filter restarts; it lasts until `tuning.failsafe.settle_s` after",
+        "the autopilot's position jumps: for the profile's `own_filter.gate_timeout_s` it differs by a metre or more "
+        "from the one that its last sample and velocity predict. The filter restarts; the condition lasts until "
+        "`tuning.failsafe.settle_s` after",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,

@@ -1,6 +1,4 @@
-"""The asynchronous activities of an agent: at most one of each kind at a time; the end of each is reported as an
-event.
-"""
+"""The asynchronous activities of an agent: at most one of each kind at a time; each reports its end as an event."""
 
 import asyncio
 from collections.abc import Callable, Coroutine

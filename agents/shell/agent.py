@@ -85,16 +85,12 @@ class Agent:
         await self._link.connect(self._sense)
 
     def announce(self) -> None:
-        """Send time and reports from now on, and compare clocks; to be called once connected, with the clock's speed
-        set.
-        """
+        """Send time and reports and compare clocks from now on; to be called once connected, with the clock set."""
         self._start_agreement.announce()
         self._reporter.begin()
 
     def wait_on_ground(self, lacks: str) -> None:
-        """Wait for an operator's start, and report it; `lacks` is what forbids the start, empty if nothing known here
-        does.
-        """
+        """Wait for an operator's start, and report it; `lacks` is what forbids the start, empty if nothing does."""
         lacks = printable(lacks or self._start_agreement.refusal)[:LACKS_LIMIT]
         self._core.on_ground(lacks)
         self._reporter.wait(lacks)
@@ -174,9 +170,7 @@ class Agent:
         self._start_agreement.receive(message)
 
     def _act_on_orders(self) -> None:
-        """Execute orders that do not wait for a tick; a vehicle that waits on the ground has no ticks and answers
-        here.
-        """
+        """Execute orders that do not wait for a tick; a vehicle that waits on the ground answers here."""
         orders = self._core.orders
         if self._phase is Phase.GROUND and (orders.starts or orders.lacks is not None):
             self._loop.tick_only()

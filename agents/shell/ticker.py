@@ -35,11 +35,11 @@ def first_deadline_s(now_s: float, period_s: float, phase: float) -> float:
 
 
 class Ticker:
-    """Ticks every `period_s` of the mission clock: `async for tick in ticker`. The first deadline is `start_s`, by
-        default the first use.
+    """Ticks every `period_s` of the mission clock: `async for tick in ticker`.
 
-        `now_s` returns mission seconds, which pass `speed` times as fast as wall seconds; `sleep` takes wall seconds and may
-    return early or late (asyncio's is up to a millisecond late). Deadlines lie on one grid, so lateness does not accumulate.
+    The first deadline is `start_s`, by default the first use. `now_s` returns mission seconds, which pass `speed`
+    times as fast as wall seconds; `sleep` takes wall seconds and may return early or late (asyncio's is up to a
+    millisecond late). Deadlines lie on one grid, so lateness does not accumulate.
     Raises ValueError when the period or the speed is not positive.
     """
 

@@ -34,8 +34,8 @@ OBSERVES_S = 3.0
 class Contradiction:
     """A sensor whose sightings contradict the own one: first and last time, and the distance.
 
-        `count` is the number of contradicting sightings less that of agreeing ones; `reported` once it reached
-    `CONTRADICTED`.
+    `count` is the number of contradicting sightings less that of agreeing ones. It is `reported` once the count has
+    reached `CONTRADICTED`.
     """
 
     since_s: float

@@ -22,9 +22,7 @@ _PREDICTED_S = 1.0
 _SMOOTHED_S = 0.3
 """Time constant with which the applied offset follows its estimate, so that a noisy sighting moves setpoints slowly."""
 _APART_M = 0.2
-"""The assumed offset between two vehicles' positions if their profiles state none: an uncertainty of others'
-sightings.
-"""
+"""The assumed offset between two vehicles' positions if their profiles state none: it adds to others' uncertainty."""
 _REPEATED = 2.5
 """The number of sightings of one sensor at 5 Hz within the window of the target filter's manoeuvre test."""
 

@@ -1,6 +1,7 @@
-"""The target's altitude: a random walk, filtered apart from its motion in the plane, from sightings with an altitude.
+"""The target's altitude: a random walk, filtered separately from its horizontal motion, from sightings with an
+altitude.
 
-Without further sightings the estimate stays as it is.
+Without further sightings the estimate is constant.
 """
 
 from math import inf
@@ -17,7 +18,7 @@ _OBSERVATION = np.eye(1)
 
 
 class TargetAltitude:
-    """Filters the altitudes of the team's sightings; outliers and those too late are refused."""
+    """Filters the altitudes of the team's sightings; outliers and late ones are refused."""
 
     def __init__(self, settings: TargetFilterSettings) -> None:
         self._settings = settings

@@ -257,8 +257,8 @@ class ParticipantBus:
     def publish(self, topic: str, payload: bytes) -> None:
         """Send to every other participant, best effort; never raises for a lost network.
 
-                It blocks for a millisecond at most. The topic of a command is `command/{verb}`; the participant's name follows
-                it in the key.
+        It blocks for a millisecond at most. The topic of a command is `command/{verb}`; the participant's name follows
+        it in the key.
         Raises ValueError for a topic that would be a pattern in a key.
         """
         if topic != REPORT_TOPIC and not all(map(is_name, topic.split("/"))):

@@ -123,7 +123,7 @@ class ZenohSession:
     def open(self, receiver: Receiver | None, *, own: bool, reports: bool) -> None:
         """Join, and pass to a receiver the messages of others, and with `own` also those of this session.
 
-                Vehicles' reports, for operators and observers, are received only with `reports`.
+        Vehicles' reports, for operators and observers, are received only with `reports`.
         Raises VehicleRefusedError if the endpoints cannot be used: a port in use, or a router that does not answer.
         """
         try:
