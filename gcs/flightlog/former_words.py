@@ -39,18 +39,18 @@ FORMER_WORDS: Mapping[str, str] = {
     " m off what it can climb": " m beyond its climb limit",
 }
 FORMER_TOPICS: Mapping[str, str] = {"patience": "time_scale"}
-"""Names of topics of format 1, and those of today."""
+"""Names of topics of format 1, and the present ones."""
 _FORMER_TAGS: Mapping[str, str] = {"muster": "start"}
 _BYTES = tuple(word.encode() for word in (*FORMER_WORDS, *_FORMER_TAGS))
 
 
 def holds_former_words(payload: bytes) -> bool:
-    """Return whether a record may hold a word of format 1."""
+    """Return whether a record may hold an earlier text."""
     return any(word in payload for word in _BYTES)
 
 
 def renew(message: Message) -> None:
-    """Replace the words of format 1 in a record, and within the messages to peers that it holds."""
+    """Replace earlier texts in a record, and in the messages to peers that it holds."""
     for field, value in message.ListFields():
         if field.is_repeated:
             _renew_each(value, is_message=field.message_type is not None)
@@ -79,7 +79,7 @@ def _renewed_text(text: str) -> str:
 
 
 def _renewed_payload(payload: bytes) -> bytes:
-    """Return a message to peers in today's words; what is no such message stays as it is, and is refused later."""
+    """Return a message to peers with present texts; other payloads are unchanged, and refused later."""
     if not holds_former_words(payload):
         return payload
     try:
