@@ -55,7 +55,7 @@ def test_the_share_of_the_velocities_that_is_fed_forward_is_found() -> None:
 def test_a_vehicle_that_leaves_the_velocities_aside_is_not_to_be_flown_with_them() -> None:
     identified = identify([recorded(TRUTH, 13, fed=True)])
     assert identified.verdict is PlantGrade.DO_NOT_FLY
-    assert "the velocities beside the setpoints show no effect" in identified.reasons[0]
+    assert "the feed-forward velocities show no effect" in identified.reasons[0]
 
 
 def test_velocities_that_stay_the_same_tell_nothing() -> None:
