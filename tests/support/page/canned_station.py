@@ -1,6 +1,4 @@
-"""A station for tests of the page: serves its folder and prepared pictures over a real WebSocket, and keeps
-requests.
-"""
+"""A station for tests of the page: serves its folder and prepared pictures over a WebSocket, and keeps requests."""
 
 import mimetypes
 import threading
