@@ -81,8 +81,7 @@ PlanarSpread = tuple[float, float, float, float, float, float, float, float, flo
 
 
 class OwnEstimate(msgspec.Struct, frozen=True):
-    """The estimate of a vehicle's own motion: mean (6,) = [x y x' y' w_x w_y] at `time_s`, and covariances along x and
-    y.
+    """The estimate of a vehicle's own motion: mean (6,) = [x y x' y' w_x w_y] at `time_s`, with covariances by axis.
 
     Most ticks need one element of the covariance only; the matrix is computed on access.
     """

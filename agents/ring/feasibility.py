@@ -1,5 +1,4 @@
-"""Ring feasibility: if the mission's ring is too fast about the present target, its rate is lowered, then its radius
-raised.
+"""Ring feasibility: a ring that is too fast about the present target is slowed, then widened.
 
 Each vehicle computes the ring that it can fly from its own estimate, in steps and with hysteresis, and publishes it.
 All members fly the most restricted of these, so they have the same rate and keep their spacing.

@@ -116,8 +116,7 @@ class RingReference:
         return copysign(min(_RADIAL_GAIN_PER_S * abs(missing_m), self._settings.speed_max_m_s, fastest_m_s), missing_m)
 
     def _bounds(self, too_fast_m_s: float, step_s: float) -> tuple[float, float]:
-        """Return the bounds on acceleration and jerk: a transition's, and larger ones for a vehicle that is too fast
-        for these.
+        """Return the bounds on acceleration and jerk: a transition's, or larger ones for a vehicle that is too fast.
 
         A vehicle that begins to follow a fast target is too fast, and would fall behind with a transition's bounds. The
         acceleration brakes within `_BRAKED_WITHIN_M`, so it approaches that of a transition as the vehicle slows down.

@@ -1,5 +1,4 @@
-"""The guard: the last stage before the setpoint. It changes an aim as little as possible to meet all safety
-constraints.
+"""The guard: the last stage before the setpoint. It changes aims as little as possible to keep them safe.
 
 It is independent of tactic and plan. Its quadratic programme has two unknowns, the lead u of the aim ahead of the
 vehicle: minimise |u - u_planned|^2 under the demands of agents/safety/barriers.py, which are linear in u with the plant

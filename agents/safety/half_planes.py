@@ -1,5 +1,4 @@
-"""The nearest point in the intersection of a disc and half-planes: a quadratic programme of two unknowns, solved
-exactly.
+"""The nearest point in a disc and half-planes: a quadratic programme of two unknowns, solved exactly.
 
 The guard solves it whenever a demand is violated, and once per level if not all demands can be met. Compared with OSQP,
 which the guard uses for the relaxed problem, it is faster (random problems of four half-planes: median 2 us instead of

@@ -35,8 +35,7 @@ class Neighbours:
         self._damping_per_s = max(axis.a1_per_s for axis in axes)
 
     def near(self, situation: Situation, heard: Sequence[MemberState]) -> Sequence[MemberState]:
-        """Return the members that can affect the guard within `NEAR_FOR_S`: no aim in reach comes too close to the
-        others.
+        """Return the members that can affect the guard within `NEAR_FOR_S`: no aim is too close to the others.
 
         In a team of sixteen these are a few; with so few members all are returned, which costs less than a selection.
         The bound is `barriers.apart` solved for the distance in the worst case: closing head on, and the aim at its

@@ -20,8 +20,7 @@ _WORDS_LIMIT = 32
 
 
 class Reporter:
-    """Sends the reports of one vehicle: once a second, and at once after a change of mode, link, alert, readiness or
-    end.
+    """Sends the reports of one vehicle: once a second, and after a change of mode, link, alert, readiness or end.
 
     It runs in its own task, so that vehicles are also reported on the ground and after their flight.
     """

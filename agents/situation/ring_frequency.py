@@ -1,5 +1,4 @@
-"""The ring frequency: the angular rate of a vehicle about the target. The disturbance of a wrong plant oscillates at
-it.
+"""The ring frequency: a vehicle's angular rate about the target, at which a wrong plant's disturbance oscillates.
 
 In steady state it is the ring's rate. A vehicle with a wrong plant flies more slowly until its disturbance is
 estimated, and an oscillator at a higher frequency estimates the disturbance late.

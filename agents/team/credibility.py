@@ -31,9 +31,7 @@ CLAIMS_MAX = 4
 DOUBTED_S = 5.0
 """A peer is doubtful for this long after its last contradiction."""
 _KEPT = 0.98
-"""The share of the difference between positions and integrated velocities that is kept per state: it decays in
-seconds.
-"""
+"""The decay factor, per state, of the accumulated difference between positions and velocities: it fades in seconds."""
 _SOON_S, _QUITE_M, _QUITE_M_S, _CRUISE_M_S, _CLIMBED_M = 1.0, 0.5, 1.0, 5.0, 0.3
 """Bounds of the fast check: the time between states, and the changes along each axis."""
 _AGE_MAX_S = TOPICS[MemberState].age_max_s

@@ -28,9 +28,7 @@ _Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
 LINK_SILENT_S = 0.8
-"""Operators and observers consider a link cut if it has had no sample of the vehicle's motion for this long [wall
-s].
-"""
+"""Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
 Verb = Literal["start", "hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 

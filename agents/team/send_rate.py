@@ -16,9 +16,7 @@ HEARTBEAT_S = 0.2
 _AGAIN_S = 0.5
 """A change is repeated at the full rate for this long, because messages get lost."""
 _POSITION_M, _VELOCITY_M_S, _ALTITUDE_M, _SIGMA_M = 0.1, 0.2, 0.2, 0.1
-"""The largest differences from the predicted state: three standard deviations or more of an estimate from noisy
-telemetry.
-"""
+"""The largest differences from the predicted state: at least three standard deviations with noisy telemetry."""
 _FOLLOWED_M, _AIM_M = 0.1, 0.5
 """The same for the setpoint: in formation, where followers keep station on it, and where only the guard uses it."""
 _REFERENCE_M, _SHARE = 0.02, 0.01

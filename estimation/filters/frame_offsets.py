@@ -15,9 +15,7 @@ _REFERENCE_S = 1.0
 """Correlation time of the error of the predicted target, whose filter follows within about a second."""
 _CLIP_SQUARED = 2.0 * 3.0**2
 _GATE_SQUARED = 2.0 * 5.0**2
-"""Thresholds of the squared innovation over both axes: above the first the weight is reduced, above the second it is
-0.
-"""
+"""Thresholds of the squared innovation over both axes: above the first the weight is reduced, above the second 0."""
 _FIXED_FOR_S = 5.0
 """A sensor without frame error fixes the sum for this long after its last sighting."""
 
@@ -64,8 +62,7 @@ class FrameOffsets:
         return self._covariance_m2.item(row, row)
 
     def predict(self, to_s: float, reference_m2: float) -> None:
-        """Predict to a time at which the predicted target has this variance per axis; at least one sensor must have a
-        model.
+        """Predict to a time at which the predicted target has this variance per axis; a sensor must have a model.
 
         The predicted target contains a common shift of all frames, so its variance is never small compared with theirs.
         """

@@ -106,8 +106,7 @@ class TargetFilter:
         self.resets = 0
 
     def sight(self, *sightings: Sighting) -> None:
-        """Process sightings from any sensors, in any order; outliers, repeats and sightings that are too late are
-        refused.
+        """Process sightings from any sensors, in any order; outliers, repeats and late ones are refused.
 
         One call for several costs less, because later sightings are processed again only once.
         """

@@ -1,5 +1,4 @@
-"""The target's altitude: a random walk, filtered separately from its horizontal motion, from sightings with an
-altitude.
+"""The target's altitude: a random walk, filtered from sightings with an altitude, apart from its horizontal motion.
 
 Without further sightings the estimate is constant.
 """

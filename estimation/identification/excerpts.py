@@ -12,17 +12,13 @@ from estimation.identification.response import AxisInput, Between, Steps, steps_
 from estimation.state import Vector
 
 GRID_S = 0.1
-"""The phase of a vehicle's plant changes by tenths of a radian in this time; faster samples only add correlated
-noise.
-"""
+"""A plant's phase changes by tenths of a radian in this time; faster samples only add correlated noise."""
 GAP_MAX_S = 0.5
 SETTLE_S = 1.0
 """After a mode change, setpoints of the previous mode may still act."""
 EXCERPT_MIN_S = 8.0
 EXCERPT_MAX_S = 60.0
-"""Longer parts are cut: the last third of each is used for validation, and each starts from the estimate at its
-begin.
-"""
+"""Longer parts are cut: the end of each is used for validation, and each starts from the estimate at its begin."""
 FED_MIN_M_S = 0.05
 """Feed-forward velocities that vary by less (rms, along both axes) do not identify the feed-forward gain."""
 

@@ -1,5 +1,4 @@
-"""A stub autopilot that behaves as ArduCopter: GUIDED flies take-off and setpoints, and position setpoints do not
-expire.
+"""A stub autopilot that behaves as ArduCopter: GUIDED flies take-off and setpoints, and positions do not expire.
 
 Differences from PX4: a mode change is immediate and persists after disarming; no stream of setpoints is required, and
 its end triggers no failsafe, but a silent ground station may (FS_GCS_ENABLE); a position sent with a velocity moves at

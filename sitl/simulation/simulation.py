@@ -303,8 +303,7 @@ class _Network:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedFlight:
-    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), altitudes and computing time of each tick [us]
-    (T, N).
+    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), altitudes and tick times [us] (T, N).
 
     The computing time of a tick includes everything that a core does in one period: messages, sensors, decision and
     plan. `aloft` (T, N) is which vehicles are in the air.

@@ -72,8 +72,7 @@ class Body:
         self._aim_m = x + off_x, y + off_y
 
     def advance(self, from_s: float, to_s: float, off_m: Pair) -> None:
-        """Move while the vehicle's own estimate has the error `off_m`: the autopilot steers its estimate to the
-        setpoint.
+        """Move with the estimation error `off_m`: the autopilot steers the estimate to the setpoint.
 
         In exact motion setpoints act exactly when they are due, otherwise at the next step.
         """

@@ -28,9 +28,7 @@ FED_FROM, FED_TO = 0.7, 1.2
 
 @dataclass(frozen=True)
 class Draw:
-    """One draw: its noise and rate, the relative errors (k,) (the delay's in seconds), and whether intervals cover the
-    truth (k,).
-    """
+    """One draw: its noise and rate, relative errors (k,) (the delay's in seconds), and covered truths (k,)."""
 
     noise_m: float
     setpoints_hz: float

@@ -272,9 +272,7 @@ def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
     """Fly with each policy; return the number of policies that were not kept."""
     reader = parser("onboard", __doc__ or "")
     reader.add_argument("policies", nargs="*", help="policies to fly (default: all)")
-    reader.add_argument(
-        "--delay", type=float, default=0.08, help="delay of each link, one way [s] (default: %(default)s)"
-    )
+    reader.add_argument("--delay", type=float, default=0.08, help="of each link, one way [s] (default: %(default)s)")
     reader.add_argument("--loss", type=float, default=0.05, help="share of packets lost (default: %(default)s)")
     reader.add_argument("--seed", type=int, default=1, help="seed of the losses (default: %(default)s)")
     options = reader.parse_args(arguments)

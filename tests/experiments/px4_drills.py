@@ -195,9 +195,7 @@ async def main(names: list[str]) -> int:
 
 if __name__ == "__main__":
     reader = parser("px4_drills", __doc__)
-    reader.add_argument(
-        "faults", nargs="*", metavar="fault", help="names of faults, such as battery-low (default: all)"
-    )
+    reader.add_argument("faults", nargs="*", metavar="fault", help="names such as battery-low (default: all)")
     given = reader.parse_args()
     try:
         sys.exit(asyncio.run(main(given.faults)))

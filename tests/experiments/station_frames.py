@@ -251,9 +251,7 @@ def main() -> int:
     reader.add_argument("--minutes", type=positive, default=10.0, help="minutes of each size (default: %(default)s)")
     reader.add_argument("--size", type=pixels, default=(1280, 800), help="size of the page, pixels (default: 1280x800)")
     reader.add_argument("--pages", type=count, default=40, help="pages beside a flight (default: %(default)s)")
-    reader.add_argument(
-        "--duration", type=positive, default=60.0, help="duration of a flight, s (default: %(default)s)"
-    )
+    reader.add_argument("--duration", type=positive, default=60.0, help="flight duration, s (default: %(default)s)")
     reader.add_argument("--turns", type=count, default=1, help="flights alone and with pages (default: %(default)s)")
     chosen = reader.parse_args()
     holds = True

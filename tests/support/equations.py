@@ -1,5 +1,4 @@
-"""The paper's equations, and the functions that implement them: those whose docstring's first line ends with the
-numbers.
+"""The paper's equations, and their functions, whose docstring's first line ends with the numbers.
 
 For example: `Return the bearings of all engaged peers at a time - (25), (26).`
 """

@@ -1,5 +1,4 @@
-"""Fuzzing of external inputs: every reader refuses mutated inputs with its declared error, within time and memory
-limits.
+"""Fuzzing of external inputs: readers refuse mutated inputs with declared errors, within time and memory limits.
 
 Input number i of a target and a seed is always the same, so that findings can be reproduced.
 """
