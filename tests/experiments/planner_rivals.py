@@ -298,7 +298,7 @@ class Outcome:
 
 
 def measured(count: int, first: int, rivals: Sequence[Rival], truth: Rival) -> tuple[list[Outcome], Vector]:
-    """Plan and fly with cordon's solver and the rivals'; return the outcomes, and which timed plans (n,) are on bounds."""
+    """Plan and fly with cordon's solver and the rivals'; return the outcomes, and the timed plans (n,) on bounds."""
     config = ring_config()
     draws = [approach(config, seed) for seed in range(first, first + count)]
     programmes = [programme for draw in draws for programme in draw.programmes]
