@@ -46,7 +46,7 @@ class Connection(Enum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleStatus:
-    """The status that a vehicle's autopilot reports beside its motion.
+    """The status that a vehicle's autopilot reports, except its motion.
 
     `battery` is a fraction, None if unknown; `restarts` counts the autopilot's restarts. Values that it does not report
     are None, or empty: `endurance_s` is its estimate of the flight time until the battery is empty; `tilt_deg` is the

@@ -25,7 +25,7 @@ ESTIMATOR_READY_S = 2.0
 DEAD_RECKONING_S = 5.0
 """The position estimate remains valid for this long without an external position (EKF2_NOAID_TOUT)."""
 CHECK_PERIOD_S = 0.1
-"""PX4 looks at the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
+"""PX4 checks the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
 LANDED_AFTER_S = 1.0
 """From touching the ground to having landed."""
 SETPOINTS_PENDING_MAX = 1000

@@ -93,7 +93,7 @@ def profile(
 ) -> Profile:
     """Fly a team and return its profile, with the stages of its event loop if a file for them is given.
 
-    `beside` starts a context beside the flight, from the mission's file.
+    `beside` returns a context to enter during the flight, from the mission's file.
     """
     with TemporaryDirectory() as folder:
         mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")

@@ -138,7 +138,7 @@ class AnsweringTeam:
 
 @asynccontextmanager
 async def answering_team(mission: Mission, dead: int | None = None) -> AsyncIterator[AnsweringTeam]:
-    """Run a team on the bus of a mission, without a vehicle that is dead."""
+    """Run a team on the bus of a mission, without vehicle `dead`."""
     team = AnsweringTeam(tactics=dict.fromkeys(mission.ids, "encircle"))
     async with AsyncExitStack() as stack:
         for vehicle_id in set(mission.ids) - {dead}:
